@@ -13,7 +13,7 @@ from benchmarks import report
 from benchmarks.against_peers import OWN, TITLES, Options
 from benchmarks.compare import compare
 from benchmarks.contestants import contestant
-from benchmarks.costs import FRAMES_LAST, FRAMES_MOST
+from benchmarks.costs import FRAMES_LAST, FRAMES_MAX
 from benchmarks.rows import FAILED, Row, folded, is_wrong
 from benchmarks.starting import startup
 from benchmarks.suite import FULL, OTHERS, QUICK, marks
@@ -33,7 +33,7 @@ progress = Console(stderr=True)
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(201), default=FRAMES_LAST, show_default=True,
-    help=f"Frames after which memory must not have grown; {FRAMES_MOST} take minutes.",
+    help=f"Frames after which memory must not have grown; {FRAMES_MAX} take minutes.",
 )  # fmt: skip
 @click.pass_context
 def main(

@@ -21,7 +21,7 @@ from benchmarks.targets import (
 )
 
 STARTUP_ROUNDS = 5
-FRAMES_FIRST, FRAMES_LAST, FRAMES_MOST = 200, 2200, 10_000
+FRAMES_FIRST, FRAMES_LAST, FRAMES_MAX = 200, 2200, 10_000
 """Frames after which memory is compared; the last is the option's."""
 
 FIVE_MILLION, TEN_MILLION = "mesh_5m", "triangles:10000000"

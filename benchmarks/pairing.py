@@ -32,7 +32,7 @@ PREPARE_SECONDS, DRAW_SECONDS = 120.0, 60.0
 CLOSE_SECONDS = 10.0
 """What a worker may take to end after its standard input did."""
 
-LEAST_ROUNDS = 1
+MIN_ROUNDS = 1
 """Rounds that the slowest contestant takes part in."""
 
 
@@ -58,7 +58,7 @@ class Effort:
     def rounds_of(self, picture_seconds: float, patience: float = 1.0) -> int:
         """Return the rounds of an entry that takes so long for a picture."""
         affordable = int(patience * self.seconds / (2.0 * max(picture_seconds, 1e-9)))
-        return max(min(self.rounds, affordable), min(self.rounds, LEAST_ROUNDS))
+        return max(min(self.rounds, affordable), min(self.rounds, MIN_ROUNDS))
 
 
 @dataclass

@@ -55,7 +55,7 @@ THREADS = (1, 2, 3)
 SETTLED = 3
 """Samples are compared in as many parts: the first with the last."""
 
-MOST_ARENAS = -8
+MAX_ARENAS = -8
 """What glibc's mallopt calls the number of its heaps (M_ARENA_MAX)."""
 
 QUIET = 1.0
@@ -138,7 +138,7 @@ def use_one_heap() -> None:
     wanders by tens of megabytes where nothing is lost. With one, it stays the same to the megabyte.
     """
     with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).mallopt(MOST_ARENAS, 1)
+        ctypes.CDLL(None).mallopt(MAX_ARENAS, 1)
 
 
 def _children() -> list[int]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 SUBPIXEL_BITS = (0, 4, 8, 12)
 """The grids that an image can be drawn on: vertices at multiples of ``2**-bits`` pixel."""
 
-LARGEST_SIDE = 400
+MAX_SIDE = 400
 """Pixels; most sides are no multiple of a tile's 64."""
 
 SIDES_BEYOND = 20
@@ -207,7 +207,7 @@ KINDS: dict[str, Callable[..., tuple[Any, Any]]] = {
 }
 
 
-def random_tiling(rng: Any, kind: str, count: int, largest_side: int = LARGEST_SIDE) -> Tiling:
+def random_tiling(rng: Any, kind: str, count: int, largest_side: int = MAX_SIDE) -> Tiling:
     """
     Return a random tiling of one kind.
 

@@ -24,7 +24,7 @@ WIDTH, HEIGHT = 900, 560
 PICKED = (300, 300)
 """Where the pointer clicks on the teapot."""
 
-MOST_COLORS = 256
+MAX_COLORS = 256
 """Of the files, so that they stay small."""
 
 
@@ -55,7 +55,7 @@ def main(folder: Path) -> None:
         time.sleep(2.0)
         picture_of_window(page, folder / "page.png")
     with Image.open(folder / "page.png") as image:
-        image.convert("RGB").quantize(MOST_COLORS).save(folder / "page.png", optimize=True)
+        image.convert("RGB").quantize(MAX_COLORS).save(folder / "page.png", optimize=True)
 
 
 if __name__ == "__main__":

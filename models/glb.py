@@ -28,7 +28,7 @@ JOINTS = "JOINTS_"
 """Attributes that begin so hold whole numbers, not shares of the largest."""
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
-LARGEST_STORED_BLOCK = 65535
+MAX_STORED_BLOCK = 65535
 """Bytes in a stored deflate block: its length field has 16 bits."""
 
 
@@ -50,9 +50,9 @@ def png_chunk(kind: bytes, data: bytes) -> bytes:
 def _store_zlib(data: bytes) -> bytes:
     """Wrap ``data`` as a zlib stream of stored (uncompressed) blocks."""
     stream = b"\x78\x01"
-    for start in range(0, len(data), LARGEST_STORED_BLOCK):
-        block = data[start : start + LARGEST_STORED_BLOCK]
-        is_last = start + LARGEST_STORED_BLOCK >= len(data)
+    for start in range(0, len(data), MAX_STORED_BLOCK):
+        block = data[start : start + MAX_STORED_BLOCK]
+        is_last = start + MAX_STORED_BLOCK >= len(data)
         stream += struct.pack("<BHH", is_last, len(block), len(block) ^ 0xFFFF) + block
     return stream + struct.pack(">I", zlib.adler32(data))
 

@@ -44,7 +44,7 @@ import rasterjit as rj
 SIZE = (480, 360)
 """Width and height of a picture, pixels."""
 
-MOST_BYTES = 110_000
+MAX_BYTES = 110_000
 """Largest file in full colour."""
 
 GALLERY: dict[str, Callable[[Size], Picture]] = {}
@@ -697,7 +697,7 @@ def save(found: Picture, path: Path) -> None:
     """Write a picture as a PNG; in 256 colours of its own, dithered, if it would be large."""
     image = Image.fromarray(found)
     image.save(path, optimize=True)
-    if path.stat().st_size > MOST_BYTES:
+    if path.stat().st_size > MAX_BYTES:
         palette = image.quantize(256, method=Image.Quantize.MEDIANCUT)
         few = image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
         few.save(path, optimize=True)

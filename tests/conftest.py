@@ -30,7 +30,7 @@ TRIM, TUNE = (getattr(LIBC, name, None) for name in ("malloc_trim", "mallopt"))
 THRESHOLD = gc.get_threshold()
 """How often Python looks for garbage."""
 
-MOST_ARENAS = -8
+MAX_ARENAS = -8
 """Name of the setting: most pools of memory for threads. By default each core has eight."""
 
 SPENT = pytest.StashKey[dict]()
@@ -60,7 +60,7 @@ def pytest_configure(config):
     if not (jit.DISABLED or jit.CHECKED):
         jit.Helper.__call__ = _call_helper
     if TUNE is not None:
-        TUNE(MOST_ARENAS, 2)
+        TUNE(MAX_ARENAS, 2)
     # What is collected stays: looking for garbage finds little.
     gc.set_threshold(20_000, *THRESHOLD[1:])
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")

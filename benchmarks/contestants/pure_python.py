@@ -24,7 +24,7 @@ NAME = "plain Python"
 GRID = 256
 """Steps of the sub-pixel grid in a pixel."""
 
-MOST_PIXELS = 20_000_000
+MAX_PIXELS = 20_000_000
 """Visited, of about a microsecond each: with more, a picture takes longer than is of interest."""
 
 Point = tuple[int, int]
@@ -55,7 +55,7 @@ def prepare(scene: Scene, threads: int) -> Prepared:
     return Lines(edge_lines(scene)) if scene.mode == "edges" else Triangles(scene)
 
 
-def too_long(pixels: int, most: int = MOST_PIXELS) -> str | None:
+def too_long(pixels: int, most: int = MAX_PIXELS) -> str | None:
     """Return a reason not to draw if too many pixels have to be visited."""
     if pixels <= most:
         return None

@@ -22,7 +22,7 @@ from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "scikit-image"
 
-MOST_CALLS, MOST_PIXELS = 300_000, 100_000_000
+MAX_CALLS, MAX_PIXELS = 300_000, 100_000_000
 """Of some ten microseconds and a tenth of one: with more, a picture takes too long to wait for."""
 
 
@@ -41,10 +41,10 @@ def environment(threads: int) -> dict[str, str]:
 def draws(scene: Scene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
     calls = len(scene.ends if isinstance(scene, LineScene) else scene.faces)
-    if calls > MOST_CALLS:
+    if calls > MAX_CALLS:
         return f"{calls} calls, one for each line or face, are too many to wait for"
     reason = refusal(scene, TAKES_PIXELS)
-    return too_long(pixels_visited(scene), MOST_PIXELS) if reason is None else reason
+    return too_long(pixels_visited(scene), MAX_PIXELS) if reason is None else reason
 
 
 def alike(scene: Scene) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from benchmarks.contestants.needs import EDGE_COLOR
 from benchmarks.scenes import LineScene, TriangleScene
 
-LEAST_DETERMINANT = 1e-12
+MIN_DETERMINANT = 1e-12
 """Of three rows of a matrix, below which they have no point in common."""
 
 
@@ -99,7 +99,7 @@ def eye_of(clip_from_world: NDArray[np.float64]) -> NDArray[np.float64]:
     Of a matrix without one, such as that of clip space itself, it is the origin.
     """
     rows = clip_from_world[[0, 1, 3]]
-    if abs(np.linalg.det(rows[:, :3])) < LEAST_DETERMINANT:
+    if abs(np.linalg.det(rows[:, :3])) < MIN_DETERMINANT:
         return np.zeros(3)
     return np.linalg.solve(rows[:, :3], -rows[:, 3])
 

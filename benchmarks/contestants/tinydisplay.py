@@ -34,7 +34,7 @@ UNABLE = {"lighting": "no per-pixel lighting"}
 QUIET = "audio-library-name null\nnotify-level-display fatal\nnotify-level-x11display fatal\n"
 """Configuration: no sound, and no complaint about a missing display, which is not needed."""
 
-LARGEST_SHORT_INDEX = 65535
+MAX_SHORT_INDEX = 65535
 
 
 def available() -> str | None:
@@ -203,7 +203,7 @@ class Frames:
     ) -> None:
         """Add a geometry to the scene graph, with no bounds to cull it by."""
         panda, enums = self._panda, self._panda.GeomEnums
-        is_short = len(indices) and indices.max() <= LARGEST_SHORT_INDEX
+        is_short = len(indices) and indices.max() <= MAX_SHORT_INDEX
         primitive.set_index_type(enums.NT_uint16 if is_short else enums.NT_uint32)
         numbers = primitive.modify_vertices()
         numbers.unclean_set_num_rows(indices.size)

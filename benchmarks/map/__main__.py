@@ -33,7 +33,7 @@ RESULT = report.RESULTS / "map.json"
 SAVE_SECONDS = 20.0
 AGAIN, LONGER = 12, 2.0
 """Cells of each panel that are measured again, the lowest ones, and how much longer."""
-MOST_SIDE, MOST_FACES = 8192, 10_000_000
+MAX_SIDE, MAX_FACES = 8192, 10_000_000
 SAME = ("commit", "instructions", "threads")
 """What a file of results must have in common with a run that goes on with it; and the processor."""
 
@@ -61,8 +61,8 @@ class Size(click.ParamType):
         if found is None:
             self.fail(f"{value!r} is no size: expected one such as 512 or 1280x720", param, ctx)
         size = int(found[1]), int(found[2] or found[1])
-        if min(size) < 1 or max(size) > MOST_SIDE:
-            self.fail(f"{value!r} is out of range: 1 to {MOST_SIDE} pixels a side", param, ctx)
+        if min(size) < 1 or max(size) > MAX_SIDE:
+            self.fail(f"{value!r} is out of range: 1 to {MAX_SIDE} pixels a side", param, ctx)
         return size
 
 
@@ -91,7 +91,7 @@ MEASURING = ("sizes", "faces", "looks", "families", "threads", "instructions", "
     "map is measured where none is given.",
 )  # fmt: skip
 @click.option(
-    "--faces", multiple=True, type=click.IntRange(12, MOST_FACES), metavar="N",
+    "--faces", multiple=True, type=click.IntRange(12, MAX_FACES), metavar="N",
     help="Of meshes, about.",
 )  # fmt: skip
 @click.option("--looks", multiple=True, type=click.Choice(LOOKS), help="How meshes are coloured.")

@@ -23,15 +23,15 @@ from benchmarks.pairing import paired_ratios
 
 HELD, SHORT, NOTHING = "held", "fell short", "not measured"
 
-LEAST_RATIO = 1.0
+MIN_RATIO = 1.0
 MEDIANS = {LLVMPIPE: 2.0, TINYDISPLAY: 1.4}
-LEAST_70K = {LLVMPIPE: 2.4, TINYDISPLAY: 1.3}
-LEAST_SMALL_PICTURE = {LLVMPIPE: 2.0, TINYDISPLAY: 1.4}
-LEAST_1M = {LLVMPIPE: 3.0, TINYDISPLAY: 1.6}
-LEAST_SLIVERS = {LLVMPIPE: 3.0, TINYDISPLAY: 2.0}
-LEAST_SCALING, SCALED_PIXELS, SCALED_FACES = 1.7, 512 * 512, 20_000
+MIN_70K = {LLVMPIPE: 2.4, TINYDISPLAY: 1.3}
+MIN_SMALL_PICTURE = {LLVMPIPE: 2.0, TINYDISPLAY: 1.4}
+MIN_1M = {LLVMPIPE: 3.0, TINYDISPLAY: 1.6}
+MIN_SLIVERS = {LLVMPIPE: 3.0, TINYDISPLAY: 2.0}
+MIN_SCALING, SCALED_PIXELS, SCALED_FACES = 1.7, 512 * 512, 20_000
 """How many times faster two threads are than one, from so many pixels and faces on."""
-MOST_OVERHEAD_MS = 0.15
+MAX_OVERHEAD_MS = 0.15
 
 NAMES = {LLVMPIPE: "llvmpipe", TINYDISPLAY: "tinydisplay"}
 WORST = 5
@@ -179,16 +179,16 @@ def small_cells(found: Sequence[Verdict]) -> list[Mark]:
     small = [each for each in found if each.is_small and each.cell.family != SLIVERS.family]
     together = [(min(each.batch_ratios.values()), each.cell) for each in small if each.batch_ratios]
     name = f"under {SMALL_MS:g} ms: overhead, ms"
-    over = Mark(name, f"<= {MOST_OVERHEAD_MS:g}", "", NOTHING)
+    over = Mark(name, f"<= {MAX_OVERHEAD_MS:g}", "", NOTHING)
     if small:
         most = max(small, key=lambda each: each.overhead_ms)
-        above = sum(each.overhead_ms > MOST_OVERHEAD_MS for each in small)
+        above = sum(each.overhead_ms > MAX_OVERHEAD_MS for each in small)
         note = f"; above in {above} of {len(small)}" if above else ""
         over = Mark(
             name, over.needed, f"{most.overhead_ms:.2f}", SHORT if above else HELD,
             f"{most.cell}{note}",
         )  # fmt: skip
-    batch = least(f"under {SMALL_MS:g} ms: render_batch, to the faster", LEAST_RATIO, together)
+    batch = least(f"under {SMALL_MS:g} ms: render_batch, to the faster", MIN_RATIO, together)
     return [batch, over]
 
 
@@ -197,14 +197,14 @@ def marks_of(measured: Sequence[Measured], instructions: str) -> list[Mark]:
     found = verdicts(measured, 1, instructions)
     lowest = [(each.ratio, each.cell) for each in on_map(found)]
     return [
-        least("every cell, to the faster", LEAST_RATIO, lowest),
+        least("every cell, to the faster", MIN_RATIO, lowest),
         *medians(found),
-        *against(found, "70 k faces, 1280×720", LEAST_70K,
+        *against(found, "70 k faces, 1280×720", MIN_70K,
                  lambda cell: (cell.faces, cell.size) == (70_000, (1280, 720))),
-        *against(found, "5 k faces, 128²", LEAST_SMALL_PICTURE,
+        *against(found, "5 k faces, 128²", MIN_SMALL_PICTURE,
                  lambda cell: (cell.faces, cell.size) == (5_000, (128, 128))),
-        *against(found, "1 M faces", LEAST_1M, lambda cell: cell.faces == 1_000_000),
-        *against(found, "200 k slivers", LEAST_SLIVERS, lambda cell: cell == SLIVERS),
+        *against(found, "1 M faces", MIN_1M, lambda cell: cell.faces == 1_000_000),
+        *against(found, "200 k slivers", MIN_SLIVERS, lambda cell: cell == SLIVERS),
         *small_cells(found),
     ]  # fmt: skip
 
@@ -218,4 +218,4 @@ def scaling(measured: Sequence[Measured], threads: int, instructions: str) -> Ma
         if one and more and pixels >= SCALED_PIXELS and each.cell.faces >= SCALED_FACES:
             values.append((ratio_of(one.ms, more.ms), each.cell))
     name = f"{threads} threads, from {size_text((512, 512))} and {faces_text(SCALED_FACES)} faces"
-    return least(name, LEAST_SCALING, values)
+    return least(name, MIN_SCALING, values)

@@ -16,7 +16,7 @@ INCHES_A_PANEL, DOTS_PER_INCH = (7.4, 5.0), 110
 SLOWER, EVEN, FASTER = "#c2410c", "#f5f5f4", "#0b5394"
 """Orange to white to blue, which all kinds of colour blindness tell apart."""
 SMALL_COLOR = "#d6d3d1"
-MOST = 4.0
+MAX = 4.0
 """The ratio, and its inverse, at which the colours end."""
 NOTE = (
     "Large: how many times as long the faster of llvmpipe and tinydisplay takes, worst family of "
@@ -172,7 +172,7 @@ def describe(here: Sequence[Verdict], hues: Any, by_median: bool = False) -> tup
         ratios = sorted(each.ratio for each in judged)
         numbers = ratios[0], statistics.median(ratios)
         first, second = numbers[::-1] if by_median else numbers
-        share = 0.5 + 0.5 * math.log(first) / math.log(MOST)
+        share = 0.5 + 0.5 * math.log(first) / math.log(MAX)
         return two_digits(first), two_digits(second), hues(min(max(share, 0.0), 1.0))
     if here:
         from matplotlib import colors

@@ -40,7 +40,7 @@ from benchmarks.pairing import (
 from benchmarks.pictures import EXACT, agreement, differs, needed, text_of
 from benchmarks.rows import DIFFERS
 
-LEAST_ROUNDS, FEWEST_ROUNDS, MOST_ROUNDS = 3, 1, 15
+MIN_ROUNDS, FEWEST_ROUNDS, MAX_ROUNDS = 3, 1, 15
 """Three in any case, unless the time of the cell is up, one then."""
 TURN_SECONDS = 0.02
 """What the slowest draws in a turn at least, unless its first picture takes longer."""
@@ -48,7 +48,7 @@ WARM_SECONDS = 0.05
 """Who needs longer for a picture is not warmed up."""
 SLOW_SECONDS = 0.2
 """Who took longer for a picture, as all prepared theirs, is not asked alone how long it takes."""
-BATCH_VIEWS, LEAST_BATCH_VIEWS, BATCH_PIXELS = 128, 8, 1 << 23
+BATCH_VIEWS, MIN_BATCH_VIEWS, BATCH_PIXELS = 128, 8, 1 << 23
 """Of ``render_batch``: most and fewest views drawn together in a round, and about how many pixels
 in between, 32 MiB of colours."""
 COMPARED_VIEW = 1
@@ -56,7 +56,7 @@ SMALL_MS = 1.0
 """A cell whose faster peer takes less is judged by overhead, and by many views together."""
 NEARLY = 1.3
 """How far from that a first picture may be, for views to be drawn together as well."""
-MOST_STARTS = 12
+MAX_STARTS = 12
 """How often a process that ends is started, before it is left out of all that follows."""
 
 
@@ -91,8 +91,8 @@ class Participant:
 
     def _start(self) -> Worker:
         """Start the process; raise `WorkerError` if it has ended too often."""
-        if self._starts == MOST_STARTS:
-            raise WorkerError(f"ended {MOST_STARTS} times")
+        if self._starts == MAX_STARTS:
+            raise WorkerError(f"ended {MAX_STARTS} times")
         self._starts += 1
         environment = package_environment(
             {
@@ -196,7 +196,7 @@ def measure_safely(
 
 def batch_views(size: tuple[int, int]) -> int:
     """Return how many views of a size, pixels, ``render_batch`` draws together in a round."""
-    return max(LEAST_BATCH_VIEWS, min(BATCH_VIEWS, BATCH_PIXELS // (size[0] * size[1])))
+    return max(MIN_BATCH_VIEWS, min(BATCH_VIEWS, BATCH_PIXELS // (size[0] * size[1])))
 
 
 def take_turns(
@@ -235,9 +235,9 @@ def take_turns(
 
 def needs_round(turn: int, took: float, usual_end: float, end: float) -> bool:
     """Tell whether one more round is drawn, after so many, the last of which took some seconds."""
-    if turn < LEAST_ROUNDS:
+    if turn < MIN_ROUNDS:
         return turn < FEWEST_ROUNDS or time.monotonic() < end
-    return turn < MOST_ROUNDS and time.monotonic() + took <= usual_end
+    return turn < MAX_ROUNDS and time.monotonic() + took <= usual_end
 
 
 def shown_by(pairs: Sequence[tuple[Run, Participant]]) -> list[dict[str, Any] | None]:

@@ -21,7 +21,7 @@ DEPTH_BITS, PIXEL_STEPS = 24, 256
 DEPTH_SHARE = 1.0 / 200.0
 """Share of pixels whose depth may lie beyond the mark and a step of both."""
 
-LEAST_INSIDE = 100
+MIN_INSIDE = 100
 """Pixels; a picture that has fewer of them inside objects, of lines alone, counts all it covers."""
 
 
@@ -81,7 +81,7 @@ def compare(theirs: Picture, ours: Picture) -> Likeness:
     their_mask, our_mask = theirs["depth"] > 0.0, ours["depth"] > 0.0
     either = their_mask | our_mask
     inside = inner(their_mask & our_mask)
-    counted = inside if np.count_nonzero(inside) >= LEAST_INSIDE else either
+    counted = inside if np.count_nonzero(inside) >= MIN_INSIDE else either
     colors = worst = edges = outside = alpha = math.nan
     if "color" in theirs:
         off = np.abs(theirs["color"].astype(float) - ours["color"])

@@ -28,7 +28,7 @@ MANY = 6
 """Rounds from which on quartiles say how far a median is known; of fewer, all samples do: both ends
 of six samples hold the median in 97 of 100 cases, those of three in 75."""
 
-LEAST_NOISE = 0.01
+MIN_NOISE = 0.01
 """Share of the standard's time that is never told apart, however alike the samples are."""
 
 KNOWN_WELL = 0.25
@@ -40,7 +40,7 @@ ALIKE = 1.005
 INVISIBLE = 1e-3
 """Error, root mean square of linear light, below which none is seen: half an 8-bit step is more."""
 
-MOST_ON_FRONT = 7
+MAX_ON_FRONT = 7
 """Points of the front: more than anybody chooses among."""
 
 
@@ -56,9 +56,9 @@ def noise(trial: Trial) -> float:
     if not is_timed(trial):
         return ROUGH * trial.ratio
     if len(trial.ratios) < MANY:
-        return max(max(trial.ratios) - min(trial.ratios), LEAST_NOISE)
+        return max(max(trial.ratios) - min(trial.ratios), MIN_NOISE)
     low, high = trial.spread
-    return max(NOTCH * (high - low) / math.sqrt(len(trial.ratios)), LEAST_NOISE)
+    return max(NOTCH * (high - low) / math.sqrt(len(trial.ratios)), MIN_NOISE)
 
 
 def is_timed(trial: Trial) -> bool:
@@ -138,7 +138,7 @@ def _plainness(trial: Trial) -> tuple[bool, int, float]:
     return trial.setting != STANDARD, len(trial.level.split()), trial.ratio
 
 
-def thinned(front: Sequence[Trial], most: int = MOST_ON_FRONT) -> list[Trial]:
+def thinned(front: Sequence[Trial], most: int = MAX_ON_FRONT) -> list[Trial]:
     """Return at most so many of a front, without those nearest to the line of their neighbours."""
     kept = list(front)
     while len(kept) > most:

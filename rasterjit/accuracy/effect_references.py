@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 
 Float64 = NDArray[np.float64]
 
-FEWEST_LIGHTS, MOST_LIGHTS = 16, 64
+MIN_LIGHTS, MAX_LIGHTS = 16, 64
 """Places on a light whose hard shadows are averaged: as many as there is time for."""
 
-LEAST_MAP, SHARP_MAP = 2048, 4096
+MIN_MAP, SHARP_MAP = 2048, 4096
 """Texels along a side of shadow maps: of those hard shadows, at least; of the reference of shadows
 that are hard or filtered."""
 
@@ -101,12 +101,12 @@ def many_lights(painter: Studio, scene: Scene, seconds: float) -> Truth:
     middle, _ = scene.bounding_sphere()
     begin, count = time.perf_counter(), 0
     total: Any = None
-    for x, y in disk(MOST_LIGHTS):
+    for x, y in disk(MAX_LIGHTS):
         lights = [_moved(light, x, y, np.asarray(middle)) for light in scene.lights]
         light = painter.light(STANDARD, with_field(scene, "lights", lights))
         total = light if total is None else total + light
         count += 1
-        if count >= FEWEST_LIGHTS and time.perf_counter() - begin > seconds:
+        if count >= MIN_LIGHTS and time.perf_counter() - begin > seconds:
             break
     return Truth(total / count)
 
@@ -124,7 +124,7 @@ def _moved(light: Any, x: float, y: float, middle: Float64) -> Any:
     if not is_soft(light):
         return light
     shadow = light.shadow
-    hard = Shadow(max(shadow.size, LEAST_MAP), "hard", bias=shadow.bias)
+    hard = Shadow(max(shadow.size, MIN_MAP), "hard", bias=shadow.bias)
     if isinstance(light, DirectionalLight):
         axis = np.array(light.direction)
         sine, cosine = transforms.sine_cosine(0.5 * shadow.light_size)

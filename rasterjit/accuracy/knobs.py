@@ -27,7 +27,7 @@ AXES: dict[str, tuple[Any, ...]] = {
 }
 """Levels that are combined, besides the standard's: those whose price is highest."""
 
-MOST_COMBINATIONS = 24
+MAX_COMBINATIONS = 24
 """Products of settings that are tried; of more, as many are taken evenly."""
 
 
@@ -118,7 +118,7 @@ def combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> li
     products = [changes for changes in _products(knobs, useless) if is_possible(standard, changes)]
     found = [
         Attempt(COMBINATIONS, in_words(changes), replace(standard, **changes))
-        for changes in evenly(products, MOST_COMBINATIONS)
+        for changes in evenly(products, MAX_COMBINATIONS)
     ]
     return [attempt for attempt in found if attempt.quality not in known]
 

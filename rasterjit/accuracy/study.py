@@ -57,13 +57,13 @@ REFERENCE_SHARE = 0.3
 EFFECTS_SHARE = 0.2
 """Share of them that the references of the scene's effects may take."""
 
-LEAST_PICTURES = 16
+MIN_PICTURES = 16
 """Pictures of the reference that a size must leave time for."""
 
 DEARER = 1.5
 """Times a frame of the standard that a picture of the reference takes, about."""
 
-LEAST_SIDE = 96
+MIN_SIDE = 96
 """Pixels of a side below which no picture is made smaller to save time."""
 
 WORTH_SHRINKING = 0.7
@@ -470,7 +470,7 @@ class Studio:
         """
         self.seconds(usual)
         took = timing.total(self.seconds(usual))
-        while DEARER * LEAST_PICTURES * took > seconds and min(self.size) >= 2 * LEAST_SIDE:
+        while DEARER * MIN_PICTURES * took > seconds and min(self.size) >= 2 * MIN_SIDE:
             before = self.size
             self._resize((before[0] // 2, before[1] // 2))
             self.seconds(usual)

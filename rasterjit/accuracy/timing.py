@@ -18,7 +18,7 @@ from rasterjit.accuracy.results import PROCESSOR, STANDARD, WALL, Errors, Trial
 if TYPE_CHECKING:
     from rasterjit.accuracy.study import Studio
 
-LEAST_ROUNDS, MOST_ROUNDS = 3, 21
+MIN_ROUNDS, MAX_ROUNDS = 3, 21
 """Rounds for all that there is time for, and after which more would hardly tell more."""
 
 ROUNDS_KEPT = 2
@@ -153,7 +153,7 @@ def undisturbed(worked: Sequence[float]) -> tuple[float, ...]:
 
     What shares a core or a cache makes the work longer, never shorter.
     """
-    return tuple(sorted(worked)[: max(LEAST_ROUNDS, -(-len(worked) // 2))])
+    return tuple(sorted(worked)[: max(MIN_ROUNDS, -(-len(worked) // 2))])
 
 
 def best_clock(standard: Contestant, contestants: Sequence[Contestant]) -> str:
@@ -225,7 +225,7 @@ def fits(
 def rounds_between(contestant: Contestant, standard: Contestant) -> int:
     """Return in every how many rounds a contestant takes part; three times, if all are drawn."""
     wanted = round(contestant.cost / (SLOW * max(standard.cost, 1e-9)))
-    return max(1, min(wanted, MOST_ROUNDS // LEAST_ROUNDS))
+    return max(1, min(wanted, MAX_ROUNDS // MIN_ROUNDS))
 
 
 def take_turns(
@@ -249,11 +249,11 @@ def take_turns(
     that is interrupted is forgotten.
     """
     longest, count = 0.0, len(contestants)
-    for number in range(MOST_ROUNDS):
+    for number in range(MAX_ROUNDS):
         progress("timing")
         before = allowance.left()
-        is_late = before < (LEAST_ROUNDS - number) * longest
-        if len(contestants) == count and (number == LEAST_ROUNDS or is_late):
+        is_late = before < (MIN_ROUNDS - number) * longest
+        if len(contestants) == count and (number == MIN_ROUNDS or is_late):
             longest /= standard.cost + sum(one.cost for one in contestants)
             contestants = contenders(standard, contestants)
             longest *= standard.cost + sum(one.cost for one in contestants)

@@ -37,7 +37,7 @@ MeshAt = Callable[[float], Mesh]
 AnimationsLike: TypeAlias = str | int | Animation | Sequence[str | int | Animation]
 
 
-MOST_AHEAD = 10_000
+MAX_AHEAD = 10_000
 """Times that are looked at before the first frame is drawn, if a camera leaves a plane open."""
 
 
@@ -201,7 +201,7 @@ def _play(
 
     try:
         look, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
-        ahead = is_known and isinstance(times, (Sequence, np.ndarray)) and len(times) <= MOST_AHEAD
+        ahead = is_known and isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_AHEAD
         if ahead:
             # Planes that cameras leave open are in one place for all frames.
             for given in times:

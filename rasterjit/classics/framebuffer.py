@@ -53,10 +53,10 @@ FEW_PIXELS = 2**19
 BAND_BYTES = 2**20
 """Most bytes of a band of rows: what a core has as a cache of its own."""
 
-MOST_BANDS = 64
+MAX_BANDS = 64
 """So many lists a line may be in, at most."""
 
-LEAST_ROWS = 16
+MIN_ROWS = 16
 """Fewest rows of a band; in thinner ones most lines would be drawn in pieces."""
 
 LINES_PER_TASK = 2**15
@@ -457,7 +457,7 @@ def _rows_per_band(height: int, width: int, threads: int) -> int:
     rows = BAND_BYTES // (4 * width)
     if threads > 1:
         rows = min(rows, -(-height // (2 * threads)))
-    return max(rows, -(-height // MOST_BANDS), LEAST_ROWS)
+    return max(rows, -(-height // MAX_BANDS), MIN_ROWS)
 
 
 def _draw_band(

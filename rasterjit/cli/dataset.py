@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rasterjit.dataset.making import Outcome
     from rasterjit.dataset.recipe import Recipe
 
-MOST_NAMED = 20
+MAX_NAMED = 20
 """Failures that are printed; all are in the file."""
 
 
@@ -140,10 +140,10 @@ def make_dataset(
     start = time.perf_counter()
     with progress_notice(quiet), _progress(recipe, quiet) as report:
         summary = make(folder, output, recipe, workers=workers, report=report)
-    for name, lines in list(summary.warnings.items())[:MOST_NAMED]:
+    for name, lines in list(summary.warnings.items())[:MAX_NAMED]:
         for line in lines:
             warn(f"{name}: {in_options(line.removeprefix(f'{name}: '))}", quiet)
-    for name, reason in list(summary.failures.items())[:MOST_NAMED]:
+    for name, reason in list(summary.failures.items())[:MAX_NAMED]:
         warn(f"left out {name}: {in_options(reason)}", quiet)
     if not quiet:
         seconds = time.perf_counter() - start

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.mesh import Mesh
     from rasterjit.scene.scene import Scene
 
-MOST_SHOWN = 20
+MAX_SHOWN = 20
 """Nodes, materials and lights that are printed; JSON has all."""
 
 
@@ -277,10 +277,10 @@ def _listed(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, 
     """Yield a row for each of several things of a kind, the first ones; or one for none."""
     if not count:
         yield f"{name}s", "none"
-    for number, text in enumerate(islice(texts, MOST_SHOWN)):
+    for number, text in enumerate(islice(texts, MAX_SHOWN)):
         yield f"{name} {number}", text
-    if count > MOST_SHOWN:
-        yield f"{name}s", f"{count - MOST_SHOWN:,} more: see --json"
+    if count > MAX_SHOWN:
+        yield f"{name}s", f"{count - MAX_SHOWN:,} more: see --json"
 
 
 def _told_attribute(one: dict[str, Any], of_all: str) -> str:

@@ -24,7 +24,7 @@ from rasterjit.scene.eye_dome import STRONGEST, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
-from rasterjit.scene.tone_map import CURVES, MOST_STOPS
+from rasterjit.scene.tone_map import CURVES, MAX_STOPS
 from rasterjit.scene.validation import question as question_of_names
 
 if TYPE_CHECKING:
@@ -704,7 +704,7 @@ class Effects:
     eye_dome: float | None = option(values.FiniteType(0.0, STRONGEST), metavar="STRENGTH")
     outline: str | None = option(values.opaque_color_type)
     tone_map: str | None = option(click.Choice(CURVES))
-    exposure: float | None = option(values.FiniteType(-MOST_STOPS, MOST_STOPS), metavar="STOPS")
+    exposure: float | None = option(values.FiniteType(-MAX_STOPS, MAX_STOPS), metavar="STOPS")
     vignette: float | None = option(values.FiniteType(0.0, 1.0), metavar="SHARE")
     section: tuple[tuple[float, ...], ...] = option(
         values.plane_type, default=(), multiple=True, metavar="PLANE"

@@ -28,8 +28,8 @@ from rasterjit.cli.options import (
 )
 from rasterjit.cli.program import (
     DEPTH_SCALE,
-    FEWEST_CODES,
     MASKS,
+    MIN_CODES,
     is_opaque,
     load_scene,
     plan_files,
@@ -93,7 +93,7 @@ class PictureOptions:
     scale: float | None = option(
         FiniteType(0.0, min_open=True), metavar="UNITS",
         help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. Default: for "
-        f"--depth, {DEPTH_SCALE} if that fits and keeps {FEWEST_CODES} codes, else the smallest "
+        f"--depth, {DEPTH_SCALE} if that fits and keeps {MIN_CODES} codes, else the smallest "
         "power of ten that fits; for other outputs, what fits the values best.",
     )  # fmt: skip
     mask_file: Path | None = option(file_type("mask"), "--mask", metavar="FILE")

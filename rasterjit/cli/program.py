@@ -53,7 +53,7 @@ SCENE = re.compile(r"scene\b")
 DEPTH_SCALE = 0.001
 """Scene units that a code of the PNG of --depth stands for, if it can: millimetres of metres."""
 
-FEWEST_CODES = 256
+MIN_CODES = 256
 """Between the nearest and the farthest depth, for that scale: as many as 8 bits have."""
 
 MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
@@ -362,14 +362,14 @@ def write_files(
 
 def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
     """Return what scene units a code stands for that holds a frame's depth, or raise."""
-    from rasterjit.outputs.save import MOST, decimal_scale, nearest_code
+    from rasterjit.outputs.save import MAX, decimal_scale, nearest_code
 
     seen = depth[np.isfinite(depth)]
     if not seen.size:
         return DEPTH_SCALE
     nearest, farthest = float(seen.min()), float(seen.max())
     low, high = nearest_code(nearest, DEPTH_SCALE), nearest_code(farthest, DEPTH_SCALE)
-    if low >= 1 and high <= MOST and high - low >= FEWEST_CODES - 1:
+    if low >= 1 and high <= MAX and high - low >= MIN_CODES - 1:
         return DEPTH_SCALE
     scale = decimal_scale(seen)
     if scale is None:

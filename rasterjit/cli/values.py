@@ -381,7 +381,7 @@ FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 LONGEST_SCALE = 1e-3
 """How far the columns of a rotation may be from length 1, as where they were rounded."""
 
-MOST_BYTES = 1 << 20
+MAX_BYTES = 1 << 20
 """A file of a matrix is smaller."""
 
 
@@ -491,8 +491,8 @@ def _numbers_of_file(file: Path, key: str) -> Float64:
     """Return the numbers of a ``.npy``, ``.json`` or text file, or raise ``ValueError``."""
     if not file.is_file():
         raise ValueError("there is no such file")
-    if file.stat().st_size > MOST_BYTES:
-        raise ValueError(f"it has more than {MOST_BYTES} bytes")
+    if file.stat().st_size > MAX_BYTES:
+        raise ValueError(f"it has more than {MAX_BYTES} bytes")
     if file.suffix.lower() == ".npy":
         return np.asarray(np.load(file, allow_pickle=False), np.float64).ravel()
     text = file.read_text(encoding="utf-8")

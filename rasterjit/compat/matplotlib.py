@@ -44,7 +44,7 @@ except ImportError as error:
 DEPTH_MARGIN = 0.01
 """Share of the scene's depth by which the near and far plane are farther apart than it."""
 
-LEAST_NEAR = 1e-4
+MIN_NEAR = 1e-4
 """Nearest near plane, as a share of the distance of the farthest point."""
 
 BIAS = 2e-3
@@ -260,7 +260,7 @@ class SceneArtist(artist.Artist):
         if is_parallel:
             scaled = (2.0 * row - np.array([0.0, 0.0, 0.0, near + far])) / (far - near)
             return scaled * projection[3, 3]
-        near = max(near, LEAST_NEAR * far)
+        near = max(near, MIN_NEAR * far)
         constant = np.array([0.0, 0.0, 0.0, 2.0 * near * far])
         return ((far + near) * row - constant) / (far - near)
 

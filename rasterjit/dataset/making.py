@@ -290,7 +290,7 @@ SETTINGS = "dataset.json"
 FAILURES = "failures.json"
 """The file that says which meshes could not be rendered, and why."""
 
-MOST_WORKERS = 256
+MAX_WORKERS = 256
 
 
 @dataclass(frozen=True)
@@ -441,7 +441,7 @@ def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, Made]]]:
             )
         need_dask()
         return lambda task, jobs: run_on_dask(task, jobs, workers)
-    count = whole_number("workers", workers, 1, MOST_WORKERS)
+    count = whole_number("workers", workers, 1, MAX_WORKERS)
     if count == 1:
         return run_here
     return lambda task, jobs: run_in_processes(task, jobs, count)

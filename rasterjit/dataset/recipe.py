@@ -52,7 +52,7 @@ Layout: TypeAlias = Literal["sphere", "random", "ring"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 """How cameras are placed."""
 
-MOST_VIEWS = 10_000
+MAX_VIEWS = 10_000
 """Views of one mesh: their names have four digits."""
 
 RecipeOutput: TypeAlias = OutputName | Literal["mask", "coco"]
@@ -147,7 +147,7 @@ class Recipe:
         if not isinstance(self.isolate, bool):
             raise ValueError(f"isolate must be True or False, got {in_short(self.isolate)}")
         checked = {
-            "views": whole_number("views", self.views, 1, MOST_VIEWS),
+            "views": whole_number("views", self.views, 1, MAX_VIEWS),
             "outputs": _outputs(self.outputs),
             "size": image_size("size", self.size),
             "layout": one_of("layout", self.layout, LAYOUTS),

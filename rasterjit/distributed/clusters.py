@@ -37,7 +37,7 @@ WORKER_WITHIN = 60.0
 OVER = "closing", "closed"
 """Status of a client that will not be connected any more."""
 
-MOST_ATTEMPTS = 5
+MAX_ATTEMPTS = 5
 """Times that something is tried because data that it needs is lost with the workers that had it."""
 
 
@@ -276,18 +276,18 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None =
     Raises
     ------
     RuntimeError
-        If it is lost `MOST_ATTEMPTS` times.
+        If it is lost `MAX_ATTEMPTS` times.
     """
-    for attempt in range(1, MOST_ATTEMPTS + 1):
+    for attempt in range(1, MAX_ATTEMPTS + 1):
         try:
             return take()
         except CancelledError:
             pass
         # Of tasks that lost the same data one says so.
-        if attempt < MOST_ATTEMPTS and (again is None or again()):
+        if attempt < MAX_ATTEMPTS and (again is None or again()):
             LOGGER.warning("all workers that held %s were lost: it is sent again", what)
     raise RuntimeError(
-        f"all workers that held {what} were lost, {MOST_ATTEMPTS} times: see their logs, and their "
+        f"all workers that held {what} were lost, {MAX_ATTEMPTS} times: see their logs, and their "
         "memory limit"
     )
 

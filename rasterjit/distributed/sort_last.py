@@ -41,7 +41,7 @@ from rasterjit.survey.plan import RenderPlan
 if TYPE_CHECKING:
     from distributed import Client
 
-LARGEST_FACE = 2**31 - 1
+MAX_FACE = 2**31 - 1
 """Most faces of all parts: their numbers are int32."""
 
 COUNTS = (
@@ -220,8 +220,8 @@ def merge_layers(first: PartialImage | None, second: PartialImage | None) -> Par
     if first is None or second is None:
         return first if second is None else second
     faces = first.faces + second.faces
-    if faces > LARGEST_FACE:
-        raise ValueError(f"partitions must have at most {LARGEST_FACE} faces together, got {faces}")
+    if faces > MAX_FACE:
+        raise ValueError(f"partitions must have at most {MAX_FACE} faces together, got {faces}")
     is_nearer = second.depth > first.depth
     outputs = {}
     for name, own in first.outputs.items():

@@ -69,7 +69,7 @@ Vertex: TypeAlias = tuple[Fraction, Fraction, Fraction, Fraction]
 CENTRE = (Fraction(1, 2), Fraction(1, 2))
 """Where a pixel is sampled, from its upper left corner."""
 
-MOST_SUBPIXEL_BITS = 1074
+MAX_SUBPIXEL_BITS = 1074
 """Bits of the finest sub-pixel grid: every float64 is a multiple of 2**-1074."""
 
 GUARD_PIXELS = 8192
@@ -138,8 +138,8 @@ def _whole_pair(name: str, pair: Sequence[int], least: int | None = None) -> tup
 def _bits(subpixel_bits: int) -> int:
     """Return the bits of a sub-pixel grid, or raise ``ValueError``."""
     bits = _whole("subpixel_bits", subpixel_bits, 0)
-    if bits > MOST_SUBPIXEL_BITS:
-        raise ValueError(f"subpixel_bits must be at most {MOST_SUBPIXEL_BITS}, got {bits}")
+    if bits > MAX_SUBPIXEL_BITS:
+        raise ValueError(f"subpixel_bits must be at most {MAX_SUBPIXEL_BITS}, got {bits}")
     return bits
 
 

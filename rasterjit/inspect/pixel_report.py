@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PAGE_WIDTH = 160
 """Columns that the tables may take; they need fewer than 100 but for very long names."""
 
-MOST_FACES = 12
+MAX_FACES = 12
 """Faces that the table lists; ``PixelExplanation.faces`` holds all."""
 
 FIGURES = 6
@@ -33,7 +33,7 @@ SNAP_DECIMALS = 4
 STORED_DECIMALS = 9
 """Least decimals of stored depth: neighbouring float32 numbers in 0.03..1 differ in them."""
 
-SMALLEST_FIXED, LARGEST_FIXED = 1e-3, 1e6
+MIN_FIXED, MAX_FIXED = 1e-3, 1e6
 """Coordinates whose largest is outside of these are shown with a power of ten."""
 
 LOST = ("culled", "cut out")
@@ -328,14 +328,14 @@ def _face_table(pixel: PixelExplanation) -> Table:
     depths = _coordinates(np.array([[face.depth] for face in faces]))
     stored = _coordinates(np.array([[face.stored_depth] for face in faces]), STORED_DECIMALS)
     listed = list(zip(faces, depths, stored, strict=True))
-    for face, (depth,), (near,) in listed[:MOST_FACES]:
+    for face, (depth,), (near,) in listed[:MAX_FACES]:
         owner = f"{face.object_number} {face.object_name}"
         standing = face.standing if pixel.light or face.standing in LOST else "not drawn"
         if face.alpha is not None and face.alpha < 1.0:
             standing += f", alpha {face.alpha:.4g}"
         table.add_row(str(face.face), owner, depth, near, standing)
-    if len(listed) > MOST_FACES:
-        table.add_row("...", f"and {len(listed) - MOST_FACES:,} more", "", "", "")
+    if len(listed) > MAX_FACES:
+        table.add_row("...", f"and {len(listed) - MAX_FACES:,} more", "", "", "")
     return table
 
 
@@ -443,7 +443,7 @@ def _mixture(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]
     """Yield what a pixel's colour is mixed from: how it is called, and its linear colour."""
     through = {face.face for face in pixel.faces if face.standing == SEEN_THROUGH}
     parts = pixel.parts
-    for n, part in enumerate(parts[:MOST_FACES]):
+    for n, part in enumerate(parts[:MAX_FACES]):
         name = f"all of this, face {part.face}"
         if n or pixel.winner is None:
             where = "through" if part.face in through else "beside"
@@ -451,8 +451,8 @@ def _mixture(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]
             name = part.name if part.face is None else where + part.name
         alpha = "" if part.alpha == 1.0 else f", alpha {part.alpha:.4g}"
         yield f"{name}{alpha}: x {part.share:.4f}", part.color
-    if len(parts) > MOST_FACES:
-        others = parts[MOST_FACES:]
+    if len(parts) > MAX_FACES:
+        others = parts[MAX_FACES:]
         share = sum(part.share for part in others)
         name = f"and {len(others):,} more: x {share:.4f}"
         yield name, np.sum([part.color for part in others], axis=0)
@@ -491,7 +491,7 @@ def _coordinates(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
         return [[str(value) for value in row] for row in rows.tolist()]
     known = np.abs(rows[np.isfinite(rows)])
     largest = float(known.max()) if len(known) else 0.0
-    if SMALLEST_FIXED <= largest < LARGEST_FIXED or largest == 0.0:
+    if MIN_FIXED <= largest < MAX_FIXED or largest == 0.0:
         whole = len(str(int(largest)))
         form = f".{max(FIGURES - whole, decimals)}f"
     else:

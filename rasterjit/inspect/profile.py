@@ -29,7 +29,7 @@ from rasterjit.survey.effect import OfQuality
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
-ROUNDS, MOST_ROUNDS = 7, 1_000_000
+ROUNDS, MAX_ROUNDS = 7, 1_000_000
 """Frames of each kind; their median counts."""
 
 
@@ -117,9 +117,9 @@ def profile(
     ValueError
         Naming the argument that is wrong.
     """
-    if isinstance(rounds, bool) or not isinstance(rounds, int) or not 1 <= rounds <= MOST_ROUNDS:
+    if isinstance(rounds, bool) or not isinstance(rounds, int) or not 1 <= rounds <= MAX_ROUNDS:
         raise ValueError(
-            f"rounds must be a whole number above 0, at most {MOST_ROUNDS}, got {cut_short(rounds)}"
+            f"rounds must be a whole number above 0, at most {MAX_ROUNDS}, got {cut_short(rounds)}"
         )
     scene, quality = posed_scene(as_scene(what)), check_quality(quality)
     size = image_size("size", size)

@@ -632,8 +632,8 @@ def _check_planes(names: tuple[str, str], near: float, far: float) -> None:
     """Raise ``ValueError`` if there is no room between a near and a far plane."""
     start = positive_number(names[0], near)
     end = math.inf if is_infinite(far) else finite_number(names[1], far)
-    if start < transforms.LEAST_NEAR * end < math.inf:
-        least = transforms.rounded_up(transforms.LEAST_NEAR * end)
+    if start < transforms.MIN_NEAR * end < math.inf:
+        least = transforms.rounded_up(transforms.MIN_NEAR * end)
         raise ValueError(
             f"{names[0]} must be at least {least}, or {names[1]} math.inf, got {start!r}, {end!r}"
         )

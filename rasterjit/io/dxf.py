@@ -38,7 +38,7 @@ _SAGITTA = 1e-3
 _AT_ONCE = 4096
 """Points of a curve that are found before memory for them is asked for."""
 
-_LEAST_SEGMENTS = 8
+_MIN_SEGMENTS = 8
 """Of each piece of a curve, of which a circle has four."""
 
 _BLACK_OR_WHITE = 7
@@ -229,7 +229,7 @@ class _Found:
             # Those of a path lie beside the circle.
             strip = self._cut(entity.flattening(distance))
         elif path.has_curves:
-            strip = self._cut(path.flattening(distance, _LEAST_SEGMENTS))
+            strip = self._cut(path.flattening(distance, _MIN_SEGMENTS))
         else:
             strip = self._cut(ends)
         if len(strip) < 2:

@@ -55,10 +55,10 @@ PLACEHOLDERS = (
 )  # fmt: skip
 """How the names of fonts begin that have boxes or signs of their own in place of characters."""
 
-MOST_CHARACTERS = 0x110000
+MAX_CHARACTERS = 0x110000
 """Codes of Unicode."""
 
-LARGEST_FILE = 1 << 28
+MAX_FILE = 1 << 28
 """Bytes that a font file may have at most."""
 
 Float64 = NDArray[np.float64]
@@ -397,7 +397,7 @@ def _segments(table: bytes) -> dict[int, int]:
 
 def _check_ranges(firsts: NDArray[np.int_], lasts: NDArray[np.int_]) -> None:
     """Raise ``ValueError`` if ranges of characters are more than all that there are."""
-    if np.maximum(lasts - firsts + 1, 0).sum() > MOST_CHARACTERS:
+    if np.maximum(lasts - firsts + 1, 0).sum() > MAX_CHARACTERS:
         raise ValueError("its ranges of characters overlap")
 
 
@@ -613,9 +613,9 @@ def _opened(file: str, number: int = 0) -> Font:
 def _content(file: str) -> bytes:
     """Return a font file, or raise ``ValueError`` for one that is too large."""
     with open(file, "rb") as stream:
-        data = stream.read(LARGEST_FILE + 1)
-    if len(data) > LARGEST_FILE:
-        raise ValueError(f"a font file may have {LARGEST_FILE:,} bytes at most")
+        data = stream.read(MAX_FILE + 1)
+    if len(data) > MAX_FILE:
+        raise ValueError(f"a font file may have {MAX_FILE:,} bytes at most")
     return data
 
 

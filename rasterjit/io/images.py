@@ -66,7 +66,7 @@ _LONGEST_KEY = 79
 
 _PACKED_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
 """What a PNG file may hold packed beside its texels."""
-TEXT_BYTES, MOST_TEXTS = 1 << 20, 64
+TEXT_BYTES, MAX_TEXTS = 1 << 20, 64
 """How large each may be unpacked, and how many of that size there may be, before Pillow refuses."""
 
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -343,7 +343,7 @@ def _bytes_of_head(content: bytes) -> int:
     """Return how much memory opening a picture takes at most, by what its head says."""
     if content.startswith(b"\x89PNG"):
         packed = sum(map(content.count, _PACKED_TEXTS))
-        return min(packed, MOST_TEXTS) * TEXT_BYTES
+        return min(packed, MAX_TEXTS) * TEXT_BYTES
     if content[:4] in _TIFF:
         return TAG_BYTES * _bytes_of_tags(content)
     return 0

@@ -32,16 +32,16 @@ ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
 PAST = 2
 """Pixels by which the last character may reach beyond the width of its text."""
 
-MOST_NAMED = 8
+MAX_NAMED = 8
 """Missing characters that a warning names."""
 
 RIGHT_TO_LEFT = ("R", "AL")
 """Bidirectional classes of letters of Unicode: Hebrew and the like, Arabic and the like."""
 
-MOST_LAYOUTS = 1024
+MAX_LAYOUTS = 1024
 """Texts whose layout is kept."""
 
-MOST_GLYPHS = 1024
+MAX_GLYPHS = 1024
 """Characters kept, each of one size and place."""
 
 
@@ -113,8 +113,8 @@ def warn_of_missing(layout: Layout) -> None:
             kind=EACH_FRAME,
         )
     if layout.missing:
-        named = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MOST_NAMED])
-        more = f" and {len(layout.missing) - MOST_NAMED} more" * (len(layout.missing) > MOST_NAMED)
+        named = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MAX_NAMED])
+        more = f" and {len(layout.missing) - MAX_NAMED} more" * (len(layout.missing) > MAX_NAMED)
         warn_caller(
             f"no font has {named}{more}: drawn as empty boxes. Give font= a file or a name that "
             "has them, or install one: Matplotlib brings DejaVu Sans, Debian has fonts-noto-cjk",
@@ -122,7 +122,7 @@ def warn_of_missing(layout: Layout) -> None:
         )
 
 
-@functools.lru_cache(maxsize=MOST_LAYOUTS)
+@functools.lru_cache(maxsize=MAX_LAYOUTS)
 def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
     """Return where the characters of a text stand."""
     lines = text.replace("\t", "    ").split("\n")
@@ -253,7 +253,7 @@ def cover_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -
     return np.minimum(total, 255) / 255.0
 
 
-@functools.lru_cache(maxsize=MOST_GLYPHS)
+@functools.lru_cache(maxsize=MAX_GLYPHS)
 def cover_glyph(font: Font, glyph: int, size: float, quarter: int) -> Glyph:
     """Return the pixels of a glyph whose em has a size, and which stands at a quarter of one."""
     pieces = math.ceil(math.sqrt(size))

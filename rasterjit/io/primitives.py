@@ -26,7 +26,7 @@ _SAGITTA = 1e-4
 _LONGEST_STEP = 0.08
 """Radians of a segment at most: of circles that are small in their drawing, but looked at."""
 
-_FEWEST = 4
+_MIN = 4
 """Segments of an arc."""
 
 _STRAIGHT = 1e-7
@@ -71,7 +71,7 @@ class Arc(NamedTuple):
         """Return in how many segments it is cut in a drawing of an extent, which holds it."""
         beside = min(_SAGITTA * scale / self.radius, 1.0)
         step = min(4.0 * math.asin(math.sqrt(0.5 * beside)), _LONGEST_STEP)
-        return max(math.ceil(self.span / step), _FEWEST)
+        return max(math.ceil(self.span / step), _MIN)
 
     def points(
         self, segments: int, through: NDArray[np.float64], is_closed: bool
@@ -406,7 +406,7 @@ def _entity_colors(found: list[tuple[int, Any]]) -> NDArray[np.float32] | None:
 INTENSITY = "intensity"
 """The attribute that shows a cloud without colours."""
 
-USUAL_SIZE, _LARGEST_SIZE = 3.0, 12.0
+USUAL_SIZE, _MAX_SIZE = 3.0, 12.0
 """Pixels of a point of a cloud, and of one of a few points."""
 
 _SPREAD_CUBED = 26.0 * 26.0 * 26.0
@@ -460,7 +460,7 @@ def default_size(count: int) -> float:
     """
     large = min(USUAL_SIZE, max(1.0, float(round(math.sqrt(_PIXELS / count)))))
     # The largest whole size whose cube, times the points, does not pass that of the spread.
-    size = _LARGEST_SIZE
+    size = _MAX_SIZE
     while size > large and (size - 0.5) * (size - 0.5) * (size - 0.5) * count > _SPREAD_CUBED:
         size -= 1.0
     return max(large, size)

@@ -49,7 +49,7 @@ _HIGHEST = 4
 _TEXTURES = "materials/textures"
 """Where a model of Gazebo keeps pictures that meshes name without a folder."""
 
-_MOST_OF_MARK = 1 << 16
+_MAX_OF_MARK = 1 << 16
 """Bytes among which such a file has its name."""
 
 LONGEST_NAME = 80
@@ -200,7 +200,7 @@ def _name_in(folder: Path) -> str | None:
     for mark in _MARKS:
         try:
             with _open_regular(folder / mark, mark) as file:
-                found = re.search(rb"<name>([^<]*)</name>", file.read(_MOST_OF_MARK))
+                found = re.search(rb"<name>([^<]*)</name>", file.read(_MAX_OF_MARK))
         except (OSError, RefusedFileError):
             continue
         if found:

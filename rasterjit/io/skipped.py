@@ -40,7 +40,7 @@ class MissingFileError(ValueError):
 LONGEST_REASON = 200
 """Characters of a reason that a message shows."""
 
-MOST_NAMED = 3
+MAX_NAMED = 3
 """Things that a message names that are left out for the same reason."""
 
 
@@ -172,8 +172,8 @@ class LeftOut:
 def _told(reason: str, counts: Counter[str]) -> str:
     """Return in one line what is left out for a reason, and how much of it."""
     names = list(counts)
-    said = ", ".join(names[:MOST_NAMED])
-    if len(names) > MOST_NAMED:
-        said += f" and {len(names) - MOST_NAMED} more"
+    said = ", ".join(names[:MAX_NAMED])
+    if len(names) > MAX_NAMED:
+        said += f" and {len(names) - MAX_NAMED} more"
     because = "" if reason in counts else reason
     return f"{said}{because} ({counts.total()})"

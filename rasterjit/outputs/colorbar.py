@@ -20,7 +20,7 @@ from rasterjit.scene.validation import index_below
 PAPER, INK = (255, 255, 255), (0, 0, 0)
 """The colours of a bar's ground, and of its text and lines."""
 
-FONT_SHARE, LEAST_FONT = 1 / 30, 10
+FONT_SHARE, MIN_FONT = 1 / 30, 10
 """How high text is, of the height of the bar's picture; and its least height, pixels."""
 
 LINES_PER_TICK = 3
@@ -32,7 +32,7 @@ STEPS = (1, 2, 5, 10, 20)
 PLAIN_DIGITS = 6
 """Numbers with more digits before or behind the point have a power of ten or an offset."""
 
-LEAST_PLAIN = -4
+MIN_PLAIN = -4
 """Power of ten of the largest tick below which ticks are written with a power of ten."""
 
 
@@ -89,7 +89,7 @@ def draw_colorbar(
     """
     from PIL import Image, ImageDraw
 
-    size = max(LEAST_FONT, round(FONT_SHARE * height))
+    size = max(MIN_FONT, round(FONT_SHARE * height))
     low, high = scale.range
     top, bottom = size * (3 if title else 1), height - size
     if scale.nan_color is not None:
@@ -210,7 +210,7 @@ def write_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
     rest = [tick - offset for tick in exact]
     largest = max(one.adjusted() for one in rest if one)
     power = 0
-    if largest >= PLAIN_DIGITS or step < -PLAIN_DIGITS or largest < LEAST_PLAIN:
+    if largest >= PLAIN_DIGITS or step < -PLAIN_DIGITS or largest < MIN_PLAIN:
         power = largest
     digits = max(0, power - step)
     texts = [f"{one.scaleb(-power).quantize(Decimal(1).scaleb(-digits)):f}" for one in rest]

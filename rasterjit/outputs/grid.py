@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 FONT_SIZE, LINE = 13, 20
 """Height of text, and of its line; pixels."""
 
-LARGEST = 1 << 16
+MAX = 1 << 16
 """Pixels and columns are fewer."""
 
 LIGHT = 128
@@ -90,13 +90,13 @@ def grid(
         labels = words("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
-    gap = index_below("gap", gap, LARGEST)
+    gap = index_below("gap", gap, MAX)
     width, height = (max(image.size[axis] for image in images) for axis in (0, 1))
     text = LINE if labels is not None else 0
     if columns is None:
         columns = math.ceil(math.sqrt(len(images) * (height + text) / width))
         columns = min(max(columns, 1), len(images))
-    if index_below("columns", columns, LARGEST) == 0:
+    if index_below("columns", columns, MAX) == 0:
         raise ValueError("columns must be at least 1, got 0")
     rows = math.ceil(len(images) / columns)
     paper = tuple(int(code) for code in opaque_codes(linear_color("background", background))[:3])

@@ -35,11 +35,11 @@ from rasterjit.scene.validation import (
 
 _GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
 """Of a compressed length: bits a character holds, their mask, the sign, that more follow, "0"."""
-_MOST_SHORT = 65535
+_MAX_SHORT = 65535
 """Largest number of 16 bits."""
-_MOST_GROUPS = 13
+_MAX_GROUPS = 13
 """Characters that a 64-bit number takes at most."""
-_MOST_LISTED = 8
+_MAX_LISTED = 8
 """Objects that a message names."""
 _LONGEST = 1 << 63
 """First length that 64 bits do not hold."""
@@ -111,7 +111,7 @@ def find(ids: ArrayLike, name: str = "ids") -> tuple[ObjectMask, ...]:
     if not len(places):
         return ()
     keys = columns[places]
-    if keys.max() <= _MOST_SHORT:
+    if keys.max() <= _MAX_SHORT:
         # NumPy sorts 16 bits by their digits, in half the time.
         keys = keys.astype(np.uint16)
     # Column by column inside each number.
@@ -195,10 +195,10 @@ def compress(counts: ArrayLike) -> str:
         raise ValueError(f"counts must be whole numbers from 0, got {in_short(counts)}")
     left = lengths.astype(np.int64)
     left[3:] -= lengths[1:-2].astype(np.int64)
-    codes = np.zeros((len(left), _MOST_GROUPS), np.uint8)
+    codes = np.zeros((len(left), _MAX_GROUPS), np.uint8)
     used = np.zeros(codes.shape, bool)
     going = np.ones(len(left), bool)
-    for group in range(_MOST_GROUPS):
+    for group in range(_MAX_GROUPS):
         used[:, group] = going
         bits = left & _GROUP
         left >>= _GROUP_BITS
@@ -227,7 +227,7 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
     value = shift = 0
     for byte in data:
         code = byte - _ZERO
-        if not 0 <= code < 2 * _MORE or shift >= _MOST_GROUPS * _GROUP_BITS:
+        if not 0 <= code < 2 * _MORE or shift >= _MAX_GROUPS * _GROUP_BITS:
             raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
         value |= (code & _GROUP) << shift
         shift += _GROUP_BITS
@@ -304,7 +304,7 @@ def coco(
         height, width = np.shape(ids)
         unsaid = [str(mask.id) for mask in masks if mask.id not in named]
         if unsaid:
-            listed = ", ".join(unsaid[:_MOST_LISTED]) + (" ..." if unsaid[_MOST_LISTED:] else "")
+            listed = ", ".join(unsaid[:_MAX_LISTED]) + (" ..." if unsaid[_MAX_LISTED:] else "")
             raise ValueError(
                 f"categories must have an entry for each object that {file_name!r} shows, its "
                 f"name, or None to leave it out; got none for {listed}"

@@ -28,7 +28,7 @@ FORMATS = (".npz", ".npy", ".exr", ".png")
 LAYER_FORMATS = (".npz", ".npy", ".exr")
 """Extensions that ``save_layers`` writes."""
 
-MOST = 65535
+MAX = 65535
 """Largest code."""
 
 NOTHING = "nothing is there"
@@ -253,15 +253,15 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
         _refuse_scale(name, scale)
         # Where nothing is, all are NaN or all are 0.
         shown = seen & np.any(values, axis=2) if row.empty == 0 else seen
-        return _vectors(values, shown, 1.0 / (MOST - 1), -1.0 / (MOST - 1), unit)
+        return _vectors(values, shown, 1.0 / (MAX - 1), -1.0 / (MAX - 1), unit)
     if codes == "share":
         _refuse_scale(name, scale)
-        return Codes(_rounded(name, values, seen, 1.0 / MOST, 0.0, 0), 1.0 / MOST, 0.0, unit)
+        return Codes(_rounded(name, values, seen, 1.0 / MAX, 0.0, 0), 1.0 / MAX, 0.0, unit)
     if codes == "flow" and scale is None:
         scale, offset, mark = _FLOW_SCALE, _FLOW_OFFSET, 1
     else:
         scale, offset = _fitted(values[seen], scale)
-        mark = MOST
+        mark = MAX
     pixels = _rounded(name, values, seen, scale, offset, 1)
     if channels == 2:
         blue = np.where(seen, np.uint16(mark), np.uint16(0))
@@ -288,10 +288,10 @@ def decimal_scale(values: NDArray[Any]) -> float | None:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     if low <= 0.0:
         return None
-    power = int(f"{high / MOST:e}".partition("e")[2])
+    power = int(f"{high / MAX:e}".partition("e")[2])
     # The quotient may be rounded past a power of ten.
     tried = (float(f"1e{power + step}") for step in range(-1, 3))
-    fitting = (scale for scale in tried if scale > 0.0 and nearest_code(high, scale) <= MOST)
+    fitting = (scale for scale in tried if scale > 0.0 and nearest_code(high, scale) <= MAX)
     scale = next(fitting, math.inf)
     return scale if nearest_code(low, scale) >= 1.0 else None
 
@@ -417,9 +417,9 @@ def _counted(name: str, array: NDArray[Any]) -> Codes:
     """Return whole numbers, one more than they were."""
     numbers = array.astype(np.int64) + 1
     low, high = int(numbers.min()), int(numbers.max())
-    if low < 0 or high > MOST:
+    if low < 0 or high > MAX:
         raise ValueError(
-            f"outputs must lie in -1..{MOST - 1} for a 16-bit .png, {name} has {low - 1}.."
+            f"outputs must lie in -1..{MAX - 1} for a 16-bit .png, {name} has {low - 1}.."
             f"{high - 1}: choose .exr or .npz"
         )
     return Codes(numbers.astype(np.uint16), 1.0, -1.0, "number")
@@ -428,7 +428,7 @@ def _counted(name: str, array: NDArray[Any]) -> Codes:
 def _vectors(values: Float64, seen: Bool, scale: float, offset: float, unit: str) -> Codes:
     """Return vectors in codes from 1, those a rounding beyond their range at its end."""
     codes = np.floor((np.where(seen[..., None], values, 0.0) - offset) / scale + 0.5)
-    pixels = np.where(seen[..., None], np.clip(codes, 1, MOST), 0).astype(np.uint16)
+    pixels = np.where(seen[..., None], np.clip(codes, 1, MAX), 0).astype(np.uint16)
     return Codes(pixels, scale, offset, unit)
 
 
@@ -439,10 +439,10 @@ def _fitted(values: Float64, scale: float | None) -> tuple[float, float]:
     if not values.size:
         return 1.0, 0.0
     low, high = float(values.min()), float(values.max())
-    step = high / MOST
+    step = high / MAX
     if low >= step > 0.0:
         return step, 0.0
-    step = (high - low) / (MOST - 1)
+    step = (high - low) / (MAX - 1)
     if step <= 0.0:
         step = 1.0
     return step, low - step
@@ -455,11 +455,11 @@ def _rounded(
     shown = seen if values.ndim == 2 else seen[..., None]
     codes = np.floor((np.where(shown, values, offset) - offset) / scale + 0.5)
     given = codes[seen]
-    if given.size and not (least <= given.min() and given.max() <= MOST):
+    if given.size and not (least <= given.min() and given.max() <= MAX):
         fitting = decimal_scale(values[seen])
         others = ".exr or .npz" if fitting is None else f"{fitting:g}, .exr or .npz"
         raise ValueError(
-            f"scale must take {name} to codes in {least}..{MOST} of a 16-bit .png, got "
+            f"scale must take {name} to codes in {least}..{MAX} of a 16-bit .png, got "
             f"{given.min():.0f}..{given.max():.0f} with scale={scale!r}; choose {others}"
         )
     return codes.astype(np.uint16)

@@ -13,7 +13,7 @@ from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int64, uint8
 
-MOST_TAPS = np.float64(16.0)
+MAX_TAPS = np.float64(16.0)
 """Most taps along each side of a pixel."""
 
 
@@ -21,7 +21,7 @@ MOST_TAPS = np.float64(16.0)
 def taps_along(across, down):
     """Return the number of taps along a side of the given extent across and down, samples."""
     length = np.sqrt(across * across + down * down)
-    return np.int64(clamped(np.ceil(length - 1e-3), np.float64(1.0), MOST_TAPS))
+    return np.int64(clamped(np.ceil(length - 1e-3), np.float64(1.0), MAX_TAPS))
 
 
 @helper

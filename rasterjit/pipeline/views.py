@@ -29,7 +29,7 @@ address, number of words."""
 """Rows of the visibility kernels, as words of ``jit.Bound``. The last three build the lists for
 several samples a pixel, and exist only then. Then the number of rows."""
 
-CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER, CALL_WHEN, CALL_LEAST, CALL_MOST = range(7)
+CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER, CALL_WHEN, CALL_MIN, CALL_MAX = range(7)
 """Columns of a call after visibility: machine code, its state; the address of a block of samples to
 clear first, or 0; the address of a word to which the view's number is written, or 0; the address of
 a word that must lie between the next two for the call to happen, or 0."""
@@ -42,7 +42,7 @@ OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, LIT, LIT_WHITE, T
 """Columns of the totals: faces, as ``setup`` counts them; pixels that show a face; faces that were
 cut; what `count_white` counts. The last is how many columns there are."""
 
-LEAST_WHITE = 254
+MIN_WHITE = 254
 """Least code of red, green and blue that counts as white (overexposed)."""
 
 RATIO, BETWEEN, SCALED = range(3)
@@ -145,7 +145,7 @@ def is_called(call):
     if call[CALL_WHEN] == 0:
         return True
     value = load_int64(call[CALL_WHEN])
-    return call[CALL_LEAST] <= value <= call[CALL_MOST]
+    return call[CALL_MIN] <= value <= call[CALL_MAX]
 
 
 @helper
@@ -339,7 +339,7 @@ def count_white(
             code = color[row * step, column * step]
             least = min(code & 255, code >> 8 & 255, code >> 16 & 255)
             counts[0] += 1
-            counts[1] += np.int64(least >= LEAST_WHITE)
+            counts[1] += np.int64(least >= MIN_WHITE)
 
 
 @kernel

@@ -279,7 +279,7 @@ class BatchScheduler:
         # Decide which views are drawn together.
         coefficients = np.array([camera.depth_coefficients() for camera in seen])
         near = coefficients[:, 0]
-        farthest = np.where(np.isinf(far), 0.0, transforms.LEAST_NEAR * far)
+        farthest = np.where(np.isinf(far), 0.0, transforms.MIN_NEAR * far)
         is_held = (near >= MIN_SHARE * measures.largest_w()) & (near >= farthest)
         is_plain = views.is_finite & ((near <= 0.0) | is_held)
         seen_of = [self._contents(in_view) for in_view in measures.in_view]

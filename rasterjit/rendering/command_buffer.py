@@ -97,7 +97,7 @@ def clip_capacity(faces: int) -> tuple[int, int]:
     """Return the capacity for clipped faces and new vertices, given the number of faces."""
     cuts = min(faces, MAX_CUT + faces // 16)
     # Mostly one plane clips a face, and leaves three or four vertices.
-    return cuts, min(clipping.MOST_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
+    return cuts, min(clipping.MAX_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
 
 
 def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
@@ -348,7 +348,7 @@ class CommandBuffer:
         cuts, _ = clip_capacity(len(whole))
         cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
         vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
-        polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
+        polygons = np.empty((2, clipping.MAX_VERTICES, 4), np.float64)
         clipped = self._calls.bound(clipping.find_clipped_faces, whole, screen.codes[:count], cut)
         counted = self._calls.bound(
             clipping.count_clipped_vertices, cut, whole, clip_positions, viewport,

@@ -89,8 +89,8 @@ def render_layers(
     """
     if isinstance(k, bool) or not isinstance(k, (int, np.integer)):
         raise ValueError(f"k must be a whole number of layers, got {k!r}")
-    if not 1 <= k <= bands.MOST_LAYERS:
-        raise ValueError(f"k must be in 1..{bands.MOST_LAYERS}, got {k!r}")
+    if not 1 <= k <= bands.MAX_LAYERS:
+        raise ValueError(f"k must be in 1..{bands.MAX_LAYERS}, got {k!r}")
     refused = [name for name in table.check_outputs(outputs) if table.row_of(name).is_mixed]
     if refused:
         raise ValueError(

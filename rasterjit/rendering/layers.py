@@ -3,7 +3,7 @@ Shade and resolve frames with several faces per pixel: multisampling, areas, tra
 
 Each thread works on a band, rows of one row of tiles: it finds the layers (images of face numbers),
 shades each like a visibility buffer, and composites them. So it needs memory for the layers of one
-band only. A band whose layers take more than ``MOST_BYTES`` is split.
+band only. A band whose layers take more than ``MAX_BYTES`` is split.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rasterjit.pipeline.fragments import (
     weights,
 )
 from rasterjit.pipeline.fragments.bands import (
-    MOST_BYTES,
+    MAX_BYTES,
     Band,
     Finder,
     Lists,
@@ -383,7 +383,7 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
     samples, levels, _, width = band.transparent.shape
     # What is known of one face in one pixel: its number and its colour.
     per_row = samples * (levels + 1) * width * (4 + 16)
-    rows = min(max(MOST_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
+    rows = min(max(MAX_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
     for part in parts_of(len(linear), rows):
         first, target = band.first_row + part.start, linear[part]
         opaque = np.ascontiguousarray(band.opaque[:, part])
@@ -541,7 +541,7 @@ def shade_rows(
 def rows_at_once(images: int, width: int) -> int:
     """Return how many rows of so many images are held at once."""
     per_row = images * width * BYTES_PER_COLOR
-    return min(max(MOST_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
+    return min(max(MAX_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
 
 
 def lay_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:

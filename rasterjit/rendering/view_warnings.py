@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.pipeline.views import LEAST_WHITE
+from rasterjit.pipeline.views import MIN_WHITE
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import BesidePlanes
@@ -145,7 +145,7 @@ def white_share(lit: NDArray[np.bool_] | None, color: NDArray[np.uint8]) -> floa
     if lit is None or not lit.any():
         return 0.0
     step = step_of(color.shape)
-    return float((color[::step, ::step, :3].min(axis=-1)[lit] >= LEAST_WHITE).mean())
+    return float((color[::step, ::step, :3].min(axis=-1)[lit] >= MIN_WHITE).mean())
 
 
 def burnt_out(facts: Facts, share: float) -> dict[str, str]:

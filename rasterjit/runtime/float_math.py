@@ -13,7 +13,7 @@ from rasterjit.runtime.jit import helper
 
 MANTISSA_BITS = np.int32(0x7FFFFF)
 SQRT_HALF_BITS = np.int32(0x3F3504F3)
-SMALLEST_NORMAL = np.float32(1.1754944e-38)
+MIN_NORMAL = np.float32(1.1754944e-38)
 
 
 @helper
@@ -67,4 +67,4 @@ def exp2(x):
 @helper
 def power(x, exponent):
     """Return x**exponent for x in [0, 1] and exponent > 0, float32; 0 and NaN give (nearly) 0."""
-    return exp2(exponent * log2(max(SMALLEST_NORMAL, x)))
+    return exp2(exponent * log2(max(MIN_NORMAL, x)))

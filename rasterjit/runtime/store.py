@@ -71,7 +71,7 @@ PAUSES = (0.01, 0.04, 0.2) if sys.platform == "win32" else ()
 """Seconds between tries to read or replace a file: Windows refuses both while another process, such
 as a search for viruses, has it open."""
 
-LARGEST_ENTRY = 1 << 26
+MAX_ENTRY = 1 << 26
 """Bytes of an entry at most: a thousand times those of our kernels."""
 
 OPEN_FILE = (
@@ -386,7 +386,7 @@ def _content(path: Path) -> bytes:
     with os.fdopen(number, "rb") as file:
         # What was opened need not be what stood there before.
         _check_entry(os.fstat(number))
-        return file.read(LARGEST_ENTRY)
+        return file.read(MAX_ENTRY)
 
 
 def _check_entry(status: os.stat_result) -> None:
@@ -395,7 +395,7 @@ def _check_entry(status: os.stat_result) -> None:
         raise OSError("is a folder")
     if not stat.S_ISREG(status.st_mode):
         raise OSError("is no regular file")
-    if status.st_size > LARGEST_ENTRY:
+    if status.st_size > MAX_ENTRY:
         raise OSError(f"has {status.st_size} bytes, more than any entry")
     if os.name == "posix":
         if _is_others(status):

@@ -54,7 +54,7 @@ COUNT_BITS = 20
 
 ONE_CALL = 1 << COUNT_BITS
 
-MOST_CALLS = ONE_CALL - 1
+MAX_CALLS = ONE_CALL - 1
 
 
 @raw_kernel
@@ -76,7 +76,7 @@ def make_calls(team, member, patience):
     int
         Whether all calls of the step are made.
     """
-    mask, looks = np.int64(MOST_CALLS), np.int64(0)
+    mask, looks = np.int64(MAX_CALLS), np.int64(0)
     while looks < patience and (member == 0 or load_shared(team + LEAVE) == 0):
         ticket = load_shared(team + TICKET)
         number, count = ticket & mask, (ticket >> COUNT_BITS) & mask
@@ -105,7 +105,7 @@ def add_call(team, first, stop):
 @raw_kernel
 def drop_calls(team, first, stop):
     """Cancel the calls that no thread has begun; they count as made."""
-    mask = np.int64(MOST_CALLS)
+    mask = np.int64(MAX_CALLS)
     while True:
         ticket = load_shared(team + TICKET)
         left = ((ticket >> COUNT_BITS) & mask) - (ticket & mask)

@@ -26,7 +26,7 @@ from rasterjit.runtime import packing as packing  # From now on, arguments are p
 from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.team import PATIENCE, Call, Team
 
-LEAST_BYTES = 1 << 15
+MIN_BYTES = 1 << 15
 """Bytes of the smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""
 
 SIZE_STEPS = 8
@@ -267,7 +267,7 @@ class Memory:
         """Return a C-contiguous array of any contents."""
         kind = np.dtype(dtype)
         size = math.prod(shape) * kind.itemsize
-        if size < LEAST_BYTES:
+        if size < MIN_BYTES:
             return np.empty(shape, kind)
         room = _block_size(size)
         with self._lock:

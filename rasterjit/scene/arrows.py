@@ -21,16 +21,16 @@ ArrowUnit: TypeAlias = Literal["length", "world"]
 ARROW_UNITS: tuple[ArrowUnit, ...] = get_args(ArrowUnit)
 """What radii and heads are measured in."""
 
-FEWEST_SIDES, MOST_SIDES = 3, 256
+MIN_SIDES, MAX_SIDES = 3, 256
 """Of a shaft and its cone."""
 
 FACES_PER_SIDE = 6
 """Of the foot 1, the shaft 2, the cone's base 2 and the cone 1."""
 
-MOST_HEAD = 0.95
+MAX_HEAD = 0.95
 """Of the length of an arrow: there is a shaft."""
 
-LEAST_SHAFT = 2.0
+MIN_SHAFT = 2.0
 """Lengths of its head that an arrow has at least: shorter ones are thinner, in proportion."""
 
 
@@ -116,7 +116,7 @@ class Arrows(Mesh):
         measures = _measures(
             shaft_radius, head_radius, head_length, check.one_of("unit", unit, ARROW_UNITS)
         )
-        self._sides = check.whole_number("sides", sides, FEWEST_SIDES, MOST_SIDES)
+        self._sides = check.whole_number("sides", sides, MIN_SIDES, MAX_SIDES)
         self._count = len(feet)
         with np.errstate(over="ignore", under="ignore"):
             lengths, units = _lengths(ways, scale)
@@ -224,9 +224,9 @@ def _measures(
         raise ValueError(
             f"head_radius must be at least shaft_radius, {shaft:g}, got {head_radius!r}"
         )
-    if unit == "length" and long > MOST_HEAD:
+    if unit == "length" and long > MAX_HEAD:
         raise ValueError(
-            f"head_length must be at most {MOST_HEAD:g} of an arrow's length, got {head_length!r}; "
+            f"head_length must be at most {MAX_HEAD:g} of an arrow's length, got {head_length!r}; "
             "in scene units with unit='world'"
         )
     return shaft, head, long
@@ -246,7 +246,7 @@ def _sizes(lengths: Float64, measures: tuple[float, float, float], unit: ArrowUn
     """Return both radii and the length of the head of each arrow, (N, 3), scene units."""
     if unit == "length":
         return lengths[:, np.newaxis] * np.array(measures)
-    shrunk = np.minimum(lengths / (LEAST_SHAFT * measures[2]), 1.0)
+    shrunk = np.minimum(lengths / (MIN_SHAFT * measures[2]), 1.0)
     return shrunk[:, np.newaxis] * np.array(measures)
 
 

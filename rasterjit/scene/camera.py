@@ -48,11 +48,11 @@ NEAR = 0.1
 FAR = 1000.0
 """Far plane of a parallel camera where none is given, if that cuts nothing in view; scene units."""
 
-MOST_STEPS = 40
+MAX_STEPS = 40
 """How often a near plane that is not given is halved, or a far plane doubled, at most: to 9e-14 and
 1e15 scene units."""
 
-_LEAST_HEIGHT = 1e-300
+_MIN_HEIGHT = 1e-300
 """Least height of what a parallel projection shows: its scale is finite at every aspect."""
 
 _VOLUME_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
@@ -234,8 +234,8 @@ class OrthographicCamera(Projecting):
     def __post_init__(self) -> None:
         _freeze_placement(self)
         height = positive_number("height", self.height)
-        if height < _LEAST_HEIGHT:
-            raise ValueError(f"height must be at least {_LEAST_HEIGHT:g}, got {height!r}")
+        if height < _MIN_HEIGHT:
+            raise ValueError(f"height must be at least {_MIN_HEIGHT:g}, got {height!r}")
         transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, usual_far(self.far, self.near))
         far = None if self.far is None else float(self.far)
         store(self, height=height, near=float(self.near), far=far)

@@ -12,7 +12,7 @@ from rasterjit.scene import validation as check
 from rasterjit.scene.assigning import Converted, says_replace, store
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 
-MOST_LEVELS = 4096
+MAX_LEVELS = 4096
 """Most lines of one mesh that are asked for by their number."""
 
 ContoursLike: TypeAlias = "int | ArrayLike | Contours"
@@ -74,8 +74,8 @@ def read_contours(value: ContoursLike) -> Contours:
 def _levels(value: Any) -> int | tuple[float, ...]:
     """Return a number of levels, or their values, or raise ``ValueError``."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
-        if not 1 <= value <= MOST_LEVELS:
-            raise ValueError(f"contours.levels must be 1 to {MOST_LEVELS} in number, got {value}")
+        if not 1 <= value <= MAX_LEVELS:
+            raise ValueError(f"contours.levels must be 1 to {MAX_LEVELS} in number, got {value}")
         return int(value)
     if isinstance(value, (bool, float, str)) or value is None:
         raise ValueError(

@@ -20,7 +20,7 @@ from rasterjit.scene.memory import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudge
 from rasterjit.scene.texture import check_extent
 from rasterjit.scene.warning import warn_caller
 
-MOST_ALLOWED = 0.001
+MAX_ALLOWED = 0.001
 """Share of the texels of a sky that may be NaN or infinite; one of them always may."""
 
 
@@ -299,7 +299,7 @@ def _usable_light(image: NDArray[Any], label: str) -> NDArray[Any]:
     below = int(np.count_nonzero((is_finite & (image < 0.0)).any(axis=2)))
     most = float(image.max(where=is_finite, initial=0.0))
     texels = image.shape[0] * image.shape[1]
-    if most > BRIGHTEST or lost > max(1.0, MOST_ALLOWED * texels):
+    if most > BRIGHTEST or lost > max(1.0, MAX_ALLOWED * texels):
         raise ValueError(
             f"sky must hold linear light in 0..{BRIGHTEST:g}, got numbers up to {most:g}, and NaN "
             f"or infinity in {lost:,} of {texels:,} texels"

@@ -24,17 +24,17 @@ Returns points, some at a time: positions (N, 3), and half the size of what is d
 (N, 1), or ``None`` if they have no sizes.
 """
 
-LEAST_CLEARANCE = 2.0**-6
+MIN_CLEARANCE = 2.0**-6
 """Least distance of the eye from what is nearest to it, in radii of the scene: neither a line seen
 from its end nor the tip of a cone has a width that keeps the eye away."""
 
-_MOST_STEPS = 64
+_MAX_STEPS = 64
 """Newton steps, each of which comes nearer to the root from below; a few are usual."""
 
 _STEP = 2.0**-48
 """Share of a slope by which a step must change it to be worth another one."""
 
-_MOST_KEPT = 1 << 22
+_MAX_KEPT = 1 << 22
 """Points that are kept in memory; more are transformed again whenever they are looked at."""
 
 
@@ -43,7 +43,7 @@ def kept(chunks: Chunks) -> Chunks:
     found, count = [], 0
     for one in chunks():
         count += len(one[0])
-        if count > _MOST_KEPT:
+        if count > _MAX_KEPT:
             return chunks
         found.append(one)
     return lambda: found
@@ -153,7 +153,7 @@ class ScenePoints:
         count = 0
         for row in self._project():
             count += len(row.x)
-            if count > _MOST_KEPT:
+            if count > _MAX_KEPT:
                 self._kept = None
             elif self._kept is not None:
                 self._kept.append(row)
@@ -212,7 +212,7 @@ def fit_perspective(
     -------
     eye_z : float
     spans : (AxisSpan, AxisSpan)
-        Of x and y. At least one of them has the slope ``1 / focal``, unless `LEAST_CLEARANCE`
+        Of x and y. At least one of them has the slope ``1 / focal``, unless `MIN_CLEARANCE`
         keeps the eye away.
     """
     focals = {"x": focal_x, "y": focal_y}
@@ -221,7 +221,7 @@ def fit_perspective(
         for axis, focal in focals.items()
     }
     needs = {axis: 0.5 * (low + high) for axis, (high, low) in sides.items()}
-    eye = max(*needs.values(), cloud.nearest + LEAST_CLEARANCE)
+    eye = max(*needs.values(), cloud.nearest + MIN_CLEARANCE)
     spans = []
     for axis, focal in focals.items():
         if needs[axis] == eye:
@@ -248,7 +248,7 @@ def _centered(cloud: ScenePoints, axis: str, eye: float, slope: float) -> AxisSp
     The slope t on both sides is the root of ``2 * t * eye - reach(1, t) - reach(-1, t)``, which is
     concave and grows. Newton's steps come to it from below, wherever they begin.
     """
-    for step in range(_MOST_STEPS):
+    for step in range(_MAX_STEPS):
         (high, right), (low, left) = (cloud.reach(axis, sign, slope) for sign in (1.0, -1.0))
         missing = (high - slope * eye) + (low - slope * eye)
         change = missing / ((eye - right) + (eye - left))

@@ -20,7 +20,7 @@ _WIDEST = 1e200
 NAN_COLOR = "darkgray"
 """The colour of values that are NaN or infinite, if no other is given."""
 
-_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class ColorScale(NamedTuple):
@@ -174,7 +174,7 @@ def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.flo
         raise ValueError(f"scalars must have {wanted}, got shape {array.shape}")
     values = np.array(array, np.float64)
     finite = np.abs(values[np.isfinite(values)])
-    if finite.size and finite.max() > _LARGEST_FLOAT32:
+    if finite.size and finite.max() > _MAX_FLOAT32:
         raise ValueError(f"scalars must fit float32, got {float(finite.max())!r} in size")
     return values
 

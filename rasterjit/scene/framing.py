@@ -63,14 +63,14 @@ Well above the rounding of vertices, and less than a bit of depth precision.
 _DISTANCE_IN_RADII = 2.0
 """Distance of a fitted parallel camera, whose picture does not depend on it."""
 
-_LEAST_EXTENT = 2.0**-6
+_MIN_EXTENT = 2.0**-6
 """Least half extent that a parallel camera shows, in radii: of what is seen as a point."""
 
 _NEAREST = 1e-6
 """Least near plane of a camera that fits a sphere, as a share of its distance: reached only when a
 field of view close to 180 degrees puts the eye on the sphere."""
 
-_SMALLEST_RADIUS = 2.0**-40
+_MIN_RADIUS = 2.0**-40
 """Least radius framed, as a share of the centre's largest coordinate: float64 then still places
 the eye to one part in 4000 of its distance."""
 
@@ -401,7 +401,7 @@ def _place_for_points(lens: _FittedLens, cloud: ScenePoints) -> _FittedPlace:
     if lens.is_parallel:
         distance = _DISTANCE_IN_RADII * lens.margin
         x, y = extents.fit_parallel(cloud)
-        half = lens.margin * max(x.slope / lens.aspect, y.slope, _LEAST_EXTENT)
+        half = lens.margin * max(x.slope / lens.aspect, y.slope, _MIN_EXTENT)
         widest = lens.margin * x.slope / half
     else:
         focal, half = lens.margin * lens.focal, math.nan
@@ -487,7 +487,7 @@ def _sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool
     radius = check.finite_number("scene's radius", size)
     if radius < 0.0:
         raise ValueError(f"scene's radius must not be negative, got {radius!r}")
-    smallest = float(np.abs(center).max()) * _SMALLEST_RADIUS
+    smallest = float(np.abs(center).max()) * _MIN_RADIUS
     is_tiny = radius == 0.0 or radius < smallest
     return center, max(1.0 if radius == 0.0 else radius, smallest), is_tiny
 

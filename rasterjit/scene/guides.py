@@ -25,7 +25,7 @@ Plane: TypeAlias = Literal["xy", "xz", "yz"]
 PLANES: tuple[Plane, ...] = get_args(Plane)
 """What a grid may lie in."""
 
-MOST_CELLS = 4096
+MAX_CELLS = 4096
 """Cells along a side of a grid."""
 
 BOX = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
@@ -142,7 +142,7 @@ class Grid(Lines):
         unit: Unit = "pixel",
     ) -> None:
         side, middle = check.positive_number("size", size), check.vector("center", center)
-        count = check.whole_number("cells", cells, 1, MOST_CELLS)
+        count = check.whole_number("cells", cells, 1, MAX_CELLS)
         across, along = ("xyz".index(axis) for axis in check.one_of("plane", plane, PLANES))
         steps = np.linspace(-0.5 * side, 0.5 * side, count + 1)
         points = np.zeros((2, len(steps), 2, 3))

@@ -26,7 +26,7 @@ RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
 EXPONENT_BIAS = 136
 """Of a shared exponent: 128, and 8 for the bits of the mantissas."""
 
-LEAST_PACKED, MOST_PACKED = 8, 32767
+MIN_PACKED, MAX_PACKED = 8, 32767
 """Widths of rows that may be packed channel by channel."""
 
 LONGEST_COPY = 128
@@ -152,7 +152,7 @@ def _radiance_header(content: bytes) -> tuple[int, int, int]:
 def _unpacked(content: UInt8, start: int, width: int, height: int) -> NDArray[Any]:
     """Return mantissas and exponent of each texel, (H, W, 4) uint8."""
     mark = content[start : start + 4].tolist()
-    is_packed = LEAST_PACKED <= width <= MOST_PACKED and mark[:2] == [2, 2] and mark[2] < 128
+    is_packed = MIN_PACKED <= width <= MAX_PACKED and mark[:2] == [2, 2] and mark[2] < 128
     if not is_packed:
         flat = content[start : start + 4 * width * height]
         if flat.size < 4 * width * height:

@@ -36,7 +36,7 @@ INTERPOLATIONS: tuple[ChannelInterpolation, ...] = get_args(ChannelInterpolation
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """How many numbers a value has; weights have one for each morph target."""
 
-_LEAST_SINE = 1e-8
+_MIN_SINE = 1e-8
 """Of the angle between two rotations: below, they are mixed along the straight line, which is the
 arc to the last bit."""
 
@@ -271,7 +271,7 @@ def rotation_between(first: Float64, second: Float64, t: float) -> Float64:
     angle = 2.0 * _arc(low, high)
     whole = _sine(angle)
     shares = 1.0 - t, t
-    if whole >= _LEAST_SINE:
+    if whole >= _MIN_SINE:
         shares = _sine(angle * (1.0 - t)) / whole, _sine(angle * t) / whole
     return _unit(np.array([shares[0] * a + shares[1] * b for a, b in zip(one, other, strict=True)]))
 

@@ -18,10 +18,10 @@ Anchor: TypeAlias = Literal[
 ANCHORS: tuple[Anchor, ...] = get_args(Anchor)
 """Which point of a text lies at its place."""
 
-LARGEST_TEXT = 512.0
+MAX_TEXT = 512.0
 """Most pixels of an em."""
 
-MOST_CHARACTERS = 1000
+MAX_CHARACTERS = 1000
 """Longest text."""
 
 FARTHEST_OFFSET = 65536.0
@@ -126,16 +126,16 @@ def _checked_text(value: Any) -> str:
         raise ValueError(f"text must be a string, got {check.in_short(value)}")
     if not value.strip():
         raise ValueError(f"text must have a character that is seen, got {check.cut_short(value)}")
-    if len(value) > MOST_CHARACTERS:
-        raise ValueError(f"text must have at most {MOST_CHARACTERS} characters, got {len(value)}")
+    if len(value) > MAX_CHARACTERS:
+        raise ValueError(f"text must have at most {MAX_CHARACTERS} characters, got {len(value)}")
     return value
 
 
 def _checked_size(value: Any) -> float:
     """Return a size in pixels, or raise ``ValueError``."""
     size = check.positive_number("size", value)
-    if size > LARGEST_TEXT:
-        raise ValueError(f"size must be at most {LARGEST_TEXT:g} pixels, got {value!r}")
+    if size > MAX_TEXT:
+        raise ValueError(f"size must be at most {MAX_TEXT:g} pixels, got {value!r}")
     return size
 
 

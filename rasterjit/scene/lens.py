@@ -34,13 +34,13 @@ STEPS = 5
 MORE_STEPS = 20
 """Where these were not enough."""
 
-LEAST_STEP = 1e-13
+MIN_STEP = 1e-13
 """Most that is left of a place, as a share of its size and 1, where the inverse is found."""
 
 BLOCK = 4096
 """Places at once: the columns in use stay in the caches."""
 
-LARGEST = 1e15
+MAX = 1e15
 """Largest coefficient, and coordinate of a point that is asked for: products are numbers still."""
 
 FARTHEST = 1e4
@@ -102,7 +102,7 @@ class PinholeDistortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            number = check.bounded_number(field.name, getattr(self, field.name), -LARGEST, LARGEST)
+            number = check.bounded_number(field.name, getattr(self, field.name), -MAX, MAX)
             if field.name.startswith("tau"):
                 number = check.bounded_number(field.name, number, -1.5, 1.5)
             store(self, **{field.name: number})
@@ -188,7 +188,7 @@ class PinholeDistortion:
             y = y + (xx * left_v - yx * left_u) / turn
         at_u, at_v, (xx, xy, yx, yy) = self._bent(x, y)
         left, size = np.abs(u - at_u) + np.abs(v - at_v), 1.0 + np.abs(u) + np.abs(v)
-        return x, y, (left <= LEAST_STEP * size) & (xx * yy - xy * yx > 0.0)
+        return x, y, (left <= MIN_STEP * size) & (xx * yy - xy * yx > 0.0)
 
     def places(self, directions: ArrayLike) -> Float64:
         """Return where directions, (..., 3), are seen: places (..., 2), NaN where they are not."""
@@ -196,7 +196,7 @@ class PinholeDistortion:
         with np.errstate(all="ignore"):
             x, y = x / z, y / z
             is_seen = (z > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
-            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= LARGEST
+            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= MAX
             points = np.where(is_seen[..., np.newaxis], np.stack((x, y), -1), 0.0)
             return np.where(is_seen[..., np.newaxis], self.distort(points), np.nan)
 
@@ -314,9 +314,7 @@ class FisheyeLens:
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
-            store(
-                self, **{name: check.bounded_number(name, getattr(self, name), -LARGEST, LARGEST)}
-            )
+            store(self, **{name: check.bounded_number(name, getattr(self, name), -MAX, MAX)})
         field = check.bounded_number("field", self.field, 0.0, 360.0)
         if field == 0.0:
             raise ValueError(f"field must be above 0, got {self.field!r}")
@@ -386,7 +384,7 @@ class FisheyeLens:
                 slope = scale + 2.0 * angle * angle * growth
                 angle = angle + (radius - angle * scale) / slope
             left = np.abs(radius - angle * self._curve.scale(angle * angle)[0])
-            is_found = (left <= LEAST_STEP * (1.0 + radius)) & (angle < self._curve.fold)
+            is_found = (left <= MIN_STEP * (1.0 + radius)) & (angle < self._curve.fold)
         half = self.reach
         edge = float(self._curve.at(np.array(half))) if self._curve.fold > half else math.inf
         is_beyond = radius > edge
@@ -592,10 +590,10 @@ def _points(name: str, values: ArrayLike) -> list[Float64]:
     """Return x and y of points, or raise ``ValueError`` if some lie nowhere that a lens leads."""
     found = _columns(name, values, 2)
     for column in found:
-        if not (np.abs(column) <= LARGEST).all():
+        if not (np.abs(column) <= MAX).all():
             raise ValueError(
-                f"{name} must be finite and at most {LARGEST:g} from 0, got "
-                f"{column[~(np.abs(column) <= LARGEST)].flat[0]!r}"
+                f"{name} must be finite and at most {MAX:g} from 0, got "
+                f"{column[~(np.abs(column) <= MAX)].flat[0]!r}"
             )
     return found
 

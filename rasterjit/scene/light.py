@@ -19,13 +19,13 @@ ShadowFilter: TypeAlias = Literal["hard", "pcf", "soft"]
 SHADOW_FILTERS: tuple[ShadowFilter, ...] = get_args(ShadowFilter)
 """Ways of reading a shadow map."""
 
-LEAST_MAP, LARGEST_MAP = 16, 8192
+MIN_MAP, MAX_MAP = 16, 8192
 """Side of a shadow map, texels."""
 
-MOST_TEXELS = 1 << 30
+MAX_TEXELS = 1 << 30
 """Texels of all shadow maps of a frame together, 4 bytes each."""
 
-LARGEST_BIAS = 100.0
+MAX_BIAS = 100.0
 """Largest bias, texels: beyond it nothing of a shadow would be left where things touch."""
 
 WIDEST_SUN = 90.0
@@ -84,11 +84,11 @@ class Shadow:
 
     def __post_init__(self) -> None:
         one_of("filter", self.filter, SHADOW_FILTERS)
-        size = bounded_number("size", self.size, LEAST_MAP, LARGEST_MAP)
+        size = bounded_number("size", self.size, MIN_MAP, MAX_MAP)
         if size != int(size) or isinstance(self.size, bool):
             raise ValueError(f"size must be a whole number of texels, got {self.size!r}")
         store(self, size=int(size))
-        store(self, bias=bounded_number("bias", self.bias, 0.0, LARGEST_BIAS))
+        store(self, bias=bounded_number("bias", self.bias, 0.0, MAX_BIAS))
         if self.filter == "soft":
             if self.light_size is None:
                 raise ValueError("light_size must be above 0 where filter is 'soft', got None")

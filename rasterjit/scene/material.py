@@ -40,7 +40,7 @@ LAYER_TEXTURES = (
 TEXTURE_FIELDS = CORE_TEXTURES + LAYER_TEXTURES
 """The textures of a material."""
 
-LARGEST_THICKNESS = 1e6
+MAX_THICKNESS = 1e6
 """Largest ``thickness`` of a body, in units of the mesh."""
 
 NUMBERS = {
@@ -55,14 +55,14 @@ NUMBERS = {
     "sheen_roughness": (0.0, 1.0),
     "specular_factor": (0.0, 1.0),
     "transmission": (0.0, 1.0),
-    "thickness": (0.0, LARGEST_THICKNESS),
+    "thickness": (0.0, MAX_THICKNESS),
 }
 """Fields that are numbers, and their bounds."""
 
 MAPPED = frozenset(("flat", "phong", "pbr"))
 """Ways of shading that read normal and occlusion maps: those that light every pixel."""
 
-MOST_SPECULAR = 1e6
+MAX_SPECULAR = 1e6
 """Largest strength of a highlight: its product with the brightest light fits float32."""
 
 SHININESS_RANGE = (1e-6, 1e6)
@@ -79,7 +79,7 @@ WHITE = (1.0, 1.0, 1.0, 1.0)
 BRIGHTEST_TINT = 1e6
 """Largest ``specular_color``; what it multiplies is held to 1."""
 
-IOR, LARGEST_IOR = 1.5, 1e3
+IOR, MAX_IOR = 1.5, 1e3
 """Index of refraction of a surface that nothing is said about, and the largest."""
 
 CLEAR = 0.5
@@ -255,7 +255,7 @@ class Material:
 
     def __post_init__(self) -> None:
         check.one_of("shading", self.shading, SHADINGS)
-        specular = check.bounded_number("specular", self.specular, 0.0, MOST_SPECULAR)
+        specular = check.bounded_number("specular", self.specular, 0.0, MAX_SPECULAR)
         shininess = check.bounded_number("shininess", self.shininess, *SHININESS_RANGE)
         for name in TEXTURE_FIELDS:
             texture = getattr(self, name)
@@ -288,8 +288,8 @@ class Material:
         store(self, sheen_color=sheen, specular_color=tint, attenuation_color=inside)
         if self.ior is not IOR:
             ior = check.finite_number("ior", self.ior)
-            if ior != 0.0 and not 1.0 <= ior <= LARGEST_IOR:
-                raise ValueError(f"ior must be 0 or in 1..{LARGEST_IOR:g}, got {self.ior!r}")
+            if ior != 0.0 and not 1.0 <= ior <= MAX_IOR:
+                raise ValueError(f"ior must be 0 or in 1..{MAX_IOR:g}, got {self.ior!r}")
             store(self, ior=ior)
         if not check.is_infinite(self.attenuation_distance):
             distance = check.positive_number("attenuation_distance", self.attenuation_distance)

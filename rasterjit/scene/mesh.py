@@ -51,7 +51,7 @@ _CHUNK = 1 << 18
 ATTRIBUTE = "attribute:"
 """What the name of an output begins with that shows an attribute of meshes."""
 
-_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 Primitive: TypeAlias = Literal["triangles", "lines", "points"]
 
@@ -816,7 +816,7 @@ def value_rows(name: str, value: ArrayLike) -> Float32:
     if not (np.isfinite(low) and np.isfinite(high)):
         count = int((~np.isfinite(array)).any(axis=1).sum())
         raise ValueError(f"{name} must be finite, got {count} rows with NaN or infinity")
-    if max(-low, high) > _LARGEST_FLOAT32:
+    if max(-low, high) > _MAX_FLOAT32:
         raise ValueError(f"{name} must fit float32, got {max(-low, high)!r} in size")
     return np.array(array, dtype=np.float32, order="C")
 
@@ -898,7 +898,7 @@ def _uv_array(name: str, value: ArrayLike, vertex_count: int) -> Float32:
     """Return texture coordinates as (V, 2) float32, or raise ``ValueError``."""
     array = _vertex_rows(name, value, (vertex_count, 2))
     largest = max(-float(array.min()), float(array.max()))
-    if largest > _LARGEST_FLOAT32:
+    if largest > _MAX_FLOAT32:
         raise ValueError(f"{name} must fit float32, got {largest!r} in size")
     return np.array(array, dtype=np.float32, order="C")
 

@@ -25,13 +25,13 @@ from rasterjit.scene.transforms import sine_cosine
 _CHUNK = 1 << 18
 """Faces or corner pairs handled at once: large enough for NumPy, small beside the mesh."""
 
-_MOST_NEIGHBOURS = 512
+_MAX_NEIGHBOURS = 512
 """Faces at one creased position that are compared pair by pair, a quadratic effort."""
 
 _COSINE_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """Rounding of the dot product of two unit normals, so that a face always matches itself."""
 
-_MOST_LOOKED_AT = 1 << 14
+_MAX_LOOKED_AT = 1 << 14
 """Vertices whose edges tell whether a mesh is creased: enough to estimate shares by."""
 
 _FIRST_LOOKED_AT = 128
@@ -40,13 +40,13 @@ Vertices that are looked at first: what shows less than half of the creases ther
 5,120 faces that takes 0.6 times as long as smooth normals, where all took 2.7 times as long.
 """
 
-_FEWEST_CREASES = 6
+_MIN_CREASES = 6
 """Edges of the simplest solid, a tetrahedron."""
 
-_LEAST_CREASED = 0.05
+_MIN_CREASED = 0.05
 """Share of the edges. Boxes have 0.67, cylinders of 32 sides 0.33, boxes of 768 faces 0.08."""
 
-_MOST_BETWEEN = 0.5
+_MAX_BETWEEN = 0.5
 """
 Edges that are neither smooth nor creases, to one crease. Solids with flat sides have next to none,
 scans have more than one as soon as their noise makes creases.
@@ -277,13 +277,13 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     scale : float
         Factor on the vertices, from `safe_scale`.
     """
-    for most, leeway in ((_FIRST_LOOKED_AT, 2.0), (_MOST_LOOKED_AT, 1.0)):
+    for most, leeway in ((_FIRST_LOOKED_AT, 2.0), (_MAX_LOOKED_AT, 1.0)):
         if most == _FIRST_LOOKED_AT and len(vertices) <= 2 * most:
             continue
         count, creases, between = _count_edges(vertices, faces, scale, most)
         if (
-            leeway * creases < max(_FEWEST_CREASES, _LEAST_CREASED * count)
-            or between > leeway * _MOST_BETWEEN * creases
+            leeway * creases < max(_MIN_CREASES, _MIN_CREASED * count)
+            or between > leeway * _MAX_BETWEEN * creases
         ):
             return False
     return True
@@ -462,7 +462,7 @@ def _corner_normals(
     """
     Average, for each listed corner, the faces at its position within the angle of its own.
 
-    Where more than `_MOST_NEIGHBOURS` faces meet, as at the tip of a finely cut cone, each corner
+    Where more than `_MAX_NEIGHBOURS` faces meet, as at the tip of a finely cut cone, each corner
     keeps the normal of its own face.
     """
     limit = sine_cosine(angle)[1] - _COSINE_ROUNDING
@@ -479,7 +479,7 @@ def _corner_normals(
             group = members[g : g + groups_at_once]
             own_faces = corners[group] // 3
             direction, area = directions[own_faces], areas[own_faces]
-            if size > _MOST_NEIGHBOURS:
+            if size > _MAX_NEIGHBOURS:
                 normals[group] = area
                 continue
             near = dot_rows(direction[:, :, np.newaxis], direction[:, np.newaxis]) >= limit

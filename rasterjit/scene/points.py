@@ -25,7 +25,7 @@ POINT_SHAPES: tuple[PointShape, ...] = get_args(PointShape)
 POINT_SHADINGS = ("unlit", "phong", "pbr")
 """Ways of shading that points may have."""
 
-MOST_PIXELS = 4096.0
+MAX_PIXELS = 4096.0
 """Largest size of a point, and width of a line, in pixels."""
 
 
@@ -276,8 +276,8 @@ def sizes_of(name: str, value: ArrayLike, count: int, unit: Unit) -> NDArray[np.
             f"{name} must be finite and above 0, got {int(wrong.sum())} of {len(array)} that are "
             f"not, the first being number {first}: {array[first].item()!r}"
         )
-    if unit == "pixel" and array.max() > MOST_PIXELS:
+    if unit == "pixel" and array.max() > MAX_PIXELS:
         raise ValueError(
-            f"{name} must be at most {MOST_PIXELS:g} pixels, got {array.max().item()!r}"
+            f"{name} must be at most {MAX_PIXELS:g} pixels, got {array.max().item()!r}"
         )
     return array

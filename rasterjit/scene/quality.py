@@ -46,7 +46,7 @@ LEVELS: dict[str, tuple[Any, ...]] = {
 SUPERSAMPLED = (64, 256)
 """Numbers of samples for which whole pictures are drawn and averaged."""
 
-LEAST_SHADOW, LARGEST_SHADOW = 16, 8192
+MIN_SHADOW, MAX_SHADOW = 16, 8192
 """Side of a shadow map, texels."""
 
 
@@ -213,7 +213,7 @@ def _level(name: str, value: Any) -> Any:
     if value is None and name in _OPTIONAL:
         return None
     if name == "shadow_size":
-        size = check.bounded_number(name, value, LEAST_SHADOW, LARGEST_SHADOW)
+        size = check.bounded_number(name, value, MIN_SHADOW, MAX_SHADOW)
         if size != int(size) or isinstance(value, bool):
             raise ValueError(f"{name} must be a whole number of texels, got {value!r}")
         return int(size)

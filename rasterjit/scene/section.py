@@ -14,7 +14,7 @@ from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.vectors import length
 
-MOST_PLANES = 16
+MAX_PLANES = 16
 """Most planes of a section."""
 
 WIDEST_LINE = 64
@@ -130,8 +130,8 @@ def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, .
             raise ValueError(
                 f"{name}[{number}] must be a SectionPlane, got {check.in_short(plane)}"
             )
-    if len(value) > MOST_PLANES:
-        raise ValueError(f"{name} must have at most {MOST_PLANES} planes, got {len(value)}")
+    if len(value) > MAX_PLANES:
+        raise ValueError(f"{name} must have at most {MAX_PLANES} planes, got {len(value)}")
     return tuple(value) or None
 
 

@@ -31,7 +31,7 @@ WEIGHT_ROUNDING = 1e-5
 AFFINE_ROUNDING = 1e-6
 """How far the last row of an inverse bind matrix may be from 0, 0, 0, 1: rounding of float32."""
 
-_LEAST_DETERMINANT = 1e-30
+_MIN_DETERMINANT = 1e-30
 """Of a matrix whose rows are scaled to 1: below, it has no inverse."""
 
 
@@ -409,7 +409,7 @@ def is_singular(matrix: Float64) -> bool:
         return True
     (a, b, c), (d, e, f), (g, h, i) = (axes / largest).tolist()
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return abs(determinant) < _LEAST_DETERMINANT
+    return abs(determinant) < _MIN_DETERMINANT
 
 
 def _inverses(joints: Sequence[Any]) -> Float64:

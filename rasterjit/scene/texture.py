@@ -51,7 +51,7 @@ What the alpha of a texture does to its texels, as ``mip_levels`` has it.
 None: nothing; "weighted"; or a number, of a mask: texels of less alpha are holes.
 """
 
-MOST_PREPARED = 4
+MAX_PREPARED = 4
 """Ways, each with another use of alpha, in which the texels of a picture are kept."""
 
 UV_NAMES = ("uv", "uv1")
@@ -64,16 +64,16 @@ UV_SETS: tuple[UVSet, ...] = get_args(UVSet)
 FARTHEST_MOVE = 1e6
 """Largest offset or scale of a texture: float64 keeps a position on it to 1/1000 texel."""
 
-MOST_LIGHT = 1e6
+MAX_LIGHT = 1e6
 """Largest value of a texel, linear: its product with the brightest light fits float32."""
 
 MAX_SIDE = 65536
 """Most texels in a row or column: positions along it keep their fraction."""
 
-MOST_TEXELS = 1 << 27
+MAX_TEXELS = 1 << 27
 """Most texels of a picture: 2.1 GB as float32, and a third more with its mip levels."""
 
-_MOST_LEVELS = 16
+_MAX_LEVELS = 16
 """Different whole numbers up to 254 that a picture of light may have without a warning."""
 
 _NEWTON_STEPS = 12
@@ -153,7 +153,7 @@ class Pyramid:
             )
         # The last ones are kept: an animated alpha asks for ever new cutoffs.
         self._prepared[alpha, has_levels] = known
-        while len(self._prepared) > MOST_PREPARED:
+        while len(self._prepared) > MAX_PREPARED:
             self._prepared.pop(next(iter(self._prepared)))
         return known
 
@@ -441,7 +441,7 @@ def opened_picture(name: str, source: Any, further: tuple[str, ...] = ()) -> Ite
             image = Image.open(source, formats=PICTURE_FORMATS + known)
         except Image.DecompressionBombError as error:
             raise PictureSizeError(
-                f"{name} must have at most {MOST_TEXELS:,} texels; Pillow says: {error}"
+                f"{name} must have at most {MAX_TEXELS:,} texels; Pillow says: {error}"
             ) from error
         with image:
             check_extent(name, *image.size)
@@ -528,7 +528,7 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     colors = channels - 1 if channels in (2, 4) else channels
     linear = np.ones((height, width, 4), np.float32)
     if image.dtype.kind == "f":
-        _check_light(image[:, :, :colors], "linear light", MOST_LIGHT)
+        _check_light(image[:, :, :colors], "linear light", MAX_LIGHT)
         _check_light(image[:, :, colors:], "alpha", 1.0)
         if _are_codes(image[:, :, :colors]):
             warn_caller(
@@ -555,7 +555,7 @@ def _are_codes(colors: NDArray[Any]) -> bool:
     highest = float(colors.max())
     if not 1.0 < highest <= 255.0 or not all((row == np.rint(row)).all() for row in colors):
         return False
-    return highest == 255.0 or len(np.unique(colors)) > _MOST_LEVELS
+    return highest == 255.0 or len(np.unique(colors)) > _MAX_LEVELS
 
 
 def check_extent(name: str, width: int, height: int) -> None:
@@ -564,9 +564,9 @@ def check_extent(name: str, width: int, height: int) -> None:
         raise PictureSizeError(
             f"{name} must be 1..{MAX_SIDE} texels wide and high, got {width}×{height}"
         )
-    if width * height > MOST_TEXELS:
+    if width * height > MAX_TEXELS:
         raise PictureSizeError(
-            f"{name} must have at most {MOST_TEXELS:,} texels, got {width}×{height}, which is "
+            f"{name} must have at most {MAX_TEXELS:,} texels, got {width}×{height}, which is "
             f"{width * height:,}"
         )
 

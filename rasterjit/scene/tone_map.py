@@ -13,7 +13,7 @@ Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]
 CURVES: tuple[Curve, ...] = get_args(Curve)
 """Names of the tone curves."""
 
-MOST_STOPS = 126.0
+MAX_STOPS = 126.0
 """Largest exposure either way: float32 holds its power of two, and one over it."""
 
 WHITES = 1e-6, 1e12
@@ -67,7 +67,7 @@ class ToneMap:
 
     def __post_init__(self) -> None:
         one_of("curve", self.curve, CURVES)
-        store(self, exposure=bounded_number("exposure", self.exposure, -MOST_STOPS, MOST_STOPS))
+        store(self, exposure=bounded_number("exposure", self.exposure, -MAX_STOPS, MAX_STOPS))
         if not (isinstance(self.white, float) and self.white == math.inf):
             if self.curve != "reinhard":
                 raise ValueError(f"white must be inf for curve {self.curve!r}, got {self.white!r}")

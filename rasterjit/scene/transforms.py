@@ -49,17 +49,17 @@ _PARALLEL_SINE = 1e-10
 """Sine of the angle below which directions count as parallel: the cross product of unit vectors
 carries a rounding error of about 2e-16, so its direction keeps six digits down to here."""
 
-LEAST_NEAR = 1e-13
+MIN_NEAR = 1e-13
 """Least share of the far distance for the near one at which float64 cuts at the far plane: to
 about 1/1000 of its distance."""
 
 _ROUND_UP = 1.01
 """Factor on a least value, so that its first three digits are not too small."""
 
-_SMALLEST_FOV = 1e-300
+_MIN_FOV = 1e-300
 """Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
 
-_MOST_EXPONENT = 1000
+_MAX_EXPONENT = 1000
 """Of the powers of two that rows are scaled by: larger ones overflow float64."""
 
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
@@ -181,7 +181,7 @@ def focal_length(fov_y: float) -> float:
         If ``fov_y`` is not a finite number between 0 and 180 (or is below 1e-300).
     """
     angle = check.finite_number("fov_y", fov_y)
-    if not _SMALLEST_FOV <= angle < 180.0:
+    if not _MIN_FOV <= angle < 180.0:
         raise ValueError(f"fov_y must be above 0 and below 180 degrees, got {angle!r}")
     return _focal_length(angle)
 
@@ -530,9 +530,9 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
         as far, or either is NaN.
     """
     row = _depth_row(near, far)
-    if near < LEAST_NEAR * far < math.inf:
+    if near < MIN_NEAR * far < math.inf:
         raise ValueError(
-            f"near must be at least {rounded_up(LEAST_NEAR * far)}, or far math.inf: a matrix in "
+            f"near must be at least {rounded_up(MIN_NEAR * far)}, or far math.inf: a matrix in "
             f"float64 cannot hold far = {far!r} with near = {near!r}"
         )
     return row
@@ -550,7 +550,7 @@ def _depth_row(near: float, far: float) -> tuple[float, float]:
     f = math.inf if is_infinite else check.finite_number("far", far)
     if f <= n:
         raise ValueError(f"far must be above near = {n!r}, got {f!r}")
-    if f == math.inf or n < LEAST_NEAR * f:
+    if f == math.inf or n < MIN_NEAR * f:
         return -1.0, -2.0 * n
     return -(f + n) / (f - n), -2.0 * n * (f / (f - n))
 
@@ -736,7 +736,7 @@ def inverse(matrix: ArrayLike) -> Matrix:
     """
     rows = check.finite_array("matrix", matrix, (4, 4)).tolist()
     # Powers of two are exact: rows whose largest entry is in [0.5, 1).
-    exponents = [min(-math.frexp(max(map(abs, row)))[1], _MOST_EXPONENT) for row in rows]
+    exponents = [min(-math.frexp(max(map(abs, row)))[1], _MAX_EXPONENT) for row in rows]
     work = [
         [math.ldexp(entry, exponent) for entry in (*row, *unit)]
         for row, unit, exponent in zip(rows, _IDENTITY, exponents, strict=True)

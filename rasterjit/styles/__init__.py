@@ -297,7 +297,7 @@ def _beside(camera: Camera, up: tuple[float, float, float]) -> tuple[float, floa
     toward = view[2, :3].tolist()
     height = dot(toward, up)
     level = [a - height * b for a, b in zip(toward, up, strict=True)]
-    if max(map(abs, level)) < LEAST_LEVEL * max(map(abs, toward)):
+    if max(map(abs, level)) < MIN_LEVEL * max(map(abs, toward)):
         # It looks straight down: what is at the top of the picture is behind.
         level = [-part for part in view[1, :3].tolist()]
     x, y, z = transforms.unit_vector("camera", level).tolist()
@@ -308,7 +308,7 @@ def _beside(camera: Camera, up: tuple[float, float, float]) -> tuple[float, floa
     return x, y, z
 
 
-LEAST_LEVEL = 1e-6
+MIN_LEVEL = 1e-6
 """Least length along the ground of the direction towards a camera that is not straight above."""
 
 

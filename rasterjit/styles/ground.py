@@ -42,7 +42,7 @@ Texels around each that are averaged, for the key light and what comes from over
 Light from low in the sky makes wide penumbras, which few directions show as steps.
 """
 
-FEWEST = 12
+MIN = 12
 """Directions of each for scenes of many faces."""
 
 FACES_DRAWN = 24_000_000
@@ -60,7 +60,7 @@ LONGEST = 2.5
 REACH = 0.9
 """How far around the scene the sky's shadow is looked for, in heights of the scene."""
 
-LEAST_HEIGHT = 1e-6
+MIN_HEIGHT = 1e-6
 """Of a scene that is not flat, in sides of the ground under it."""
 
 FADE = 0.2
@@ -69,7 +69,7 @@ FADE = 0.2
 TURN = 137.50776405003785
 """Angle from one direction to the next, degrees: the golden one spreads them evenly."""
 
-LEAST_FLOOR = 0.7
+MIN_FLOOR = 0.7
 """Share of the ground under a scene that faces cover which are a floor."""
 
 FLOOR_HEIGHT = 0.05
@@ -115,7 +115,7 @@ def place_ground(scene: Scene, key: Vector | None) -> Ground | None:
     bounds = [_bounds_along(scene, axis) for axis in frame]
     (u0, u1), (v0, v1), (h0, h1) = bounds
     height, size = h1 - h0, max(u1 - u0, v1 - v0)
-    if not (math.isfinite(height + size) and size > 0.0 and height > size * LEAST_HEIGHT):
+    if not (math.isfinite(height + size) and size > 0.0 and height > size * MIN_HEIGHT):
         return None
     if _has_floor(scene, frame, bounds):
         return None
@@ -154,7 +154,7 @@ def cast_shadow(
     faces = 0
     for node in casters.nodes:
         faces += len(node.mesh.faces)
-    most = max(FEWEST, FACES_DRAWN // max(faces, 1) // 2)
+    most = max(MIN, FACES_DRAWN // max(faces, 1) // 2)
     sky = sky_slopes(min(SKY_DIRECTIONS, most))
     rings = [
         sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)]
@@ -245,7 +245,7 @@ def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) 
         if len(areas):
             # A running sum: its order is fixed.
             covered += float(np.cumsum(areas)[-1])
-    return covered >= LEAST_FLOOR * (u1 - u0) * (v1 - v0)
+    return covered >= MIN_FLOOR * (u1 - u0) * (v1 - v0)
 
 
 def _looker(

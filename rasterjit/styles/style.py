@@ -30,7 +30,7 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Anisotropy, Texture
-from rasterjit.scene.tone_map import MOST_STOPS
+from rasterjit.scene.tone_map import MAX_STOPS
 from rasterjit.scene.validation import image_size
 from rasterjit.scene.vectors import dot
 from rasterjit.scene.warning import EACH_FRAME, told_elsewhere
@@ -84,7 +84,7 @@ def metered_exposure(scene: Scene, camera: Camera | None) -> float:
     # To half a stop: with no logarithm, which may differ from machine to machine.
     share, stops = math.frexp(level / SHOWN)
     lacking = 0.0 if share >= QUARTER_BELOW else 0.5 if share >= THREE_QUARTERS_BELOW else 1.0
-    return max(lacking - stops, -MOST_STOPS)
+    return max(lacking - stops, -MAX_STOPS)
 
 
 NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None], 3, axis=1))

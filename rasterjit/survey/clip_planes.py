@@ -23,7 +23,7 @@ from rasterjit.pipeline.geometry import seen_depths
 from rasterjit.pipeline.geometry.seen_depths import DEPTH, SURE
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import MOST_STEPS, Camera, OrthographicCamera, Planes, planes_of
+from rasterjit.scene.camera import MAX_STEPS, Camera, OrthographicCamera, Planes, planes_of
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.points import Points
@@ -88,7 +88,7 @@ class BesidePlanes(NamedTuple):
 
     near_steps: int = 0
     """How often an open near plane must be halved to clip nothing."""
-    most_near_steps: int = MOST_STEPS
+    most_near_steps: int = MAX_STEPS
     """How often it may be."""
     far_steps: int = 0
     """How often an open far plane must be doubled to clip nothing."""
@@ -288,7 +288,7 @@ def _sides(clip_from_relative: Float64) -> Float64:
 def _halvings(planes: Planes, least: float) -> int:
     """Return how often the near plane must be halved not to clip a depth."""
     allowed, steps = least * (1.0 - CLEARANCE), 0
-    while steps < MOST_STEPS and planes.near / (1 << steps) > allowed:
+    while steps < MAX_STEPS and planes.near / (1 << steps) > allowed:
         steps += 1
     return steps
 
@@ -297,13 +297,13 @@ def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
     """Return how often it may be halved, limited by float64 and by the depth format."""
     is_reversed = quality.depth_format in REVERSED_TYPES
     if is_reversed and planes.far == math.inf:
-        return MOST_STEPS
-    least = 2.0 * transforms.LEAST_NEAR * planes.far if planes.far < math.inf else 0.0
+        return MAX_STEPS
+    least = 2.0 * transforms.MIN_NEAR * planes.far if planes.far < math.inf else 0.0
     if not is_reversed:
         held = least_held(quality.depth_format, quality.precision)
         least = max(least, 2.0 * held * min(boxes.largest_w(), planes.far))
     steps = 0
-    while steps < MOST_STEPS and planes.near / (2 << steps) >= least:
+    while steps < MAX_STEPS and planes.near / (2 << steps) >= least:
         steps += 1
     return steps
 
@@ -311,7 +311,7 @@ def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
 def _doublings(planes: Planes, most: float) -> int:
     """Return how often the far plane must be doubled not to clip a depth."""
     steps = 0
-    while steps < MOST_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
+    while steps < MAX_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
         steps += 1
     return steps
 

@@ -16,7 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry.setup import LARGEST_COORDINATE
+from rasterjit.pipeline.geometry.setup import MAX_COORDINATE
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.mesh import Mesh
@@ -150,7 +150,7 @@ def check_near(
     held = least_held(name, quality.precision)
     has_planes = isinstance(camera, PerspectiveCamera)
     far = camera.far if has_planes else math.inf
-    least = transforms.LEAST_NEAR * far if far < math.inf else 0.0
+    least = transforms.MIN_NEAR * far if far < math.inf else 0.0
     if not near > 0.0:
         return
     if near >= least and (near >= held * boxes.most_w() or near >= held * boxes.largest_w()):
@@ -193,10 +193,10 @@ def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[
     """
     # Bounds by boxes. Vertices beyond the range are not drawn, and need the exact test.
     lows, highs, within = boxes.w_ranges(row)
-    is_drawn = (lows >= -LARGEST_COORDINATE) & (highs <= LARGEST_COORDINATE)
+    is_drawn = (lows >= -MAX_COORDINATE) & (highs <= MAX_COORDINATE)
     lows, highs = np.where(is_drawn, lows, -np.inf), np.where(is_drawn, highs, np.inf)
     above = float(highs.max(initial=-math.inf))
-    yield float(np.where(is_drawn, within, LARGEST_COORDINATE).min(initial=math.inf)), above
+    yield float(np.where(is_drawn, within, MAX_COORDINATE).min(initial=math.inf)), above
     # Bounds by the vertices that were nearest before.
     objects = [
         (nodes[number].mesh, _factors(boxes, number, row))
@@ -249,9 +249,9 @@ def _nearest_before(mesh: Mesh, factors: Factors) -> float:
     """Return the w of the vertex that was nearest in the last search."""
     for last in tuple(_known.get(mesh, {}).values())[-1:]:
         w = float(_w(last.point, factors))
-        if abs(w) <= LARGEST_COORDINATE and last.nearest < math.inf:
+        if abs(w) <= MAX_COORDINATE and last.nearest < math.inf:
             return w
-    return LARGEST_COORDINATE
+    return MAX_COORDINATE
 
 
 def _span(mesh: Mesh, factors: Factors) -> Span:
@@ -273,13 +273,13 @@ def _find_span(mesh: Mesh, factors: Factors) -> Span:
         w = _w(vertices[first : first + BLOCK], factors)
         # The first NaN counts as both.
         ends += [(float(w[n]), first + int(n)) for n in (w.argmin(), w.argmax())]
-    if all(abs(w) <= LARGEST_COORDINATE for w, _ in ends):
+    if all(abs(w) <= MAX_COORDINATE for w, _ in ends):
         least, greatest = min(ends), max(ends)
         if all((mesh.faces == n).any() for _, n in (least, greatest)):
             return Span(least[0], greatest[0], vertices[least[1]].copy())
     # Leave out vertices that are too far, NaN, or in no face.
     w = _w(vertices, factors)
-    numbers = np.flatnonzero(mesh.used_vertices() & (np.abs(w) <= LARGEST_COORDINATE))
+    numbers = np.flatnonzero(mesh.used_vertices() & (np.abs(w) <= MAX_COORDINATE))
     if not len(numbers):
         return Span(math.inf, -math.inf, vertices[0].copy())
     vertex = int(numbers[w[numbers].argmin()])

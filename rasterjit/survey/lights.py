@@ -26,7 +26,7 @@ from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import (
-    MOST_TEXELS,
+    MAX_TEXELS,
     AmbientLight,
     DirectionalLight,
     Light,
@@ -195,10 +195,10 @@ def _check_maps(planned: PlannedLights) -> None:
             count = 6 if has_cube(light) else 1
             total += count * shadow.size * shadow.size
             listed.append(f"light {n} ({count} of {shadow.size} x {shadow.size})")
-    if total > MOST_TEXELS:
+    if total > MAX_TEXELS:
         raise ValueError(
-            f"the shadow maps of all lights must have at most {MOST_TEXELS:,} texels together "
-            f"({MOST_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
+            f"the shadow maps of all lights must have at most {MAX_TEXELS:,} texels together "
+            f"({MAX_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
             f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(listed)}; take a smaller "
             "shadow.size or quality.shadow_size, or fewer shadows"
         )

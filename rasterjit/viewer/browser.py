@@ -37,7 +37,7 @@ LOGGER = logging.getLogger("rasterjit.viewer")
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
 
-LARGEST_PORT = 65535
+MAX_PORT = 65535
 
 GRACE = 0.3
 """Time for pages to go when the server is stopped, seconds."""
@@ -47,14 +47,14 @@ TOKEN_BYTES = 16
 TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 """What a token that is given must be."""
 
-LEAST_DIFFERENT = 5
+MIN_DIFFERENT = 5
 """Characters of such a token that differ: one in 10,000 of 16 random digits has fewer."""
 
 COOKIE_DIGITS = 8
 """Of a hash of the token, in the name of its cookie: cookies of all ports of a host are sent to
 each, so viewers beside each other need names of their own."""
 
-MOST_PAGES = 16
+MAX_PAGES = 16
 """Pages that may watch at a time."""
 
 LONGEST_REQUEST = 32768
@@ -114,8 +114,8 @@ def bind(host: str, port: int) -> socket.socket:
     """
     if not isinstance(host, str):
         raise ValueError(f"host must be a name or address of this machine, got {host!r}")
-    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= LARGEST_PORT:
-        raise ValueError(f"port must be a whole number in 0..{LARGEST_PORT}, got {port!r}")
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= MAX_PORT:
+        raise ValueError(f"port must be a whole number in 0..{MAX_PORT}, got {port!r}")
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
@@ -142,10 +142,10 @@ def check_token(token: Any) -> str:
         If it is not 16 to 128 letters, digits, ``-`` and ``_``, at least five of them different.
     """
     is_one = isinstance(token, str) and TOKEN.fullmatch(token)
-    if not is_one or len(set(token)) < LEAST_DIFFERENT:
+    if not is_one or len(set(token)) < MIN_DIFFERENT:
         raise ValueError(
             "token must be 16 to 128 letters, digits, - and _, at least "
-            f"{LEAST_DIFFERENT} of them different (or not given, for a random one), got "
+            f"{MIN_DIFFERENT} of them different (or not given, for a random one), got "
             + in_short(token)
         )
     return token
@@ -413,7 +413,7 @@ def guarded(
                 await app({**scope, "path": "/"}, receive, _with_headers(send, own_headers))
             else:
                 await app(scope, receive, _with_headers(send))
-        elif may_enter and knows and scope["path"] == SOCKET and len(pages) < MOST_PAGES:
+        elif may_enter and knows and scope["path"] == SOCKET and len(pages) < MAX_PAGES:
             page = object()
             pages.add(page)
             let_in(scope["client"])

@@ -12,7 +12,7 @@ from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-MOST_CONNECTIONS = 64
+MAX_CONNECTIONS = 64
 """Connections beside the sockets of pages; a browser opens six."""
 
 CLOSED_AFTER = 20.0
@@ -29,7 +29,7 @@ class Connections:
     def add(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
         """Close a connection after a while, and now the oldest one if there are too many."""
         self._timers[transport] = loop.call_later(CLOSED_AFTER, self._end, transport)
-        if len(self._timers) > MOST_CONNECTIONS:
+        if len(self._timers) > MAX_CONNECTIONS:
             self._end(next(iter(self._timers)))
 
     def remove(self, transport: asyncio.Transport) -> None:

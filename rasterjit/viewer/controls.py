@@ -58,7 +58,7 @@ WHEEL_SHARE = 0.001
 KEY_ZOOM = 0.8
 """What ``+`` multiplies the distance by."""
 
-LEAST_DISTANCE, LARGEST_DISTANCE = 1e-4, 1e3
+MIN_DISTANCE, MAX_DISTANCE = 1e-4, 1e3
 """Of an orbit, in radii of the scene."""
 
 RUN = 4.0
@@ -67,7 +67,7 @@ RUN = 4.0
 CROSSING_TIME = 3.0
 """Time in which one flies through the whole scene, at first, seconds."""
 
-LARGEST_PITCH = 89.0
+MAX_PITCH = 89.0
 """How far up or down one looks when flying, degrees."""
 
 REST = 2e-4
@@ -76,7 +76,7 @@ REST = 2e-4
 REST_ANGLE = 0.02
 """The same for angles, degrees."""
 
-LARGEST_FACTOR = 4.0
+MAX_FACTOR = 4.0
 """How much one event zooms at most."""
 
 TURNS = {
@@ -380,8 +380,8 @@ class Orbit:
     def _distances(self) -> tuple[float, float]:
         """Return the least and the largest distance."""
         coordinate = max(map(abs, self.ball.center))
-        low = max(LEAST_DISTANCE * self.ball.radius, COORDINATE_SHARE * coordinate)
-        return low, max(LARGEST_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
+        low = max(MIN_DISTANCE * self.ball.radius, COORDINATE_SHARE * coordinate)
+        return low, max(MAX_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
 
 
 @says_replace
@@ -444,7 +444,7 @@ class Fly:
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
         azimuth, elevation = sight.angles(upward)
-        elevation = _clamped(elevation, LARGEST_PITCH)
+        elevation = _clamped(elevation, MAX_PITCH)
         speed = 2.0 * ball.radius / CROSSING_TIME
         home = sight.eye, azimuth, elevation, speed
         return cls(
@@ -515,9 +515,7 @@ class Fly:
         return replace(
             self,
             azimuth=self.azimuth + finite_number("azimuth", azimuth),
-            elevation=_clamped(
-                self.elevation + finite_number("elevation", elevation), LARGEST_PITCH
-            ),
+            elevation=_clamped(self.elevation + finite_number("elevation", elevation), MAX_PITCH),
         )
 
     def fit(self, size: tuple[int, int]) -> Fly:
@@ -567,7 +565,7 @@ class Fly:
 
     def _allowed(self, speed: float) -> float:
         """Return a speed that is neither lost nor out of the scene at once."""
-        return min(max(speed, LEAST_DISTANCE * self.ball.radius), 1e2 * self.ball.radius)
+        return min(max(speed, MIN_DISTANCE * self.ball.radius), 1e2 * self.ball.radius)
 
 
 Controls = Orbit | Fly
@@ -576,7 +574,7 @@ Controls = Orbit | Fly
 def _wheel_factor(event: Event) -> float:
     """Return what a turn of the wheel multiplies distances by."""
     turned = WHEEL_SHARE * float(event.get("dy", 0.0))
-    return min(max(math.exp(min(turned, LARGEST_FACTOR)), 1.0 / LARGEST_FACTOR), LARGEST_FACTOR)
+    return min(max(math.exp(min(turned, MAX_FACTOR)), 1.0 / MAX_FACTOR), MAX_FACTOR)
 
 
 def _time_to_pole(elevation: float, rate: float) -> float:

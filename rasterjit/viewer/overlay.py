@@ -55,7 +55,7 @@ MARK = (3, 8)
 MARK_COLOR = (230, 40, 30)
 """Of those lines, sRGB."""
 
-LEAST_SIDE = 120
+MIN_SIDE = 120
 """Height of a picture that is written on, pixels: text would cover a smaller one."""
 
 
@@ -137,7 +137,7 @@ def write_panel(
     """
     # In a terminal one pixel is as large as many of the screen.
     ratio = max(ratio, 1.0)
-    if not rows or picture.shape[0] < LEAST_SIDE * ratio:
+    if not rows or picture.shape[0] < MIN_SIDE * ratio:
         return
     panel, opacity = _panel(tuple(rows), float(ratio))
     height, width = (min(a, b) for a, b in zip(panel.shape, picture.shape[:2], strict=False))

@@ -89,35 +89,35 @@ Fields = dict[str, Allows]
 
 MODIFIERS = ("Alt", "Control", "Meta", "Shift")
 
-MOST_BUTTONS = 8
+MAX_BUTTONS = 8
 
 LATEST = 1e12
 """Of all times, seconds."""
 
-MOST_PIXELS = 3840 * 2160
+MAX_PIXELS = 3840 * 2160
 """Of a picture that a page asks for: a page on a larger screen stretches it."""
 
 LONGEST_SIDE = 7680
 
-LARGEST_NUMBER = 2**31 - 1
+MAX_NUMBER = 2**31 - 1
 """Of an object."""
 
-LEAST_RATIO, LARGEST_RATIO = 0.1, 16.0
+MIN_RATIO, MAX_RATIO = 0.1, 16.0
 """Pixels of a screen for one of a page."""
 
 SHOWN = "shown"
 """That the page has shown a picture."""
 
-MOST_LISTED = 1000
+MAX_LISTED = 1000
 """Objects that a page lists, and may hide."""
 
-MOST_SWITCHED = 64
+MAX_SWITCHED = 64
 """Effects that a page switches."""
 
 FARTHEST_EYE = 1e15
 """Largest coordinate of a view, scene units."""
 
-LEAST_FOV, LARGEST_FOV = 1e-3, 179.0
+MIN_FOV, MAX_FOV = 1e-3, 179.0
 """Vertical field of view, degrees."""
 
 
@@ -158,9 +158,9 @@ def _size(said: dict[str, Any]) -> dict[str, Any] | None:
     width, height, ratio = (said.get(name) for name in ("pwidth", "pheight", "ratio"))
     if not all(map(whole(1, FARTHEST), (width, height))):
         return None
-    if not number(LEAST_RATIO, LARGEST_RATIO)(ratio):
+    if not number(MIN_RATIO, MAX_RATIO)(ratio):
         return None
-    share = min(1.0, math.sqrt(MOST_PIXELS / (width * height)), LONGEST_SIDE / max(width, height))
+    share = min(1.0, math.sqrt(MAX_PIXELS / (width * height)), LONGEST_SIDE / max(width, height))
     width, height = (max(1, math.floor(side * share)) for side in (width, height))
     # Places in the page stay what they are.
     size = {"pwidth": width, "pheight": height, "ratio": ratio * share}
@@ -200,11 +200,11 @@ def _are_modes(value: Any) -> bool:
     )
 
 
-_PLACE, _OBJECT = number(-FARTHEST, FARTHEST), whole(0, LARGEST_NUMBER)
-_BUTTON, _MODIFIERS = whole(0, MOST_BUTTONS), list_of(word_of(MODIFIERS), len(MODIFIERS))
+_PLACE, _OBJECT = number(-FARTHEST, FARTHEST), whole(0, MAX_NUMBER)
+_BUTTON, _MODIFIERS = whole(0, MAX_BUTTONS), list_of(word_of(MODIFIERS), len(MODIFIERS))
 _POINT = list_of(number(-FARTHEST_EYE, FARTHEST_EYE), 3, 3)
 _POINTER = {
-    "x": _PLACE, "y": _PLACE, "button": _BUTTON, "buttons": list_of(_BUTTON, MOST_BUTTONS),
+    "x": _PLACE, "y": _PLACE, "button": _BUTTON, "buttons": list_of(_BUTTON, MAX_BUTTONS),
     "modifiers": _MODIFIERS,
 }  # fmt: skip
 _WHEEL = {"x": _PLACE, "y": _PLACE, "dx": _PLACE, "dy": _PLACE, "modifiers": _MODIFIERS}
@@ -218,14 +218,14 @@ FIELDS: dict[str, Fields] = {
     "key_down": _KEY, "key_up": _KEY,
     "pick": {"x": _PLACE, "y": _PLACE},
     "view": {
-        "eye": _POINT, "target": _POINT, "up": _POINT, "fov_y": number(LEAST_FOV, LARGEST_FOV),
+        "eye": _POINT, "target": _POINT, "up": _POINT, "fov_y": number(MIN_FOV, MAX_FOV),
     },
     "look": {
         "kind": word_of(NAMES), "modes": _are_modes,
-        "switched": list_of(word_of(switches.KEYS.values()), MOST_SWITCHED),
+        "switched": list_of(word_of(switches.KEYS.values()), MAX_SWITCHED),
     },
     "visibility": {
-        "hidden": list_of(_OBJECT, MOST_LISTED), "only": lambda one: one is None or _OBJECT(one),
+        "hidden": list_of(_OBJECT, MAX_LISTED), "only": lambda one: one is None or _OBJECT(one),
     },
 }  # fmt: skip
 """What viewers know, and which fields of what kind each has."""

@@ -29,7 +29,7 @@ from rasterjit.viewer.canvas import FRAME_RATE, Worker
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.overlay import colors_of, rows_of
 from rasterjit.viewer.protocol import (
-    MOST_LISTED,
+    MAX_LISTED,
     SHOWN,
     ShortView,
     camera_code,
@@ -37,7 +37,7 @@ from rasterjit.viewer.protocol import (
 )
 from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
 
-MOST_ON_WAY = 3
+MAX_ON_WAY = 3
 """Pictures that were drawn and not shown yet: one is coded, one on its way, one decoded."""
 
 SETTLED = 0.05
@@ -47,7 +47,7 @@ one follows."""
 SLOW = 1.0 / 40.0
 """Time from a picture to the next from which on a page is slow, if that waited for it, seconds."""
 
-MOST_SLOW = 4
+MAX_SLOW = 4
 """Pictures that a page is slow with before it gets smaller ones; one in time makes up for one."""
 
 SMALL_FOR = 10.0
@@ -59,7 +59,7 @@ TOLD_EVERY = 0.1
 LIVE_EVERY = 1.0 / 30.0
 """Time between looks at what may change by itself, seconds."""
 
-MOST_WAITING = 1000
+MAX_WAITING = 1000
 """Messages that are kept while a picture is drawn, the latest; no hand makes as many."""
 
 MERGED = {
@@ -105,7 +105,7 @@ class Tab:
         self._viewer, self._first, self._tell = viewer, first, tell
         self._changed = threading.Condition()
         self._is_closed = False
-        self._messages: deque[Event] = deque(maxlen=MOST_WAITING)
+        self._messages: deque[Event] = deque(maxlen=MAX_WAITING)
         self._shown = 0
         self._has_size = False
         self._worker, self._coder = Worker(gives_way=True), Worker()
@@ -211,7 +211,7 @@ class Tab:
     @property
     def _has_room(self) -> bool:
         """Whether the page has a size, and not too many pictures are on their way."""
-        return self._has_size and self.sent - self._shown < MOST_ON_WAY
+        return self._has_size and self.sent - self._shown < MAX_ON_WAY
 
     @property
     def _may_step(self) -> bool:
@@ -229,7 +229,7 @@ class Tab:
         """Take in what was said, and draw what is due."""
         viewer = self._viewer
         with self._changed:
-            messages, self._messages = self._messages, deque(maxlen=MOST_WAITING)
+            messages, self._messages = self._messages, deque(maxlen=MAX_WAITING)
         self._pass_time()
         for message in messages:
             self._apply(message)
@@ -290,7 +290,7 @@ class Tab:
         is_slow = self._has_waited and now - self._drawn_at > SLOW
         self._slow = max(0, self._slow + (1 if is_slow else -1))
         self._drawn_at, self._has_waited = now, False
-        if self._slow >= MOST_SLOW:
+        if self._slow >= MAX_SLOW:
             self._slow, self._small_until = 0, now + SMALL_FOR
         self._viewer.is_hurried = now < self._small_until
 
@@ -348,7 +348,7 @@ class Tab:
             "switched": list(switched),
             "modes": modes,
             "effects": self._effects(),
-            "hidden": sorted(viewer.hidden)[:MOST_LISTED],
+            "hidden": sorted(viewer.hidden)[:MAX_LISTED],
             "only": self._only,
             "view": ShortView.of(camera)._asdict(),
             "code": camera_code(camera),
@@ -402,7 +402,7 @@ class Tab:
 def welcome(viewer: Viewer) -> dict[str, Any]:
     """Return what a page is told first: what there is to see, and how."""
     nodes = viewer.scene.nodes
-    listed = range(min(len(nodes), MOST_LISTED))
+    listed = range(min(len(nodes), MAX_LISTED))
     colors = colors_of(np.arange(len(listed))).tolist()
     return {
         "type": "welcome",

@@ -252,7 +252,7 @@ SIXEL_ATTRIBUTE = b"4"
 USUAL_CELL = (8, 16)
 """Width and height of a cell where a terminal does not tell, pixels; also what events count in."""
 
-MOST_PIXELS = 1_000_000
+MAX_PIXELS = 1_000_000
 """Of a picture; larger terminals get coarser ones."""
 
 HELD = 0.12
@@ -274,7 +274,7 @@ HELD_KEYS = {*TURNS, *MOVES}
 NOTCH = 100.0
 """What a wheel turns at once."""
 
-LEAST_WIDTH = 12
+MIN_WIDTH = 12
 """Columns in which a long cell is folded at least; in smaller terminals it is cut off."""
 
 GAP = 2
@@ -446,7 +446,7 @@ class Screen:
         """How many pixels of the terminal one of the picture is large."""
         columns, lines = self.picture_cells
         pixels = columns * self.abilities.cell[0] * lines * self.abilities.cell[1]
-        return int(np.ceil(np.sqrt(pixels / MOST_PIXELS)))
+        return int(np.ceil(np.sqrt(pixels / MAX_PIXELS)))
 
     def look(self, texts: int | None = None) -> None:
         """See how large the terminal is, and how many lines of text are wanted below."""
@@ -543,7 +543,7 @@ def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
     texts = []
     for *cells, last in rows:
         start = " " + "".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=False))
-        folded = wrap(last, max(columns - len(start) - 1, LEAST_WIDTH)) or [""]
+        folded = wrap(last, max(columns - len(start) - 1, MIN_WIDTH)) or [""]
         texts.append(start + folded[0])
         texts += [" " * len(start) + more for more in folded[1:]]
     width = min(max(map(len, texts)) + 1, columns)

@@ -48,7 +48,7 @@ LONGEST_CONNECT = 2.0
 SUCCESS_KEPT_FOR, FAILURE_KEPT_FOR = 30 * 24 * 3600.0, 24 * 3600.0
 """Seconds that a trial is remembered; a failure shorter, as it may have been mended."""
 
-MOST_KEPT = 100
+MAX_KEPT = 100
 """Trials that are remembered, the latest."""
 
 FIRST_PORT = 6000
@@ -336,7 +336,7 @@ def _read_kept() -> Mapping[str, tuple[str, float]]:
 
 def _write_kept(kept: Mapping[str, tuple[str, float]]) -> None:
     """Remember trials, where that is possible."""
-    latest = sorted(kept.items(), key=lambda item: item[1][1])[-MOST_KEPT:]
+    latest = sorted(kept.items(), key=lambda item: item[1][1])[-MAX_KEPT:]
     with contextlib.suppress(OSError, RuntimeError):
         path = kept_file()
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -4,7 +4,7 @@
 
 const ANSWER = 1500 // a kernel that is not busy answers sooner, milliseconds
 const AGAIN = 400 // after this long a picture has the size of its view, milliseconds
-const MOST_TRIES = 20
+const MAX_TRIES = 20
 const WAITED_FOR = ['pointer_down', 'pointer_up', 'wheel', 'key_down', 'resize']
 const PNG = 'data:image/png;base64,'
 const HEAD = 400 // characters of a PNG file that hold its first texts
@@ -174,7 +174,7 @@ class View {
     const [width, height] = this.wanted
     const { naturalWidth, naturalHeight } = this.picture
     const fits = width === naturalWidth && height === naturalHeight
-    if (fits || width * height === 0 || this.link.isGone || ++this.tries > MOST_TRIES) { return }
+    if (fits || width * height === 0 || this.link.isGone || ++this.tries > MAX_TRIES) { return }
     const ratio = window.devicePixelRatio
     this.link.model.send({
       type: 'resize',

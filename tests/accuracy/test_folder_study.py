@@ -16,7 +16,7 @@ FEW = {"size": SIZE, "threads": 1, "budget": 60.0, "knobs": ("subpixel_bits", "s
 
 @pytest.fixture(autouse=True)
 def few_rounds(monkeypatch):
-    monkeypatch.setattr(timing, "MOST_ROUNDS", 2)
+    monkeypatch.setattr(timing, "MAX_ROUNDS", 2)
 
 
 def scene(turn):
@@ -30,7 +30,7 @@ def scene(turn):
 @pytest.fixture(scope="module")
 def found():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "MOST_ROUNDS", 2)
+        patch.setattr(timing, "MAX_ROUNDS", 2)
         scenes = {"a": scene(0.0), "b": lambda: (scene(40.0), None)}
         return rj.accuracy.study_folder(scenes, max_error=0.03, name="two", **FEW)
 

@@ -54,7 +54,7 @@ def test_combinations_change_several_settings_and_are_not_too_many():
     presets = preset_attempts(tuple(LEVELS))
     assert [attempt.level for attempt in presets] == ["draft", "high"]
     attempts = presets + combined_attempts(tuple(LEVELS))
-    assert 10 < len(attempts) <= knobs.MOST_COMBINATIONS + 2
+    assert 10 < len(attempts) <= knobs.MAX_COMBINATIONS + 2
     for attempt in attempts:
         assert len(differences(attempt.quality, STANDARD)) > 1
     assert len({attempt.quality for attempt in attempts}) == len(attempts)

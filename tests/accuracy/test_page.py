@@ -218,9 +218,9 @@ def test_pictures_are_smaller_where_there_are_many_bytes_of_them(monkeypatch):
     study = dataclasses.replace(study, standard=standard, reference_color=noise, size=(300, 200))
     album = shots.make_album(study)
     assert album.size in shots.CROP_SIZES[1:], "too much for the largest"
-    assert shots.bytes_of(album) <= shots.MOST_BYTES
+    assert shots.bytes_of(album) <= shots.MAX_BYTES
     assert len(page(study, {}).encode()) < 2_000_000
-    monkeypatch.setattr(shots, "MOST_BYTES", 0)
+    monkeypatch.setattr(shots, "MAX_BYTES", 0)
     assert shots.make_album(study).size == shots.CROP_SIZES[-1]
 
 

@@ -23,7 +23,7 @@ WIDTHS = pytest.mark.parametrize(("width", "zoom"), [(DESKTOP, 3), (PHONE, 2)])
 SCREEN = 844
 """Rows of a phone."""
 
-MOST_SCREENS = 6
+MAX_SCREENS = 6
 
 A4 = 8.27, 11.69
 """Width and height of paper, inches."""
@@ -181,7 +181,7 @@ def test_nothing_lies_on_something_else(seen, width, zoom):
 
 def test_it_takes_few_screens_of_a_phone(seen):
     picture, elements, _, _ = seen(PHONE, "light")
-    assert len(picture) <= MOST_SCREENS * SCREEN
+    assert len(picture) <= MAX_SCREENS * SCREEN
     tops = {e["tag"] if e["kind"] is None else e["kind"]: e["top"] for e in reversed(elements)}
     assert tops["answer"] < tops["plot"] < SCREEN, "seen without scrolling"
     assert tops["plot"] < tops["pixels"] < tops["table"]

@@ -7,7 +7,7 @@ from made_trials import trial
 
 from rasterjit.accuracy.choice import (
     ALIKE,
-    MOST_ON_FRONT,
+    MAX_ON_FRONT,
     dominates,
     is_measured,
     is_slower,
@@ -43,7 +43,7 @@ def test_each_on_the_front_is_told_faster_than_all_that_are_more_accurate(places
         for n, (ratio, rmse, shares) in enumerate(places)
     ]
     front = front_of(trials)
-    assert len(front) <= MOST_ON_FRONT
+    assert len(front) <= MAX_ON_FRONT
     for before, after in itertools.pairwise(front):
         assert is_slower(after, before)
         assert before.errors.rmse > ALIKE * after.errors.rmse
@@ -89,7 +89,7 @@ def test_a_front_of_many_keeps_its_ends_the_standard_and_its_corners():
     ]
     kept = thinned([trial(ratios=ratios(1.0), rmse=0.5), *steps])
     labels = [one.label for one in kept]
-    assert len(kept) == MOST_ON_FRONT
+    assert len(kept) == MAX_ON_FRONT
     assert labels[0] == "standard"
     assert labels[-1] == "samples=14"
     assert {"samples=8", "samples=9"} <= set(labels), "where it bends"

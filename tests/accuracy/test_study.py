@@ -17,7 +17,7 @@ SIZE = (32, 24)
 
 @pytest.fixture(autouse=True)
 def few_rounds(monkeypatch):
-    monkeypatch.setattr(timing, "MOST_ROUNDS", 2)
+    monkeypatch.setattr(timing, "MAX_ROUNDS", 2)
 
 
 def scene():
@@ -36,7 +36,7 @@ def run(**options):
 @pytest.fixture(scope="module")
 def found():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "MOST_ROUNDS", 2)
+        patch.setattr(timing, "MAX_ROUNDS", 2)
         return run(name="two triangles")
 
 

@@ -54,12 +54,12 @@ def run(seconds, budget):
 
 def test_every_round_draws_each_quality_and_the_standard_between_them():
     painter, standard, others, _ = run({1: 0.2, 4: 0.5, 8: 0.7}, 1000.0)
-    assert len(painter.drawn) == 8 * timing.MOST_ROUNDS
-    for number in range(timing.MOST_ROUNDS):
+    assert len(painter.drawn) == 8 * timing.MAX_ROUNDS
+    for number in range(timing.MAX_ROUNDS):
         a, b = ((4, 8), (8, 4))[number % 2]
         assert painter.drawn[8 * number : 8 * number + 8] == [1, 1, a, a, 1, 1, b, b]
-    assert {len(one.frames) for one in others} == {timing.MOST_ROUNDS}
-    assert len(standard.frames) == 2 * timing.MOST_ROUNDS
+    assert {len(one.frames) for one in others} == {timing.MAX_ROUNDS}
+    assert len(standard.frames) == 2 * timing.MAX_ROUNDS
 
 
 def test_rounds_begin_with_another_quality_each():
@@ -70,7 +70,7 @@ def test_rounds_begin_with_another_quality_each():
 def test_frames_of_one_picture_are_drawn_twice_and_the_second_counts():
     painter, standard, _, _ = run({1: 0.01, 64: 0.05}, 1000.0)
     assert painter.drawn[:3] == [1, 1, 64]
-    assert len(standard.frames) == timing.MOST_ROUNDS
+    assert len(standard.frames) == timing.MAX_ROUNDS
 
 
 def test_no_round_begins_that_would_not_end_in_time():
@@ -87,12 +87,12 @@ def test_one_round_is_drawn_whatever_the_budget():
 def test_slow_qualities_take_part_in_fewer_rounds():
     _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 3 * timing.SLOW}, 1000.0)
     assert rounds_between(slow, standard) == 3
-    assert len(slow.frames) == timing.MOST_ROUNDS // 3
+    assert len(slow.frames) == timing.MAX_ROUNDS // 3
 
 
 def test_the_slowest_are_drawn_often_enough_to_say_how_much_their_times_vary():
     _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 300}, 1e6)
-    assert len(slow.frames) == timing.LEAST_ROUNDS
+    assert len(slow.frames) == timing.MIN_ROUNDS
     assert is_timed(slow.trial(standard))
 
 
@@ -110,7 +110,7 @@ def test_ratios_are_over_the_standard_of_the_same_round():
     painter = Slowing(clock, {1: 0.2, 4: 0.5})
     take_turns(painter, standard, [other], Allowance(1000.0, clock), no_notice, clock)
     trial = other.trial(standard)
-    assert trial.ratios == pytest.approx([2.5] * timing.MOST_ROUNDS, rel=4e-3)
+    assert trial.ratios == pytest.approx([2.5] * timing.MAX_ROUNDS, rel=4e-3)
     assert trial.seconds[-1] > 1.03 * trial.seconds[0]
     assert trial.median == pytest.approx(sum(trial.stages.values()))
 
@@ -182,7 +182,7 @@ def test_one_disturbed_frame_of_the_standard_changes_no_ratio():
     standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
     take_turns(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
     assert max(standard.frames[0].values()) > 1.0
-    assert others[0].trial(standard).ratios == pytest.approx([1.5] * timing.MOST_ROUNDS)
+    assert others[0].trial(standard).ratios == pytest.approx([1.5] * timing.MAX_ROUNDS)
 
 
 def test_after_three_rounds_only_contenders_are_drawn():
@@ -191,7 +191,7 @@ def test_after_three_rounds_only_contenders_are_drawn():
     standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
     assert [one.attempt.level for one in timing.contenders(standard, others)] == ["4", "16"]
     take_turns(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
-    assert [len(one.frames) for one in others] == [21, timing.LEAST_ROUNDS, 21]
+    assert [len(one.frames) for one in others] == [21, timing.MIN_ROUNDS, 21]
 
 
 def test_a_scene_without_an_effect_is_no_contender():

@@ -92,7 +92,7 @@ def test_a_version_is_measured(read, tmp_path):
 
 
 def test_more_errors_of_mypy_than_a_room_may_have_are_told_and_no_others(monkeypatch):
-    monkeypatch.setattr(house, "MOST_TYPE_ERRORS", {"viewer": 2})
+    monkeypatch.setattr(house, "MAX_TYPE_ERRORS", {"viewer": 2})
     lines = ["rasterjit/a.py:1: error: One", "rasterjit/a.py:2: error: Two"]
     assert house.beyond({"viewer": lines}) == []
     assert house.beyond({"viewer": [*lines, lines[0]]})[1:] == [*lines, lines[0]]

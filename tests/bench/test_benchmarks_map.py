@@ -247,7 +247,7 @@ def test_all_draw_the_same_views_in_turns_and_times_are_those_of_a_picture():
     one, other = turns.measure(cell_of(), [own, peer], 1.0).runs
     assert own.asked == peer.asked
     assert len(set(own.asked)) > 1
-    assert len(one.ms) == len(other.ms) == turns.MOST_ROUNDS
+    assert len(one.ms) == len(other.ms) == turns.MAX_ROUNDS
     assert one.ms[0] == pytest.approx(2.0)
     assert one.cpu_ms[0] == pytest.approx(4.0)
     assert one.stages["plan"] == pytest.approx(2.0)
@@ -288,8 +288,8 @@ def test_views_drawn_together_are_written_to_the_arrays_of_those_before():
     [
         (0.125, 0.625, 9.0, 5),
         (0.125, 9.0, 0.625, 5),
-        (0.125, 9.0, 9.0, turns.MOST_ROUNDS),
-        (2.0, 0.5, 99.0, turns.LEAST_ROUNDS),
+        (0.125, 9.0, 9.0, turns.MAX_ROUNDS),
+        (2.0, 0.5, 99.0, turns.MIN_ROUNDS),
         (2.0, 0.5, 3.0, 2),
         (2.0, 9.0, 0.0, turns.FEWEST_ROUNDS),
     ],
@@ -347,10 +347,10 @@ def test_who_ends_again_and_again_is_left_out(monkeypatch, tmp_path):
 
     monkeypatch.setattr(turns, "Worker", Ends)
     who = turns.Participant(turns.Seat("opengl", 1, "native"), tmp_path, 0)
-    found = [turns.measure(cell_of(), [who], 1.0).runs[0] for _ in range(turns.MOST_STARTS + 5)]
-    assert len(started) == turns.MOST_STARTS
+    found = [turns.measure(cell_of(), [who], 1.0).runs[0] for _ in range(turns.MAX_STARTS + 5)]
+    assert len(started) == turns.MAX_STARTS
     assert found[0].missing == "failed: ended with status 1"
-    assert found[-1].missing == f"failed: ended {turns.MOST_STARTS} times"
+    assert found[-1].missing == f"failed: ended {turns.MAX_STARTS} times"
 
 
 def test_what_goes_wrong_in_a_cell_costs_that_cell_alone(monkeypatch):

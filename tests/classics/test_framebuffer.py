@@ -149,7 +149,7 @@ def test_bands_threads_and_batches_change_no_bit(monkeypatch, threads, rows, per
     few = Framebuffer(70, 60)
     few.draw_lines(ends, colors)
     monkeypatch.setattr("rasterjit.classics.framebuffer.FEW_PIXELS", 0)
-    monkeypatch.setattr("rasterjit.classics.framebuffer.LEAST_ROWS", rows)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.MIN_ROWS", rows)
     monkeypatch.setattr("rasterjit.classics.framebuffer.BAND_BYTES", 70 * 4 * rows)
     monkeypatch.setattr("rasterjit.classics.framebuffer.LINES_PER_TASK", per_task)
     monkeypatch.setattr("rasterjit.classics.framebuffer.RECORDS_PER_BATCH", 60 * 5)

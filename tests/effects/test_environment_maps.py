@@ -84,7 +84,7 @@ def test_bright_spots_are_few_and_lie_where_the_light_is():
     # Far more small lights than there may be spots: the brightest are taken.
     many = np.zeros((64, 128, 3), np.float32)
     many[8:-8:8, ::12] = 1.0
-    assert len(maps._bright_spots(many)) == maps.MOST_SPOTS
+    assert len(maps._bright_spots(many)) == maps.MAX_SPOTS
 
 
 @pytest.mark.parametrize("level", range(1, ROUGH_LEVELS + 1))

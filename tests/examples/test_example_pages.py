@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-LARGEST = 150_000
+MAX = 150_000
 """Bytes of a picture."""
 PAGES = sorted(EXAMPLES.glob("*.md"))
 WITHOUT_PAGE = {"make_pictures"}
@@ -34,7 +34,7 @@ def test_links_lead_somewhere_and_pictures_are_small(page):
             target = page.parent / link
             assert target.is_file(), link
             if target.suffix in (".png", ".jpg", ".gif"):
-                assert target.stat().st_size <= LARGEST, link
+                assert target.stat().st_size <= MAX, link
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -19,7 +19,7 @@ EXACT_BITS = 14
 """Points are rounded to this many bits, finer than any grid, so that they reach the engine as they
 are."""
 
-LARGEST = (16384, 16384)
+MAX = (16384, 16384)
 """The largest image, pixels."""
 
 TILE = setup.TILE_SIZE
@@ -86,7 +86,7 @@ def draw_tile(positions, faces, column, row, bits=8):
     that is touched.
     """
     positions, faces = np.asarray(positions, float), np.asarray(faces, np.int32)
-    viewport, workers = viewport_of(LARGEST, bits), threads.Workers(1)
+    viewport, workers = viewport_of(MAX, bits), threads.Workers(1)
     depth_coefficients = (0.0, -1.0, 0.0)
     screen, seen = drawing.project(positions, depth_coefficients, viewport, workers)
     drawn = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
@@ -98,8 +98,8 @@ def draw_tile(positions, faces, column, row, bits=8):
     starts, binned, tile_depths, _ = drawing.set_up_and_bin(
         drawn, objects, screen, viewport, workers
     )
-    frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
+    frame = np.empty(MAX, np.float32), np.empty(MAX, np.int32)
     drawer = nearest.tile_drawer(binned, drawn, screen)
-    tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
+    tiles = np.array([row * (MAX[0] // TILE) + column], np.int32)
     nearest.draw_tiles(tiles, nearest.ALL, starts, tile_depths, viewport, frame, *drawer[:3])
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

@@ -9,7 +9,7 @@ from fractions import Fraction
 import naive
 import numpy as np
 import pytest
-from screen_triangles import LARGEST, TILE, draw_tile, pixels_of
+from screen_triangles import MAX, TILE, draw_tile, pixels_of
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
@@ -20,10 +20,10 @@ from rasterjit.runtime import threads
 from rasterjit.scene.validation import MAX_SIZE
 
 BITS = (0, 4, 8, 12)
-GRIDS = {bits: viewport_of(LARGEST, bits).grid_bits for bits in BITS}
+GRIDS = {bits: viewport_of(MAX, bits).grid_bits for bits in BITS}
 """Bits of the grid that coordinates are counted on, by sub-pixel bits."""
 
-MOST_APART = MAX_SIZE + 2 * setup.GUARD_PIXELS
+MAX_APART = MAX_SIZE + 2 * setup.GUARD_PIXELS
 """Pixels between opposite sides of the guard band around the largest image."""
 
 
@@ -45,19 +45,19 @@ def largest_edge(vertex_box, sample_box):
 @pytest.mark.parametrize("bits", BITS)
 def test_vertices_reach_the_corners_of_the_guard_band(bits):
     corners = list(itertools.product((-2.0, 2.0), (-2.0, 2.0), (0.0,), (1.0,)))
-    viewport = viewport_of(LARGEST, bits)
+    viewport = viewport_of(MAX, bits)
     screen, seen = draw.project(np.array(corners), (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     assert not seen & setup.GUARD
     reached = screen.xy[:4].astype(object)
     assert (reached.min(), reached.max()) == (
         -setup.GUARD_PIXELS << GRIDS[bits], (MAX_SIZE + setup.GUARD_PIXELS) << GRIDS[bits],
     )  # fmt: skip
-    assert MOST_APART == 2**15
+    assert MAX_APART == 2**15
 
 
 @pytest.mark.parametrize("grid", GRIDS.values())
 def test_edge_functions_fit_64_bits(grid):
-    apart = MOST_APART << grid
+    apart = MAX_APART << grid
     box = (0, 0, apart, apart)
     assert apart <= 2**27
     assert apart * apart <= 2**54  # each product of two differences
@@ -74,7 +74,7 @@ def test_vertices_fit_32_bits(grid):
 def test_edge_functions_of_small_triangles_are_exact_in_float64(grid):
     # Columns of centres, and the parts of pixels beside them; groups of four samples end at most
     # three columns further right.
-    wide, high = (triangle_batches.SMALL_PIXELS + 1) << grid, MOST_APART << grid
+    wide, high = (triangle_batches.SMALL_PIXELS + 1) << grid, MAX_APART << grid
     further = wide + (3 << grid)
     reached = largest_edge((0, 0, wide, high), (0, 0, further, high))
     assert reached < 2**44
@@ -86,7 +86,7 @@ def test_edge_functions_of_small_triangles_are_exact_in_float64(grid):
 def test_quotients_of_spans_are_below_half_an_ulp_from_exact(grid):
     # e / s that is not whole misses the next whole number by 1 / s at least; float64 rounds it by
     # half an ulp at most, 2**-53 of itself.
-    most = (MOST_APART << grid) ** 2 >> grid
+    most = (MAX_APART << grid) ** 2 >> grid
     assert most < 2**47
     assert Fraction(most, 2**53) < 1
 
@@ -240,13 +240,13 @@ def test_tiles_of_the_largest_image_are_exact(tile, bits):
     left, top = tile[0] * TILE, tile[1] * TILE
     window = (left, top, left + TILE, top + TILE)
     pixel = (left + int(rng.integers(TILE)), top + int(rng.integers(TILE)))
-    triangles = list(hard_triangles(LARGEST, pixel, bits, rng))
+    triangles = list(hard_triangles(MAX, pixel, bits, rng))
     partly = 0
     for number in rng.permutation(len(triangles))[:30]:
         points = in_pixels(triangles[number], bits)
-        positions = naive.clip_from_screen(points, LARGEST)
+        positions = naive.clip_from_screen(points, MAX)
         drawn = pixels_of(draw_tile(positions, [[0, 1, 2]], *tile, bits))
-        exact = oracle.covered_pixels(points, LARGEST, subpixel_bits=bits, window=window)
+        exact = oracle.covered_pixels(points, MAX, subpixel_bits=bits, window=window)
         assert {(x + left, y + top) for x, y in drawn} == exact, triangles[number]
         partly += 0 < len(exact) < TILE * TILE
     assert partly > 3
@@ -257,14 +257,14 @@ def test_tiles_of_the_largest_image_are_exact(tile, bits):
 def test_fan_in_the_guard_band_of_the_largest_image_covers_its_tiles_once(tile, bits):
     # Its hub lies on a centre of the tile, its ring on the border of the guard band.
     rng = np.random.default_rng(100 + 256 * tile[0] + tile[1] + bits)
-    left, top, right, bottom = guard_box(LARGEST, bits)
+    left, top, right, bottom = guard_box(MAX, bits)
     sides = [
         [(int(x), y) for x in np.sort(rng.integers(left, right, 8))[::order]]
         for y, order in ((top, 1), (bottom, -1))
     ]
     ring = [(left, top), *sides[0], (right, top), (right, bottom), *sides[1], (left, bottom)]
     hub = centre_of([n * TILE + int(rng.integers(TILE)) for n in tile], bits)
-    positions = naive.clip_from_screen(in_pixels([hub, *ring], bits), LARGEST)
+    positions = naive.clip_from_screen(in_pixels([hub, *ring], bits), MAX)
     faces = [[0, n, n % len(ring) + 1] for n in range(1, len(ring) + 1)]
     one = draw_tile(positions, faces, *tile, bits)
     last = len(faces) - 1 - draw_tile(positions, faces[::-1], *tile, bits)

@@ -7,7 +7,7 @@ import math
 import naive
 import numpy as np
 import pytest
-from screen_triangles import LARGEST, TILE, draw, draw_tile, owners, pixels, pixels_of
+from screen_triangles import MAX, TILE, draw, draw_tile, owners, pixels, pixels_of
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
@@ -79,9 +79,9 @@ def test_sliver_one_step_wide_owns_the_centres_on_its_left_edge():
 
 @pytest.mark.case("D06")
 def test_area_beyond_32_bits_is_exact():
-    width, height = LARGEST
+    width, height = MAX
     points = [(0, 0), (width, 0), (0, height), (width, height)]
-    positions = naive.clip_from_screen(points, LARGEST)
+    positions = naive.clip_from_screen(points, MAX)
     window = (8190, 8190, 8195, 8195)
     corner = 8192 - TILE  # the window lies around the corner of four tiles
     found = []
@@ -90,7 +90,7 @@ def test_area_beyond_32_bits_is_exact():
         assert abs(oracle.edge(*snapped)) == 2**44  # nothing, in 32 bits
         tiles = [[draw_tile(positions, [face], 127 + i, 127 + j) for i in (0, 1)] for j in (0, 1)]
         drawn = {(x + corner, y + corner) for x, y in pixels_of(np.block(tiles))}
-        exact = oracle.covered_pixels([points[n] for n in face], LARGEST, window=window)
+        exact = oracle.covered_pixels([points[n] for n in face], MAX, window=window)
         found.append({(x, y) for x, y in drawn if 8190 <= x < 8195 and 8190 <= y < 8195})
         assert found[-1] == exact
     assert found[0] == {

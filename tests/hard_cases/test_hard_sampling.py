@@ -165,8 +165,8 @@ def test_resolved_interior_is_the_colour_of_one_sample(count, color):
 
 
 # Largest |count / N - area| over all half-planes: a table of four digits, each cut off.
-LARGEST_ERRORS = {1: 0.5, 2: 0.5, 4: 0.3085, 8: 0.2266, 16: 0.1716}
-LARGEST_ERRORS_OF_GRIDS = {2: 0.25, 4: 0.125, 8: 0.0625, 16: 0.03125}
+MAX_ERRORS = {1: 0.5, 2: 0.5, 4: 0.3085, 8: 0.2266, 16: 0.1716}
+MAX_ERRORS_OF_GRIDS = {2: 0.25, 4: 0.125, 8: 0.0625, 16: 0.03125}
 TABLE_DIGITS = 1e-4
 REACH = 64
 """How far, in steps of 1/16 pixel, the lines of the half-planes go on to either side."""
@@ -208,7 +208,7 @@ def counting_errors(pattern, most):
 
 
 @pytest.mark.case("M04")
-@pytest.mark.parametrize(("count", "largest"), LARGEST_ERRORS.items())
+@pytest.mark.parametrize(("count", "largest"), MAX_ERRORS.items())
 def test_count_of_samples_is_near_the_area_of_a_half_plane(count, largest):
     errors = [abs(error) for error in counting_errors(PATTERNS[count], most=60)]
     assert max(errors) <= largest + TABLE_DIGITS
@@ -217,7 +217,7 @@ def test_count_of_samples_is_near_the_area_of_a_half_plane(count, largest):
 
 
 @pytest.mark.case("M04")
-@pytest.mark.parametrize(("side", "largest"), LARGEST_ERRORS_OF_GRIDS.items())
+@pytest.mark.parametrize(("side", "largest"), MAX_ERRORS_OF_GRIDS.items())
 def test_count_of_a_regular_grid_is_near_the_area_of_a_half_plane(side, largest):
     # Samples at the centres of the cells of a pixel: one image of side x side draws them all.
     worst = 0

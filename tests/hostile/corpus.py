@@ -41,7 +41,7 @@ from benchmarks.fuzz_files.samples import (
     zipped,
 )
 
-MOST = 32 << 20
+MAX = 32 << 20
 """Bytes that each file may take."""
 
 SECRET = "secret.png"

@@ -14,7 +14,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from corpus import HOSTILE, MOST, write_corpus
+from corpus import HOSTILE, MAX, write_corpus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -62,9 +62,9 @@ def read(path):
         warnings.simplefilter("always")
         try:
             if path.suffix == ".hdr":
-                rj.Environment.from_file(path, max_bytes=MOST)
+                rj.Environment.from_file(path, max_bytes=MAX)
             else:
-                rj.load(path, max_bytes=MOST)
+                rj.load(path, max_bytes=MAX)
         except ValueError as error:
             return "refused", str(error)
     assert all(issubclass(one.category, LoadWarning) for one in told)

@@ -16,13 +16,13 @@ MODELS = Path(__file__).parents[2] / "models"
 PICTURES = MODELS / "pictures" / "gallery"
 SMALL = (60, 45)
 
-MOST_VARIANTS = 75
+MAX_VARIANTS = 75
 """Compiled forms of all kernels that the whole gallery may take."""
 
-MOST_OF_ONE = 3
+MAX_OF_ONE = 3
 """Compiled forms of any one kernel."""
 
-MOST_BYTES = 120_000
+MAX_BYTES = 120_000
 
 DRAW = """
 import collections, json, sys
@@ -79,8 +79,8 @@ def test_variants_of_kernels_are_few(drawn):
     _, variants = drawn
     total = sum(variants.values())
     print(f"{total} variants of {len(variants)} kernels:", variants)
-    assert total <= MOST_VARIANTS
-    assert max(variants.values()) <= MOST_OF_ONE
+    assert total <= MAX_VARIANTS
+    assert max(variants.values()) <= MAX_OF_ONE
     assert variants["draw_tiles"] <= 4
     assert variants["transform_vertices"] == 1
 
@@ -88,7 +88,7 @@ def test_variants_of_kernels_are_few(drawn):
 @pytest.mark.parametrize("name", names())
 def test_picture_is_there_and_small(name):
     file = PICTURES / f"{name}.png"
-    assert file.stat().st_size < MOST_BYTES
+    assert file.stat().st_size < MAX_BYTES
     with Image.open(file) as image:
         assert 470 <= image.width <= 480
         assert 175 <= image.height <= 360

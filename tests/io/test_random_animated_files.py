@@ -13,7 +13,7 @@ FLOAT64_ROUNDING = 1e-12
 """Greatest error of positions, in largest coordinates."""
 FLOAT32_ROUNDING = 1e-6
 """Greatest error of unit normals: they are read and kept in float32, and blended axes lean."""
-LARGEST = {np.uint8: 255, np.uint16: 65535, np.int8: 127, np.int16: 32767}
+MAX = {np.uint8: 255, np.uint16: 65535, np.int8: 127, np.int16: 32767}
 
 
 def quaternion(random, largest):
@@ -48,8 +48,8 @@ def shares(random, rows, sets, kind):
     drawn /= drawn.sum(axis=1, keepdims=True)
     if kind is np.float32:
         return drawn.astype(np.float32)
-    whole = np.floor(drawn * LARGEST[kind]).astype(int)
-    whole[:, 0] += LARGEST[kind] - whole.sum(axis=1)
+    whole = np.floor(drawn * MAX[kind]).astype(int)
+    whole[:, 0] += MAX[kind] - whole.sum(axis=1)
     return whole.astype(kind)
 
 
@@ -71,7 +71,7 @@ def channel(random, node, path, targets):
     values = keys.astype(np.float32)
     if path in ("rotation", "weights") and kind != "CUBICSPLINE" and random.random() < 0.5:
         one = random.choice([np.int8, np.int16] if path == "rotation" else [np.uint8, np.uint16])
-        values = np.round(keys * LARGEST[one]).astype(one)
+        values = np.round(keys * MAX[one]).astype(one)
     return Channel(node, path, times, values.reshape(-1) if path == "weights" else values, kind)
 
 

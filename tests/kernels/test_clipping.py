@@ -229,6 +229,6 @@ def test_threads_cut_the_same_pieces_at_the_same_places():
         )
         made = slice(count, count + int(np.unique(all_faces.pieces).size))
         found.append((cut, all_faces.pieces, all_faces.piece_faces, screen.xy[made].copy()))
-    assert found[0][0] > 2 * draw.LEAST_CUT
+    assert found[0][0] > 2 * draw.MIN_CUT
     for other in found[1:]:
         assert all(map(np.array_equal, found[0], other))

@@ -181,7 +181,7 @@ def test_parts_of_a_picture_have_the_pixels_of_the_whole():
 
 
 def test_threads_change_no_bit(monkeypatch):
-    monkeypatch.setattr(drawing, "LEAST_POINTS", 10)
+    monkeypatch.setattr(drawing, "MIN_POINTS", 10)
     rng = np.random.default_rng(9)
     for shape, size in (
         (point_coverage.SQUARE, 1.0),

@@ -19,7 +19,7 @@ IMAGE = viewport_of((96, 64), 8)
 
 def naive_outcode(x, y, z, w, viewport):
     """Return the outcode, plane by plane."""
-    if not all(abs(value) <= setup.LARGEST_COORDINATE for value in (x, y, z, w)):
+    if not all(abs(value) <= setup.MAX_COORDINATE for value in (x, y, z, w)):
         return setup.INVALID
     code = 0
     for outside, bit in (

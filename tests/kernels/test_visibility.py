@@ -35,7 +35,7 @@ from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.pipeline.visibility.nearest import FORGETTING_BITS, LEAST_ORDERED, REMEMBERED
+from rasterjit.pipeline.visibility.nearest import FORGETTING_BITS, MIN_ORDERED, REMEMBERED
 from rasterjit.runtime import threads
 
 SCREEN = (128, 128)
@@ -453,7 +453,7 @@ def soup_in_a_tile(seed, count, kind):
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        (np.float32, LEAST_ORDERED + 50), (np.float64, LEAST_ORDERED + 50), (np.int32, 700),
+        (np.float32, MIN_ORDERED + 50), (np.float64, MIN_ORDERED + 50), (np.int32, 700),
         (np.float32, 2 * ORDERED + 100),
         pytest.param(np.float64, 2 * ORDERED + 100, marks=pytest.mark.takes_long),
         pytest.param(np.int32, 2 * ORDERED + 100, marks=pytest.mark.takes_long),

@@ -121,7 +121,7 @@ def srgb_code(linear):
 SHORTEST = math.sqrt(1e-29)
 """Vectors are taken to be at least this long before they are divided by their length."""
 
-LARGEST_SQUARED = (2.0 - 2.0**-23) * 2.0**127
+MAX_SQUARED = (2.0 - 2.0**-23) * 2.0**127
 """Of float32: the direction of a vector whose squared length is beyond this cannot be told."""
 
 
@@ -131,7 +131,7 @@ def dot(a, b):
 
 def is_told(vector):
     """Return whether float32 tells the direction of a vector: not if it is too long, or NaN."""
-    return dot(vector, vector) <= LARGEST_SQUARED if all(map(math.isfinite, vector)) else False
+    return dot(vector, vector) <= MAX_SQUARED if all(map(math.isfinite, vector)) else False
 
 
 def unit(vector):

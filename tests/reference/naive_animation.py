@@ -24,7 +24,7 @@ from urllib.parse import unquote
 import numpy as np
 
 CODES = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5125: "I", 5126: "f"}
-LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}
+MAX = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 TRIANGLES = 4
 ROUNDED_SUM = 1e-5
@@ -223,7 +223,7 @@ class NaiveGltf:
             for (row,), value in zip(places, values, strict=True):
                 rows[row] = value
         if accessor.get("normalized"):
-            return [[max(x / LARGEST[kind], -1.0) for x in row] for row in rows]
+            return [[max(x / MAX[kind], -1.0) for x in row] for row in rows]
         return [[float(x) for x in row] for row in rows]
 
     def _rows(self, view, offset, count, width, kind):

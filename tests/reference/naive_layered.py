@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 from naive import dot, unit
-from naive_materials import LEAST_ALPHA, bounced, ggx, masking_both, schlick
+from naive_materials import MIN_ALPHA, bounced, ggx, masking_both, schlick
 
-LEAST_SHEEN_ROUGHNESS = 0.07
+MIN_SHEEN_ROUGHNESS = 0.07
 
 
 class Layered(NamedTuple):
@@ -36,7 +36,7 @@ def specular_brdf(roughness, normal, to_light, to_viewer):
     n_l, n_v = dot(normal, to_light), dot(normal, to_viewer)
     if n_l <= 0.0 or n_v <= 0.0:
         return 0.0
-    alpha = max(roughness * roughness, LEAST_ALPHA)
+    alpha = max(roughness * roughness, MIN_ALPHA)
     return ggx(dot(normal, half), alpha) * masking_both(n_l, n_v, alpha) / (4.0 * n_l * n_v)
 
 
@@ -85,7 +85,7 @@ def sheen_brdf(roughness, normal, to_light, to_viewer):
     n_l, n_v, n_h = dot(normal, to_light), dot(normal, to_viewer), dot(normal, half)
     if n_l <= 0.0 or n_v <= 0.0:
         return 0.0
-    alpha = max(roughness, LEAST_SHEEN_ROUGHNESS) ** 2
+    alpha = max(roughness, MIN_SHEEN_ROUGHNESS) ** 2
     sine_squared = max(0.0, 1.0 - n_h * n_h)
     density = (2.0 + 1.0 / alpha) * sine_squared ** (0.5 / alpha) / (2.0 * math.pi)
     return density / ((1.0 + hidden(n_v, alpha) + hidden(n_l, alpha)) * 4.0 * n_l * n_v)

@@ -164,15 +164,15 @@ def draw_bezier(image, points, segments, start_color, end_color):
             image[y, x] = [rounded(a + t * (b - a)) for a, b in ramp]
 
 
-MOST_CHANGE = 255
+MAX_CHANGE = 255
 """Of a channel, and of a coordinate on a panel."""
 
 
 @functools.cache
 def moved(side):
-    """Return k d / n, rounded half up, at [n, k, d + MOST_CHANGE], int32; n and k < side."""
+    """Return k d / n, rounded half up, at [n, k, d + MAX_CHANGE], int32; n and k < side."""
     n, k = np.arange(side)[:, None, None], np.arange(side)[None, :, None]
-    change = np.arange(-MOST_CHANGE, MOST_CHANGE + 1)
+    change = np.arange(-MAX_CHANGE, MAX_CHANGE + 1)
     return ((2 * k * change + n) // (2 * np.maximum(n, 1))).astype(np.int32)
 
 
@@ -182,13 +182,13 @@ def lines_on_panels(starts, ends, colors, side):
 
     The same formulas as in `draw_line`, looked up in a table, for points inside the panel.
     """
-    assert side <= MOST_CHANGE
+    assert side <= MAX_CHANGE
     picture, table = np.zeros((len(starts) * side * side, 4), np.uint8), moved(side)
     change = ends - starts
     n = np.abs(change).max(axis=1)
     first, last = colors[:, 0].astype(np.int32), colors[:, 1].astype(np.int32)
     panel, step = np.nonzero(np.arange(side) <= n[:, None])
-    row = (n[panel] * side + step) * table.shape[2] + MOST_CHANGE
+    row = (n[panel] * side + step) * table.shape[2] + MAX_CHANGE
     x, y = (starts[panel, axis] + table.take(row + change[panel, axis]) for axis in (0, 1))
     ramp = first[panel] + table.take(row[:, None] + (last - first)[panel])
     picture[(panel * side + y) * side + x] = ramp

@@ -15,7 +15,7 @@ from naive import dot, is_told, unit
 
 from rasterjit.pipeline.lighting import pbr
 
-LEAST_ALPHA = 0.002
+MIN_ALPHA = 0.002
 
 
 def brdf(base, metallic, roughness, normal, to_light, to_viewer):
@@ -29,7 +29,7 @@ def brdf(base, metallic, roughness, normal, to_light, to_viewer):
     n_h, v_h = dot(normal, half), dot(to_viewer, half)
     if n_l <= 0.0 or n_v <= 0.0:
         return [0.0, 0.0, 0.0]
-    alpha = max(roughness * roughness, LEAST_ALPHA)
+    alpha = max(roughness * roughness, MIN_ALPHA)
     specular = ggx(n_h, alpha) * masking_both(n_l, n_v, alpha)
     specular /= 4.0 * n_l * n_v
     result = []

@@ -12,7 +12,7 @@ BLOCK = 64
 SMALL = 8
 """Samples that lie in the width of the widest triangle whose depth does not step along rows."""
 
-MOST = 2**29
+MAX = 2**29
 """Coordinates below it, on the sub-pixel grid, have edge functions that 64 bits hold."""
 
 
@@ -46,8 +46,8 @@ def covers(corners, x, y):
     -------
     (H, W) bool
     """
-    assert max(abs(c) for corner in corners for c in corner) < MOST
-    assert max(int(x.max()), int(y.max())) < MOST
+    assert max(abs(c) for corner in corners for c in corner) < MAX
+    assert max(int(x.max()), int(y.max())) < MAX
     a, b, c = corners
     area = oracle.edge(a, b, c)
     if area < 0:

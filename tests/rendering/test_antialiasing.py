@@ -264,7 +264,7 @@ def test_edges_of_holes_are_as_soft_as_the_samples_and_hard_with_areas(samples, 
 
 
 def test_more_layers_than_fit_are_an_error(monkeypatch):
-    monkeypatch.setattr(bands, "MOST_LAYERS", 3)
+    monkeypatch.setattr(bands, "MAX_LAYERS", 3)
     veils = [mesh_of([(0, 0), (64, 0), (0, 64)], [0.1 * n] * 3, SIZE, base_color=(1, 0, 0, 0.5),
                      alpha_mode="blend") for n in range(4)]  # fmt: skip
     assert draw(veils[:3], 4).linear.any()

@@ -314,14 +314,14 @@ def test_hundreds_of_layers_are_laid_over_each_other(monkeypatch):
     frame = draw([deep(count, size)], size, background=(0, 0, 0, 1))
     assert frame.linear[8, 8, 0] == pytest.approx(want, abs=1e-4)
     # A band with more than it may hold is cut into smaller ones.
-    monkeypatch.setattr(band_finding, "MOST_BYTES", count * 64 * 8 * 3)
+    monkeypatch.setattr(band_finding, "MAX_BYTES", count * 64 * 8 * 3)
     again = draw([deep(count, size)], size, background=(0, 0, 0, 1))
     assert again.linear.tobytes() == frame.linear.tobytes()
 
 
 def test_more_layers_than_are_sorted_is_an_error_that_says_where(monkeypatch):
     size = (64, 64)
-    monkeypatch.setattr(band_finding, "MOST_LAYERS", 99)
+    monkeypatch.setattr(band_finding, "MAX_LAYERS", 99)
     assert draw([deep(99, size)], size).linear[8, 8, 0] > 0.0
     with pytest.raises(ValueError, match=r"has 100 transparent surfaces .* column 8, row 8; at m"):
         draw([deep(100, size)], size)
@@ -526,7 +526,7 @@ def test_each_sample_has_its_own_nearest_layers():
 
 
 def test_any_number_of_surfaces_lies_behind_those_that_are_seen(monkeypatch):
-    monkeypatch.setattr(band_finding, "MOST_LAYERS", 9)
+    monkeypatch.setattr(band_finding, "MAX_LAYERS", 9)
     size = (64, 64)
     quality = rj.Quality(transparency_layers=8)
     frame = draw([deep(300, size)], size, background=(0, 0, 0, 1), quality=quality)

@@ -166,7 +166,7 @@ def test_order_of_insertion_threads_and_bands_change_no_bit(samples, monkeypatch
     order = rng.permutation(count)
     assert draw([meshes[n] for n in order], samples, size).color.tobytes() == first.color.tobytes()
     assert draw(meshes, samples, size, threads=3).color.tobytes() == first.color.tobytes()
-    monkeypatch.setattr(bands, "MOST_BYTES", size[0] * 8 * 40 * samples)
+    monkeypatch.setattr(bands, "MAX_BYTES", size[0] * 8 * 40 * samples)
     assert draw(meshes, samples, size).color.tobytes() == first.color.tobytes()
 
 

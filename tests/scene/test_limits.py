@@ -13,7 +13,7 @@ import rasterjit as rj
 from rasterjit.io.images import picture_pixels
 from rasterjit.io.skipped import LoadWarning
 from rasterjit.scene.fog import SHORTEST_RAMP
-from rasterjit.scene.texture import MOST_TEXELS
+from rasterjit.scene.texture import MAX_TEXELS
 
 
 def png_of(width, height):
@@ -74,7 +74,7 @@ def test_texture_has_a_largest_area():
     sky = np.broadcast_to(np.float32(0.0), (65536, 65536, 3))
     with pytest.raises(ValueError, match="sky must have at most 134,217,728 texels"):
         rj.Environment(sky)
-    assert MOST_TEXELS == 134_217_728
+    assert MAX_TEXELS == 134_217_728
 
 
 def test_fog_has_a_shortest_ramp():

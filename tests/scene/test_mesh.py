@@ -349,7 +349,7 @@ def test_faces_without_area_make_no_creases():
 
 
 def test_the_tip_of_a_fine_cone_keeps_the_normals_of_its_faces():
-    count = normals_module._MOST_NEIGHBOURS + 1
+    count = normals_module._MAX_NEIGHBOURS + 1
     turns = np.linspace(0, 2 * np.pi, count, endpoint=False)
     vertices = np.vstack([[[0, 0, 1]], np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])])
     rim = np.arange(1, count + 1)

@@ -56,7 +56,7 @@ def test_matrices_refuse_a_far_plane_that_they_do_not_hold(make):
 
 
 def test_the_least_near_plane_still_finds_the_far_one():
-    near = transforms.LEAST_NEAR * FAR
+    near = transforms.MIN_NEAR * FAR
     for distance in (0.1, 0.998 * FAR):
         assert draw(square(distance), near, FAR)[1] == 0
     for distance in (1.002 * FAR, 100.0 * FAR):
@@ -83,7 +83,7 @@ def test_a_far_plane_that_nothing_lies_beyond_may_be_any(near, far):
     assert draw(scene, near, far) == (pytest.approx(1.0), 0)
 
 
-LEAST_HELD = {
+MIN_HELD = {
     "float32-reversed": 2.0**-126,
     "float64": 2.0**-1022,
     "float32": 2.0**-25,
@@ -92,10 +92,10 @@ LEAST_HELD = {
 }
 
 
-@pytest.mark.parametrize("name", LEAST_HELD)
+@pytest.mark.parametrize("name", MIN_HELD)
 @pytest.mark.parametrize("distance", [1e-3, 1.0, 1000.0])
 def test_a_near_plane_that_a_format_cannot_hold_is_refused_with_the_least(name, distance):
-    least, scene = LEAST_HELD[name] * distance, square(2.0 * distance, distance)
+    least, scene = MIN_HELD[name] * distance, square(2.0 * distance, distance)
     if name in ("float32-reversed", "float64"):
         # They hold all that is in view; the others lose what is far.
         least *= 2.0
@@ -223,7 +223,7 @@ def test_vertices_are_looked_at_once_and_only_if_the_boxes_leave_it_open(name, n
 def test_refused_is_what_all_vertices_of_faces_say(name):
     """The least near plane is that of the nearest or the farthest of them, of any object."""
     rng, refused = np.random.default_rng(7), []
-    held = 2.0**-126 if name == "float32-reversed" else LEAST_HELD[name]
+    held = 2.0**-126 if name == "float32-reversed" else MIN_HELD[name]
     for _ in range(40):
         scene = rj.Scene()
         for _ in range(rng.integers(1, 5)):

@@ -19,7 +19,7 @@ from PIL import Image, PngImagePlugin
 import rasterjit as rj
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import level_sizes
-from rasterjit.scene.texture import FILTERS, MAX_SIDE, MOST_LIGHT, WRAPS
+from rasterjit.scene.texture import FILTERS, MAX_LIGHT, MAX_SIDE, WRAPS
 
 
 def test_codes_are_srgb_and_floats_are_linear():
@@ -208,7 +208,7 @@ def test_one_wrap_stands_for_both_axes(wrap):
         ([[float("nan")]], "linear light in 0..1e.06, got 1 NaN among"),
         ([[float("inf")]], "linear light"),
         ([[-0.001]], "linear light"),
-        ([[MOST_LIGHT * 1.01]], "linear light"),
+        ([[MAX_LIGHT * 1.01]], "linear light"),
         ([[[0.5, 0.5, 0.5, 1.5]]], "alpha"),
         ([[[0.5, float("nan")]]], "alpha"),
     ],

@@ -19,7 +19,7 @@ def clip_all(positions, viewport=WITHIN, faces=None):
     faces = np.ascontiguousarray(faces, np.int32)
     cut = np.arange(len(faces), dtype=np.int32)
     counts = np.zeros(len(faces), np.int64)
-    scratch = np.empty((2, clipping.MOST_VERTICES, 4))
+    scratch = np.empty((2, clipping.MAX_VERTICES, 4))
     clipping.count_clipped_vertices(cut, faces, positions, viewport, counts, scratch)
     vertex_starts = np.concatenate(([0], np.cumsum(counts)))
     piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))

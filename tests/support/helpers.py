@@ -16,7 +16,7 @@ import numpy as np
 from rasterjit.runtime import ahead, store
 from rasterjit.runtime.jit import Helper, Kernel
 
-MOST_WORDS = 256
+MAX_WORDS = 256
 """Words of a result at most: the address of what describes it, and its numbers."""
 
 OF_THIS_FILE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
@@ -53,7 +53,7 @@ class Called(Kernel):
 
     def run(self, *given):
         """Call the helper."""
-        words = np.empty(MOST_WORDS, np.int64)
+        words = np.empty(MAX_WORDS, np.int64)
         self(words.ctypes.data, *given)
         return made(shape_at(int(words[0])), words[1:])[0]
 

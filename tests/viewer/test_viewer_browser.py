@@ -362,7 +362,7 @@ def test_more_pages_than_there_may_be_are_kept_out():
         headers = [(b"host", b"localhost"), (b"cookie", cookie("abc").encode())]
         scope = {"type": "websocket", "path": "/socket", "headers": headers, "client": ("a", 1)}
         pages = [
-            asyncio.create_task(guard(scope, None, send)) for _ in range(browser.MOST_PAGES + 1)
+            asyncio.create_task(guard(scope, None, send)) for _ in range(browser.MAX_PAGES + 1)
         ]
         await asyncio.wait(pages, timeout=PATIENCE, return_when=asyncio.FIRST_COMPLETED)
         assert said == ["websocket.close"]

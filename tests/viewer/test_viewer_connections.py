@@ -25,7 +25,7 @@ SHORT, LONG = 0.5, 3.0
 
 @pytest.fixture
 def address(cube, monkeypatch):
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", FEW)
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", FEW)
     monkeypatch.setattr(connections, "CLOSED_AFTER", 1000.0)
     with serving(Viewer(cube, size=(8, 6))) as (address, _):
         yield address

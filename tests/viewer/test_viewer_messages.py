@@ -133,7 +133,7 @@ def test_usual_sizes_pass_as_they_are():
 def test_large_sizes_become_smaller_ones_of_the_same_shape(size):
     found = read(type="resize", pwidth=size[0], pheight=size[1], ratio=2)
     width, height = found["pwidth"], found["pheight"]
-    assert width * height <= protocol.MOST_PIXELS
+    assert width * height <= protocol.MAX_PIXELS
     assert max(width, height) <= protocol.LONGEST_SIDE
     # A place in the page is the same place of the picture.
     assert width / found["ratio"] == pytest.approx(size[0] / 2, rel=1e-3) or width == 1

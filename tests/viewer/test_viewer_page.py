@@ -37,9 +37,9 @@ pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
 WIDTH, HEIGHT = 640, 800
 PHONE = {"width": 360, "height": 740, "deviceScaleFactor": 3, "mobile": True}
 
-LEAST_CONTRAST = 4.5
+MIN_CONTRAST = 4.5
 
-LEAST_TOUCH = 44
+MIN_TOUCH = 44
 """Side of what a finger hits, CSS pixels."""
 
 TAP = 0.7
@@ -506,7 +506,7 @@ CONTRASTS = """
 def test_text_stands_out_before_any_picture(page):
     found = page.evaluate(CONTRASTS)
     assert len(found) > 100
-    assert min(found, key=lambda one: one[1])[1] >= LEAST_CONTRAST
+    assert min(found, key=lambda one: one[1])[1] >= MIN_CONTRAST
 
 
 BOXES = """
@@ -526,8 +526,8 @@ def test_phone_has_room_for_all_and_every_pixel(phone, tmp_path):
     for name, left, top, right, bottom in boxes:
         assert 0 <= left < right <= width, name
         assert 0 <= top < bottom <= height, name
-        assert right - left >= LEAST_TOUCH, name
-        assert bottom - top >= LEAST_TOUCH, name
+        assert right - left >= MIN_TOUCH, name
+        assert bottom - top >= MIN_TOUCH, name
     for panel in ("look", "effects", "objects", "view", "help"):
         phone.evaluate(f"document.querySelector('[data-opens={panel}]').click()")
         ((_, left, top, right, bottom),) = phone.evaluate(BOXES % f"#{panel}")
@@ -588,7 +588,7 @@ def test_nothing_lies_on_something_else(browser_page, server, width, height, mob
         if mobile:
             least = f"#{panel} :is(button, label:has(input), select, summary)"
             for name, _, top, _, bottom in browser_page.evaluate(BOXES % least):
-                assert bottom - top >= LEAST_TOUCH, name
+                assert bottom - top >= MIN_TOUCH, name
     press(browser_page, "Escape")
 
 

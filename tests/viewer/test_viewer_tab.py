@@ -22,7 +22,7 @@ import rasterjit as rj
 from rasterjit.io.images import encode_png
 from rasterjit.viewer import protocol, tab
 from rasterjit.viewer.protocol import camera_code
-from rasterjit.viewer.tab import MOST_ON_WAY, MOST_WAITING, Tab, add_event
+from rasterjit.viewer.tab import MAX_ON_WAY, MAX_WAITING, Tab, add_event
 from rasterjit.viewer.viewer import Viewer
 
 pytest.importorskip("simplejpeg")
@@ -125,7 +125,7 @@ def test_nothing_is_drawn_before_the_first_picture_and_no_event_is_lost(cube):
     page = Page(viewer, first)
     page.tab.take(RESIZE)
     place = {"button": 1, "buttons": [1], "modifiers": [], "y": 30.0}
-    moves = [10.0 + 0.01 * n for n in range(2 * MOST_WAITING)]
+    moves = [10.0 + 0.01 * n for n in range(2 * MAX_WAITING)]
     events = [("pointer_down", {**place, "x": 10.0})]
     events += [("pointer_move", {**place, "x": x}) for x in moves]
     events += [("pointer_up", {**place, "x": 30.0})]
@@ -150,11 +150,11 @@ def test_page_that_shows_nothing_gets_no_more_than_a_few(pair):
     for key in "+-+-":
         page.say("key_down", key=key, modifiers=[])
         time.sleep(0.2)
-    assert len(page.pictures) <= page.tab.sent <= MOST_ON_WAY
+    assert len(page.pictures) <= page.tab.sent <= MAX_ON_WAY
     page.shows = True
     page.say("shown", number=page.tab.sent)
     page.settle()
-    assert page.tab.sent > MOST_ON_WAY
+    assert page.tab.sent > MAX_ON_WAY
     page.tab.close()
 
 
@@ -300,7 +300,7 @@ def test_picture_that_cannot_be_coded_is_told_and_not_waited_for(page, monkeypat
         raise MemoryError("no room")
 
     monkeypatch.setattr(tab, "encode_jpeg", fail)
-    for key in "+-" * MOST_ON_WAY:
+    for key in "+-" * MAX_ON_WAY:
         sent = page.tab.sent
         page.say("key_down", key=key, modifiers=[])
         page.wait(lambda page: page.tab.sent > sent)  # noqa: B023
@@ -433,7 +433,7 @@ def test_page_is_tried_with_larger_pictures_again(pair, monkeypatch):
     monkeypatch.setattr(tab, "SMALL_FOR", 0.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
-    drag(page, lambda page: len(page.pictures) > 4 * tab.MOST_SLOW)
+    drag(page, lambda page: len(page.pictures) > 4 * tab.MAX_SLOW)
     assert sides_of(page.pictures) == {(80, 60)}
     page.tab.close()
 

@@ -35,10 +35,10 @@ MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Distances of evenly spaced ticks, times a power of ten."""
 
-LEAST_APART = 0.135
+MIN_APART = 0.135
 """Least distance of two ticks, as a share of the axis: their labels must not touch."""
 
-LEAST_LOGARITHMIC = 3.0
+MIN_LOGARITHMIC = 3.0
 """Ratio of the ends of an axis from which multiples of powers of ten are its ticks."""
 
 END = 0.03
@@ -85,14 +85,14 @@ def log_ticks(low: float, high: float) -> list[float]:
     """Return one to eight round numbers within a logarithmic axis, well apart."""
     length = math.log(high / low)
     low, high = low * math.exp(END * length), high * math.exp(-END * length)
-    if high / low < LEAST_LOGARITHMIC:
-        return _evenly_spaced(low, high, LEAST_APART * length)
+    if high / low < MIN_LOGARITHMIC:
+        return _evenly_spaced(low, high, MIN_APART * length)
     choices = [_of_decades(low, high, mantissas) for mantissas in MANTISSAS]
-    fitting = [ticks for ticks in choices if _are_apart(ticks, LEAST_APART * length)]
+    fitting = [ticks for ticks in choices if _are_apart(ticks, MIN_APART * length)]
     if fitting:
         return fitting[-1]
     # Too many decades for a tick at each.
-    return choices[0][:: math.ceil(LEAST_APART * length / math.log(10.0))]
+    return choices[0][:: math.ceil(MIN_APART * length / math.log(10.0))]
 
 
 def _of_decades(low: float, high: float, mantissas: Sequence[float]) -> list[float]:
@@ -145,7 +145,7 @@ FRONT_POINTS = (360.0, 290.0)
 LEFT, RIGHT, BOTTOM, TOP = 52.0, 12.0, 40.0, 26.0
 """What is left around the axes, points."""
 
-LEAST_TIMES, LEAST_ERRORS = 1.25, 3.0
+MIN_TIMES, MIN_ERRORS = 1.25, 3.0
 """Least ratio of an axis' end to its start: below it, noise would look like much."""
 
 ZERO_BAND = 0.16
@@ -358,7 +358,7 @@ def _draw_point(axes: Axes, point: Point, height: float) -> None:
 def _error_scale(errors: Sequence[float]) -> tuple[float, float, float]:
     """Return the limits of errors above zero, and where below them those of zero are shown."""
     positive = [error for error in errors if error > 0.0]
-    low, high = log_limits(positive or [1e-3], LEAST_ERRORS, 0.1)
+    low, high = log_limits(positive or [1e-3], MIN_ERRORS, 0.1)
     return low, high, low * (high / low) ** (-0.5 * ZERO_BAND)
 
 
@@ -383,7 +383,7 @@ def _scale_times(axes: Axes, points: Sequence[Point], seconds: float) -> None:
     for point in points:
         if MARKS[point.kind].bar_alpha > 0.0:
             times += point.low, point.high
-    low, high = log_limits(times, LEAST_TIMES, 0.1)
+    low, high = log_limits(times, MIN_TIMES, 0.1)
     ticks = log_ticks(low, high)
     axes.set_xscale("log")
     axes.set_xlim(low, high)

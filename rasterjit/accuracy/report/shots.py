@@ -134,7 +134,7 @@ def webp_uri(picture: NDArray[np.uint8]) -> str:
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-MOST_BYTES = 1_500_000
+MAX_BYTES = 1_500_000
 """Of all pictures together: the page has some more, and is meant to be sent by mail."""
 
 BRIGHTEST = np.float32(1.0)
@@ -169,10 +169,10 @@ class Album(NamedTuple):
 
 
 def make_album(study: Study) -> Album:
-    """Return the parts of a study's pictures, the largest that `MOST_BYTES` has room for."""
+    """Return the parts of a study's pictures, the largest that `MAX_BYTES` has room for."""
     for size in CROP_SIZES:
         album = _album(study, size)
-        if bytes_of(album) <= MOST_BYTES:
+        if bytes_of(album) <= MAX_BYTES:
             break
     return album
 

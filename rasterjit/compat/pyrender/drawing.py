@@ -325,7 +325,7 @@ _SHADOW_FLAGS = {
     SpotLight: RenderFlags.SHADOWS_SPOT,
     PointLight: RenderFlags.SHADOWS_POINT,
 }
-_MOST = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
+_MAX = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
 """Most lights of a kind that fall on an object."""
 _SPARE_TEXTURES = 26
 """Textures that are left for shadow maps where a fragment shader has 32 and materials 6."""
@@ -586,9 +586,9 @@ def _imitation(
         drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
         radiance[n] = node.light.radiance
     taken = np.ones((len(owners), len(nodes) + 1), np.uint8)
-    kinds = [next(kind for kind in _MOST if isinstance(node.light, kind)) for node in nodes]
+    kinds = [next(kind for kind in _MAX if isinstance(node.light, kind)) for node in nodes]
     most = _most_lights(flags)
-    if any(kinds.count(kind) > most[kind] for kind in _MOST):
+    if any(kinds.count(kind) > most[kind] for kind in _MAX):
         rows = {node: _nearest(scene, node, nodes, kinds, most) for node in {*owners}}
         taken[:, 1:] = [rows[node] for node in owners]
     return Imitation(
@@ -640,7 +640,7 @@ def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> N
 
 def _most_lights(flags: RenderFlags) -> dict[type, int]:
     """Return how many lights of a kind fall on an object."""
-    most, shaded = dict(_MOST), [kind for kind in _MOST if flags & _SHADOW_FLAGS[kind]]
+    most, shaded = dict(_MAX), [kind for kind in _MAX if flags & _SHADOW_FLAGS[kind]]
     for kind in shaded:
         most[kind] = _SPARE_TEXTURES // len(shaded)
     if DirectionalLight in shaded:

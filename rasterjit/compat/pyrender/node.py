@@ -24,7 +24,7 @@ _PAIRS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
 """Entries of a symmetric matrix, (4, 4), beside its diagonal."""
 _SMALL = 1e-18
 """Size of such entries, beside a diagonal of about 1, from which on they count as 0."""
-_MOST_SWEEPS = 20
+_MAX_SWEEPS = 20
 """Far more than it takes: the digits that are right double with each."""
 
 
@@ -194,7 +194,7 @@ def _nearest_rotation(turn: list[list[float]]) -> list[float]:
         [zy - yz, xz - zx, yx - xy, xx + yy + zz],
     ]
     vectors = np.eye(4).tolist()
-    for _ in range(_MOST_SWEEPS):
+    for _ in range(_MAX_SWEEPS):
         if max(abs(rows[p][q]) for p, q in _PAIRS) <= _SMALL:
             break
         for p, q in _PAIRS:

@@ -108,7 +108,7 @@ PATIENCE = 0.1
 SETTLED = 0.2
 """Seconds without a change after which pictures become better."""
 
-LEAST_SHARE = 4.0
+MIN_SHARE = 4.0
 """A look at the scene is followed by so many times its own length without one."""
 
 ARRAYS = (
@@ -287,7 +287,7 @@ class Showing(viewer.Viewer):
         finally:
             source.render_lock.release()
         now = time.monotonic()
-        self._due = max(began + source.looks_each, now + LEAST_SHARE * (now - began))
+        self._due = max(began + source.looks_each, now + MIN_SHARE * (now - began))
         if is_new:
             self._changed_at = now
             self._change()

@@ -70,7 +70,7 @@ NOTCH = 100.0
 ORTHOGRAPHIC_CLICK = 0.95
 """Factor on what a parallel camera shows at each click of the wheel."""
 
-LEAST_MAGNIFICATION = 1e-8
+MIN_MAGNIFICATION = 1e-8
 
 MESSAGE_SECONDS = 2.0
 """How long a message is to be read."""
@@ -381,7 +381,7 @@ class Viewer(Window):
             return
         factor = ORTHOGRAPHIC_CLICK**dy
         shape = camera.ymag / camera.xmag
-        camera.xmag = max(camera.xmag * factor, LEAST_MAGNIFICATION)
+        camera.xmag = max(camera.xmag * factor, MIN_MAGNIFICATION)
         camera.ymag = camera.xmag * shape
 
     def on_key_press(self, symbol: int, modifiers: int) -> None:

@@ -53,7 +53,7 @@ PATTERN = 4
 DEPTH_ROUNDING = np.float32(2.0**-22)
 """Slack for the rounding of a float32 depth and of the arithmetic with it, as a share of it."""
 
-LEAST = np.float32(1e-30)
+MIN = np.float32(1e-30)
 """Added to what is divided by or taken the root of; far below any length in units of the radius."""
 
 PI_HALF = np.float32(1.5707963)
@@ -179,7 +179,7 @@ def place_block(s, count, row, lens, viewer, snap):
         cx, cy, cz = change(parts[2], x, y, z)
         # Turn the normal toward the viewer.
         ex, ey, ez = viewer[0] - viewer[3] * x, viewer[1] - viewer[3] * y, viewer[2] - viewer[3] * z
-        scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + LEAST)
+        scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + MIN)
         vx, vy, vz = ex * scale, ey * scale, ez * scale
         nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
         turn = one if nx * vx + ny * vy + nz * vz >= np.float32(0.0) else -one
@@ -188,9 +188,9 @@ def place_block(s, count, row, lens, viewer, snap):
         rise_a = nx * ax + ny * ay + nz * az
         rise_b = nx * bx + ny * by + nz * bz
         rise_c = nx * cx + ny * cy + nz * cz
-        slope = (abs(rise_a) + abs(rise_b)) / (abs(rise_c) + LEAST)
+        slope = (abs(rise_a) + abs(rise_b)) / (abs(rise_c) + MIN)
         step = np.sqrt(ax * ax + ay * ay + az * az)
-        deep = np.sqrt(cx * cx + cy * cy + cz * cz) + LEAST
+        deep = np.sqrt(cx * cx + cy * cy + cz * cz) + MIN
         tolerance = SLOPES_APART * slope + FOOTPRINTS_APART * step / deep
         s[SLACK + i] = snap * (abs(rise_a) + abs(rise_b))
         s[TOLERANCE + i] = tolerance + two * DEPTH_ROUNDING * abs(depth)
@@ -220,14 +220,14 @@ def place_slice(s, count, turned):
         along = ex * vx + ey * vy + ez * vz
         ex, ey, ez = ex - along * vx, ey - along * vy, ez - along * vz
         length = np.sqrt(ex * ex + ey * ey + ez * ez)
-        scale = one / (length + LEAST)
+        scale = one / (length + MIN)
         ex, ey, ez = ex * scale, ey * scale, ez * scale
         s[REACH + i] = min(s[PW + i] * scale, FARTHEST_STEP)
         # Find the normal in the slice, and the way in the face's plane.
         n_along = nx * ex + ny * ey + nz * ez
         n_toward = nx * vx + ny * vy + nz * vz
         share = np.sqrt(n_along * n_along + n_toward * n_toward)
-        stretch = one / (share + LEAST)
+        stretch = one / (share + MIN)
         cosine, sine = -n_along * stretch, n_toward * stretch
         tx, ty, tz = sine * ex + cosine * vx, sine * ey + cosine * vy, sine * ez + cosine * vz
         s[SHARE + i], s[STRETCH + i] = share, stretch
@@ -264,7 +264,7 @@ def raise_horizon(s, count, side, turned, number, row, lens, size, depths, horiz
         height = right * s[RISE_A + i] + low * s[RISE_B + i] + change * rise_c
         height = height - s[SLACK + i] - rounding
         high = height * s[STRETCH + i]
-        squared = flat * flat + high * high + LEAST
+        squared = flat * flat + high * high + MIN
         length = np.sqrt(squared)
         # Ignore samples beyond the radius.
         w = s[PW + i] + right * across + low * down + change * deeper

@@ -61,11 +61,11 @@ SIXTH = 33.0 / 16.0, -63.0 / 16.0, 35.0 / 16.0, -5.0 / 16.0
 SPOTS_WIDTH = 128
 """Columns of the copy of a picture that is searched for bright spots: 2.8 degrees a texel."""
 
-MOST_SPOTS, SPOT_COSINE = 32, 0.99026807
+MAX_SPOTS, SPOT_COSINE = 32, 0.99026807
 """Spots of a picture, and the cosine of 8 degrees: of one's radius."""
 
-BRIGHT, LEAST_FLUX = 4.0, 0.004
-"""A spot is brighter than `BRIGHT` times the mean, and sends at least the share `LEAST_FLUX` of all
+BRIGHT, MIN_FLUX = 4.0, 0.004
+"""A spot is brighter than `BRIGHT` times the mean, and sends at least the share `MIN_FLUX` of all
 light. What is smaller stays in the harmonics, which are off by a sixteenth of its light."""
 
 NO_LIGHT = Irradiance(
@@ -204,10 +204,10 @@ def _bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
     colors = image.astype(np.float64).reshape(-1, 3)
     level = colors[:, 0] + colors[:, 1] + colors[:, 2]
     areas = np.repeat(area[:, 0] / width, width)
-    least = _added(level * areas) * LEAST_FLUX
+    least = _added(level * areas) * MIN_FLUX
     excess = np.maximum(level - BRIGHT / (4.0 * PI) * _added(level * areas), 0.0)
     spots: list[list[float]] = []
-    while len(spots) < MOST_SPOTS and excess.any():
+    while len(spots) < MAX_SPOTS and excess.any():
         x, y, z = away[excess.argmax()].tolist()
         cosine = away[:, 0] * x + away[:, 1] * y + away[:, 2] * z
         (near,) = np.nonzero((cosine >= SPOT_COSINE) & (excess > 0.0))

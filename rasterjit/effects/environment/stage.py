@@ -58,7 +58,7 @@ FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 ROUGH_LEVELS = 8
 """Filtered levels; from each to the next the roughness grows by sqrt(2), up to 1 for the last."""
 
-LEAST_ROUGHNESS = np.float32(0.08838835)
+MIN_ROUGHNESS = np.float32(0.08838835)
 """Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
 
 TOWARD, LEVEL, FACING, PLACE = 0, 3, 4, 5
@@ -224,8 +224,8 @@ def sharp_color(x, y, z, texels, width, height, gradient):
 @helper
 def level_at_roughness(roughness):
     """Return the level of a roughness in 0..1: 0 is the picture, then the filtered ones."""
-    if roughness < LEAST_ROUGHNESS:
-        return roughness / LEAST_ROUGHNESS
+    if roughness < MIN_ROUGHNESS:
+        return roughness / MIN_ROUGHNESS
     level = np.float32(ROUGH_LEVELS) + np.float32(2.0) * log2(roughness)
     return clamped(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.surface.samples import INTERVAL_FRAME_ROW, INTERVALS, Block
-from rasterjit.runtime.float_math import SMALLEST_NORMAL, exp2, log2
+from rasterjit.runtime.float_math import MIN_NORMAL, exp2, log2
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, kernel, stage
 from rasterjit.runtime.state import float32, int64
@@ -23,7 +23,7 @@ def take_row(depth, nearness):
     """Write log2 of the stored depths of a row; -inf where nothing is."""
     nothing = np.float32(-np.inf)
     for i in range(nearness.shape[0]):
-        found = log2(max(depth[i], SMALLEST_NORMAL))
+        found = log2(max(depth[i], MIN_NORMAL))
         nearness[i] = found if depth[i] > nothing else nothing
 
 

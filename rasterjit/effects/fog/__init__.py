@@ -29,7 +29,7 @@ HALVINGS = 1.4426950408889634
 SQUARED_HALVINGS = 1.2011224087864498
 """Its square root: a density that is squared takes one of two equal factors."""
 
-LARGEST = float(np.finfo(np.float32).max)
+MAX = float(np.finfo(np.float32).max)
 
 
 class FogRecord(NamedTuple):
@@ -49,7 +49,7 @@ def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
 
 def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return how high eyes, (N,), are above where the fog has its density."""
-    return np.clip(eyes - (fog.height or 0.0), -LARGEST, LARGEST).astype(np.float32)
+    return np.clip(eyes - (fog.height or 0.0), -MAX, MAX).astype(np.float32)
 
 
 class FogEffect(BatchedEffect):

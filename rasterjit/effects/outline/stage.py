@@ -37,7 +37,7 @@ Faces of one surface that may follow each other from one pixel to the next, if t
 So a face that is seen edge-on, whose slope says nothing, hides no jump.
 """
 
-LEAST = np.float32(1e-30)
+MIN = np.float32(1e-30)
 """Added to what is divided by; the lens has entries up to 1."""
 
 NORMAL = 0
@@ -84,10 +84,10 @@ def slopes_at(lens, viewer, column, row, depth, normal):
     rise_x = nx * across[0] + ny * across[1] + nz * across[2]
     rise_y = nx * down[0] + ny * down[1] + nz * down[2]
     rise = nx * deeper[0] + ny * deeper[1] + nz * deeper[2]
-    rise = rise + LEAST if rise >= np.float32(0.0) else rise - LEAST
+    rise = rise + MIN if rise >= np.float32(0.0) else rise - MIN
     step = across[0] * across[0] + across[1] * across[1] + across[2] * across[2]
     deep = deeper[0] * deeper[0] + deeper[1] * deeper[1] + deeper[2] * deeper[2]
-    footprint = np.sqrt(step / (deep + LEAST))
+    footprint = np.sqrt(step / (deep + MIN))
     return (turn * nx, turn * ny, turn * nz), -rise_x / rise, -rise_y / rise, footprint
 
 

@@ -33,7 +33,7 @@ from rasterjit.survey.placement import place_boxes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.quality_overrides import shadow_under
 
-MOST_TEXELS_TO_TRY = 1 << 26
+MAX_TEXELS_TO_TRY = 1 << 26
 """Of the shadow maps that are tried where nobody asked for them: 268 MB."""
 
 Shadows: TypeAlias = maps.ShadowRecord | maps.PlannedShadows
@@ -205,7 +205,7 @@ class ShadowMaps(LooksAround):
             for light in scene.lights
         ]
         number = sum(6 if has_cube(light) else 1 for light in casting)
-        is_bounded = number * size * size <= MOST_TEXELS_TO_TRY
+        is_bounded = number * size * size <= MAX_TEXELS_TO_TRY
         return what, with_field(scene, "lights", lights) if count and is_bounded else None
 
     @staticmethod

@@ -36,7 +36,7 @@ looked at miss at that radius hides none of the disk yet."""
 NARROWEST = np.float32(1.5)
 """Least radius of a penumbra, texels: its edge is as smooth as that of 3 x 3 comparisons."""
 
-LARGEST_RADIUS = np.float32(0.25)
+MAX_RADIUS = np.float32(0.25)
 """Largest radius of a penumbra, sides of a map."""
 
 CELLS = 16
@@ -170,7 +170,7 @@ def read_penumbra(
 ):  # fmt: skip
     """Subtract what one comparison in the penumbra of each sample finds in shadow."""
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
-    last, most = np.float32(size - 2), LARGEST_RADIUS * np.float32(size)
+    last, most = np.float32(size - 2), MAX_RADIUS * np.float32(size)
     for i in range(share.shape[0]):
         top = limits(v[i], size, sides)
         above = nearer[i] / (found[i] if found[i] > zero else one)
@@ -237,7 +237,7 @@ def farthest_shading(u, v, depth, size, sides, widening, highest):
     lowest, _ = range_of(depth)
     left, right = range_of(u)
     upper, lower = range_of(v)
-    farthest = LARGEST_RADIUS * np.float32(size)
+    farthest = MAX_RADIUS * np.float32(size)
     for _ in range(NARROWINGS):
         # A point looks at the texel that it lies in, whose middle is less than one away.
         around = farthest + np.float32(1.0)

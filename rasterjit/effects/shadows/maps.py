@@ -558,7 +558,7 @@ def spiral(size: int) -> NDArray[np.float32]:
     same array each time for a side: it is not to be written to.
     """
     points, radius = [], 1.0
-    while radius <= float(filters.LARGEST_RADIUS) * size + 1.0:
+    while radius <= float(filters.MAX_RADIUS) * size + 1.0:
         sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_TURN)
         points.append((radius * cosine, radius * sine))
         radius *= SPIRAL_GROWTH

@@ -31,7 +31,7 @@ NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
 UNMAPPED = -1
 """No tone mapping: neither exposed nor clamped."""
 
-MOST_LIGHT = np.float32(1e12)
+MAX_LIGHT = np.float32(1e12)
 """Exposed light is clamped to this: float32 holds its square, and every curve is at its end."""
 
 START = np.float32(0.76)
@@ -60,8 +60,8 @@ NO_TONES = ToneRecord(UNMAPPED, 0.0, 0.0)
 
 @helper
 def exposed(value, factor):
-    """Return exposed light clamped to 0..MOST_LIGHT; NaN gives 0."""
-    return clamped(value * factor, np.float32(0.0), MOST_LIGHT)
+    """Return exposed light clamped to 0..MAX_LIGHT; NaN gives 0."""
+    return clamped(value * factor, np.float32(0.0), MAX_LIGHT)
 
 
 @helper

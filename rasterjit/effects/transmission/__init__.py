@@ -28,7 +28,7 @@ from rasterjit.survey.material_features import without_transmission
 from rasterjit.survey.object_counts import in_words
 from rasterjit.survey.plan import RenderPlan
 
-LEAST_SIDE = 2
+MIN_SIDE = 2
 """Texels: levels are halved as long as a side has that many."""
 
 BRIGHTEST = np.float32(1e30)
@@ -63,7 +63,7 @@ def level_table(size: tuple[int, int], count: int) -> NDArray[np.int64]:
     for _ in range(count):
         rows.append((first, width, height))
         first += width * height
-        if max(width, height) < LEAST_SIDE:
+        if max(width, height) < MIN_SIDE:
             break
         width, height = -(-width // 2), -(-height // 2)
     return np.array(rows, np.int64)

@@ -40,7 +40,7 @@ RIGHT, DOWN = 0, 1
 LEVEL = 0
 """Row of ``single``: which level of the picture it looks at."""
 
-MOST_AWAY = 1e6
+MAX_AWAY = 1e6
 """Pixels: what is seen farther away lies beyond the edges of any picture."""
 
 
@@ -139,8 +139,8 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
             px + length * dx, py + length * dy, pz + length * dz, clip, size[0], size[1]
         )
         is_seen = (w0 > 0.0) & (w1 > 0.0)
-        right = clamped(x1 - x0, -MOST_AWAY, MOST_AWAY) if is_seen else 0.0
-        down = clamped(y1 - y0, -MOST_AWAY, MOST_AWAY) if is_seen else 0.0
+        right = clamped(x1 - x0, -MAX_AWAY, MAX_AWAY) if is_seen else 0.0
+        down = clamped(y1 - y0, -MAX_AWAY, MAX_AWAY) if is_seen else 0.0
     block.real[RIGHT, i], block.real[DOWN, i] = right, down
     rough = clamped(s[rows.ROUGHNESS, i], zero, one)
     bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)

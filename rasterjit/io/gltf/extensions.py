@@ -23,11 +23,11 @@ from typing import Any, NamedTuple
 
 from rasterjit.io.gltf.values import list_of, number_of, object_of, shown, whole_of
 from rasterjit.io.skipped import LeftOut
-from rasterjit.scene.material import BRIGHTEST_TINT, LARGEST_IOR, LARGEST_THICKNESS, Material
+from rasterjit.scene.material import BRIGHTEST_TINT, MAX_IOR, MAX_THICKNESS, Material
 from rasterjit.scene.texture import ColorSpace
 from rasterjit.scene.validation import in_short
 
-LEAST_DISTANCE = 1e-6
+MIN_DISTANCE = 1e-6
 """In place of 0, where a file says that light is tinted before it goes any way in a body."""
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
@@ -72,14 +72,14 @@ LAYERS = {
             "specular_color_texture": ("specularColorTexture", "srgb"),
         },
     ),
-    "KHR_materials_ior": Layer(numbers={"ior": ("ior", 1.5, LARGEST_IOR)}),
+    "KHR_materials_ior": Layer(numbers={"ior": ("ior", 1.5, MAX_IOR)}),
     "KHR_materials_transmission": Layer(
         numbers={"transmission": ("transmissionFactor", 0.0, 1.0)},
         textures={"transmission_texture": ("transmissionTexture", "linear")},
     ),
     "KHR_materials_volume": Layer(
         numbers={
-            "thickness": ("thicknessFactor", 0.0, LARGEST_THICKNESS),
+            "thickness": ("thicknessFactor", 0.0, MAX_THICKNESS),
             "attenuation_distance": ("attenuationDistance", math.inf, math.inf),
         },
         colors={"attenuation_color": ("attenuationColor", 1.0, 1.0)},
@@ -130,7 +130,7 @@ def layers_of(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any
         # Less than the vacuum has: nothing is mirrored.
         fields["ior"] = 1.0
     if fields.get("attenuation_distance") == 0.0:
-        fields["attenuation_distance"] = LEAST_DISTANCE
+        fields["attenuation_distance"] = MIN_DISTANCE
     return fields, uses
 
 

@@ -59,7 +59,7 @@ _NUMBER_BYTES = 24
 _SPARSE_BYTES = 16
 """What a row of a sparse accessor takes besides: its place as int64, and whether that is sound."""
 
-MOST_ZEROS = 1 << 26
+MAX_ZEROS = 1 << 26
 """Most rows of an accessor that takes no bytes of the file: a damaged count asks for no memory."""
 
 
@@ -167,7 +167,7 @@ class GltfFile:
             # This takes nothing, and refuses a count that the buffer does not hold.
             rows = self._rows(accessor, count, width, dtype)
             self.budget.take(*taken)
-        elif count <= MOST_ZEROS:
+        elif count <= MAX_ZEROS:
             self.budget.take(*taken)
             rows = np.zeros((count, width), dtype)
         else:

@@ -72,7 +72,7 @@ _STORED = {_FLOAT: "<f4", _WHOLE: "<u4", _SHORT: "<u2"}
 _IN_A_SET = 4
 """Joints that one attribute has for each vertex."""
 
-_MOST_JOINTS = 1 << 16
+_MAX_JOINTS = 1 << 16
 """Joints that uint16 numbers."""
 
 _SHEARED = 1e-6
@@ -332,8 +332,8 @@ class _Writer:
         """Add which joints vertices follow, and how much, four in each attribute."""
         if mesh.joints is None or mesh.weights is None:
             return
-        if int(mesh.joints.max()) >= _MOST_JOINTS:
-            self.left_out.note(f"joints of a mesh from number {_MOST_JOINTS} on")
+        if int(mesh.joints.max()) >= _MAX_JOINTS:
+            self.left_out.note(f"joints of a mesh from number {_MAX_JOINTS} on")
             return
         count = -(-mesh.joints.shape[1] // _IN_A_SET) * _IN_A_SET
         missing = ((0, 0), (0, count - mesh.joints.shape[1]))

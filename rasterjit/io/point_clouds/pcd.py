@@ -99,7 +99,7 @@ _VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 _HEAD_WORDS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
                "VIEWPOINT", "POINTS", "DATA")  # fmt: skip
 
-_MOST_VALUES = 1 << 20
+_MAX_VALUES = 1 << 20
 """Values of all fields of a point, at most."""
 
 
@@ -183,8 +183,8 @@ def _head(data: bytes) -> _Head:
         if known is None:
             raise ValueError(f"field {name[:40]!r} must be of a known type, got {kind} of {size}")
         fields.append(_Field(name, np.dtype(known), _whole("COUNT", count)))
-    if not 0 < sum(one.count for one in fields) <= _MOST_VALUES:
-        raise ValueError(f"COUNT must name 1 to {_MOST_VALUES} values of a point")
+    if not 0 < sum(one.count for one in fields) <= _MAX_VALUES:
+        raise ValueError(f"COUNT must name 1 to {_MAX_VALUES} values of a point")
     # How many points there are, and how they are written.
     shape = [_whole(key, *said[key]) for key in ("WIDTH", "HEIGHT") if key in said]
     points = _whole("POINTS", *said["POINTS"]) if "POINTS" in said else math.prod(shape or [0])

@@ -33,7 +33,7 @@ GREY = (102, 102, 102, 255)
 _STATEMENT_BYTES = 64
 """What a byte of an MTL file takes at most, as statements."""
 
-MOST_SHININESS = 1000.0
+MAX_SHININESS = 1000.0
 """Largest exponent: a highlight of about two degrees, which pixels still resolve."""
 
 _MAPS = ("map_kd", "map_d")
@@ -159,7 +159,7 @@ def material_from_mtl(
         ks = np.asarray(material.specular, dtype=np.uint8)[:3]
         specular = float(srgb_to_linear(ks).mean())
     if "ns" in said and material.glossiness is not None:
-        shininess = min(max(material.glossiness, 1.0), MOST_SHININESS)
+        shininess = min(max(material.glossiness, 1.0), MAX_SHININESS)
         if material.glossiness <= 1.0:
             # Exporters write 0 for no highlight; an exponent of 1 would wash over the whole object.
             specular = 0.0

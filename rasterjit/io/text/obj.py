@@ -43,8 +43,8 @@ from rasterjit.scene.material import Material
 _KINDS = ("v", "vt", "vn")
 """What the numbers between the slashes of a face count."""
 
-_LEAST = {"v": 3, "vt": 1, "vn": 3}
-_MOST = {"v": 6, "vt": 2, "vn": 3}
+_MIN = {"v": 3, "vt": 1, "vn": 3}
+_MAX = {"v": 6, "vt": 2, "vn": 3}
 
 _SHAPELESS = frozenset(
     (
@@ -152,9 +152,9 @@ class _ObjFile:
         for kind, which in self._which.items():
             self._budget.take(f"{len(which)} rows of {kind}", len(which) * ROW_BYTES)
             values, counts = number_rows(
-                self._lines, which, len(kind), _LEAST[kind], what[kind], self._damage
+                self._lines, which, len(kind), _MIN[kind], what[kind], self._damage
             )
-            self._tables[kind], self._there[kind] = columns(values, counts, _MOST[kind])
+            self._tables[kind], self._there[kind] = columns(values, counts, _MAX[kind])
         if self._tables["vt"].shape[1] == 1:
             table = self._tables["vt"]
             self._tables["vt"] = np.hstack([table, np.zeros_like(table)])

@@ -26,7 +26,7 @@ _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
 _BESIDE = {"N": "normal", "ST": "texture coordinates"}
 """What vertices have besides positions and colours, by the letters before ``OFF``."""
 
-_MOST = 12
+_MAX = 12
 """Numbers of a vertex that are looked at: position, normal, colour, texture coordinates."""
 
 _A_FACE = "a face: how many vertices it has, and their numbers, below"
@@ -62,7 +62,7 @@ def read_off(
         damage.end(f"{vertex_count} vertices, as its head says", str(len(rows)))
     values, found = number_rows(lines, rows, 0, 3, "a vertex", damage)
     letters = header[0][: header[0].upper().index("OFF")].upper()
-    table, there = columns(values, found, _MOST)
+    table, there = columns(values, found, _MAX)
     vertices, width = table[:, :3], table.shape[1]
     begin = 6 if "N" in letters else 3
     end = width - 2 if "ST" in letters else width

@@ -36,7 +36,7 @@ _NAMES = {
 _MEANING = {name: meant for meant, names in _NAMES.items() for name in names}
 """What a column of a name holds."""
 
-_MOST_COLUMNS = 1 << 12
+_MAX_COLUMNS = 1 << 12
 
 _UNIT = 0.02
 """By how much the length of normals may differ from 1 to be known as such."""
@@ -57,7 +57,7 @@ def read_rows(path: Path, resources: Resources, damage: Damage, left_out: LeftOu
     if not len(rows):
         raise MeshFileError(f"{path} holds a point cloud of no points")
     width = len(names) if names else len(lines.text(int(rows[0])).split())
-    if not 3 <= width <= _MOST_COLUMNS:
+    if not 3 <= width <= _MAX_COLUMNS:
         raise MeshFileError(
             f"{path} must have rows of 3 numbers or more, x y z ..., got "
             f"{lines.shown(int(rows[0]))} at {lines.where(int(rows[0]))}"

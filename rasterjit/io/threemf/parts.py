@@ -27,7 +27,7 @@ GROUPS = (*_MATERIALS, "colorgroup", "texture2dgroup", "multiproperties")
 _TILES: dict[str, Wrap] = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
 _FILTERS: dict[str, Filter] = {"auto": "trilinear", "linear": "bilinear", "nearest": "nearest"}
 
-_MOST_MIXED = 16
+_MAX_MIXED = 16
 """Most textures that are mixed for one group, each with other colours below or above it."""
 
 _Floats: TypeAlias = "NDArray[np.float32]"
@@ -208,7 +208,7 @@ class Properties:
         kept = sorted({*plain, *shown})
         beside = np.concatenate([colors[place] for place in plain] or [colors[0]], axis=1)
         kinds, which = np.unique(beside, axis=0, return_inverse=True)
-        if len(kinds) > _MOST_MIXED:
+        if len(kinds) > _MAX_MIXED:
             self._left_out.note("colour of a multi-property under a texture", len(kinds) - 1)
             kinds, which = kinds.mean(axis=0, keepdims=True), np.zeros(len(beside), np.int64)
         texture = shown[max(shown)]
@@ -292,7 +292,7 @@ def _place(said: str, count: int) -> int:
 _SIDES = ((5_000, 12), (50_000, 8))
 """Sides of the beams of lattices with up to so many of them."""
 
-_FEWEST_SIDES = 6
+_MIN_SIDES = 6
 
 _CAP = np.radians([90.0, 60.0, 30.0, 0.0])
 """Latitudes of the rings of a round end, from its pole to where the beam begins."""
@@ -309,7 +309,7 @@ def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def beam_sides(count: int) -> int:
     """Return how many sides each beam of a lattice has."""
-    return next((sides for most, sides in _SIDES if count <= most), _FEWEST_SIDES)
+    return next((sides for most, sides in _SIDES if count <= most), _MIN_SIDES)
 
 
 def beam_faces(count: int) -> int:

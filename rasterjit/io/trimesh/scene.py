@@ -18,7 +18,7 @@ from rasterjit.io.images import image_pixels, take_texels
 from rasterjit.io.primitives import Cloud, Reading, drawing_of_path
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text import parts
-from rasterjit.io.text.mtl import MOST_SHININESS, MtlMaterial, material_from_mtl
+from rasterjit.io.text.mtl import MAX_SHININESS, MtlMaterial, material_from_mtl
 from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.light import (
@@ -181,11 +181,11 @@ def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Mat
     if textures["metallic_roughness_texture"] is not None:
         left_out.note(f"metallic_roughness_texture of material {material.name!r}")
     roughness, metallic = _share(material.roughnessFactor), _share(material.metallicFactor)
-    shininess = MOST_SHININESS
+    shininess = MAX_SHININESS
     # A power is the math library's affair; products have the same bits everywhere.
     alpha = roughness * roughness
     if alpha * alpha > 0.0:
-        shininess = min(max(2.0 / (alpha * alpha) - 2.0, 1.0), MOST_SHININESS)
+        shininess = min(max(2.0 / (alpha * alpha) - 2.0, 1.0), MAX_SHININESS)
     mean = sum(rgba[:3]) / 3.0
     reflectance = _DIELECTRIC + (mean - _DIELECTRIC) * metallic * (1.0 - roughness)
     return Material(

@@ -135,7 +135,7 @@ def _name(element: ElementTree.Element) -> str:
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
 
 
-_MOST_BOUND = 8
+_MAX_BOUND = 8
 """Controllers that bind one another: a skin of a morph, and room."""
 
 
@@ -202,7 +202,7 @@ class _Collada:
     def shape(self, name: str) -> _Shape | None:
         """Return the geometry below a controller; None if there is none."""
         placed, is_in_world, is_skin = np.eye(4), False, False
-        for _ in range(_MOST_BOUND):
+        for _ in range(_MAX_BOUND):
             element = self._by_id.get(name.removeprefix("#"))
             if element is None:
                 return None

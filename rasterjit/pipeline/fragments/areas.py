@@ -30,16 +30,16 @@ from rasterjit.pipeline.visibility.nearest import tile_window
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64
 
-MOST_CORNERS = 40
+MAX_CORNERS = 40
 """Most corners of a piece."""
 
-MOST_PIECES = 512
+MAX_PIECES = 512
 """Most pieces of a triangle's visible part in a pixel."""
 
 CORNERS = 3
 """Polygons with fewer corners have no area."""
 
-LEAST_AREA = 2.0**-46
+MIN_AREA = 2.0**-46
 """Smaller pieces, in pixels, are dropped: they come from rounding."""
 
 PARTS = 1 << 24
@@ -181,7 +181,7 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
     left = np.int64(0)
     for n in range(count):
         piece, size = pieces[source, n], sizes[source, n]
-        if size + hiding_size >= MOST_CORNERS:
+        if size + hiding_size >= MAX_CORNERS:
             return np.int64(-1)
         # Skip a piece that the polygon does not touch.
         copy_polygon(piece, size, spare[0])
@@ -191,8 +191,8 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
             side = 1 - side
             if inside < CORNERS:
                 break
-        if area_of(spare[side], inside) <= LEAST_AREA:
-            if left == MOST_PIECES:
+        if area_of(spare[side], inside) <= MIN_AREA:
+            if left == MAX_PIECES:
                 return np.int64(-1)
             copy_polygon(piece, size, pieces[target, left])
             sizes[target, left] = size
@@ -202,11 +202,11 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
         copy_polygon(piece, size, spare[0])
         inside, side = size, 0
         for k in range(hiding_size):
-            if left == MOST_PIECES:
+            if left == MAX_PIECES:
                 return np.int64(-1)
             line = edge_line(hiding, hiding_size, k)
             outside = cut(spare[side], inside, turned(line), pieces[target, left])
-            if area_of(pieces[target, left], outside) > LEAST_AREA:
+            if area_of(pieces[target, left], outside) > MIN_AREA:
                 sizes[target, left] = outside
                 left += 1
             inside = cut(spare[side], inside, line, spare[1 - side])
@@ -233,7 +233,7 @@ def seen_area(n, candidates, count, triangles, column, row, polygons, corners, l
             line, _ = depth_line(triangles[candidates[levels[k]]], level, column, row)
             size = cut(polygons[k], corners[k], line, spare[2])
             hiding = spare[2]
-        if area_of(hiding, size) <= LEAST_AREA:
+        if area_of(hiding, size) <= MIN_AREA:
             continue
         left = subtract(pieces, sizes, left, hiding, size, spare, (source, 1 - source))
         source = 1 - source
@@ -302,7 +302,7 @@ def find_candidates(
             continue
         size = cut_to_pixel(triangle, column, row, work[2][0], polygons[count])
         area = area_of(polygons[count], size)
-        if area <= LEAST_AREA:
+        if area <= MIN_AREA:
             continue
         lowest, highest = reach_of(triangle, polygons[count], size, column, row)
         slack = DEPTH_STEP * abs(highest)
@@ -371,13 +371,13 @@ def scratch_memory(most: int) -> tuple[Any, ...]:
         np.empty((most, TRIANGLE_COLUMNS), np.float64),
         np.empty(most, np.int64),
         np.empty(most, np.int64),
-        np.empty((most + 1, MOST_CORNERS, 2), np.float64),
+        np.empty((most + 1, MAX_CORNERS, 2), np.float64),
         np.empty(most + 1, np.int64),
         np.empty(most, np.int64),
         np.empty(most, np.float64),
-        np.empty((2, MOST_PIECES, MOST_CORNERS, 2), np.float64),
-        np.empty((2, MOST_PIECES), np.int64),
-        np.empty((3, MOST_CORNERS, 2), np.float64),
+        np.empty((2, MAX_PIECES, MAX_CORNERS, 2), np.float64),
+        np.empty((2, MAX_PIECES), np.int64),
+        np.empty((3, MAX_CORNERS, 2), np.float64),
     )
 
 

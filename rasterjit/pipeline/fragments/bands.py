@@ -1,7 +1,7 @@
 """
 Find the fragments of bands of pixel rows: several samples, layers or areas per pixel.
 
-A band is a row of tiles, or fewer rows where fragments would take more than ``MOST_BYTES``.
+A band is a row of tiles, or fewer rows where fragments would take more than ``MAX_BYTES``.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from rasterjit.runtime.threads import Memory, Workers
 FIRST_GUESS = 16
 """Initial capacity, layers; grown where a band has more."""
 
-MOST_LAYERS = 4096
+MAX_LAYERS = 4096
 """Most transparent layers of a pixel; more are an error, never dropped."""
 
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 """Most memory for the layers of one band, per thread."""
 
 BYTES_PER_SHARE = 8
@@ -219,7 +219,7 @@ def find_layers(
         needed = needed if kept is None else min(needed, kept)
         # A stored depth and a face number.
         bytes_of_one = np.dtype(lists.depth_type).itemsize + 4
-        most = min(MOST_LAYERS, MOST_BYTES // (bytes_of_one * samples * width))
+        most = min(MAX_LAYERS, MAX_BYTES // (bytes_of_one * samples * width))
         if needed > most:
             raise ValueError(
                 f"the scene has {needed} transparent surfaces behind each other at the pixel in "
@@ -229,7 +229,7 @@ def find_layers(
         if needed <= room:
             yield Band(rows[0], opaque, found[1][:, :needed], found[0][:, :needed])
             return
-        if needed * samples * height * width * bytes_of_one > MOST_BYTES:
+        if needed * samples * height * width * bytes_of_one > MAX_BYTES:
             middle = rows[0] + height // 2
             yield from find_layers((rows[0], middle), lists, samples, finder, memory, kept)
             yield from find_layers((middle, rows[1]), lists, samples, finder, memory, kept)
@@ -257,7 +257,7 @@ def find_areas(
             own, test.question,
         )  # fmt: skip
         count, column, row = map(int, deepest)
-        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_SHARE > MOST_BYTES:
+        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_SHARE > MAX_BYTES:
             raise ValueError(
                 f"samples must be 1, 2, 4, 8 or 16 for this scene, got 'area': the pixel in column "
                 f"{column}, row {row} shows more faces than their areas can be found of"

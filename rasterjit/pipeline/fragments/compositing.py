@@ -25,14 +25,14 @@ from rasterjit.runtime.state import float32, int32
 THROUGH = 3
 """Column of a sum: transmittance, the share of light from behind."""
 
-MOST_THROUGH = np.float32(1.0 - 2.0**-24)
+MAX_THROUGH = np.float32(1.0 - 2.0**-24)
 """Largest transmittance of a visible layer: less than 1, which stands for no layer."""
 
 
 @helper
 def passed(through, alpha):
     """Return the transmittance behind a layer whose alpha is not 0."""
-    return min(through * (np.float32(1.0) - alpha), MOST_THROUGH)
+    return min(through * (np.float32(1.0) - alpha), MAX_THROUGH)
 
 
 @kernel

@@ -26,7 +26,7 @@ from rasterjit.runtime.state import float64, int32, int64, uint8
 PLANES = 6
 """Near, far, and the four sides of the guard band."""
 
-MOST_VERTICES = 28
+MAX_VERTICES = 28
 """
 Most vertices of a clipped polygon.
 
@@ -151,8 +151,8 @@ def count_clipped_vertices(
     clip_positions : (V, 4) float64, clip space
     viewport : Viewport
     counts : (C,) int64
-        Writes 0 for a face of which nothing is left, else 3 to ``MOST_VERTICES``.
-    scratch : (2, MOST_VERTICES, 4) float64
+        Writes 0 for a face of which nothing is left, else 3 to ``MAX_VERTICES``.
+    scratch : (2, MAX_VERTICES, 4) float64
     """
     polygon, spare = scratch[0], scratch[1]
     for n in range(clipped_faces.shape[0]):
@@ -179,7 +179,7 @@ def clip_faces(
     clipped : (positions (E, 4) float64, pieces (P, 3) int32, piece_faces (P,) int32)
         Writes the new vertices, in clip space; the pieces, with new vertex ``e`` numbered
         ``V + e``; and the face that each piece was cut from.
-    scratch : (2, MOST_VERTICES, 4) float64
+    scratch : (2, MAX_VERTICES, 4) float64
     """
     vertex_starts, piece_starts = starts
     positions, pieces, piece_faces = clipped

@@ -24,8 +24,8 @@ from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, real
 
-LARGEST_SINGLE = 1e18
-"""`LARGEST_COORDINATE` of float32: products of two stay finite there."""
+MAX_SINGLE = 1e18
+"""`MAX_COORDINATE` of float32: products of two stay finite there."""
 
 BLOCK = 256
 """Vertices of a block: their rows of scratch memory, 15 KiB, stay in L1."""
@@ -42,7 +42,7 @@ SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
 def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the scratch memory of this file's kernels, for float64 or float32 arithmetic."""
     kind = np.dtype(precision)
-    largest = setup.LARGEST_COORDINATE if kind == np.float64 else LARGEST_SINGLE
+    largest = setup.MAX_COORDINATE if kind == np.float64 else MAX_SINGLE
     return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
 
 

@@ -19,7 +19,7 @@ BLOCK = 256
 DEPTH = 4
 """Row of depths; the rows before it are the sides of the frustum, in an order around it."""
 
-LEAST, MOST, BEFORE, BEHIND = 0, 1, 2, 3
+MIN, MAX, BEFORE, BEHIND = 0, 1, 2, 3
 """Results: least and greatest visible depth; how many faces reach before the near plane, and beyond
 the far one."""
 
@@ -169,7 +169,7 @@ def find_seen_depths(
     corners : int
         How many a face has: 3, of segments 2, of points 1. Then face ``n`` is vertex ``n``.
     found : (4,) float64
-        Changed by these faces: see ``LEAST`` and those after it.
+        Changed by these faces: see ``MIN`` and those after it.
     scratch : (8, 4) float64
         This call's own.
     """
@@ -199,7 +199,7 @@ def find_seen_depths(
             least, most = ends[0], ends[1]
             if most > 0.0:
                 least = max(least, 0.0)
-                found[LEAST] = min(found[LEAST], least)
-                found[MOST] = max(found[MOST], most)
+                found[MIN] = min(found[MIN], least)
+                found[MAX] = max(found[MAX], most)
                 found[BEFORE] += 1.0 if least < near else 0.0
                 found[BEHIND] += 1.0 if most > far else 0.0

@@ -47,7 +47,7 @@ One that covers a whole tile is at least twice as wide or high. Small ones acros
 four tiles reach 2.
 """
 
-LARGEST_COORDINATE = 1e150
+MAX_COORDINATE = 1e150
 """Clip coordinates beyond it are invalid, as NaN is: products of two stay finite in float64."""
 
 LEFT, RIGHT, BOTTOM, TOP, NEAR, FAR = 1, 2, 4, 8, 16, 32
@@ -55,7 +55,7 @@ LEFT, RIGHT, BOTTOM, TOP, NEAR, FAR = 1, 2, 4, 8, 16, 32
 GUARD = 64
 """Outcode bit: outside the guard band, or not in front of the eye (``w <= 0``)."""
 INVALID = 128
-"""Outcode bit: a coordinate is NaN, infinite, or beyond ``LARGEST_COORDINATE``."""
+"""Outcode bit: a coordinate is NaN, infinite, or beyond ``MAX_COORDINATE``."""
 FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
 """A face whose three vertices share one of these bits cannot be seen."""
 ANY_CODE = FRUSTUM | GUARD | INVALID

@@ -60,7 +60,7 @@ Bound on the rounding error of an edge function at the corner of a box, sub-pixe
 There are five roundings, of numbers below 2**56, each off by 4 at most.
 """
 
-LEAST_SIDE = -(2.0**31)
+MIN_SIDE = -(2.0**31)
 """Lowest int32."""
 
 ROOM = BATCH + 8
@@ -297,7 +297,7 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
         is_top_left = (along_y < 0) | ((along_y == 0) & (along_x > 0))
         whole = np.floor((here if is_top_left else here - 1.0) * pixel)
         # Not read for a wide triangle, where it may not fit
-        side[n] = np.int32(min(max(whole, LEAST_SIDE), -LEAST_SIDE - 1.0))
+        side[n] = np.int32(min(max(whole, MIN_SIDE), -MIN_SIDE - 1.0))
 
 
 @disjoint_helper

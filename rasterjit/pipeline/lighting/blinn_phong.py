@@ -27,7 +27,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper
 SHORTEST_SQUARED = np.float32(1e-29)
 """Least squared distance, scene units squared: keeps the brightest light finite at its position."""
 
-MOST_ARRIVING, STRONG = np.float32(1e38), np.float32(1e9)
+MAX_ARRIVING, STRONG = np.float32(1e38), np.float32(1e9)
 """Largest irradiance; lights of up to the second intensity cannot exceed it."""
 
 PLACED = 3
@@ -104,7 +104,7 @@ def light_at(light, px, py, pz):
     lx, ly, lz = light[0] - light[3] * px, light[1] - light[3] * py, light[2] - light[3] * pz
     scale = unit_scale(lx, ly, lz)
     falloff = light[3] * scale * scale + (np.float32(1.0) - light[3])
-    falloff = min(falloff, MOST_ARRIVING / max(STRONG, light[4], light[5], light[6]))
+    falloff = min(falloff, MAX_ARRIVING / max(STRONG, light[4], light[5], light[6]))
     falloff *= reach(lx * lx + ly * ly + lz * lz, light[ENDING])
     lx, ly, lz = lx * scale, ly * scale, lz * scale
     dx, dy, dz = lx + light[DIRECTION_X], ly + light[DIRECTION_Y], lz + light[DIRECTION_Z]

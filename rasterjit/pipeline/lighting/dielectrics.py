@@ -26,7 +26,7 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state import float32, int64
 
-LEAST_ALBEDO = np.float32(0.05)
+MIN_ALBEDO = np.float32(0.05)
 """Least albedo of the white mirror's single scattering, against division by small numbers."""
 
 
@@ -86,7 +86,7 @@ def show_channel(
         shares, metal = (scale[i], offset[i]), clamped(metallic[i], zero, one)
         weight = min(edge[i], one)
         albedo = shares[0] + shares[1]
-        mirrored = (white[i] - (one - albedo) * even[i]) / max(albedo, LEAST_ALBEDO)
+        mirrored = (white[i] - (one - albedo) * even[i]) / max(albedo, MIN_ALBEDO)
         mirrored = max(zero, mirrored)
         most = min(max(red[i], max(green[i], blue[i])), one)
         largest, often_largest = bounces(most, shares)

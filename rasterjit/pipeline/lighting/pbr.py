@@ -37,10 +37,10 @@ from rasterjit.runtime.jit import disjoint_helper, helper
 DIELECTRIC = np.float32(0.04)
 """F0 of dielectrics: reflectance at normal incidence."""
 
-LEAST_ALPHA = np.float32(0.002)
+MIN_ALPHA = np.float32(0.002)
 """Least GGX alpha: a perfect mirror would show no point light."""
 
-LEAST_COSINE = np.float32(1e-4)
+MIN_COSINE = np.float32(1e-4)
 """Least n·v, for shading normals that turn away from the viewer."""
 
 
@@ -218,11 +218,11 @@ def find_facet_angles(
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         x, y, z = nx[i], ny[i], nz[i]
         n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if told[i] > zero else zero
-        n_v = max(LEAST_COSINE, x * vx[i] + y * vy[i] + z * vz[i])
+        n_v = max(MIN_COSINE, x * vx[i] + y * vy[i] + z * vz[i])
         n_h = x * hx + y * hy + z * hz
         v_h = max(zero, vx[i] * hx + vy[i] * hy + vz[i] * hz)
         cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
-        alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
+        alpha = max(roughness[i] * roughness[i], MIN_ALPHA)
         squared = alpha * alpha
         shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
         shine *= parts[1] * facets_seen(n_l, n_v, squared)

@@ -47,8 +47,8 @@ from rasterjit.runtime.state import float32, int32, int64, uint8
 COLOR_RED = rows.TINT_RED
 """Rows, three: vertex colours. They reuse the rows of transmission, which this model lacks."""
 
-LEAST_COSINE = np.float32(0.001)
-LEAST_ROUGHNESS = np.float32(0.04)
+MIN_COSINE = np.float32(0.001)
+MIN_ROUGHNESS = np.float32(0.04)
 DIELECTRIC = np.float32(0.04)
 SPARE = np.float32(0.001)
 """Constant added to the denominator of the specular term."""
@@ -162,14 +162,14 @@ def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
         hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
         scale = unit_scale(hx, hy, hz)
         x, y, z = nx[i], ny[i], nz[i]
-        n_l = clamped(x * lx[i] + y * ly[i] + z * lz[i], LEAST_COSINE, one)
-        n_v = clamped(abs(x * vx[i] + y * vy[i] + z * vz[i]), LEAST_COSINE, one)
+        n_l = clamped(x * lx[i] + y * ly[i] + z * lz[i], MIN_COSINE, one)
+        n_v = clamped(abs(x * vx[i] + y * vy[i] + z * vz[i]), MIN_COSINE, one)
         n_h = clamped((x * hx + y * hy + z * hz) * scale, zero, one)
         v_h = clamped((vx[i] * hx + vy[i] * hy + vz[i] * hz) * scale, zero, one)
         rest = one - v_h
         squared = rest * rest
         lx[i] = n_l
-        ly[i] = mirrored_by(n_l, n_v, n_h, clamped(roughness[i], LEAST_ROUGHNESS, one))
+        ly[i] = mirrored_by(n_l, n_v, n_h, clamped(roughness[i], MIN_ROUGHNESS, one))
         lz[i] = squared * squared * rest
 
 

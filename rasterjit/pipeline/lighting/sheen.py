@@ -24,7 +24,7 @@ import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
-from rasterjit.pipeline.lighting.pbr import LEAST_COSINE, is_any_above_zero
+from rasterjit.pipeline.lighting.pbr import MIN_COSINE, is_any_above_zero
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped, exp2, power
@@ -32,7 +32,7 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
-LEAST_ROUGHNESS = np.float32(0.07)
+MIN_ROUGHNESS = np.float32(0.07)
 """Least roughness; lower ones are clamped to it."""
 
 LEANING = np.float32(0.6)
@@ -62,7 +62,7 @@ THOUSANDTHS = (
     (864, 933, 922, 854, 777, 702, 631, 566, 504, 445, 389, 336, 289, 245, 204, 164),
 )
 """
-E in thousandths: a row for each roughness from 0 to 1 in equal steps, `LEAST_ROUGHNESS` in place of
+E in thousandths: a row for each roughness from 0 to 1 in equal steps, `MIN_ROUGHNESS` in place of
 less; a column for each cosine, whose roots go from 0 to 1 in equal steps, 0.001 in place of 0.
 """
 
@@ -111,10 +111,10 @@ def find_fibres(parts, nx, ny, nz, roughness, vx, vy, vz, facing, shining, graze
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for i in range(nx.shape[0]):
         n_l = facing[i]
-        n_v = max(LEAST_COSINE, nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i])
-        v_h = max(LEAST_COSINE, one - power(grazed[i], np.float32(0.2)))
+        n_v = max(MIN_COSINE, nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i])
+        v_h = max(MIN_COSINE, one - power(grazed[i], np.float32(0.2)))
         n_h = half * (n_l + n_v) / v_h
-        alpha = clamped(roughness[i], LEAST_ROUGHNESS, one)
+        alpha = clamped(roughness[i], MIN_ROUGHNESS, one)
         alpha *= alpha
         sharp = half / alpha
         density = (one + sharp) * power(max(zero, one - n_h * n_h), sharp)

@@ -146,7 +146,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         size = abs(edges[0] + edges[1] + edges[2])
         least = size * min(one, min(ratio_b, ratio_c))
         most = size * max(one, max(ratio_b, ratio_c))
-        if least > 2.0 * float32_weights.LEAST_TOTAL and most < 0.5 * float32_weights.LARGEST_TOTAL:
+        if least > 2.0 * float32_weights.MIN_TOTAL and most < 0.5 * float32_weights.MAX_TOTAL:
             blend_run(
                 rows[0], rows[1], rows[2], edges, steps, (ratio_b, ratio_c), shown, base
             )  # fmt: skip

@@ -33,7 +33,7 @@ An edge and a ratio are rounded once, their product once more: 3. Their sum adds
 are off by: 5. Its inverse and the product with it are rounded: 3 + 5 + 2.
 """
 
-LEAST_TOTAL, LARGEST_TOTAL = np.float32(2.0**-64), np.float32(2.0**120)
+MIN_TOTAL, MAX_TOTAL = np.float32(2.0**-64), np.float32(2.0**120)
 """
 Sums of weights between these are accurate.
 
@@ -100,7 +100,7 @@ def find_edges(ax, ay, bx, by, cx, cy, columns, rows, bits, half, edge_a, edge_b
 def is_accurate(total):
     """Return whether a sum of weights stays within the accurate range of float32."""
     size = abs(total)
-    return (size > LEAST_TOTAL) & (size < LARGEST_TOTAL)
+    return (size > MIN_TOTAL) & (size < MAX_TOTAL)
 
 
 @disjoint_helper

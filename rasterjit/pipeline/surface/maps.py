@@ -29,7 +29,7 @@ from rasterjit.runtime.state import float32, int64
 NORMAL_SCALE, OCCLUSION_STRENGTH, EMITTED = 0, 1, 2
 """Columns of ``Maps.factors``; the last begins three."""
 
-LEAST_TANGENT = 1e-10
+MIN_TANGENT = 1e-10
 """Least part of a tangent's squared length left after orthogonalization; below, there is none."""
 
 
@@ -79,7 +79,7 @@ def bend_normals(
         share = tx * ux + ty * uy + tz * uz
         tx, ty, tz = tx - share * ux, ty - share * uy, tz - share * uz
         left = tx * tx + ty * ty + tz * tz
-        is_told = (length > 0.0) & (LEAST_TANGENT * full < left) & (left < np.inf)
+        is_told = (length > 0.0) & (MIN_TANGENT * full < left) & (left < np.inf)
         length = np.sqrt(left)
         tx, ty, tz = tx / length, ty / length, tz / length
         bx = along * tx + aside * (uy * tz - uz * ty) + ahead * ux

@@ -35,7 +35,7 @@ from rasterjit.runtime.intrinsics import part, place_run
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
-LEAST_FACTOR, LARGEST_FACTOR = 2.0**-900, 2.0**900
+MIN_FACTOR, MAX_FACTOR = 2.0**-900, 2.0**900
 """Products of w between these keep sums of weights far from where float64 loses bits."""
 
 
@@ -52,7 +52,7 @@ def are_accurate(factors):
     """Return whether sums of edge functions times the factors are accurate on the face."""
     least = min(factors[0], min(factors[1], factors[2]))
     largest = max(factors[0], max(factors[1], factors[2]))
-    return (least > LEAST_FACTOR) & (largest < LARGEST_FACTOR)
+    return (least > MIN_FACTOR) & (largest < MAX_FACTOR)
 
 
 @helper

@@ -70,7 +70,7 @@ So fine a step fits float32 weights exactly, and is far above the rounding error
 coordinates: a sample on the middle of a texel shows that texel alone, one on a border is on it.
 """
 
-LARGEST_STEP_SQUARED = 1e30
+MAX_STEP_SQUARED = 1e30
 """Largest squared step, texels: beyond the coarsest level of any texture, and finite in float32."""
 
 
@@ -142,7 +142,7 @@ def level_of_detail(squared):
     """Return log2 of the length of a step, given its square; 0 where a texel covers the pixel."""
     if not squared > 1.0:
         return np.float32(0.0)
-    return np.float32(0.5) * log2(np.float32(min(squared, LARGEST_STEP_SQUARED)))
+    return np.float32(0.5) * log2(np.float32(min(squared, MAX_STEP_SQUARED)))
 
 
 @helper

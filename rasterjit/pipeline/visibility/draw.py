@@ -36,16 +36,16 @@ from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 FACES_PER_TASK = 65536
 """Most faces set up by one task: enough to hide the cost of a task, few enough to share out."""
 
-LEAST_FACES = 2048
+MIN_FACES = 2048
 """Fewest faces set up by one task, if there are several threads."""
 
-LEAST_CUT = 256
+MIN_CUT = 256
 """Fewest faces cut by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
 """Most vertices projected by one task; they may belong to several objects."""
 
-LEAST_VERTICES = 4096
+MIN_VERTICES = 4096
 """Fewest vertices projected by one task, if there are several threads."""
 
 EVEN_TASKS = 4
@@ -172,7 +172,7 @@ def transform(
         Found in arithmetic of the positions' type.
     """
     count, kind = len(positions), positions.dtype
-    per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
+    per_task = _per_task(count, MIN_VERTICES, VERTICES_PER_TASK, workers)
     clip_positions = workers.memory.empty((count, 4), np.float64)
     objects = vertex_starts, _rounded(relative_from_model, kind)
     matrix = _rounded(clip_from_relative, kind)
@@ -278,7 +278,7 @@ def _to_screen(
     """Call a kernel that fills the screen vertices, for all of them or for some runs."""
     kept = kept or Kept(workers.memory, lasts=False)
     screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
-    per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
+    per_task = _per_task(count, MIN_VERTICES, VERTICES_PER_TASK, workers)
 
     calls = []
     for start, end in [(0, count)] if runs is None else runs:
@@ -339,9 +339,9 @@ def clip(
         )
     # How many vertices each piece has.
     counts = np.zeros(len(cut), np.int64)
-    edges = _edges(len(cut), LEAST_CUT, FACES_PER_TASK, workers)
+    edges = _edges(len(cut), MIN_CUT, FACES_PER_TASK, workers)
     parts = [slice(first, end) for first, end in itertools.pairwise(edges)]
-    scratches = [np.empty((2, clipping.MOST_VERTICES, 4), np.float64) for _ in parts]
+    scratches = [np.empty((2, clipping.MAX_VERTICES, 4), np.float64) for _ in parts]
     workers.call(
         clipping.count_clipped_vertices,
         [
@@ -388,7 +388,7 @@ def _cut_faces(
     faces: NDArray[np.int32], codes: NDArray[np.uint8], workers: Workers
 ) -> NDArray[np.int32]:
     """Return the numbers of the faces that have to be cut, ascending."""
-    edges = _edges(len(faces), LEAST_FACES, FACES_PER_TASK, workers)
+    edges = _edges(len(faces), MIN_FACES, FACES_PER_TASK, workers)
     parts = [faces[first:end] for first, end in itertools.pairwise(edges)]
     found = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
     rows = list(zip(parts, itertools.repeat(codes), found))
@@ -689,7 +689,7 @@ def set_up(
     kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    per_task = _per_task(face_count, LEAST_FACES, FACES_PER_TASK, workers)
+    per_task = _per_task(face_count, MIN_FACES, FACES_PER_TASK, workers)
     edges = [
         (first, min(first + per_task, end))
         for start, end in expanding.runs_between(skipped, face_count)

@@ -31,10 +31,10 @@ from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, uint8
 
-MOST_HALF = 3840.0
+MAX_HALF = 3840.0
 """Largest half of a width, pixels; wider lines, which only world widths can give, are cut to it."""
 
-MARGIN = MOST_HALF + 256.0
+MARGIN = MAX_HALF + 256.0
 """How far inside the guard band segments are clipped, pixels: their corners stay in it."""
 
 FLATNESS = 0.0625
@@ -43,13 +43,13 @@ FLATNESS = 0.0625
 THIN_FLATNESS = 0.3
 """The same, of lines up to two pixels wide: a half circle takes one triangle."""
 
-MOST_BEND = 0.125
+MAX_BEND = 0.125
 """Joined segments share corners that lie at most this far along the line from the joint, pixels."""
 
-MOST_HALVINGS = 9
+MAX_HALVINGS = 9
 """How often a half circle is halved at most."""
 
-SCRATCH_SHAPE = ((1 << MOST_HALVINGS) + 1, 2)
+SCRATCH_SHAPE = ((1 << MAX_HALVINGS) + 1, 2)
 """Shape of the scratch memory for a fan's unit vectors."""
 
 HIDDEN, SHOWN, START_CUT, END_CUT = 0, 1, 2, 4
@@ -194,8 +194,8 @@ def place_segments(
         h0, h1 = half, half
         if is_world:
             h0, h1 = half / w0, half / w1
-        numbers[s, HALF_A] = min(h0, MOST_HALF) * unit
-        numbers[s, HALF_B] = min(h1, MOST_HALF) * unit
+        numbers[s, HALF_A] = min(h0, MAX_HALF) * unit
+        numbers[s, HALF_B] = min(h1, MAX_HALF) * unit
         # Depths, with the offset applied.
         if depth_place[0] != 0.0 or depth_place[1] != 0.0:
             way = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
@@ -266,8 +266,8 @@ def joint_of(s, other, at_end, links, placed, is_round, unit):
     bx, by = nx - ox, ny - oy
     sum_squared = sx * sx + sy * sy
     bend = half * np.sqrt(bx * bx + by * by)
-    is_long = length >= 2.0 * MOST_BEND * unit and other_length >= 2.0 * MOST_BEND * unit
-    if is_long and sum_squared > 3.0 and bend <= MOST_BEND * unit * np.sqrt(sum_squared):
+    is_long = length >= 2.0 * MAX_BEND * unit and other_length >= 2.0 * MAX_BEND * unit
+    if is_long and sum_squared > 3.0 and bend <= MAX_BEND * unit * np.sqrt(sum_squared):
         stretch = 2.0 * half / sum_squared
         return SHARED, sx * stretch, sy * stretch
     return WEDGE, x, y
@@ -292,7 +292,7 @@ def count_halvings(ux, uy, vx, vy, around, half, unit):
     """Return how often the angle of a fan between two unit vectors is halved."""
     flatness = (THIN_FLATNESS if half <= unit else FLATNESS) * unit
     halvings = 0
-    while halvings < MOST_HALVINGS:
+    while halvings < MAX_HALVINGS:
         x, y = ux + vx, uy + vy
         if half * (1.0 - 0.5 * np.sqrt(x * x + y * y)) <= flatness:
             return halvings
@@ -306,7 +306,7 @@ def count_cap_halvings(half, unit):
     """Return how often a half circle is halved: `count_halvings` of opposite vectors."""
     flatness = (THIN_FLATNESS if half <= unit else FLATNESS) * unit
     halvings, total = 0, 0.0
-    while halvings < MOST_HALVINGS and half * (1.0 - 0.5 * total) > flatness:
+    while halvings < MAX_HALVINGS and half * (1.0 - 0.5 * total) > flatness:
         # The length of the sum of two unit vectors, of half the angle.
         total = np.sqrt(2.0 + total)
         halvings += 1

@@ -22,7 +22,7 @@ from rasterjit.runtime.threads import Workers, count_per_task
 SEGMENTS_PER_TASK = 65536
 """Most segments that one task tessellates."""
 
-LEAST_SEGMENTS = 2048
+MIN_SEGMENTS = 2048
 """Fewest, if there are several threads."""
 
 EVEN_TASKS = 4
@@ -50,7 +50,7 @@ def expand(
     placed = (
         empty((count, 4), np.int32), empty((count, 4), np.float64), empty((count,), np.uint8), parts
     )  # fmt: skip
-    per_task = min(count_per_task(count, LEAST_SEGMENTS, workers, EVEN_TASKS), SEGMENTS_PER_TASK)
+    per_task = min(count_per_task(count, MIN_SEGMENTS, workers, EVEN_TASKS), SEGMENTS_PER_TASK)
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
     # Where the segments lie on the screen.
     sizes = one.sizes, primitives.factor(one), int(one.is_world)

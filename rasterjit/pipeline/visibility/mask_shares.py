@@ -46,7 +46,7 @@ BLOCKS = 3
 LOW_BITS = 0x7FFFFFFF
 """Mask for the low bits of a product, so that the next fits int64."""
 
-LEAST_SHARE = np.float32(1.0 / 256.0)
+MIN_SHARE = np.float32(1.0 / 256.0)
 """Coverage below this counts as 0, and within this of 1 as 1: rounding errors."""
 
 
@@ -76,7 +76,7 @@ def cutoff_of_cell(column, row):
         own = np.int64(0)
     rest = hashed(column, row, np.int64(0)) >> 15
     exact = np.float32((strata << 16) | rest) * np.float32(2.0 ** -(2 * BLOCKS + 16))
-    return LEAST_SHARE + (np.float32(1.0) - LEAST_SHARE - LEAST_SHARE) * exact
+    return MIN_SHARE + (np.float32(1.0) - MIN_SHARE - MIN_SHARE) * exact
 
 
 @helper

@@ -134,7 +134,7 @@ Rounding error of two depths of a plane, relative to its range plus its largest 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
 
-LEAST_ORDERED = 128
+MIN_ORDERED = 128
 """Fewest triangles of a tile for which sorting pays."""
 
 REMEMBERED = 1 << 16
@@ -591,7 +591,7 @@ def pays_to_order(asked, count):
 
     It is while half of the recently sorted triangles were hidden; else it is retried now and then.
     """
-    if count < LEAST_ORDERED:
+    if count < MIN_ORDERED:
         return False
     if asked[PUT_IN_ORDER] > REMEMBERED:
         asked[PUT_IN_ORDER] >>= 1

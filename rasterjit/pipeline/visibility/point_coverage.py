@@ -49,7 +49,7 @@ UNSEEN = setup.NEAR | setup.FAR | setup.GUARD | setup.INVALID
 POINTS_OUTSIDE, POINTS_UNSAMPLED, POINTS_INVALID, POINTS_DRAWN = range(4)
 """Elements of the counts."""
 
-LARGEST_SIZE = float(1 << 29)
+MAX_SIZE = float(1 << 29)
 """Largest size in units of the sub-pixel grid: larger ones cover no pixel more. Squares of twice
 that, and of distances between coordinates, fit int64."""
 
@@ -110,7 +110,7 @@ def put(place, depth, face, depths, faces):
 @helper
 def in_grid(pixels, viewport):
     """Return a number of pixels in units of the sub-pixel grid, rounded."""
-    units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), LARGEST_SIZE)
+    units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), MAX_SIZE)
     return np.int64((units + projection.ROUNDER) - projection.ROUNDER)
 
 

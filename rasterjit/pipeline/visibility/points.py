@@ -24,7 +24,7 @@ from rasterjit.pipeline.visibility.point_coverage import (
     DISC,
     IN_PIXELS,
     IN_UNITS,
-    LARGEST_SIZE,
+    MAX_SIZE,
     NOT_POINTS,
     SPHERE,
     SQUARE,
@@ -44,13 +44,13 @@ from rasterjit.pipeline.visibility.primitives import (
 )
 from rasterjit.runtime.threads import Workers, rows_per_task
 
-LEAST_POINTS = 1 << 16
+MIN_POINTS = 1 << 16
 """Fewest points per thread: each draws a picture of its own."""
 
 SHAPE_WEIGHT = 16
 """Cost of a point of another shape, in points of one pixel."""
 
-MOST_MERGED = 1 << 29
+MAX_MERGED = 1 << 29
 """Most memory for the threads' pictures, bytes."""
 
 
@@ -142,8 +142,8 @@ def draw_cloud(
     weights = np.where(is_square & (points.size_places[owners, 1] == 0), 1, SHAPE_WEIGHT)
     load = int(np.add.reduce((starts[owners + 1] - starts[owners]) * weights))
     size = frame[0].nbytes + frame[1].nbytes
-    least = max(LEAST_POINTS, frame[1].size // 4)
-    chunks = max(min(workers.threads, load // least, MOST_MERGED // size + 1), 1)
+    least = max(MIN_POINTS, frame[1].size // 4)
+    chunks = max(min(workers.threads, load // least, MAX_MERGED // size + 1), 1)
     edges = [first + (end - first) * n // chunks for n in range(chunks + 1)]
     height, width = frame[1].shape
     drawn = (
@@ -265,7 +265,7 @@ def expand_squares(
     else:
         sides = (sizes * primitives.pixels,) * 2
     unit = float(1 << viewport.grid_bits)
-    wide, high = (np.rint(np.minimum(side * unit, LARGEST_SIZE)).astype(np.int64) for side in sides)
+    wide, high = (np.rint(np.minimum(side * unit, MAX_SIZE)).astype(np.int64) for side in sides)
     is_any = (wide > 0) & (high > 0)
     numbers, wide, high = numbers[is_any], wide[is_any], high[is_any]
 

@@ -16,7 +16,7 @@ from rasterjit.pipeline.visibility.nearest import depth_at_corners
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, int32, int64, stored, uint8
 
-LEAST_AREA = 2.0 * setup.TILE_SIZE * setup.TILE_SIZE
+MIN_AREA = 2.0 * setup.TILE_SIZE * setup.TILE_SIZE
 """Area of the smallest triangle around a whole tile, square pixels."""
 
 
@@ -70,7 +70,7 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
     bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
     cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
     grid_area = np.float64(np.int64(1) << (2 * bits))
-    if np.float64(setup.edge(ax, ay, bx, by, cx, cy)) < 2.0 * LEAST_AREA * grid_area:
+    if np.float64(setup.edge(ax, ay, bx, by, cx, cy)) < 2.0 * MIN_AREA * grid_area:
         return
     plane = depth_plane(
         screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits

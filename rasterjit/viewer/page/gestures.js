@@ -8,7 +8,7 @@ const DOUBLE_REACH = 40;
 const ZOOM = 1000;
 const PINCH_OF_PAD = 8;
 const LINE = 16;
-const LEAST_SPREAD = 10;
+const MIN_SPREAD = 10;
 
 const TURN = 1;
 const PAN = 3;
@@ -68,7 +68,7 @@ export function listen(canvas, {say, click, tap, long, fit}) {
   function between() {
     const [a, b] = [...fingers.values()];
     const place = {x: (a.x + b.x) / 2, y: (a.y + b.y) / 2};
-    return {place, spread: Math.max(apart(a, b), LEAST_SPREAD)};
+    return {place, spread: Math.max(apart(a, b), MIN_SPREAD)};
   }
 
   function touchDown(event, place) {
