@@ -225,6 +225,24 @@ def slow_library(folder: Path) -> Path:
     return placed(folder, {"a.obj": "\n".join(lines).encode(), "a.mtl": library.encode()})
 
 
+def unknown_materials(folder: Path) -> Path:
+    """Write an OBJ file that uses many materials, and a library of as many others."""
+    lines = ["mtllib a.mtl", "v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 3"]
+    lines += [f"usemtl a{number}" for number in range(6000)]
+    library = "".join(f"newmtl b{number}\nd 1\n" for number in range(6000))
+    return placed(folder, {"a.obj": "\n".join(lines).encode(), "a.mtl": library.encode()})
+
+
+def mixed_3mf(group: str) -> Callable[[Path], Path]:
+    """Return what writes a 3MF file of a group that mixes a colour with itself again and again."""
+    color = '<basematerials id="5"><base name="a" displaycolor="#FF0000"/></basematerials>'
+    said = ("0 " if "mat" in group else "5 ") * 10_000
+    mixed = f"{color}<{group.format(said)}>{'<a/>' * 10_000}</{group.partition(' ')[0]}>"
+    text = three_mf_text().replace("<resources>", f"<resources>{mixed}", 1)
+    text = text.replace('id="1"', 'id="1" pid="9" pindex="0"', 1)
+    return lambda folder: placed(folder, three_mf(text))
+
+
 def short_faces(folder: Path) -> Path:
     """Write an OBJ file whose faces take few bytes there and many in memory."""
     return placed(folder, {"a.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * (1 << 17)})
@@ -303,6 +321,20 @@ HOSTILE: dict[str, Hostile] = {
                           "expected 99999999999 lines of vertex"),
     "entities of entities": Hostile(bomb("inside"), "refused"),
     "slow library": Hostile(slow_library, "warned", "no MTL file"),
+    "unknown materials": Hostile(unknown_materials, "warned", "no MTL file"),
+    "blanks in a head": Hostile(
+        changed(ply_text(), "element", f"comment texture{' ' * 200_000}x\nelement"), "loaded"
+    ),
+    "zeros": Hostile(
+        lambda folder: placed(folder, {"a.obj": bytes(3_000_000)}), "refused", "no faces"
+    ),
+    "mixtures of mixtures": Hostile(
+        mixed_3mf('compositematerials id="9" matid="5" matindices="{}"'), "refused",
+        "mixtures of materials needs .* bytes",
+    ),
+    "properties of properties": Hostile(
+        mixed_3mf('multiproperties id="9" pids="{}"'), "refused", "multi-properties needs .* bytes"
+    ),
     "deep JSON": Hostile(
         lambda folder: placed(folder, {"a.gltf": b"[" * 100_000}), "refused", "could not be read"
     ),

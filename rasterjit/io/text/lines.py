@@ -18,6 +18,10 @@ _BATCH = 1 << 22
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
+_BLANKS = bytes(range(ord(" ") + 1))
+_USUAL_INDENT = 64
+"""Blanks before a line that are passed one by one, in all lines at once; more in each by itself."""
+
 _SHOWN = 40
 """Characters of a damaged line that a message shows."""
 
@@ -124,10 +128,15 @@ class TextLines:
         self.starts = np.concatenate(([first], self.ends[:-1] + 1))
         begins = self.buffer[self.starts]
         indented = np.flatnonzero((begins <= ord(" ")) & (self.starts < self.ends))
-        while len(indented):
+        for _ in range(_USUAL_INDENT):
+            if not len(indented):
+                break
             self.starts[indented] += 1
             at = self.starts[indented]
             indented = indented[(self.buffer[at] <= ord(" ")) & (at < self.ends[indented])]
+        for line in indented.tolist():
+            rest = data[self.starts[line] : self.ends[line]].lstrip(_BLANKS)
+            self.starts[line] = self.ends[line] - len(rest)
 
     def __len__(self) -> int:
         return len(self.starts)

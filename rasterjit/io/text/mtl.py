@@ -214,7 +214,10 @@ class MtlLibrary:
         for line in dict.fromkeys(names):
             self._read_all(line)
         self._known_as: dict[str, str] = {}
-        """Materials that are used by a name without the comment behind it, or with one."""
+        """What the MTL files call a material, by its name with and without a comment behind it."""
+        for known in self.said:
+            for name in (known, _before_comment(known)):
+                self._known_as.setdefault(name, known)
         used = dict.fromkeys(used)
         for name in used:
             if self._find(name) is None:
@@ -282,14 +285,7 @@ class MtlLibrary:
         """Return what the MTL files call a material that is used; None if none has it."""
         if name is None or name in self.said:
             return name
-        if name not in self._known_as:
-            plain = _before_comment(name)
-            alike = (one for one in self.said if plain in (one, _before_comment(one)))
-            found = next(alike, None)
-            if found is None:
-                return None
-            self._known_as[name] = found
-        return self._known_as[name]
+        return self._known_as.get(_before_comment(name))
 
     def material(self, name: str | None) -> Material | None:
         """Return a material, one for all meshes that share it; None if no MTL file has it."""

@@ -82,11 +82,11 @@ _RESTART = -1
 """The corner behind which a strip begins anew; as it is, or in a type without a sign."""
 
 _PICTURE = re.compile(
-    r"(?:comment|obj_info)\s+(?:texture_?file[:=]?\s*(.+)"
-    r"|texture[:=]?\s+(.+\.(?:png|jpe?g|tga|bmp|tiff?|webp|gif)))",
+    r"(?:comment|obj_info)\s+(?:texture_?file[:=]?\s*(\S.*)"
+    r"|texture[:=]?\s+(\S.*\.(?:png|jpe?g|tga|bmp|tiff?|webp|gif)))",
     re.IGNORECASE,
 )
-"""A line of the head that names a picture."""
+"""A line of the head that names a picture; no blank could stand in two places of the pattern."""
 
 
 @dataclass

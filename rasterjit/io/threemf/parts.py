@@ -27,6 +27,9 @@ GROUPS = (*_MATERIALS, "colorgroup", "texture2dgroup", "multiproperties")
 _TILES: dict[str, Wrap] = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
 _FILTERS: dict[str, Filter] = {"auto": "trilinear", "linear": "bilinear", "nearest": "nearest"}
 
+_ENTRY_BYTES = 96
+"""What an entry of a group takes for each material or group that it mixes."""
+
 _MAX_MIXED = 16
 """Most textures that are mixed for one group, each with other colours below or above it."""
 
@@ -103,6 +106,7 @@ class Properties:
         self._left_out = left_out
         self._budget, self._decoder = budget, decoder
         self._looks: dict[str, Look] = {}
+        self._layers: dict[str, _Layer] = {}
         self._textures: dict[str, Texture | None] = {}
 
     def look(self, group: str) -> Look:
@@ -129,6 +133,12 @@ class Properties:
             raise ValueError(f"there is no group of properties {group[:80]!r}")
         return element
 
+    def _layer_of(self, group: str) -> _Layer:
+        """Return a group that others mix, made once."""
+        if group not in self._layers:
+            self._layers[group] = self._layer(self._group(group))
+        return self._layers[group]
+
     def _layer(self, element: ElementTree.Element) -> _Layer:
         """Return a group that mixes no others."""
         kind, count = local_name(element.tag), len(element)
@@ -147,7 +157,10 @@ class Properties:
     def _composites(self, element: ElementTree.Element) -> _Floats:
         """Return the colours of mixtures: those of their materials by their shares."""
         said = element.get("matindices", "").split()
-        below = self._layer(self._group(element.get("matid", ""))).colors
+        below = self._layer_of(element.get("matid", "")).colors
+        self._budget.take(
+            "each of its mixtures of materials", len(element) * len(said) * _ENTRY_BYTES
+        )
         colors = below[[_place(one, len(below)) for one in said]]
         shares = np.zeros((len(element), len(colors)))
         for row, one in zip(shares, element, strict=True):
@@ -160,7 +173,8 @@ class Properties:
 
     def _mixed(self, element: ElementTree.Element) -> Look:
         """Return what a multi-property gives, its layers mixed for every entry."""
-        layers = [self._layer(self._group(one)) for one in element.get("pids", "").split()]
+        layers = [self._layer_of(one) for one in element.get("pids", "").split()]
+        self._budget.take("each of its multi-properties", len(element) * len(layers) * _ENTRY_BYTES)
         if not layers:
             raise ValueError("a multi-property must mix at least one group")
         methods = ["mix", *element.get("blendmethods", "").split()][: len(layers)]
