@@ -38,6 +38,15 @@ WORDS, OFFSETS, SCALE, MORE, TWO_SCALES, MATRIX = 1, 2, 8, 32, 64, 128
 DEEPEST = 8
 """Composite glyphs in composite glyphs; deeper ones are left out."""
 
+MAX_PARTS = 4096
+"""Parts of a composite glyph, with those of its parts: a short file could name endless ones."""
+
+MAX_SUBTABLES = 64
+"""Subtables of cmap, of which each may name all characters; fonts have a few."""
+
+MAX_NUMBERS = 1 << 23
+"""Numbers of GPOS that are read, and pairs of kern."""
+
 X_ADVANCE = 4
 """The bit of a value record of GPOS that moves what follows."""
 
@@ -113,10 +122,17 @@ class Font:
         found: dict[int, int] = {}
         table = self.tables["cmap"]
         (count,) = struct.unpack(">H", table[2:4])
+        starts: dict[int, None] = {}
         for n in range(count):
             platform, coding, start = struct.unpack(">HHI", table[4 + 8 * n : 12 + 8 * n])
             if platform not in (0, 3) or (platform == 3 and coding not in (1, 10)):
                 continue  # Signs that stand at places of other characters, such as Symbol.
+            # Each once, where it comes last: later ones win.
+            starts.pop(start, None)
+            starts[start] = None
+        if len(starts) > MAX_SUBTABLES:
+            raise ValueError(f"it has more than {MAX_SUBTABLES} tables of characters")
+        for start in starts:
             (form,) = struct.unpack(">H", table[start : start + 2])
             if form == 4:
                 found |= _segments(table[start:])
@@ -166,26 +182,33 @@ class Font:
         try:
             if "glyf" not in self.tables:
                 return self._postscript_outline(glyph)
-            return [_curves(points, is_on) for points, is_on in self._contours(glyph)]
+            parts = iter(range(MAX_PARTS))
+            return [_curves(points, is_on) for points, is_on in self._contours(glyph, parts)]
         except (struct.error, IndexError, ValueError):
             return []
 
-    def _contours(self, glyph: int, depth: int = 0) -> list[tuple[Float64, NDArray[np.bool_]]]:
-        """Return the points of each contour, (N, 2), and which of them lie on it."""
+    def _contours(
+        self, glyph: int, parts: Iterator[int], depth: int = 0
+    ) -> list[tuple[Float64, NDArray[np.bool_]]]:
+        """Return the points of each contour, (N, 2), and which lie on it; ``parts`` may come."""
         (is_long,) = struct.unpack(">h", self.tables["head"][50:52])
         places = np.frombuffer(self.tables["loca"], ">u4" if is_long else ">u2").astype(int)
         places *= 1 if is_long else 2
         data = self.tables["glyf"][places[glyph] : places[glyph + 1]]
         count = struct.unpack(">h", data[:2])[0] if data else 0
         if count < 0:
-            return self._parts(data, depth)
+            return self._parts(data, parts, depth)
         return _split_contours(data, count) if count else []
 
-    def _parts(self, data: bytes, depth: int) -> list[tuple[Float64, NDArray[np.bool_]]]:
+    def _parts(
+        self, data: bytes, parts: Iterator[int], depth: int
+    ) -> list[tuple[Float64, NDArray[np.bool_]]]:
         """Return the contours of a glyph that is made of others."""
         found: list[tuple[Float64, NDArray[np.bool_]]] = []
         at, flags = 10, MORE if depth < DEEPEST else 0
         while flags & MORE:
+            if next(parts, None) is None:
+                raise ValueError(f"it has more than {MAX_PARTS} parts")
             flags, glyph = struct.unpack(">HH", data[at : at + 4])
             size = 4 if flags & WORDS else 2
             move = struct.unpack(">hh" if flags & WORDS else ">bb", data[at + 4 : at + 4 + size])
@@ -200,7 +223,7 @@ class Font:
             offset = np.array(move if flags & OFFSETS else (0, 0), np.float64)
             found += [
                 (points @ matrix + offset, is_on)
-                for points, is_on in self._contours(glyph, depth + 1)
+                for points, is_on in self._contours(glyph, parts, depth + 1)
             ]
         return found
 
@@ -275,11 +298,14 @@ def _kern_pairs(table: bytes) -> list[_Pairs]:
     """Return the horizontal pairs of the table kern, subtables of format 0."""
     found: dict[tuple[int, int], int] = {}
     if table[:2] == b"\0\0":
-        at = 4
+        at, left = 4, MAX_NUMBERS
         for _ in range(struct.unpack(">H", table[2:4])[0]):
             _, size, coverage = struct.unpack(">HHH", table[at : at + 6])
             if coverage & 0xFF07 == 1:
                 (count,) = struct.unpack(">H", table[at + 6 : at + 8])
+                left -= count
+                if left < 0:
+                    raise IndexError("too many pairs")
                 pairs = struct.iter_unpack(">HHh", table[at + 14 : at + 14 + 6 * count])
                 found |= {(first, second): units for first, second, units in pairs}
             at += size
@@ -342,10 +368,13 @@ class _Words:
     """The 16-bit numbers of a table, by their place in bytes."""
 
     def __init__(self, table: bytes) -> None:
-        self._table = table
+        self._table, self._left = table, MAX_NUMBERS
 
     def __getitem__(self, at: int) -> int:
-        """Return an unsigned one."""
+        """Return an unsigned one; ``IndexError`` after very many."""
+        self._left -= 1
+        if self._left < 0:
+            raise IndexError("too many numbers")
         return int.from_bytes(self._table[at : at + 2], "big")
 
     def signed(self, at: int) -> int:

@@ -135,7 +135,7 @@ def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np
         return aligned(given.astype(np.float64, copy=False))
     except MaskedError:
         raise
-    except (TypeError, ValueError, OverflowError):
+    except _NO_ARRAY:
         raise ValueError(f"{name} must be an array of numbers, got {cut_short(value)}") from None
 
 
@@ -260,7 +260,9 @@ def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
     ]
     if isinstance(value, bool) or not alike or value not in alike:
         listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}; got {value!r}{question(value, choices)}")
+        raise ValueError(
+            f"{name} must be one of {listed}; got {cut_short(value)}{question(value, choices)}"
+        )
     return value
 
 
@@ -282,7 +284,10 @@ def in_short(value: Any) -> str:
 
 def cut_short(value: Any) -> str:
     """Return how a value is written, no more of it than a message shows."""
-    shown = repr(value)
+    try:
+        shown = repr(value)
+    except RecursionError:
+        return type(value).__name__
     return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
 
 
@@ -307,7 +312,7 @@ def thread_count(name: str, value: Any) -> int | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"{name} must be a whole number or None, got {value!r}")
+        raise ValueError(f"{name} must be a whole number or None, got {cut_short(value)}")
     if not 1 <= value <= MAX_THREADS:
         raise ValueError(f"{name} must be in 1..{MAX_THREADS}, got {value!r}")
     return int(value)
@@ -367,7 +372,7 @@ def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
 def existing_file(name: str, value: Any) -> Path:
     """Return the path of a file that exists and is not empty, or raise ``ValueError``."""
     if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be a file name, got {value!r}")
+        raise ValueError(f"{name} must be a file name, got {cut_short(value)}")
     shown = os.fspath(value)
     try:
         file = Path(value).expanduser()
@@ -387,7 +392,7 @@ def existing_file(name: str, value: Any) -> Path:
 def existing_folder(name: str, value: Any) -> Path:
     """Return the path of a folder that exists, or raise ``ValueError``."""
     if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be the name of a folder, got {value!r}")
+        raise ValueError(f"{name} must be the name of a folder, got {cut_short(value)}")
     shown = os.fspath(value)
     try:
         folder = Path(value).expanduser()

@@ -63,3 +63,27 @@ def test_an_error_that_names_nothing_is_counted(call, is_named):
 def test_a_whole_number_too_large_for_a_float_is_a_value_error(make):
     with pytest.raises(ValueError, match=r"must (be|fit|hold|have)"):
         make(10**400)
+
+
+def nested():
+    """Return a list in lists, too deep to be written."""
+    value = 1.0
+    for _ in range(10 * sys.getrecursionlimit()):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize(
+    ("call", "value"),
+    [
+        (lambda value: rj.AmbientOcclusion(strength=value), nested()),
+        (lambda value: rj.Material(shading=value), nested()),
+        (lambda value: rj.load(value), nested()),
+        (lambda value: rj.Arrow(value, (0, 0, 1)), np.broadcast_to(np.float32(1.0), (1 << 50, 3))),
+        (lambda value: rj.Framebuffer(4, 4).draw_triangle((0, 0), (1, 0), (0, 1), value),
+         np.array(None)),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_written_or_made_an_array_is_named(call, value):
+    with pytest.raises(ValueError, match=r"\b(strength|shading|path|start|color) must "):
+        call(value)
