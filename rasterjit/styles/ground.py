@@ -2,9 +2,9 @@
 Shadow catcher: draw a scene's shadow on an invisible ground, as a background image.
 
 The ground is the plane under the lowest point. Nothing lies below it, so what stands in the way of
-a light is all that covers a point of the plane, looked at along the light: one picture of face
-numbers for each direction, and a count of those that show a face. Directions come from the key
-light, a disk in the sky, and from all of the sky. No depth is compared: there is no bias.
+a light is all that covers a point of the plane, looked at along the light: its silhouette from each
+direction is enough, and a count of those that cover a point (``silhouettes``). Directions come from
+the key light, a disk in the sky, and from all of the sky. No depth is compared: there is no bias.
 
 The shadow is part of the background alone. Depths, numbers, masks and coverage know nothing of it.
 """
@@ -12,19 +12,30 @@ The shadow is part of the background alone. Depths, numbers, masks and coverage 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from contextlib import closing
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.geometry import projection
+from rasterjit.pipeline.visibility import draw
+from rasterjit.rendering.planning import FrameRequest, PlannedFrame, plan_views
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.runtime.jit import Bound
+from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.framing import frame_of
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import dot
+from rasterjit.styles import silhouettes
+from rasterjit.survey.batched_views import view_many
+from rasterjit.survey.placement import cull_objects
+from rasterjit.survey.posing import posed_scene
 
 Vector = tuple[float, float, float]
 Float64 = NDArray[np.float64]
@@ -150,32 +161,30 @@ def cast_shadow(
     casters, slope = _casters(scene), ground.slope
     if casters is None:
         return ground
-    look = _looker(casters, ground, threads)
-    faces = 0
-    for node in casters.nodes:
-        faces += len(node.mesh.faces)
+    faces = sum(len(node.mesh.faces) for node in casters.nodes)
     most = max(MIN, FACES_DRAWN // max(faces, 1) // 2)
+    # Directions that are blurred alike: rings of the sky, and the key light.
     sky = sky_slopes(min(SKY_DIRECTIONS, most))
-    rings = [
+    groups = [
         sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)]
         for n in range(len(BLURS))
     ]
+    if slope is not None:
+        groups.append(key_slopes(slope, min(KEY_DIRECTIONS, most)))
+    counts = _count_hidden(casters, [_cameras(ground, slopes) for slopes in groups], threads)
 
-    def hidden(slopes: list[tuple[float, float]], blur: int, share: float) -> NDArray[np.float32]:
-        """Return the share of light of some slopes that is kept off, times a factor."""
-        count = np.zeros((SIDE, SIDE), np.int64)
-        for one in slopes:
-            count += look(one)
-        return _blurred(count, blur, np.float32(share / len(slopes)))
+    def hidden(n: int, blur: int, share: float) -> NDArray[np.float32]:
+        """Return the share of light of a group that is kept off, times a factor."""
+        return _blurred(counts[n], blur, np.float32(share / len(groups[n])))
 
     missing = np.zeros((SIDE, SIDE), np.float32)
-    for ring, blur in zip(rings, BLURS, strict=True):
+    for ring, blur in enumerate(BLURS):
         missing += hidden(ring, blur, 1.0 / len(BLURS))
     # Where little sky is left, what is near takes most of it: contacts are dark.
     missing *= np.float32(2.0) - missing
     missing *= np.float32(shares[1])
     if slope is not None:
-        missing += hidden(key_slopes(slope, min(KEY_DIRECTIONS, most)), BLURS[0], shares[0])
+        missing += hidden(len(BLURS), BLURS[0], shares[0])
     return ground._replace(shade=missing * _fading())
 
 
@@ -248,19 +257,17 @@ def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) 
     return covered >= MIN_FLOOR * (u1 - u0) * (v1 - v0)
 
 
-def _looker(
-    casters: Scene, ground: Ground, threads: int | None
-) -> Callable[[tuple[float, float]], NDArray[np.bool_]]:
-    """Return a function that tells, for light of a slope, which texels something stands before."""
-    renderer = Renderer((SIDE, SIDE), threads=threads)
-    renderer.warned = None
-    view = np.eye(4)
+def _cameras(ground: Ground, slopes: list[tuple[float, float]]) -> tuple[Float64, Float64]:
+    """
+    Return ``view_from_world``, (4, 4), and ``clip_from_view``, (N, 4, 4), along light of N slopes.
+
+    Each sees the ground as the map has it, and what stands before it there.
+    """
+    view, clips = np.eye(4), np.zeros((len(slopes), 4, 4))
     # Turned, not mirrored: columns, up, rows.
     view[:3, :3] = np.stack([ground.frame[0], -ground.frame[1], ground.frame[2]])
     scale = 2.0 / ground.extent
-
-    def look(slope: tuple[float, float]) -> NDArray[np.bool_]:
-        clip = np.zeros((4, 4))
+    for clip, slope in zip(clips, slopes, strict=True):
         clip[0] = scale, 0.0, scale * slope[0], 0.0
         clip[1] = 0.0, scale, -scale * slope[1], 0.0
         clip[0, 3] = -1.0 - scale * (ground.low[0] + slope[0] * ground.height)
@@ -268,10 +275,76 @@ def _looker(
         clip[2, 2] = -1.0 / ground.above
         clip[2, 3] = (ground.height + ground.above / 2.0) / ground.above
         clip[3, 3] = 1.0
-        frame = renderer.render(casters, MatrixCamera(view, clip), outputs=("face_id",))
-        return frame.face_id >= 0
+    return view, clips
 
-    return look
+
+def _count_hidden(
+    casters: Scene, groups: list[tuple[Float64, Float64]], threads: int | None
+) -> list[NDArray[np.int32]]:
+    """Return from how many directions of each group something stands before a texel, (S, S)."""
+    scene, request = posed_scene(casters), FrameRequest((SIDE, SIDE), Quality(), ("face_id",))
+    planned = plan_views(request, scene, MatrixCamera(groups[0][0], groups[0][1][0]))
+    counts = None
+    if not planned.plan.facts.contents.cut_out:
+        with closing(Workers(threads)) as workers:
+            # Each group by a thread: there are few, of about as many directions.
+            counts = workers.run(partial(_count_covered, planned, _edges(planned)), groups)
+    if counts is not None and all(one is not None for one in counts):
+        return counts
+    # What has holes, or reaches beyond the guard band, is drawn.
+    drawn = []
+    with Renderer((SIDE, SIDE), threads=threads) as renderer:
+        renderer.warned = None
+        for view, clips in groups:
+            drawn.append(np.zeros((SIDE, SIDE), np.int32))
+            for clip in clips:
+                frame = renderer.render(scene, MatrixCamera(view, clip), outputs=("face_id",))
+                drawn[-1] += frame.face_id >= 0
+    return drawn
+
+
+def _edges(planned: PlannedFrame) -> NDArray[np.int32]:
+    """Return the edges of a scene as `silhouettes` has them."""
+    arrays = planned.cache.shapes.arrays
+    older = np.empty(arrays.faces.size, np.int32)
+    edges = np.empty((arrays.faces.size, silhouettes.EDGE_COLUMNS), np.int32)
+    newest = np.empty(len(arrays.positions), np.int32)
+    return edges[: silhouettes.pair_edges(arrays.faces, newest, older, edges)]
+
+
+def _count_covered(
+    planned: PlannedFrame, edges: NDArray[np.int32], view: Float64, clips: Float64
+) -> NDArray[np.int32] | None:
+    """Return from how many directions a scene covers each texel; None: faces must be cut."""
+    plan, cache, views = planned[:3]
+    arrays = cache.shapes.arrays
+    # Matrices: the eye, that of the first direction, is that of all.
+    eyes = np.repeat(plan.camera.eye_position()[np.newaxis], len(clips), axis=0)
+    nobody, of_all = np.empty((1, 0, 4, 4)), np.repeat(view[np.newaxis], len(clips), axis=0)
+    matrices, matrix = view_many(nobody, eyes, of_all, clips).clip_from_relative, np.empty((4, 4))
+    # Vertices to the map.
+    positions, viewport = arrays.positions, draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+    screen = draw.screen_arrays(len(positions), Memory())
+    transform = Bound(
+        projection.transform_vertices, (0, len(positions)), positions,
+        (arrays.vertex_starts, views.relative_from_model), matrix, (0.0, 0.0, 0.0), viewport,
+        screen, projection.scratch_memory(positions.dtype),
+    )  # fmt: skip
+    # Silhouettes, and what they cover.
+    culled = cull_objects(
+        plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
+        cache.tables.is_single_sided,
+    )  # fmt: skip
+    turns, layers = np.empty(len(arrays.faces) + 1, np.int8), np.zeros((SIDE, SIDE + 1), np.int32)
+    ends, counts = (
+        np.tile(np.array([SIDE + 1, -1], np.int32), (SIDE, 1)),
+        np.zeros((SIDE, SIDE), np.int32),
+    )
+    is_whole = silhouettes.count_covered(
+        matrices, matrix, transform.words, screen, viewport.grid_bits, arrays.faces, culled, edges,
+        turns, layers, ends, counts,
+    )  # fmt: skip
+    return counts if is_whole else None
 
 
 def sky_slopes(count: int) -> list[tuple[float, float]]:
@@ -305,17 +378,26 @@ def key_slopes(slope: tuple[float, float], count: int) -> list[tuple[float, floa
     return slopes
 
 
-def _blurred(count: NDArray[np.int64], radius: int, weight: np.float32) -> NDArray[np.float32]:
+def _blurred(count: NDArray[np.int32], radius: int, weight: np.float32) -> NDArray[np.float32]:
     """Return the mean of counts around each texel, twice over a square, times a weight."""
+    blurred = np.zeros(count.shape, np.float32)
+    if not count.any():
+        return blurred
+    # Beyond this part, nothing is blurred; no sum leaves 32 bits.
+    part = tuple(_widened(np.flatnonzero(count.any(axis=axis)), 2 * radius) for axis in (1, 0))
+    sums, width = count[part], 2 * radius + 1
     for axis in (0, 0, 1, 1):
         edges = [(0, 0), (0, 0)]
         edges[axis] = radius + 1, radius
-        sums = np.cumsum(np.pad(count, edges, mode="edge"), axis=axis)
-        count = np.take(sums, range(2 * radius + 1, SIDE + 2 * radius + 1), axis=axis) - np.take(
-            sums, range(SIDE), axis=axis
-        )
-    square = (2 * radius + 1) ** 2
-    return count.astype(np.float32) * (weight / np.float32(square**2))
+        sums = np.cumsum(np.pad(sums, edges, mode="edge"), axis=axis, dtype=np.int32)
+        sums = sums[width:] - sums[:-width] if axis == 0 else sums[:, width:] - sums[:, :-width]
+    blurred[part] = sums.astype(np.float32) * (weight / np.float32(width**4))
+    return blurred
+
+
+def _widened(places: NDArray[np.int64], by: int) -> slice:
+    """Return the texels along a side of the map from some before the first place to the last's."""
+    return slice(max(int(places[0]) - by, 0), min(int(places[-1]) + 1 + by, SIDE))
 
 
 def _fading() -> NDArray[np.float32]:

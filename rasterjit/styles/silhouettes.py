@@ -1,0 +1,202 @@
+"""
+Count from how many directions of light a scene covers each texel of a map, by its silhouettes.
+
+Along a row, a triangle covers what lies between two of its edges: it adds a layer right of one and
+takes it away right of the other. So the layers over a texel are a sum over edges alone. An edge
+between two faces of one winding adds nothing; what is left are silhouettes and borders, few of all
+edges. Columns are exact, as in ``visibility/nearest.py``, and a centre on an edge belongs to the
+same face: a texel has a layer where a picture of face numbers shows a face.
+
+References
+----------
+.. [1] F. Crow, "Shadow Algorithms for Computer Graphics", SIGGRAPH 1977: silhouettes by faces.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, first_sample, turn_of
+from rasterjit.pipeline.records import Objects, ScreenVertices
+from rasterjit.runtime.intrinsics import call_bound
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float64, int8, int32, int64
+
+MAX_COMPARED = 32
+"""Edges at a vertex that an edge is compared with; one that is left alone counts for itself."""
+
+FROM, TO, LEFT, RIGHT = range(4)
+"""
+Columns of edges: its vertices; the face that it runs around clockwise, if that is clockwise; and
+the other one, ``~face`` if it runs the same way around that. The number of faces stands for none.
+"""
+EDGE_COLUMNS = 4
+
+
+@kernel
+def pair_edges(faces: int32[:, ::1], newest: int32[::1], older: int32[::1], edges: int32[:, ::1]):
+    """
+    List the edges of all faces, most of them once with both faces.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32
+    newest : (V,) int32
+        Written: the last edge listed at a vertex, its lower one.
+    older : (3F,) int32
+        Written: the edge listed there before.
+    edges : (3F, 4) int32
+        Written: see ``FROM``.
+
+    Returns
+    -------
+    int
+        How many edges there are.
+    """
+    count, nobody = np.int64(0), np.int32(faces.shape[0])
+    for v in range(newest.shape[0]):
+        newest[v] = -1
+    for face in range(faces.shape[0]):
+        for k in range(3):
+            a, b = faces[face, k], faces[face, (k + 1) % 3]
+            if a == b:
+                continue
+            lower, is_same = min(a, b), False
+            edge, compared = newest[lower], 0
+            while edge >= 0 and compared < MAX_COMPARED:
+                is_same = edges[edge, FROM] == a and edges[edge, TO] == b
+                is_back = edges[edge, FROM] == b and edges[edge, TO] == a
+                if (is_same or is_back) and edges[edge, RIGHT] == nobody:
+                    break
+                edge, compared = older[edge], compared + 1
+            if edge >= 0 and compared < MAX_COMPARED:
+                edges[edge, RIGHT] = np.int32(~face) if is_same else np.int32(face)
+                continue
+            edges[count, FROM], edges[count, TO] = a, b
+            edges[count, LEFT], edges[count, RIGHT] = np.int32(face), nobody
+            older[count], newest[lower] = newest[lower], np.int32(count)
+            count += 1
+    return count
+
+
+@helper
+def find_turns(faces, objects, screen, seen, turns):
+    """Write the winding of each face, 0 if it is not drawn; return whether none has to be cut."""
+    xy, codes = screen.xy, screen.codes
+    for owner in range(objects.face_starts.shape[0] - 1):
+        culled = np.int32(objects.culled_turns[owner])
+        for face in range(objects.face_starts[owner], objects.face_starts[owner + 1]):
+            a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
+            if seen & (CLIPPED | INVALID):
+                bits = codes[a] | codes[b] | codes[c]
+                if bits & INVALID:
+                    turns[face] = 0
+                    continue
+                if bits & CLIPPED:
+                    return False
+            turn = turn_of((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
+            turns[face] = np.int8(0 if turn == culled else turn)
+    return True
+
+
+@helper
+def add_edge(xy, first, last, layers, bits, change, ends):
+    """Add layers right of an edge that runs up, or take them away right of one that runs down."""
+    ax, ay = np.int64(xy[first, 0]), np.int64(xy[first, 1])
+    bx, by = np.int64(xy[last, 0]), np.int64(xy[last, 1])
+    if ay < by:
+        change = -change
+    else:
+        ax, ay, bx, by = bx, by, ax, ay
+    top = max(first_sample(ay, bits), np.int64(0))
+    bottom = min(first_sample(by, bits), np.int64(layers.shape[0]))
+    if top >= bottom:
+        return
+    # It crosses a row at value / size texels; the half makes the quotient's floor exact.
+    half, beyond = np.int64(1) << (bits - 1), np.float64(layers.shape[1] - 1)
+    dx, dy = bx - ax, by - ay
+    size = dy << bits
+    value = np.float64((ax - half) * dy + ((top << bits) + half - ay) * dx + size - 1) + 0.5
+    step, share = np.float64(dx << bits), 1.0 / np.float64(size)
+    for row in range(np.uintp(top), np.uintp(bottom)):
+        column = np.uintp(min(max(np.floor(value * share), 0.0), beyond))
+        layers[row, column] += change
+        ends[row, 0] = min(ends[row, 0], np.int32(column))
+        ends[row, 1] = max(ends[row, 1], np.int32(column))
+        value += step
+
+
+@helper
+def sweep_rows(layers, ends, counts):
+    """Add 1 to the count of each texel with a layer; clear the layers."""
+    for row in range(np.uintp(counts.shape[0])):
+        if ends[row, 0] > ends[row, 1]:
+            continue
+        first, last, total = np.uintp(ends[row, 0]), np.uintp(ends[row, 1]), np.int32(0)
+        for column in range(first, last):
+            total += layers[row, column]
+            layers[row, column] = 0
+            counts[row, column] += np.int32(total != 0)
+        layers[row, last] = 0
+        ends[row, 0], ends[row, 1] = np.int32(layers.shape[1]), np.int32(-1)
+
+
+@kernel
+def count_covered(
+    matrices: float64[:, :, ::1], matrix: float64[:, ::1], transform: int64[::1],
+    screen: ScreenVertices, grid_bits: int64, faces: int32[:, ::1], objects: Objects,
+    edges: int32[:, ::1], turns: int8[::1], layers: int32[:, ::1], ends: int32[:, ::1],
+    counts: int32[:, ::1],
+):  # fmt: skip
+    """
+    Count from how many directions each texel is covered.
+
+    Parameters
+    ----------
+    matrices : (N, 4, 4) float64
+        ``clip_from_relative`` of each direction.
+    matrix : (4, 4) float64
+        Where the transform reads it.
+    transform : (2,) int64
+        The words of ``projection.transform_vertices``, bound.
+    screen : ScreenVertices
+        Where it writes.
+    grid_bits : int
+    faces : (F, 3) int32
+    objects : Objects
+    edges : (E, 4) int32
+        Of `pair_edges`.
+    turns : (F+1,) int8
+        Scratch memory.
+    layers : (H, W+1) int32
+        Scratch memory, zeros.
+    ends : (H, 2) int32
+        Scratch memory: W+1 and -1.
+    counts : (H, W) int32
+        Changed.
+
+    Returns
+    -------
+    bool
+        False if a face had to be cut: then the counts are worth nothing.
+    """
+    turns[faces.shape[0]] = 0
+    for n in range(matrices.shape[0]):
+        for row in range(4):
+            for column in range(4):
+                matrix[row, column] = matrices[n, row, column]
+        seen = call_bound(transform)
+        if not find_turns(faces, objects, screen, seen, turns):
+            return False
+        for k in range(np.uintp(edges.shape[0])):
+            right = edges[k, RIGHT]
+            change = np.int32(turns[np.uintp(edges[k, LEFT])])
+            if right >= 0:
+                change -= np.int32(turns[np.uintp(right)])
+            else:
+                change += np.int32(turns[np.uintp(~right)])
+            if change != 0:
+                first, last = np.uintp(edges[k, FROM]), np.uintp(edges[k, TO])
+                add_edge(screen.xy, first, last, layers, grid_bits, change, ends)
+        sweep_rows(layers, ends, counts)
+    return True
