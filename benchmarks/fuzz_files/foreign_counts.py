@@ -180,7 +180,8 @@ def _of_svg(path: Path) -> Counts:
     import trimesh
 
     with path.open("rb") as file:
-        entities = trimesh.load_path(file, file_type="svg").entities
+        # Processed, points that lie together beside very far ones become one, and lines lost.
+        entities = trimesh.load_path(file, file_type="svg", process=False).entities
     straight = [isinstance(one, trimesh.path.entities.Line) for one in entities]
     least = sum(
         len(one.points) - 1 if is_straight else 1

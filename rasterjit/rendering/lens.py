@@ -53,7 +53,7 @@ from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import image_size
+from rasterjit.scene.validation import image_size, true_or_false
 from rasterjit.survey import placement as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import join
@@ -292,8 +292,8 @@ class Comparison(NamedTuple):
 
 def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
     """Raise ``ValueError`` naming what is not drawn with a lens."""
-    if diagnose is not False:
-        raise ValueError(f"diagnose must be False where a lens is given, got {diagnose!r}")
+    if true_or_false("diagnose", diagnose):
+        raise ValueError("diagnose must be False where a lens is given, got True")
     if "motion_visible" in outputs:
         raise ValueError("outputs has 'motion_visible', which is not found where a lens is given")
 

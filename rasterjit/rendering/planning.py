@@ -116,7 +116,7 @@ def plan_frame(
         Naming the argument that is wrong.
     """
     quality, background = request.quality, request.background
-    cull, diagnose = request.cull, request.diagnose
+    cull, diagnose = request.cull, bool(request.diagnose)
     size, outputs = check_request(request)
     # Analyse the scene.
     if known is None:

@@ -89,9 +89,9 @@ def test_without_diagnose_no_kernel_runs_and_no_list_is_kept(cube, camera, monke
 
 
 def test_plan_tells_whether_they_are_made(cube, camera):
-    for asked, mark in ((False, "out (diagnose=False)"), (True, "in  (diagnose=True)")):
+    for asked, mark in ((False, "out (diagnose=False)"), (np.True_, "in  (diagnose=True)")):
         decided = rj.explain(cube, camera, diagnose=asked)
-        assert decided.facts.diagnose is asked
+        assert decided.facts.diagnose is bool(asked)
         line = next(line for line in str(decided).splitlines() if line.startswith("diagnostics"))
         assert line.split(None, 1)[1] == mark
 

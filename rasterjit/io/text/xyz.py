@@ -152,7 +152,8 @@ def _guessed(table: NDArray[np.float64], suffix: str) -> list[str]:
 def _are_normals(three: NDArray[np.float64]) -> bool:
     """Tell vectors of unit length, some of which may be zero."""
     x, y, z = three.T
-    squared = x * x + y * y + z * z
+    with np.errstate(over="ignore"):
+        squared = x * x + y * y + z * z
     known = np.isfinite(squared) & (squared != 0.0)
     return bool(known.any() and (np.abs(squared[known] - 1.0) <= 2.0 * _UNIT).all())
 
