@@ -54,8 +54,10 @@ class BackgroundImage:
                 f"(H, W, 3) or (H, W, 4), got shape {given.shape}"
             )
         if given.dtype == np.uint8:
-            image = np.full((*given.shape[:2], 4), 255, np.uint8)
-            image[..., : given.shape[2]] = given
+            image = np.array(given, order="C")
+            if given.shape[2] == 3:
+                image = np.full((*given.shape[:2], 4), 255, np.uint8)
+                image[..., :3] = given
         else:
             rows = linear_rows("background", given.reshape(-1, given.shape[2]))
             image = rows.reshape(*given.shape[:2], 4)

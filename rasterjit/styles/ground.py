@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import math
 from contextlib import closing
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline import encode
 from rasterjit.pipeline.geometry import projection
 from rasterjit.pipeline.visibility import draw
 from rasterjit.rendering.planning import FrameRequest, PlannedFrame, plan_views
@@ -32,8 +33,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import dot
-from rasterjit.styles import silhouettes
-from rasterjit.survey.batched_views import view_many
+from rasterjit.styles import ground_light, silhouettes
 from rasterjit.survey.placement import cull_objects
 from rasterjit.survey.posing import posed_scene
 
@@ -85,9 +85,6 @@ MIN_FLOOR = 0.7
 
 FLOOR_HEIGHT = 0.05
 """How high they lie at most, in heights of the scene."""
-
-ROWS_AT_ONCE = 64
-"""Rows of the picture that are looked up in the map at once."""
 
 
 class Ground(NamedTuple):
@@ -319,9 +316,10 @@ def _count_covered(
     plan, cache, views = planned[:3]
     arrays = cache.shapes.arrays
     # Matrices: the eye, that of the first direction, is that of all.
-    eyes = np.repeat(plan.camera.eye_position()[np.newaxis], len(clips), axis=0)
-    nobody, of_all = np.empty((1, 0, 4, 4)), np.repeat(view[np.newaxis], len(clips), axis=0)
-    matrices, matrix = view_many(nobody, eyes, of_all, clips).clip_from_relative, np.empty((4, 4))
+    moved, matrix = np.eye(4)[np.newaxis], np.empty((4, 4))
+    moved[0, :3, 3] = plan.camera.eye_position()
+    moved = np.repeat(transforms.product_of_each(view[np.newaxis], moved), len(clips), axis=0)
+    matrices = transforms.product_of_each(clips, moved)
     # Vertices to the map.
     positions, viewport = arrays.positions, draw.viewport_of(plan.size, plan.quality.subpixel_bits)
     screen = draw.screen_arrays(len(positions), Memory())
@@ -347,13 +345,19 @@ def _count_covered(
     return counts if is_whole else None
 
 
+@lru_cache(max(KEY_DIRECTIONS, SKY_DIRECTIONS))
+def _turned(number: int) -> tuple[float, float]:
+    """Return sine and cosine of the angle of a direction."""
+    return transforms.sine_cosine(number * TURN)
+
+
 def sky_slopes(count: int) -> list[tuple[float, float]]:
     """Return how far light from the sky goes aside for each unit down, spread by its cosine."""
     slopes = []
     for n in range(count):
         sine = LOWEST_SINE * math.sqrt((n + 0.5) / count)
         cosine = math.sqrt(1.0 - sine * sine)
-        y, x = transforms.sine_cosine(n * TURN)
+        y, x = _turned(n)
         slopes.append((x * sine / cosine, y * sine / cosine))
     return slopes
 
@@ -365,7 +369,7 @@ def key_slopes(slope: tuple[float, float], count: int) -> list[tuple[float, floa
     slopes = []
     for n in range(count):
         radius = KEY_RADIUS * math.sqrt((n + 0.5) / count)
-        y, x = transforms.sine_cosine(n * TURN)
+        y, x = _turned(n)
         # The plane cuts the cone of light aslant: longer along the light than across.
         far = radius * x * (1.0 + length * length)
         wide = radius * y * math.sqrt(1.0 + length * length)
@@ -383,15 +387,12 @@ def _blurred(count: NDArray[np.int32], radius: int, weight: np.float32) -> NDArr
     blurred = np.zeros(count.shape, np.float32)
     if not count.any():
         return blurred
-    # Beyond this part, nothing is blurred; no sum leaves 32 bits.
+    # Beyond this part, nothing is blurred.
     part = tuple(_widened(np.flatnonzero(count.any(axis=axis)), 2 * radius) for axis in (1, 0))
-    sums, width = count[part], 2 * radius + 1
-    for axis in (0, 0, 1, 1):
-        edges = [(0, 0), (0, 0)]
-        edges[axis] = radius + 1, radius
-        sums = np.cumsum(np.pad(sums, edges, mode="edge"), axis=axis, dtype=np.int32)
-        sums = sums[width:] - sums[:-width] if axis == 0 else sums[:, width:] - sums[:, :-width]
-    blurred[part] = sums.astype(np.float32) * (weight / np.float32(width**4))
+    own = np.ascontiguousarray(count[part])
+    sums, scratch = np.empty_like(own), np.empty_like(own)
+    ground_light.blur(own, radius, sums, scratch, scratch[0].copy())
+    blurred[part] = sums.astype(np.float32) * (weight / np.float32((2 * radius + 1) ** 4))
     return blurred
 
 
@@ -416,20 +417,22 @@ def is_above(ground: Ground, camera: Camera, size: tuple[int, int]) -> bool:
     return dot(up, camera.view_matrix()[2, :3].tolist()) > 0.0
 
 
-def kept_light(ground: Ground, camera: Camera, size: tuple[int, int]) -> NDArray[np.float32] | None:
+def in_shade(
+    ground: Ground, camera: Camera, behind: NDArray[np.float32], codes: NDArray[np.uint32]
+) -> NDArray[np.uint32] | None:
     """
-    Return the share of its light that each pixel of the ground keeps, (H, W); None if all do.
+    Return a picture of the ground in the light that it has, (H, W) codes; None if it has all.
 
     Parameters
     ----------
     ground : Ground
     camera : Camera
-    size : (int, int)
-        Width and height of the picture, pixels.
+        Above the ground.
+    behind : (256, 4) float32, linear
+        What the ground looks like in the light, by the red codes.
+    codes : (H, W) uint32
     """
-    if not is_above(ground, camera, size):
-        return None
-    width, height = size
+    size = codes.shape[1], codes.shape[0]
     view, projection, up = camera.view_matrix(), camera.projection_matrix(size), ground.frame[2]
     # From places on the map to the screen, and back: a projective map of the plane.
     step = ground.extent
@@ -442,36 +445,13 @@ def kept_light(ground: Ground, camera: Camera, size: tuple[int, int]) -> NDArray
     clip = transforms.compose(projection, view)[[0, 1, 3]].tolist()
     rows = [[dot(row, column) + row[3] * column[3] for column in columns] for row in clip]
     inverse = _adjugate(rows)
-    x = (2.0 * (np.arange(width) + 0.5) / width - 1.0)[None, :]
-    kept = np.ones((height, width), np.float32)
-    determinant = dot(rows[0], [row[0] for row in inverse])
-    sign = math.copysign(1.0, determinant)
-    changed = False
-    for first in range(0, height, ROWS_AT_ONCE):
-        y = 1.0 - 2.0 * (np.arange(first, min(first + ROWS_AT_ONCE, height)) + 0.5) / height
-        y = y[:, None]
-        u, v, w = (sign * (row[0] * x + (row[1] * y + row[2])) for row in inverse)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            u, v = u / w, v / w
-            is_on = (w > 0.0) & (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
-        if is_on.any():
-            shade = _look_up(ground.shade, u[is_on], v[is_on])
-            kept[first : first + ROWS_AT_ONCE][is_on] = np.float32(1.0) - shade
-            changed = changed or bool(shade.any())
-    return kept if changed else None
-
-
-def _look_up(image: NDArray[np.float32], u: Float64, v: Float64) -> NDArray[np.float32]:
-    """Return the values of a map at places in 0..1, linear between texels."""
-    column = np.clip(u * SIDE - 0.5, 0.0, SIDE - 1.0)
-    row = np.clip(v * SIDE - 0.5, 0.0, SIDE - 1.0)
-    left = np.minimum(column.astype(np.int64), SIDE - 2)
-    top = np.minimum(row.astype(np.int64), SIDE - 2)
-    a, b = (column - left).astype(np.float32), (row - top).astype(np.float32)
-    texels, place = image.reshape(-1), top * SIDE + left
-    upper = texels[place] * (np.float32(1.0) - a) + texels[place + 1] * a
-    lower = texels[place + SIDE] * (np.float32(1.0) - a) + texels[place + SIDE + 1] * a
-    return upper * (np.float32(1.0) - b) + lower * b
+    sign = math.copysign(1.0, dot(rows[0], [row[0] for row in inverse]))
+    shaded, light = codes.copy(), np.empty((size[0], 4), np.float32)
+    is_dark = ground_light.darken_picture(
+        sign * np.array(inverse), ground.shade, behind, encode.encoding_table(), shaded, light,
+        (np.empty(size[0]), np.empty(size[0], np.float32)),
+    )  # fmt: skip
+    return shaded if is_dark else None
 
 
 def _adjugate(m: list[list[float]]) -> list[list[float]]:

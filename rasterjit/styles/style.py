@@ -38,8 +38,9 @@ from rasterjit.styles.ground import (
     Ground,
     Vector,
     cast_shadow,
+    in_shade,
     in_the_dark,
-    kept_light,
+    is_above,
     place_ground,
 )
 from rasterjit.survey.lights import most_light
@@ -233,9 +234,6 @@ def painted_by_normal(scene: Scene) -> Scene:
 
 SIZE = (1280, 720)
 
-ROWS_AT_ONCE = 64
-"""Of a background, shaded and encoded."""
-
 SAMPLED = "anti-aliasing"
 """Row of ``explain`` that samples belong to."""
 
@@ -254,6 +252,9 @@ def _bayer(levels: int) -> NDArray[np.int64]:
         pattern = np.block([[pattern, pattern + 2], [pattern + 3, pattern + 1]])
     return pattern
 
+
+OPAQUE, GREY = np.uint32(0xFF000000), np.uint32(0x010101)
+"""Codes of a pixel: opaque black, and what a step of grey adds."""
 
 DITHER = _bayer(3)
 """(8, 8): the order in which pixels of a block take the next code."""
@@ -276,8 +277,9 @@ class Gradient(NamedTuple):
         thresholds = last * (2 * DITHER[row % len(DITHER)] + 1)
         codes = (2 * DITHER.size * exact[:, None] + thresholds) // (2 * DITHER.size * last)
         repeats = -(-width // len(DITHER))
-        image = np.tile(codes.astype(np.uint8), (1, repeats))[:, :width, None]
-        return BackgroundImage(np.repeat(image, 3, axis=2))
+        pixels = OPAQUE + GREY * codes.astype(np.uint32)
+        image = np.tile(pixels, (1, repeats))[:, :width]
+        return BackgroundImage(np.ascontiguousarray(image).view(np.uint8).reshape(height, width, 4))
 
 
 class GroundLight(NamedTuple):
@@ -404,11 +406,10 @@ class Style:
             behind, place = self._behind(size, made, camera)
             made["background"] = behind
             if place is not None:
-                ground = self._shadow(place, made.get("threads")) if casts else in_the_dark(place)
                 seen_from = camera or self.scene.camera or fit_upright(self.scene, size)
-                kept = kept_light(ground, seen_from, size)
-                if kept is not None:
-                    made["background"], has_shadow = BackgroundImage(_shaded(behind, kept)), True
+                shaded = self._in_shade(place, seen_from, _in_codes(behind, size), made, casts)
+                if shaded is not None:
+                    made["background"], has_shadow = BackgroundImage(shaded), True
         return made, has_shadow
 
     def _told(self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool) -> RenderPlan:
@@ -465,6 +466,18 @@ class Style:
             object.__setattr__(self, "_placed", placed)
         return self.__dict__["_placed"]
 
+    def _in_shade(
+        self, place: Ground, camera: Camera, behind: tuple[Any, Any], made: Mapping[str, Any],
+        casts: bool,
+    ) -> NDArray[np.uint8] | None:  # fmt: skip
+        """Return the background with the shadow, (H, W, 4); None if there is none in view."""
+        colors, codes = behind
+        if not is_above(place, camera, codes.shape[::-1]):
+            return None
+        ground = self._shadow(place, made.get("threads")) if casts else in_the_dark(place)
+        shaded = in_shade(ground, camera, colors, codes)
+        return None if shaded is None else shaded.view(np.uint8).reshape(*codes.shape, 4)
+
     def _shadow(self, place: Ground, threads: int | None) -> Ground:
         """Return the ground with the scene's shadow. Found once."""
         if "_shaded" not in self.__dict__:
@@ -473,22 +486,18 @@ class Style:
         return self.__dict__["_shaded"]
 
 
-def _shaded(
-    behind: NDArray[np.float32] | BackgroundImage, kept: NDArray[np.float32]
-) -> NDArray[np.uint8]:
-    """Return an opaque background, of greys or one colour, in the light that is kept, in codes."""
-    height, width = kept.shape
-    table, codes = encode.encoding_table(), np.empty((height, width), np.uint32)
-    for first in range(0, height, ROWS_AT_ONCE):
-        rows = slice(first, min(first + ROWS_AT_ONCE, height))
-        light = np.ones((rows.stop - first, width, 4), np.float32)
-        if isinstance(behind, BackgroundImage):
-            light[..., :3] = decoding_table()[behind.image[rows, :, :1]]
-        else:
-            light[..., :3] = behind[:3]
-        light[..., :3] *= kept[rows, :, None]
-        encode.encode_rows(light, table, codes[rows])
-    return codes.view(np.uint8).reshape(height, width, 4)
+def _in_codes(
+    behind: NDArray[np.float32] | BackgroundImage, size: tuple[int, int]
+) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Return colours by their red codes, (256, 4) linear, and a background of them, in codes."""
+    colors = np.ones((256, 4), np.float32)
+    if isinstance(behind, BackgroundImage):
+        colors[:, :3] = decoding_table()[:, None]
+        return colors, behind.image.view(np.uint32)[..., 0]
+    colors[:, :3] = behind[:3]
+    code = np.empty((1, 1), np.uint32)
+    encode.encode_rows(colors[None, :1], encode.encoding_table(), code)
+    return colors, np.full(size[::-1], code[0, 0])
 
 
 def with_changes(scene: Scene, **changes: Any) -> Scene:

@@ -576,7 +576,7 @@ def write_highest(texels: NDArray[np.float32], highest: NDArray[np.float32]) -> 
         Written; cells beyond the map keep what they hold.
     """
     side = -(-len(texels) // filters.CELLS)
+    lefts = np.arange(0, len(texels), side)
     for row, top in enumerate(range(0, len(texels), side)):
-        columns = texels[top : top + side].max(axis=0)
-        for column, left in enumerate(range(0, len(texels), side)):
-            highest[row, column] = columns[left : left + side].max()
+        columns = np.maximum.reduceat(texels[top : top + side].max(axis=0), lefts)
+        highest[row, : len(lefts)] = columns
