@@ -49,11 +49,12 @@ class Guarded:
     if not TYPE_CHECKING:
 
         def __setattr__(self, name: str, value: Any) -> None:
-            if name not in self._FIELDS and not name.startswith("_"):
-                _check_attribute(self, name)
-            check = self._CHECKS.get(name)
-            if check is not None:
-                value = check(name, value)
+            if not name.startswith("_"):
+                if name not in self._FIELDS:
+                    _check_attribute(self, name)
+                check = self._CHECKS.get(name)
+                if check is not None:
+                    value = check(name, value)
             super().__setattr__(name, value)
 
 

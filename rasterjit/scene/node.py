@@ -25,6 +25,7 @@ LAST_ROW_ROUNDING = 1e-9
 """How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
 
 _IDENTITY = read_only(np.eye(4))
+_LAST_ROW = _IDENTITY[3].tobytes()
 
 
 class Node(HoldsArrays, Placed, Guarded):
@@ -313,7 +314,7 @@ class Node(HoldsArrays, Placed, Guarded):
         if self._trs is not None and transform is not self._transform:
             self._trs = None
         if parent is None and not self._children:
-            self._transform = self._world_from_model = transform
+            self.__dict__.update(_transform=transform, _world_from_model=transform)
             return
         above = None if parent is None else parent._world_from_model
         moved = [(self, _placed(self, transform, above))]
@@ -449,11 +450,12 @@ def _checked_mesh(value: Any) -> Mesh:
 def _affine(name: str, value: ArrayLike) -> Float64:
     """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
     matrix = finite_array(name, value, (4, 4)).copy()
-    x, y, z, w = last_row = matrix[3].tolist()
-    if max(abs(x), abs(y), abs(z), abs(w - 1.0)) > LAST_ROW_ROUNDING:
-        raise ValueError(
-            f"{name} must be affine, with the last row 0, 0, 0, 1; got {last_row} "
-            "(matrices multiply column vectors)"
-        )
-    matrix[3] = 0.0, 0.0, 0.0, 1.0
+    if matrix[3].tobytes() != _LAST_ROW:
+        x, y, z, w = last_row = matrix[3].tolist()
+        if max(abs(x), abs(y), abs(z), abs(w - 1.0)) > LAST_ROW_ROUNDING:
+            raise ValueError(
+                f"{name} must be affine, with the last row 0, 0, 0, 1; got {last_row} "
+                "(matrices multiply column vectors)"
+            )
+        matrix[3] = 0.0, 0.0, 0.0, 1.0
     return read_only(matrix)

@@ -702,7 +702,7 @@ def normal_matrices(matrices: Float64) -> Float64:
     """
     linear = matrices[:, :3, :3]
     exponents = 1 - np.frexp(np.abs(linear).max(axis=(1, 2), keepdims=True))[1]
-    columns = np.moveaxis(np.ldexp(linear, exponents), 0, 2).swapaxes(0, 1)
+    columns = np.ldexp(linear, exponents).transpose(2, 1, 0)
     cofactors = np.empty((3, 3, len(matrices)))
     for k in range(3):
         cofactors[:, k] = cross(columns[(k + 1) % 3], columns[(k + 2) % 3])
@@ -711,7 +711,7 @@ def normal_matrices(matrices: Float64) -> Float64:
         inverses = np.ldexp(cofactors / determinants, exponents[:, 0, 0])
     usable = np.isfinite(inverses).all(axis=(0, 1))
     fallback = np.where(determinants < 0.0, -cofactors, cofactors)
-    return np.ascontiguousarray(np.moveaxis(np.where(usable, inverses, fallback) + 0.0, 2, 0))
+    return np.ascontiguousarray((np.where(usable, inverses, fallback) + 0.0).transpose(2, 0, 1))
 
 
 def inverse(matrix: ArrayLike) -> Matrix:

@@ -355,28 +355,22 @@ def prepare(
     look = look_of(quality, has_environment)
     if look not in all_tables or not are_same(all_tables[look].materials, materials):
         all_tables[look] = MaterialTables(shapes, materials, quality, has_environment)
-    places = None if known is None else _moved(known, matrices)
-    if places is None:
-        places = placement.place_objects(matrices)
-    if known is not None and places is known.places and shapes is known.shapes:
-        extents = known.extents
-    else:
+    places = _place(known, matrices)
+    if known is None or shapes is not known.shapes:
         extents = Extents(shapes.boxes, places.world_from_model)
+    else:
+        extents = known.extents.moved(known.places, places)
     cut = getattr(nodes, "cut", None)
     return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables, cut)
 
 
-def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places | None:
-    """Update the objects' transforms where few have moved; None where many have."""
-    if are_same(known.matrices, matrices):
-        return known.places
-    if len(known.matrices) != len(matrices):
-        return None
+def _place(known: SceneCache | None, matrices: Sequence[NDArray[np.float64]]) -> Places:
+    """Return where objects stand, with what still holds of where they stood."""
+    if known is None or len(known.matrices) != len(matrices):
+        return placement.place_objects(matrices)
     pairs = zip(known.matrices, matrices, strict=True)
     moved = [n for n, (old, new) in enumerate(pairs) if old is not new]
-    if len(moved) > placement.FEW:
-        return None
-    return placement.move_objects(known.places, matrices, moved)
+    return placement.move_objects(known.places, matrices, moved) if moved else known.places
 
 
 def are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:

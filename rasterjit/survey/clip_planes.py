@@ -26,9 +26,9 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import MAX_STEPS, Camera, OrthographicCamera, Planes, planes_of
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node
 from rasterjit.scene.vectors import cross, dot, length
 from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
 from rasterjit.survey.packed_scene import writable
@@ -200,9 +200,9 @@ def spheres_beyond(nodes: Sequence[Node], matrices: Float64) -> list[int]:
     """
     return [
         k
-        for k, node in enumerate(nodes)
-        if isinstance(node.mesh, Points)
-        and node.mesh.shape == "sphere"
+        for k, mesh in enumerate(meshes_of(nodes))
+        if isinstance(mesh, Points)
+        and mesh.shape == "sphere"
         and _is_uneven(matrices[k, :3, :3].T.tolist())
     ]
 

@@ -50,6 +50,10 @@ EVENNESS = 2.0**-12
 normals that are as much too long or too short is a sixteenth of a code of 8 bits off."""
 
 
+_WITHOUT_ORIGIN = "is_nothing", "middles_and_axes", "boxes", "reach", "_columns"
+"""What `Extents` find out that is the same where objects are only shifted."""
+
+
 class Extents:
     """
     World-space extents of a scene's objects, independent of the camera.
@@ -66,6 +70,16 @@ class Extents:
     def __init__(self, bounds: Float64, world_from_model: Float64) -> None:
         self.bounds = bounds
         self._world_from_model = world_from_model
+
+    def moved(self, before: Places, after: Places) -> Extents:
+        """Return those of the same objects elsewhere: themselves, if `move_objects` moved none."""
+        if after is before:
+            return self
+        other, known = Extents(self.bounds, after.world_from_model), self.__dict__
+        if after.normal_matrices is before.normal_matrices:
+            # Only shifted.
+            other.__dict__.update({name: known[name] for name in _WITHOUT_ORIGIN if name in known})
+        return other
 
     @cached_property
     def is_nothing(self) -> NDArray[np.bool_]:
@@ -95,10 +109,16 @@ class Extents:
     def around(self) -> tuple[Sequence[float], Sequence[float]]:
         """Low and high corner of a box around all, (3,) each, world space, but for rounding."""
         if len(self.bounds) > FEW:
-            low, high = box_around(self.bounds, self._world_from_model)
+            middles, axes = self.middles_and_axes
+            with np.errstate(invalid="ignore", over="ignore"):
+                places = self._world_from_model[:, :3, 3].T + middles
+                half = np.add.reduce(np.abs(axes), axis=1)
+                low = np.fmin.reduce(places - half, axis=1, initial=math.inf)
+                high = np.fmax.reduce(places + half, axis=1, initial=-math.inf)
             return low.tolist(), high.tolist()
         lows, highs = [(math.inf,) * 3], [(-math.inf,) * 3]
-        for middle, half, origin in self.boxes:
+        origins = self._world_from_model[:, :3, 3].tolist()
+        for (middle, half), origin in zip(self.boxes, origins, strict=True):
             # What is in no face has no box.
             if middle[0] == middle[0]:
                 places = list(map(operator.add, origin, middle))
@@ -108,11 +128,11 @@ class Extents:
         return list(map(min, least)), list(map(max, most))
 
     @cached_property
-    def boxes(self) -> list[tuple[list[float], list[float], list[float]]]:
+    def boxes(self) -> list[tuple[list[float], list[float]]]:
         """
-        Of each object the middle of its box, half the size of one around it, and its origin.
+        Of each object the middle of its box, and half the size of one around it.
 
-        World axes; middles from the origin. For few objects: NumPy does many faster.
+        World axes; middles from the object's origin. For few objects: NumPy does many faster.
         """
         found = []
         columns = self._world_from_model[:, :3].tolist()
@@ -124,7 +144,6 @@ class Extents:
             found.append((
                 [(x * p + y * q) + z * r for x, y, z, _ in rows],
                 [abs(x) * a + abs(y) * b + abs(z) * c for x, y, z, _ in rows],
-                [origin for *_, origin in rows],
             ))  # fmt: skip
         return found
 
@@ -141,7 +160,7 @@ class Extents:
     def _columns(self) -> Float64:
         """Entries of the matrices but for the translation, (3, 3, O): row, column, object."""
         axes = self._world_from_model[..., :3, :3]
-        return np.ascontiguousarray(np.moveaxis(axes, (-2, -1), (0, 1)))
+        return np.ascontiguousarray(axes.transpose(-2, -1, *range(axes.ndim - 2)))
 
 
 class BoxMeasures(NamedTuple):
@@ -276,12 +295,16 @@ class Boxes:
         return wide
 
     def _are_middles_in_view(self) -> bool:
-        """Tell whether there are few boxes, and the middles of all are inside of every plane."""
+        """Tell whether the middles of all boxes are inside of every plane."""
         if len(self._bounds) > FEW:
-            return False
+            matrix, (middles, _) = self._clip_from_relative, self._extents.middles_and_axes
+            with np.errstate(invalid="ignore", over="ignore"):
+                places = self.relative_from_model[:, :3, 3].T + middles
+                seen = matrix[:, :3] @ places + matrix[:, 3:]
+                return bool((np.abs(seen[:3]) <= seen[3]).all())
         rows = self._clip_from_relative.tolist()
         origins = self.relative_from_model[:, :3, 3].tolist()
-        for (middle, *_), origin in zip(self._extents.boxes, origins, strict=True):
+        for (middle, _), origin in zip(self._extents.boxes, origins, strict=True):
             x, y, z = map(operator.add, middle, origin)
             p, q, r, w = [a * x + b * y + c * z + d for a, b, c, d in rows]
             # What is not a number is not inside.
@@ -499,7 +522,7 @@ def move_objects(
     known: Places, matrices: Sequence[NDArray[np.float64]], moved: Sequence[int]
 ) -> Places:
     """
-    Return what `place_objects` does, given what it returned before a few objects moved.
+    Return what `place_objects` does, given what it returned before some objects moved.
 
     Parameters
     ----------
@@ -510,9 +533,20 @@ def move_objects(
     moved : sequence of int
         The numbers of those that moved.
     """
-    places = Places(*(part.copy() for part in known))
+    world_from_model = known.world_from_model.copy()
     for n in moved:
-        places.world_from_model[n] = matrices[n]
+        world_from_model[n] = matrices[n]
+    is_turned = world_from_model[:, :3, :3] != known.world_from_model[:, :3, :3]
+    if not is_turned.any():
+        # Only shifted: signs of zeros do not count.
+        return known._replace(world_from_model=world_from_model)
+    turned = np.flatnonzero(is_turned.any(axis=(1, 2))).tolist()
+    places = Places(world_from_model, known.normal_matrices.copy(), known.mirrored.copy())
+    if len(turned) > FEW:
+        some = place_objects([matrices[n] for n in turned])
+        places.normal_matrices[turned], places.mirrored[turned] = some[1:]
+        return places
+    for n in turned:
         rows = matrices[n].tolist()
         normals = transforms.normal_rows(rows)
         largest = max(abs(entry) for row in normals for entry in row)
@@ -527,7 +561,7 @@ def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return -1 for each 3x3 matrix of a negative determinant, (O,), else 1; see `_turn`."""
     largest = np.abs(matrices).max(axis=2, keepdims=True)
     scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
-    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
+    (a, b, c), (d, e, f), (g, h, i) = scaled.transpose(1, 2, 0)
     determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return np.where(determinants < 0.0, -1.0, 1.0)
 
@@ -537,7 +571,7 @@ def are_even(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
     axes = matrices[:, :3, :3]
     largest = np.abs(axes).max(axis=(1, 2), keepdims=True)
     scaled = np.divide(axes, largest, out=np.zeros_like(axes), where=largest > 0.0)
-    a, b, c = np.moveaxis(scaled, 2, 0)
+    a, b, c = scaled.transpose(2, 0, 1)
     squares = np.stack([_products(a, a), _products(b, b), _products(c, c)])
     skews = np.abs(np.stack([_products(a, b), _products(b, c), _products(c, a)]))
     least, most = squares.min(axis=0), squares.max(axis=0)

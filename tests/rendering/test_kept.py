@@ -205,11 +205,23 @@ def random_matrix(rng):
     return matrix
 
 
-def test_a_few_moved_objects_have_the_bits_of_all_placed_anew():
-    rng = np.random.default_rng(3)
+def found_of(extents):
+    """Return all that extents find out, as lists."""
+    found = [extents.is_nothing, *extents.middles_and_axes, extents.reach]
+    return [part.tolist() for part in found], extents.around, extents.boxes
+
+
+@pytest.mark.parametrize("most", [5, 3 * placement.FEW])
+def test_moved_objects_have_the_bits_of_all_placed_anew(most):
+    rng, shifted = np.random.default_rng(3), 0
     for _ in range(300):
-        count = int(rng.integers(1, 6))
+        count = int(rng.integers(1, most + 1))
         before, after = ([random_matrix(rng) for _ in range(count)] for _ in range(2))
+        turned = rng.integers(2, size=count) * rng.integers(2)
+        for n in np.flatnonzero(turned == 0).tolist():
+            after[n][:3, :3] = before[n][:3, :3]
+            # Signs of zeros do not count.
+            after[n][:3, :3][before[n][:3, :3] == 0.0] *= -1.0
         moved = np.flatnonzero(rng.integers(2, size=count)).tolist()
         mixed = [after[n] if n in moved else before[n] for n in range(count)]
         known = placement.place_objects(before)
@@ -218,6 +230,15 @@ def test_a_few_moved_objects_have_the_bits_of_all_placed_anew():
         for own, wanted in zip(found, placement.place_objects(mixed), strict=True):
             assert own.tobytes() == wanted.tobytes()
         assert [part.tobytes() for part in known] == was
+        bounds = np.sort(rng.normal(size=(count, 2, 3)), axis=1)
+        extents = placement.Extents(bounds, known.world_from_model)
+        before = found_of(extents)
+        own = extents.moved(known, found)
+        shifted += "reach" in vars(own)
+        assert found_of(own) == found_of(placement.Extents(bounds, found.world_from_model))
+        assert extents.moved(known, known) is extents
+        assert found_of(extents) == before
+    assert 100 < shifted < 250
 
 
 def random_boxes(rng):
@@ -252,8 +273,8 @@ def test_what_is_found_fast_of_few_objects_is_what_numpy_finds_of_many(monkeypat
         fast += few._are_middles_in_view()
         monkeypatch.setattr(placement, "FEW", 0)
         many = boxes()
-        assert not many._are_middles_in_view()
-        assert few.in_view.tolist() == many.in_view.tolist()
+        assert many._are_middles_in_view() == few._are_middles_in_view()
+        assert few.in_view.tolist() == many.in_view.tolist() == many._measures.in_view.tolist()
         ends = [np.array(each._extents.around) for each in (few, many)]
         assert np.allclose(*ends, rtol=1e-12, atol=1e-12)
         monkeypatch.undo()
