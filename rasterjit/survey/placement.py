@@ -278,7 +278,7 @@ class Boxes:
     @cached_property
     def in_view(self) -> NDArray[np.bool_]:
         """Which objects the camera may see, (O,): those not all beyond a plane."""
-        if self._given is None and self._are_middles_in_view():
+        if self._given is None and self._are_surely_in_view():
             return np.ones(len(self._bounds), np.bool_)
         if self._beyond is None:
             return self._measures.in_view
@@ -294,14 +294,17 @@ class Boxes:
             wide[1] /= 1.0 + self._beyond[2]
         return wide
 
-    def _are_middles_in_view(self) -> bool:
-        """Tell whether the middles of all boxes are inside of every plane."""
+    def _are_surely_in_view(self) -> bool:
+        """Tell whether all boxes reach inside of every plane; of few, whether their middles do."""
         if len(self._bounds) > FEW:
-            matrix, (middles, _) = self._clip_from_relative, self._extents.middles_and_axes
+            matrix, (middles, axes) = self._clip_from_relative, self._extents.middles_and_axes
+            planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
             with np.errstate(invalid="ignore", over="ignore"):
                 places = self.relative_from_model[:, :3, 3].T + middles
-                seen = matrix[:, :3] @ places + matrix[:, 3:]
-                return bool((np.abs(seen[:3]) <= seen[3]).all())
+                halves = np.abs(planes[:, :3] @ axes.reshape(3, -1)).reshape(6, 3, -1)
+                inside = planes[:, :3] @ places + np.add.reduce(halves, axis=1) + planes[:, 3:]
+            # What is not a number is not inside.
+            return bool(inside.min() >= 0.0)
         rows = self._clip_from_relative.tolist()
         origins = self.relative_from_model[:, :3, 3].tolist()
         for (middle, _), origin in zip(self._extents.boxes, origins, strict=True):
