@@ -28,7 +28,6 @@ from rasterjit.accuracy.knobs import (
 )
 from rasterjit.accuracy.report.files import prepare_folder, write_report
 from rasterjit.accuracy.results import PROCESSOR, STANDARD, Errors, Study, Trial
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.planning import choose_camera, settle_cameras
 from rasterjit.rendering.quality_selection import light_of, machine, root_mean_square
@@ -40,7 +39,7 @@ from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number, thread_count
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""
@@ -203,7 +202,7 @@ def begin(
     progress: timing.Progress | None,
 ) -> Course:
     """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
-    scene, size = posed_scene(as_scene(what[0])), options.size
+    scene, size = scene_to_draw(what[0]), options.size
     camera = choose_camera(scene, what[1], size)
     (camera,) = settle_cameras(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)

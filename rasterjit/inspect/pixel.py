@@ -25,7 +25,6 @@ from rasterjit.inspect.pixel_report import (
     PixelExplanation,
     PrimitiveAtPixel,
 )
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.geometry import setup
@@ -51,7 +50,7 @@ from rasterjit.survey.cache import prepare
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -106,7 +105,7 @@ def explain_pixel(
     """
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
-    scene = posed_scene(as_scene(what))
+    scene = scene_to_draw(what)
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     request = FrameRequest(size, check_quality(quality), ("color", "linear"), background, cull)
     plan = planning.plan_frame(request, scene, camera)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import planning
@@ -27,7 +26,7 @@ from rasterjit.scene.validation import (
 )
 from rasterjit.survey.effect import OfQuality
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 
 ROUNDS, MAX_ROUNDS = 7, 1_000_000
 """Frames of each kind; their median counts."""
@@ -121,7 +120,7 @@ def profile(
         raise ValueError(
             f"rounds must be a whole number above 0, at most {MAX_ROUNDS}, got {cut_short(rounds)}"
         )
-    scene, quality = posed_scene(as_scene(what)), check_quality(quality)
+    scene, quality = scene_to_draw(what), check_quality(quality)
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     options = {"outputs": outputs, "background": background, "cull": cull}

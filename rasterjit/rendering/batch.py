@@ -23,7 +23,6 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.frame import Frame, FrameStats
@@ -34,7 +33,6 @@ from rasterjit.rendering.batch_scheduler import (
     COUNTED,
     BatchCache,
     BatchScheduler,
-    Projections,
     can_batch,
 )
 from rasterjit.rendering.planning import Cull, FrameRequest, naming, plan_views, settle_cameras
@@ -52,8 +50,9 @@ from rasterjit.scene.transforms import product_of_each
 from rasterjit.scene.validation import image_size, in_short, number_array, one_of, thread_count
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.object_counts import check_scene, find_attribute
+from rasterjit.survey.placement import projection_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 
 Arrays = dict[str, NDArray[Any]]
 Frames = Generator[Frame, None, None]
@@ -114,10 +113,10 @@ def render_batch(
     ambient occlusion, outlines, edges, a picture behind, exact areas or averaged pictures
     (``samples``), a bound on layers (``transparency_layers``) or colours mixed as codes
     (``blending``) are drawn one by one, as `render` draws them, in about its time. Memory beyond
-    the result does not grow with the number of views. What is prepared is kept with a `Scene`, and
-    used again by the next call as far as scene and arguments are the same. Ctrl-C ends it when the
-    views are done that threads are just drawing. There is no lens, max_error, diagnose or motion:
-    `rasterjit.render` has them.
+    the result does not grow with the number of views. What is prepared is kept with a scene or a
+    mesh, and used again by the next call as far as it and arguments are the same. Ctrl-C ends it
+    when the views are done that threads are just drawing. There is no lens, max_error, diagnose or
+    motion: `rasterjit.render` has them.
 
     Parameters
     ----------
@@ -177,10 +176,10 @@ def render_batch(
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
     check_cameras(cameras)
     eyes = [check_item(number, camera) for number, camera in enumerate(cameras)]
-    projections, number = Projections(options.size), 0
+    number = 0
     try:
         for number in range(len(eyes)):
-            projections.of(eyes[number])
+            projection_of(eyes[number], options.size)
     except ValueError as error:
         raise ValueError(f"cameras[{number}]: {error}") from None
     places = check_transforms(transforms, len(eyes), scene)
@@ -198,7 +197,7 @@ def render_batch(
             first = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first).plan
             kept.first = first
             with beside(partial(planning.list_tasks, first), workers * own):
-                drawn = _draw_all(views, kept, first, projections, workers)
+                drawn = _draw_all(views, kept, first, workers)
         # After an error, drop the cache.
         BATCH_CACHES.put(what, kept)
     view_warnings.warn(drawn.told.named(), set())
@@ -392,9 +391,7 @@ def _draw_alone(renderer: Renderer, views: AllViews, numbers: Iterable[int]) -> 
     return ViewsDrawn(totals, told)
 
 
-def _draw_all(
-    views: AllViews, kept: BatchCache, first: RenderPlan, projections: Projections, workers: int
-) -> ViewsDrawn:
+def _draw_all(views: AllViews, kept: BatchCache, first: RenderPlan, workers: int) -> ViewsDrawn:
     """Draw all views, given the plan of the first."""
     cache, count = kept.cache, len(views.cameras)
     by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
@@ -403,9 +400,7 @@ def _draw_all(
     make: Callable[[], Draws] = partial(SingleViews, views, cache)
     is_possible = batch_scheduler.is_possible(views.options)
     if is_possible and can_batch(first, views.scene, cache):
-        shared = BatchScheduler(
-            views.scene, kept, views.options, views.arrays, views.scene_of, projections
-        )
+        shared = BatchScheduler(views.scene, kept, views.options, views.arrays, views.scene_of)
         make = partial(GroupedViews, views, cache, shared)
     total = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
     for drawn in in_threads(make, groups, workers):
@@ -550,7 +545,7 @@ def check_arguments(
     cull: planning.Cull,
 ) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
-    scene = posed_scene(as_scene(what))
+    scene = scene_to_draw(what)
     check_scene(scene)
     size = image_size("size", size)
     if background is not None:

@@ -46,7 +46,7 @@ from rasterjit.scene.camera import (
     usual_near,
 )
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.scene.mesh import ATTRIBUTE
+from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
@@ -75,6 +75,7 @@ from rasterjit.survey.placement import (
     Extents,
     Places,
     measure_boxes,
+    projection_of,
 )
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
@@ -92,9 +93,6 @@ COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "inva
 MIN_SHARE = 1e-30
 """Least ratio of near plane to farthest distance; smaller ones are checked view by view, as the
 depth format may not resolve the far end."""
-
-MAX_PROJECTIONS = 256
-"""Most projection matrices that are remembered."""
 
 MAX_SETS = 4096
 """Most sets of objects in view that are remembered."""
@@ -125,35 +123,6 @@ MAX_KINDS = 8
 """Most kinds of plans that are kept."""
 
 
-class Projections:
-    """
-    The projection matrices of cameras for one size of picture; few of many cameras differ there.
-
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height, pixels.
-    """
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self._size = size
-        self._known: dict[tuple, Float64] = {}
-
-    def of(self, camera: Camera) -> Float64:
-        """Return ``camera.projection_matrix(size)``, not to be changed."""
-        if type(camera) is MatrixCamera and camera.size is None:
-            return camera.clip_from_view
-        if type(camera) is not PerspectiveCamera:
-            return camera.projection_matrix(self._size)
-        key = camera.frustum
-        found = self._known.get(key)
-        if found is None:
-            found = camera.projection_matrix(self._size)
-            if len(self._known) < MAX_PROJECTIONS:
-                self._known[key] = found
-        return found
-
-
 class Prepared(NamedTuple):
     """The per-view arrays of a group."""
 
@@ -182,16 +151,15 @@ class BatchScheduler:
         (N, H, W, ...) of each output: where views are written.
     scene_of : callable
         Returns the scene as it is in a view, given its number.
-    projections : Projections
     """
 
     def __init__(
         self, scene: Scene, kept: BatchCache, options: FrameRequest, arrays: Arrays,
-        scene_of: Callable[[int], Scene], projections: Projections,
+        scene_of: Callable[[int], Scene],
     ) -> None:  # fmt: skip
         self.scene, self.cache, self.options = scene, kept.cache, options
         self._kept, self._arrays = kept, arrays
-        self._scene_of, self.projections = scene_of, projections
+        self._scene_of = scene_of
         self.lights = shared_lights(scene)
         self.is_colored = not {"color", "linear"}.isdisjoint(options.outputs)
         self.has_headlight = not scene.lights and scene.environment is None
@@ -250,7 +218,7 @@ class BatchScheduler:
         seen, cuts = list(cameras), {}
         view = np.array([camera.view_matrix() for camera in seen], np.float64)
         eyes = np.array([camera.eye_position() for camera in seen], np.float64)
-        projection = np.array([self.projections.of(camera) for camera in seen])
+        projection = np.array([projection_of(camera, self.options.size) for camera in seen])
         views = view_many(known.world_from_model, eyes, view, projection)
         measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
         # Place open planes where they clip nothing in view.
@@ -271,7 +239,7 @@ class BatchScheduler:
                 cuts[n] = view_warnings.cuts_of(look)
             if any(look.steps):
                 seen[n] = settled(seen[n], *look.steps)
-                projection[n] = self.projections.of(seen[n])
+                projection[n] = projection_of(seen[n], self.options.size)
                 moved.append(n)
         if moved:
             views = view_many(known.world_from_model, eyes, view, projection)
@@ -763,8 +731,8 @@ class BatchCaches:
             return kept if of is not None and of() is what else None
 
     def put(self, what: Any, kept: BatchCache) -> None:
-        """Put a scene's cache back; not that of a mesh, which it would keep alive."""
-        if not isinstance(what, Scene) or kept.size > MAX_KEPT:
+        """Put the cache of a scene or a mesh back, which it does not keep alive."""
+        if not isinstance(what, Scene | Mesh) or kept.size > MAX_KEPT:
             return
         number = id(what)
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import fill, table
 from rasterjit.outputs.frame import LayeredFrame
 from rasterjit.outputs.table import Outputs
@@ -36,7 +35,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, thread_count
 from rasterjit.scene.view import PreviousView
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 
 
 def render_layers(
@@ -101,7 +100,7 @@ def render_layers(
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
     try:
         request = FrameRequest(size, quality, outputs, None, cull, previous=previous)
-        planned = plan_views(request, posed_scene(as_scene(what)), camera)
+        planned = plan_views(request, scene_to_draw(what), camera)
         if planned.plan.facts.has_round_points:
             raise ValueError(
                 "what must have no discs or spheres, of which several in a pixel are not found; "

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics, fill, motion, table
 from rasterjit.outputs.table import MIXED_OUTPUTS, Outputs, check_outputs, row_of
 from rasterjit.pipeline import encode
@@ -64,7 +63,7 @@ from rasterjit.survey.object_counts import (
 )
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import Cull, RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 from rasterjit.survey.transparency import layers_of
 
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
@@ -586,7 +585,7 @@ def find_earlier(
     earlier = scene
     if previous.scene is not None:
         with naming("previous.scene"):
-            earlier = posed_scene(as_scene(previous.scene))
+            earlier = scene_to_draw(previous.scene)
             check_scene(earlier)
         motion.check_same_objects(_whole(scene), earlier.nodes)
     if previous.camera is not None:

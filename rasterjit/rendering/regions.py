@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame, cut_out
 from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
@@ -30,7 +29,7 @@ from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, look_around
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 
 BEHIND_TILE = 1024
 """Side of the regions in which the picture behind glass is drawn, pixels."""
@@ -80,7 +79,7 @@ class RegionRenderer:
         whole = whole_size("size", size, quality.subpixel_bits)
         self._workers = Workers(thread_count("threads", threads))
         self.size = whole
-        scene = posed_scene(as_scene(what))
+        scene = scene_to_draw(what)
         request = FrameRequest(whole, quality, outputs, background, cull)
         self._planned = plan_views(request, scene, camera)
         self._margin = _margin_of(self._planned.plan)

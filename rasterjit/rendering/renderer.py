@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
@@ -46,9 +45,7 @@ from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Lens
-from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     image_size,
     in_short,
@@ -63,7 +60,7 @@ from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.packed_scene import SceneArrays, front_turns_of, placement_of
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.posing import scene_to_draw
 from rasterjit.survey.view_summary import CameraView
 
 MAX_KEPT = drawing.VERTICES_PER_TASK
@@ -193,7 +190,7 @@ def explain(
     ValueError
         Naming the argument that is wrong.
     """
-    scene = posed_scene(as_scene(what))
+    scene = scene_to_draw(what)
     request = FrameRequest(
         image_size("size", size), check_quality(quality), outputs, background, cull, diagnose,
         previous,
@@ -512,7 +509,6 @@ class Renderer(Guarded):
         self.quality = check_quality(quality)
         self._threads = threads
         self._workers = Workers(thread_count("threads", threads))
-        self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
         self._last: RenderPlan | None = None
         self._lensed: lenses.LensPlan | None = None
@@ -646,7 +642,7 @@ class Renderer(Guarded):
     ) -> Frame:
         """Render one frame with a lens."""
         planned = lenses.plan_lensed(
-            lens, request, self._scene(what), camera, self._workers, self._cache, self._lensed
+            lens, request, scene_to_draw(what), camera, self._workers, self._cache, self._lensed
         )  # fmt: skip
         self._cache, self._lensed = planned.pictures[-1].cache, planned
 
@@ -665,7 +661,7 @@ class Renderer(Guarded):
     ) -> Frame:
         """Render one frame in the best quality within a time; a single render caches nothing."""
         budget = positive_number("time_budget", time_budget)
-        scene = self._scene(what)
+        scene = scene_to_draw(what)
         circumstances = (
             self.size, self._workers.threads, table.check_outputs(request.outputs), request.cull,
             bool(request.diagnose), is_lone,
@@ -808,14 +804,6 @@ class Renderer(Guarded):
     def _plan(self, request: FrameRequest, what: Any, camera: Camera | None) -> PlannedFrame:
         """Check the arguments of a frame, and decide what it needs."""
         known = self._cache, self._last
-        planned = plan_views(request, self._scene(what), camera, *known)
+        planned = plan_views(request, scene_to_draw(what), camera, *known)
         self._cache, self._last = planned.cache, planned.plan
         return planned
-
-    def _scene(self, what: Any) -> Scene:
-        """Return anything that can be drawn as a scene, that of the last frame for a mesh again."""
-        if not isinstance(what, Mesh):
-            return posed_scene(as_scene(what))
-        if self._lone is None or self._lone[0] is not what:
-            self._lone = what, as_scene(what)
-        return posed_scene(self._lone[1])

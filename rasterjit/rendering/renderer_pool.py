@@ -30,7 +30,6 @@ from rasterjit.rendering.batch_scheduler import (
     BatchCache,
     BatchScheduler,
     GroupRenderer,
-    Projections,
     can_batch,
 )
 from rasterjit.rendering.planning import FrameRequest, plan_frame
@@ -160,7 +159,6 @@ class Shared(NamedTuple):
     """State shared by the threads that draw groups of views."""
 
     kept: BatchCache
-    projections: Projections
     moment: SceneSnapshot
     group_size: int
     """How many views are drawn in one go."""
@@ -174,7 +172,7 @@ class Shared(NamedTuple):
         kept = BatchCache(cache)
         kept.first = first
         own = SceneSnapshot(scene, cache, options)
-        return cls(kept, Projections(options.size), own, group_size)
+        return cls(kept, own, group_size)
 
 
 class PoolWorker:
@@ -280,8 +278,7 @@ class PoolWorker:
         self._arrays = {name: np.empty(*of_all) for name, of_all in shapes.items()}
         return GroupRenderer(
             BatchScheduler(
-                self._scene, shared.kept, self._options, self._arrays, lambda _: self._scene,
-                shared.projections,
+                self._scene, shared.kept, self._options, self._arrays, lambda _: self._scene
             )
         )  # fmt: skip
 

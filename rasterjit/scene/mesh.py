@@ -662,6 +662,12 @@ class Mesh(HoldsArrays, Guarded, Previewed):
             result._normal_groups = check.read_only(normal_groups(result.vertices, split.normals))
         return result
 
+    def _twin(self) -> Mesh:
+        """Return a mesh that always has the same attributes, and does not keep this one."""
+        twin = object.__new__(type(self))
+        twin.__dict__ = self.__dict__
+        return twin
+
     def _take_posable(self, other: Mesh, sources: NDArray[np.integer]) -> None:
         """Take what poses move from the vertices, (V,) numbers, of another mesh."""
         if other._joints is not None and other._joint_weights is not None:

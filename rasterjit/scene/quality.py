@@ -263,7 +263,11 @@ def differences(quality: Quality, other: Quality) -> dict[str, Any]:
 def check_quality(value: Quality | None, name: str = "quality") -> Quality:
     """Return ``value``, or the standard for ``None``; raise ``ValueError`` for anything else."""
     if value is None:
-        return Quality.standard()
+        return STANDARD
     if not isinstance(value, Quality):
         raise ValueError(f"{name} must be a rasterjit.Quality, got {type(value).__name__}")
     return value
+
+
+STANDARD = Quality.standard()
+"""What is taken where no quality is given."""

@@ -17,7 +17,7 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.mesh import ATTRIBUTE
-from rasterjit.scene.quality import SUPERSAMPLED, Quality
+from rasterjit.scene.quality import STANDARD, SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.wireframe import Wireframe
@@ -38,9 +38,6 @@ from rasterjit.survey.object_counts import (
 from rasterjit.survey.placement import Boxes, Views, are_even
 from rasterjit.survey.quality_overrides import lights_under
 from rasterjit.survey.transparency import NO_TRANSPARENCY, Transparency, find_transparency
-
-STANDARD = Quality.standard()
-"""Settings of the quality that equal these are not reported."""
 
 DISTANCE_ROUNDING = 1.0 + 2.0**-20
 """Factor on the farthest distance, for the rounding of positions and distances in float32."""

@@ -111,10 +111,10 @@ class Extents:
         if len(self.bounds) > FEW:
             middles, axes = self.middles_and_axes
             with np.errstate(invalid="ignore", over="ignore"):
-                places = self._world_from_model[:, :3, 3].T + middles
-                half = np.add.reduce(np.abs(axes), axis=1)
-                low = np.fmin.reduce(places - half, axis=1, initial=math.inf)
-                high = np.fmax.reduce(places + half, axis=1, initial=-math.inf)
+                middles = self._world_from_model[:, :3, 3].T + middles
+                halves = np.add.reduce(np.abs(axes), axis=1)
+                low = np.fmin.reduce(middles - halves, axis=1, initial=math.inf)
+                high = np.fmax.reduce(middles + halves, axis=1, initial=-math.inf)
             return low.tolist(), high.tolist()
         lows, highs = [(math.inf,) * 3], [(-math.inf,) * 3]
         origins = self._world_from_model[:, :3, 3].tolist()
@@ -626,9 +626,9 @@ def _view(
     view_from_world = view_from_world.tolist()
     view_from_relative = transforms.product_of(view_from_world, world_from_relative)
     if type(camera) is PerspectiveCamera:
-        clip_from_view, screen_turn = _usual_projection(camera.frustum, size)
+        _, clip_from_view, screen_turn = _usual_projection(camera.frustum, size)
     else:
-        clip_from_view, screen_turn = _projection(camera, size)
+        _, clip_from_view, screen_turn = _projection(camera, size)
     toward_viewer = np.array(LAST_ROW)
     if not any(clip_from_view[3][:3]):
         # A parallel projection: depth grows with z in clip space; the viewer is the other way.
@@ -650,18 +650,29 @@ def _view(
     )
 
 
-def _projection(camera: Camera, size: tuple[int, int]) -> tuple[list[list[float]], float]:
-    """Return ``clip_from_view`` as rows, and the sign of the turn from its axes to the screen's."""
+def projection_of(camera: Camera, size: tuple[int, int]) -> Float64:
+    """Return ``camera.projection_matrix(size)``, not to be changed."""
+    if type(camera) is PerspectiveCamera:
+        return _usual_projection(camera.frustum, size)[0]
+    if type(camera) is MatrixCamera and camera.size is None:
+        return camera.clip_from_view
+    return camera.projection_matrix(size)
+
+
+def _projection(camera: Camera, size: tuple[int, int]) -> tuple[Float64, list[list[float]], float]:
+    """Return ``clip_from_view``, its rows, and the sign of the turn to the screen's axes."""
     projection = camera.projection_matrix(size)
-    clip_from_view = finite_array("camera.projection_matrix()", projection, (4, 4)).tolist()
+    matrix = finite_array("camera.projection_matrix()", projection, (4, 4))
+    clip_from_view = matrix.tolist()
     *screen_axes, depth_row, away = (row[:3] for row in clip_from_view)
-    return clip_from_view, _turn([*screen_axes, away if any(away) else depth_row])
+    turn = _turn([*screen_axes, away if any(away) else depth_row])
+    return matrix, clip_from_view, turn
 
 
 @lru_cache(256)
 def _usual_projection(
     frustum: tuple[Any, ...], size: tuple[int, int]
-) -> tuple[list[list[float]], float]:
+) -> tuple[Float64, list[list[float]], float]:
     """Return that of perspective cameras of a frustum, which many have, for reading alone."""
     camera = PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), *frustum)
     return _projection(camera, size)

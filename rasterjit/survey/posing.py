@@ -12,11 +12,13 @@ mirrored, and the node mirrors it: its faces keep their sides.
 from __future__ import annotations
 
 import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.meshes import as_scene
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -29,6 +31,10 @@ from rasterjit.survey.packed_scene import writable
 FAR = 64.0
 """Distance from the origin, in extents of the mesh, from which on it is stored from its middle on:
 six of the 24 bits of float32."""
+
+
+_SCENES: WeakKeyDictionary[Mesh, Scene] = WeakKeyDictionary()
+"""Scenes of meshes that were drawn alone: of twins, which do not keep them."""
 
 
 class Pose(NamedTuple):
@@ -47,6 +53,20 @@ def kernel_rows() -> Rows:
     from rasterjit.pipeline.geometry import skinning
 
     return rows_where("a joint has moved", skinning.skin_vertices)
+
+
+def scene_to_draw(what: Any) -> Scene:
+    """
+    Return anything that can be drawn as a scene, posed.
+
+    That of a mesh is kept as long as the mesh, so that what is known of it is found again.
+    """
+    if not isinstance(what, Mesh):
+        return posed_scene(as_scene(what))
+    scene = _SCENES.get(what)
+    if scene is None:
+        scene = _SCENES[what] = as_scene(what._twin())
+    return posed_scene(scene)
 
 
 def posed_scene(scene: Scene) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import threading
 import weakref
@@ -59,13 +60,23 @@ def test_what_is_the_same_is_prepared_once(scene, made):
 
 
 @in_groups
-def test_a_lone_mesh_is_not_kept(shelf):
+def test_what_is_kept_goes_with_a_lone_mesh(shelf, made):
     mesh = rj.load(MODELS / "torus_knot.obj").nodes[0].mesh
-    rj.render_batch(mesh, around(2, 12.0), size=SIZE, threads=1)
+
+    def draw(one):
+        return rj.render_batch(one, around(2, 12.0), size=SIZE, threads=1).color.tolist()
+
+    for count, color in enumerate(("red", "blue"), 1):
+        mesh.material = rj.Material(base_color=color)
+        assert draw(mesh) == draw(mesh)
+        assert (len(shelf._kept), len(made)) == (1, count)
+    assert draw(mesh) == draw(copy.copy(mesh))
+    gone = weakref.ref(mesh)
+    gc.disable()
+    del mesh
+    gc.enable()
+    assert gone() is None
     assert not shelf._kept
-    mesh = weakref.ref(mesh)
-    gc.collect()
-    assert mesh() is None
 
 
 @in_groups
