@@ -8,8 +8,10 @@ from dataclasses import replace
 import naive_shadows
 import numpy as np
 import pytest
+import trimesh
 
 import rasterjit as rj
+from rasterjit.effects import shadows as shadowing
 from rasterjit.effects.shadows import contacts, filters, visible_depth
 from rasterjit.effects.shadows import maps as shadow_maps
 from rasterjit.effects.shadows import stage as shadows_stage
@@ -509,7 +511,8 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
         for beside in (0, 1, 7):
             filters.read_soft(
                 *(np.roll(one, beside) for one in placed), texels, size, np.float32(sides),
-                np.float32(9.0), highest, around / 2, around, found, nearer, share,
+                np.float32(9.0), highest, around / 2, around, np.ones_like(share), found, nearer,
+                share,
             )  # fmt: skip
             contacts.close_contacts(
                 *(np.roll(one, beside) for one in placed[:5]), texels, size, np.float32(sides),
@@ -517,3 +520,27 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
             )  # fmt: skip
             assert np.isfinite(share).all()
             assert (np.roll(share, -beside)[2:] == 1.0)[(u[2:] < 0) | (u[2:] > size)].all()
+
+
+@pytest.mark.parametrize("shading", ["flat", "phong", "pbr"])
+def test_samples_that_turn_away_need_no_soft_shadow(monkeypatch, shading):
+    """Lights from all around, on normals that are not those of the faces."""
+    rng = np.random.default_rng(3)
+    ball = trimesh.creation.icosphere(2)
+    normals = ball.vertices + rng.normal(size=ball.vertices.shape) * 0.8
+    mesh = rj.Mesh(
+        ball.vertices * rng.uniform(0.8, 1.2, (len(ball.vertices), 1)), ball.faces,
+        normals=normals, material=rj.Material(shading=shading, double_sided=True),
+    )  # fmt: skip
+    scene = rj.Scene()
+    scene.add(mesh)
+    scene.lights = [
+        rj.DirectionalLight((1, -1, 1), shadow=rj.Shadow(64, "soft", 9.0)),
+        rj.PointLight((2, 1, -2), intensity=9.0, shadow=rj.Shadow(64, "soft", 0.5)),
+        rj.SpotLight((-2, 2, 1), (1, -1, -0.5), intensity=9.0, shadow=rj.Shadow(64, "soft", 0.5)),
+    ]
+    frames = []
+    for answer in (True, False):
+        monkeypatch.setattr(shadowing, "can_turn_away", lambda needs, found=answer: found)
+        frames.append(rj.render(scene, size=(80, 60), outputs=("linear",)).linear)
+    assert np.array_equal(*frames)

@@ -36,6 +36,9 @@ from rasterjit.survey.quality_overrides import shadow_under
 MAX_TEXELS_TO_TRY = 1 << 26
 """Of the shadow maps that are tried where nobody asked for them: 268 MB."""
 
+NO_LIGHT = np.empty(0, np.float32)
+"""Stands for the light where it is not known which samples turn away from it."""
+
 Shadows: TypeAlias = maps.ShadowRecord | maps.PlannedShadows
 
 Seen = Sequence[tuple[Camera, visible_depth.SeenDepth]]
@@ -73,6 +76,12 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
             Pass(point_shapes.find_point_receivers, lambda a: (*a.surface.points, a.placement))
         )
     return passes
+
+
+def can_turn_away(needs: ShadingNeeds) -> bool:
+    """Tell whether a light is surely nothing to samples whose normals turn away from it."""
+    # Coats have normals of their own; of sheen, glass and pyrender's shader it is not known.
+    return not (needs.layers or needs.through or needs.imitated)
 
 
 class ShadowMaps(LooksAround):
@@ -236,6 +245,7 @@ class ShadowMaps(LooksAround):
                 Pass(shadows_stage.place_on_cube, lambda _: (point, shadows.maps[n], size))
             )
         is_of_faces = int(not of_vertices)
+        turns_away = not of_vertices and can_turn_away(needs)
 
         def own(_: ShadingArrays) -> tuple[Any, ...]:
             texels = shadows.texels[first : first + sides * size * size]
@@ -243,7 +253,8 @@ class ShadowMaps(LooksAround):
 
         def soft(a: ShadingArrays) -> tuple[Any, ...]:
             width = np.float32(shadows.maps[n][shadows_stage.WIDENING])
-            return *own(a), width, shadows.highest[n], shadows.pattern, shadows.spiral
+            looked = shadows.highest[n], shadows.pattern, shadows.spiral
+            return *own(a), width, *looked, a.lighting.lights[n] if turns_away else NO_LIGHT
 
         if kind == filters.HARD:
             return [*passes, Pass(shadows_stage.filter_hard, own)]

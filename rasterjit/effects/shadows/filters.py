@@ -48,11 +48,21 @@ NARROWINGS = 3
 
 @helper
 def limits(v, size, sides):
-    """Return the first row of the map that a sample lies in, and whether it lies in any."""
+    """Return the first row of the map that a sample lies in; ``sides`` None: there is one map."""
+    if sides is None:
+        return np.float32(0.0)
     length = np.float32(size)
     side = np.floor(v / length)
     side = min(max(side, np.float32(0.0)), np.float32(sides - np.float32(1.0)))
     return side * length
+
+
+@helper
+def last_row(size, sides):
+    """Return the last row of all maps of a light."""
+    if sides is None:
+        return np.float32(size) - np.float32(1.0)
+    return sides * np.float32(size) - np.float32(1.0)
 
 
 @helper
@@ -244,8 +254,8 @@ def farthest_shading(u, v, depth, size, sides, widening, highest):
         most = highest_between(
             highest,
             min(max(left - around, zero), last), min(max(right + around, zero), last),
-            min(max(upper - around, zero), sides * np.float32(size) - np.float32(1.0)),
-            min(max(lower + around, zero), sides * np.float32(size) - np.float32(1.0)),
+            min(max(upper - around, zero), last_row(size, sides)),
+            min(max(lower + around, zero), last_row(size, sides)),
             size,
         )  # fmt: skip
         reach = SPREAD * widening * max(most - lowest, zero) + SEARCHED
@@ -256,10 +266,18 @@ def farthest_shading(u, v, depth, size, sides, widening, highest):
 @helper
 def read_soft(
     u, v, depth, across, down, bias, texels, size, sides, widening, highest, pattern, spiral,
-    found, nearer, share,
+    facing, found, nearer, share,
 ):  # fmt: skip
-    """Estimate each sample's penumbra from its blockers, and filter over it (PCSS)."""
+    """
+    Estimate each sample's penumbra from its blockers, and filter over it (PCSS).
+
+    What does not face the light, by a row that is above 0 where it does, has none of it.
+    """
     if share.shape[0] == 0:
+        return
+    if range_of(facing)[1] <= np.float32(0.0):
+        for i in range(share.shape[0]):
+            share[i] = np.float32(0.0)
         return
     comparisons = np.float32(pattern.shape[0])
     for i in range(share.shape[0]):
@@ -274,6 +292,7 @@ def read_soft(
             )  # fmt: skip
     shaded = np.float32(0.0)
     for i in range(share.shape[0]):
+        found[i] = found[i] if facing[i] > np.float32(0.0) else np.float32(0.0)
         shaded = max(shaded, found[i])
     if shaded > np.float32(0.0):
         for k in range(pattern.shape[0]):

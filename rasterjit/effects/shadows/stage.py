@@ -26,6 +26,8 @@ import numpy as np
 
 from rasterjit.effects.shadows.contacts import SNAPPING, close_contacts
 from rasterjit.effects.shadows.filters import read_hard, read_pcf, read_soft
+from rasterjit.pipeline.lighting.blinn_phong import light_at
+from rasterjit.pipeline.surface.attributes import fill_row
 from rasterjit.pipeline.surface.samples import (
     ACROSS,
     DOWN,
@@ -33,7 +35,10 @@ from rasterjit.pipeline.surface.samples import (
     IS_LIT,
     MAP_U,
     NEARER,
+    NORMAL_X,
+    POINT_X,
     SHADOW,
+    TURNED,
     Block,
 )
 from rasterjit.runtime.float_math import clamped
@@ -255,10 +260,27 @@ def filter_pcf(
     close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
+@disjoint_helper
+def mark_facing(light, nx, ny, nz, px, py, pz, facing):
+    """Write the cosine by which `light_stages` light a sample; NaN counts as above 0."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    if light[3] == zero:
+        lx, ly, lz, _ = light_at(light, zero, zero, zero)
+        for i in range(facing.shape[0]):
+            cosine = nx[i] * lx + ny[i] * ly + nz[i] * lz
+            facing[i] = zero if cosine <= zero else one
+    else:
+        for i in range(facing.shape[0]):
+            lx, ly, lz, _ = light_at(light, px[i], py[i], pz[i])
+            cosine = nx[i] * lx + ny[i] * ly + nz[i] * lz
+            facing[i] = zero if cosine <= zero else one
+
+
 @stage
 def filter_soft(
     block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64,
     widening: float32, highest: float32[:, ::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
+    light: float32[::1],
 ):  # fmt: skip
     """
     Find the same by a penumbra that widens with the distance to what casts the shadow.
@@ -273,16 +295,34 @@ def filter_soft(
         The greatest stored depth in each cell of the light's maps.
     pattern, spiral : (P, 2) and (S, 2) float32
         As ``ShadowRecord`` has them.
+    light : (LIGHT_COLUMNS,) float32, or (0,)
+        See ``blinn_phong``: samples that turn away from it are left out. None: all are looked at.
+        Row TURNED is written over.
     """
     if block.counts[IS_LIT] == 0:
         return
     s = block.samples
+    facing = part(s, TURNED, 0, count)
+    fill_row(facing, np.float32(1.0))
+    if light.shape[0] > 0:
+        mark_facing(
+            light, *three_parts(s, NORMAL_X, 0, count), *three_parts(s, POINT_X, 0, count), facing
+        )
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
-        read_soft(
-            *six_parts(s, MAP_U, a, e), texels, size, np.float32(sides), widening, highest, pattern,
-            spiral, part(s, FOUND, a, e), part(s, NEARER, a, e), part(s, SHADOW, a, e),
-        )  # fmt: skip
+        if sides == 1:
+            # Which of several maps a sample lies in takes a division at each point.
+            read_soft(
+                *six_parts(s, MAP_U, a, e), texels, size, None, widening, highest, pattern, spiral,
+                part(s, TURNED, a, e), part(s, FOUND, a, e), part(s, NEARER, a, e),
+                part(s, SHADOW, a, e),
+            )  # fmt: skip
+        else:
+            read_soft(
+                *six_parts(s, MAP_U, a, e), texels, size, np.float32(sides), widening, highest,
+                pattern, spiral, part(s, TURNED, a, e), part(s, FOUND, a, e),
+                part(s, NEARER, a, e), part(s, SHADOW, a, e),
+            )  # fmt: skip
     close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
