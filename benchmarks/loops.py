@@ -149,6 +149,29 @@ def thumbnail(look: str) -> Callable[[], Any]:
     return lambda: style(rj.Mesh(vertices, faces)).render(size=(160, 120), threads=1)
 
 
+def further(look: str) -> Callable[[], Any]:
+    """Further pictures of a kept scene in a style, 1280 by 720 pixels, from all around."""
+    import rasterjit as rj
+
+    style = getattr(rj.styles, look)(rj.load(TEAPOT))
+    eyes = [(2.0 * x, 4.0 + y, 2.0 * z) for x, y, z in EYES[::7]]
+    camera = again([rj.PerspectiveCamera(eye, (0.0, 1.5, 0.0)) for eye in eyes])
+    return lambda: style.render(camera(), size=(1280, 720), threads=1)
+
+
+def lit(effect: str) -> Callable[[], Any]:
+    """The same of one lamp and light from all around, alone or with an effect."""
+    import rasterjit as rj
+
+    scene = rj.load(TEAPOT)
+    shadow = rj.Shadow(1024, "soft", 8.0) if effect == "soft shadow" else None
+    scene.lights = [rj.DirectionalLight((-1.0, -1.0, -1.0), shadow=shadow), rj.AmbientLight()]
+    if effect == "ambient occlusion":
+        scene.ambient_occlusion = rj.AmbientOcclusion()
+    renderer = rj.Renderer(size=(1280, 720), threads=1)
+    return lambda: renderer.render(scene)
+
+
 class Loop(NamedTuple):
     """A loop, and what its steps are compared with."""
 
@@ -173,6 +196,11 @@ LOOPS: dict[str, Loop] = {
     "save depth": Loop(lambda: saved("depth")),
     "new mesh, plain": Loop(lambda: thumbnail("plain")),
     "new mesh, studio": Loop(lambda: thumbnail("studio"), "new mesh, plain"),
+    "further, plain": Loop(lambda: further("plain")),
+    "further, studio": Loop(lambda: further("studio"), "further, plain"),
+    "lamp": Loop(lambda: lit("")),
+    "lamp, soft shadow": Loop(lambda: lit("soft shadow"), "lamp"),
+    "lamp, ambient occlusion": Loop(lambda: lit("ambient occlusion"), "lamp"),
 }
 
 

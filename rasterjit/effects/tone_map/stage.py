@@ -197,6 +197,11 @@ def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
 def lay(linear, shown, tone, behind):
     """Lay a pixel, (4,), over what is behind it: as light, and with its tones mapped."""
     alpha = linear[3]
+    if not alpha > np.float32(0.0):
+        # Most pixels of many pictures show nothing else.
+        for k in range(4):
+            linear[k], shown[k] = behind[k], behind[k]
+        return
     own = linear[0], linear[1], linear[2]
     mapped = over(alpha, map_pixel(tone, own[0], own[1], own[2]), behind)
     laid = over(alpha, own, behind)
