@@ -187,8 +187,9 @@ def render_batch(
     places = from_posed(places, scene)
     workers, own = share_threads(threads, None)
     views = AllViews(scene, tuple(eyes), places, options, arrays)
-    drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
-    if eyes:
+    if not eyes:
+        drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
+    else:
         kept = _take_up(what, scene, options.quality)
         if len(eyes) == 1:
             drawn = _draw_one(views, kept, workers * own)
@@ -367,28 +368,26 @@ def _draw_one(views: AllViews, kept: BatchCache, threads: int) -> ViewsDrawn:
     size, quality = views.options.size, views.options.quality
     if work_of(size, views.scene) > MAX_WORK:
         with Renderer.of_many(size, quality, threads, kept.cache) as renderer:
-            return _draw_alone(renderer, views, [0])
+            return _draw_alone(renderer, views, 0)
     renderer = kept.renderer
     if renderer is None or (renderer.size, renderer.quality) != (size, quality):
         renderer = kept.renderer = Renderer(size, quality=quality, threads=1)
         renderer.warned = None
     renderer._cache = kept.cache
-    return _draw_alone(renderer, views, [0])
+    return _draw_alone(renderer, views, 0)
 
 
-def _draw_alone(renderer: Renderer, views: AllViews, numbers: Iterable[int]) -> ViewsDrawn:
-    """Draw some views one by one, each as `rasterjit.render` does."""
-    options, totals, told = views.options, np.zeros(len(COUNTED), np.int64), WarningsOfViews()
-    for number in numbers:
-        frame = renderer.render(
-            views.scene_of(number), views.cameras[number], outputs=options.outputs,
-            background=options.background, cull=options.cull,
-        )  # fmt: skip
-        for name, array in frame.arrays().items():
-            views.arrays[name][number] = array
-        totals += [getattr(frame.stats, name) for name in COUNTED]
-        told.add(number, view_warnings.warnings_of_frame(frame))
-    return ViewsDrawn(totals, told)
+def _draw_alone(renderer: Renderer, views: AllViews, number: int) -> ViewsDrawn:
+    """Draw a view as `rasterjit.render` does."""
+    options, told = views.options, WarningsOfViews()
+    frame = renderer.render(
+        views.scene_of(number), views.cameras[number], outputs=options.outputs,
+        background=options.background, cull=options.cull,
+    )  # fmt: skip
+    for name, array in frame.arrays().items():
+        views.arrays[name][number] = array
+    told.add(number, view_warnings.warnings_of_frame(frame))
+    return ViewsDrawn(np.array([getattr(frame.stats, name) for name in COUNTED], np.int64), told)
 
 
 def _draw_all(views: AllViews, kept: BatchCache, first: RenderPlan, workers: int) -> ViewsDrawn:
@@ -497,7 +496,7 @@ class SingleViews:
         drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
         for number in group:
             with naming(f"cameras[{number}]"):
-                drawn.add(_draw_alone(self._renderer, self._views, [number]))
+                drawn.add(_draw_alone(self._renderer, self._views, number))
         return drawn
 
     def close(self) -> None:

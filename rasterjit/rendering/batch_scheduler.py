@@ -718,32 +718,26 @@ def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:
 
 
 class BatchCaches:
-    """Caches of the scenes of the last batches."""
+    """Caches of the scenes and meshes of the last batches, which go with them."""
 
     def __init__(self) -> None:
-        self._kept: dict[int, tuple[weakref.ref, BatchCache]] = {}
-        self._lock = forks.reentrant_lock()
+        self._kept: weakref.WeakKeyDictionary[Scene | Mesh, BatchCache] = (
+            weakref.WeakKeyDictionary()
+        )
+        self._lock = forks.lock()
 
     def take(self, what: Any) -> BatchCache | None:
-        """Take a scene's cache out, for exclusive use."""
+        """Take what is kept of a scene or a mesh out, for exclusive use."""
         with self._lock:
-            of, kept = self._kept.pop(id(what), (None, None))
-            return kept if of is not None and of() is what else None
+            return self._kept.pop(what, None) if isinstance(what, Scene | Mesh) else None
 
     def put(self, what: Any, kept: BatchCache) -> None:
         """Put the cache of a scene or a mesh back, which it does not keep alive."""
         if not isinstance(what, Scene | Mesh) or kept.size > MAX_KEPT:
             return
-        number = id(what)
-
-        def forget(gone: weakref.ref) -> None:
-            with self._lock:
-                if self._kept.get(number, (None,))[0] is gone:
-                    del self._kept[number]
-
         with self._lock:
-            self._kept[number] = weakref.ref(what, forget), kept
-            while sum(one.size for _, one in self._kept.values()) > MAX_KEPT:
+            self._kept[what] = kept
+            while sum(one.size for one in self._kept.values()) > MAX_KEPT:
                 del self._kept[next(iter(self._kept))]
 
 
