@@ -90,8 +90,8 @@ def encoding_table(encoding: Encoding = "srgb") -> np.ndarray:
 
 def code_of(color: NDArray[np.float32], encoding: Encoding = "srgb") -> int:
     """Return a linear RGBA colour, (4,), as a pixel, encoded as by `encode_rows`."""
-    *light, alpha = (value if value > 0.0 else 0.0 for value in color.tolist())
-    red, green, blue = (bisect.bisect_right(code_thresholds(encoding), value) for value in light)
+    *light, alpha = [value if value > 0.0 else 0.0 for value in color.tolist()]
+    red, green, blue = [bisect.bisect_right(code_thresholds(encoding), value) for value in light]
     return red | green << 8 | blue << 16 | int(min(alpha, 1.0) * 255.0 + 0.5) << 24
 
 

@@ -502,6 +502,13 @@ class Renderer(Guarded):
         "warned": _set_or_none,
     })  # fmt: skip
 
+    on_picture: Callable[[], None] | None = None
+    warned: set[str] | None
+    _cache: SceneCache | None = None
+    _last: RenderPlan | None = None
+    _lensed: lenses.LensPlan | None = None
+    _is_timed = False
+
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
     ) -> None:
@@ -509,13 +516,9 @@ class Renderer(Guarded):
         self.quality = check_quality(quality)
         self._threads = threads
         self._workers = Workers(thread_count("threads", threads))
-        self._cache: SceneCache | None = None
-        self._last: RenderPlan | None = None
-        self._lensed: lenses.LensPlan | None = None
         self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
-        self._bound, self._is_timed = BoundFrames(), False
-        self.on_picture: Callable[[], None] | None = None
-        self.warned: set[str] | None = set()
+        self._bound = BoundFrames()
+        self.warned = set()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Be copied and pickled by its settings: the copy keeps nothing between frames yet."""

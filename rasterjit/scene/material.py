@@ -298,7 +298,7 @@ class Material:
     @property
     def emits(self) -> bool:
         """Whether the surface sends out light."""
-        return any(part > 0.0 for part in self.emissive)
+        return max(self.emissive) > 0.0
 
     @property
     def has_normal_map(self) -> bool:
@@ -313,7 +313,7 @@ class Material:
     @property
     def has_sheen(self) -> bool:
         """Whether fibres stand out of the surface."""
-        return self.shading == "pbr" and any(part > 0.0 for part in self.sheen_color)
+        return self.shading == "pbr" and max(self.sheen_color) > 0.0
 
     @property
     def has_own_specular(self) -> bool:

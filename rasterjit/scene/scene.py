@@ -758,7 +758,7 @@ def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
 
 def _most_scales(places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how much transforms (N, 4, 4) scale along the axis where they do most, (N,)."""
-    x, y, z = (places[:, row, :3] for row in range(3))
+    x, y, z = places[:, :3, :3].swapaxes(0, 1)
     with np.errstate(over="ignore"):
         return np.sqrt((x * x + y * y) + z * z).max(axis=1)
 

@@ -215,12 +215,12 @@ def unit_vector(name: str, value: ArrayLike) -> Float64:
     ValueError
         If ``value`` is zero, not finite or not three numbers.
     """
-    return np.array(_unit_triple(name, check.triple(name, value)))
+    return np.array(_unit_triple(name, value))
 
 
-def _unit_triple(name: str, components: _Triple) -> _Triple:
+def _unit_triple(name: str, value: ArrayLike) -> _Triple:
     """Return three floats scaled to length one, or raise ``ValueError`` as `unit_vector` does."""
-    x, y, z = check.triple(name, components)
+    x, y, z = check.triple(name, value)
     if not (x or y or z):
         raise ValueError(f"{name} must not be the zero vector")
     return unit_numbers(x, y, z)
@@ -248,7 +248,7 @@ def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
     ValueError
         If either is zero, not finite or not three numbers.
     """
-    side = cross(_unit_triple("a", check.triple("a", a)), _unit_triple("b", check.triple("b", b)))
+    side = cross(_unit_triple("a", a), _unit_triple("b", b))
     return math.sqrt(dot(side, side)) <= _PARALLEL_SINE
 
 
@@ -318,7 +318,7 @@ def rotate(axis: ArrayLike, degrees: float) -> Matrix:
     ValueError
         If ``axis`` is zero or not finite, or ``degrees`` is not finite.
     """
-    x, y, z = _unit_triple("axis", check.triple("axis", axis))
+    x, y, z = _unit_triple("axis", axis)
     sine, cosine = sine_cosine(degrees)
     rest = 1.0 - cosine
     matrix = np.eye(4)
@@ -461,7 +461,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
     if origin == (x, y, z):
         raise ValueError(f"target must differ from eye, both are {origin}")
     back = _unit_triple("eye - target", (eye_x - x, eye_y - y, eye_z - z))
-    upward = _unit_triple("up", check.triple("up", up))
+    upward = _unit_triple("up", up)
     if are_parallel(upward, back):
         raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
     side = _unit_triple("up", cross(upward, back))
@@ -682,7 +682,7 @@ def normal_rows(matrix: list[list[float]]) -> list[list[float]]:
         except OverflowError:
             inverse = [[math.inf]]
         if all(map(math.isfinite, itertools.chain.from_iterable(inverse))):
-            return [list(row) for row in zip(*inverse, strict=True)]
+            return list(map(list, zip(*inverse, strict=True)))
     sign = -1.0 if determinant < 0.0 else 1.0
     return [[sign * x + 0.0 for x in row] for row in zip(*columns, strict=True)]
 

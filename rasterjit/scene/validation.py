@@ -46,7 +46,8 @@ MAX_THREADS = 1024
 def finite_number(name: str, value: Any) -> float:
     """Return ``value`` as a float, or raise ``ValueError`` naming the argument."""
     try:
-        if isinstance(value, (str, bytes)) or _hides_number(value):
+        is_plain = type(value) in (int, float)
+        if not is_plain and (isinstance(value, (str, bytes)) or _hides_number(value)):
             raise TypeError
         number = float(value)
     except (TypeError, ValueError, OverflowError):

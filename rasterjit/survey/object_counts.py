@@ -167,10 +167,11 @@ class Inventory:
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         numbers: dict[Mesh, int] = {}
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
-        self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
+        counted = map(_contents_of, numbers, self._textures)
+        self._rows = np.array([one.row for one in counted], np.int64)
         self._alpha_uses = [alpha_use_of(mesh) for mesh in numbers]
-        self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
+        self._pixels = max(map(_pixels_of, numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
@@ -276,10 +277,9 @@ class Inventory:
         return [_described(*one) for one in each]
 
 
-def _contents_of(mesh: Mesh) -> ObjectCounts:
-    """Return the counts for one object with a mesh."""
+def _contents_of(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
+    """Return the counts for one object with a mesh, of which some textures are read."""
     material = mesh.material
-    read = textures_read(material)
     without_uv = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
     is_painted, has_hole, field = (
         "base_color_texture" in read,
