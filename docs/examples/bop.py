@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,16 @@ def box(mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)) -> list[int]:
     return [int(xs.min()) - corner[0], int(ys.min()) - corner[1], int(np.ptp(xs)), int(np.ptp(ys))]
 
 
+def silhouettes(
+    node: rj.Node, cameras: list[rj.MatrixCamera], size: tuple[int, int]
+) -> Iterator[NDArray[np.bool_]]:
+    """Yield the pixels of an object that stands alone, (H, W), of each camera."""
+    alone = rj.Scene()
+    alone.add(node.mesh, node.transform)
+    for frame in rj.render_many(alone, cameras, size=size, outputs="object_id"):
+        yield frame.object_id >= 0
+
+
 def write_scene(
     folder: Path, scene: rj.Scene, nodes: list[rj.Node], images: int, size: tuple[int, int],
     random: np.random.Generator,
@@ -89,27 +100,28 @@ def write_scene(
     wide_size, wide_K = (3 * w, 3 * h), K + [[0, 0, w], [0, 0, h], [0, 0, 0]]
     inside = np.s_[h : 2 * h, w : 2 * w]
     rows: dict[str, dict[int, Any]] = {"camera": {}, "gt": {}, "gt_info": {}}
-    for image in range(images):
-        up = (0.0, 0.0, 1.0)
+    views, up = [], (0.0, 0.0, 1.0)
+    for _ in range(images):
         away = rj.orbit_direction(random.uniform(0.0, 360.0), random.uniform(15.0, 50.0), up=up)
         eye = random.uniform(550.0, 750.0) * np.asarray(away) + (0.0, 0.0, 40.0)
         # OpenCV's camera: y down, z ahead.
-        view = np.diag([1.0, -1.0, -1.0, 1.0]) @ rj.transforms.look_at(eye, (0.0, 0.0, 40.0), up)
-        frame = rj.render(
-            scene, rj.cameras.from_opencv(K, size, camera_from_world=view), size=size,
-            quality=rj.Quality(samples=4), outputs=("color", "depth", "object_id"),
-        )  # fmt: skip
+        views.append(
+            np.diag([1.0, -1.0, -1.0, 1.0]) @ rj.transforms.look_at(eye, (0.0, 0.0, 40.0), up)
+        )
+    frames = rj.render_many(
+        scene, [rj.cameras.from_opencv(K, size, camera_from_world=view) for view in views],
+        size=size, quality=rj.Quality(samples=4), outputs=("color", "depth", "object_id"),
+    )  # fmt: skip
+    wide = [rj.cameras.from_opencv(wide_K, wide_size, camera_from_world=view) for view in views]
+    alone = [silhouettes(node, wide, wide_size) for node in nodes]
+    for image, (view, frame, *wholes) in enumerate(zip(views, frames, *alone, strict=True)):
         save_image(folder / f"rgb/{image:06d}.png", frame.color[..., :3])
         frame.save(folder / f"depth/{image:06d}.png", "depth", scale=DEPTH_SCALE)
         R, t = view[:3, :3].ravel().tolist(), view[:3, 3].tolist()
         camera = {"cam_K": K.ravel().tolist(), "depth_scale": DEPTH_SCALE}
         rows["camera"][image] = camera | {"cam_R_w2c": R, "cam_t_w2c": t}
         rows["gt"][image], rows["gt_info"][image] = [], []
-        wide = rj.cameras.from_opencv(wide_K, wide_size, camera_from_world=view)
-        for k, node in enumerate(nodes):
-            alone = rj.Scene()
-            alone.add(node.mesh, node.transform)
-            whole = rj.render(alone, wide, size=wide_size, outputs="object_id").object_id >= 0
+        for k, (node, whole) in enumerate(zip(nodes, wholes, strict=True)):
             visible = frame.object_id == k
             save_image(
                 folder / f"mask/{image:06d}_{k:06d}.png", 255 * whole[inside].astype(np.uint8)
