@@ -129,12 +129,11 @@ def spline_camera(route: Sequence[Sequence[float]], seconds: float) -> Flight:
 
 def clearance(scene: rj.Scene, camera: Flight, times: Sequence[float]) -> float:
     """Return how near the eye comes to a surface in any direction, metres."""
-    nearest = []
-    for time in times:
-        frame = rj.render(
-            scene, camera(time), size=(64, 32), lens=rj.Equirectangular(), outputs="distance"
-        )
-        nearest.append(float(frame.distance.min()))
+    nearest, lens = [], rj.Equirectangular()
+    with rj.Renderer((64, 32)) as renderer:
+        for time in times:
+            frame = renderer.render(scene, camera(time), lens=lens, outputs="distance")
+            nearest.append(float(frame.distance.min()))
     return min(nearest)
 
 
