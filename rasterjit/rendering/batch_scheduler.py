@@ -17,9 +17,9 @@ reused as far as a new plan confirms that they are valid (`serves`).
 from __future__ import annotations
 
 import operator
-import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -721,23 +721,25 @@ class BatchCaches:
     """Caches of the scenes and meshes of the last batches, which go with them."""
 
     def __init__(self) -> None:
-        self._kept: weakref.WeakKeyDictionary[Scene | Mesh, BatchCache] = (
-            weakref.WeakKeyDictionary()
-        )
+        # An empty list while a batch is drawn: another one begins anew.
+        self._kept: WeakKeyDictionary[Scene | Mesh, list[BatchCache]] = WeakKeyDictionary()
         self._lock = forks.lock()
 
     def take(self, what: Any) -> BatchCache | None:
         """Take what is kept of a scene or a mesh out, for exclusive use."""
         with self._lock:
-            return self._kept.pop(what, None) if isinstance(what, Scene | Mesh) else None
+            kept = self._kept.get(what) if isinstance(what, Scene | Mesh) else None
+            return kept.pop() if kept else None
 
-    def put(self, what: Any, kept: BatchCache) -> None:
+    def put(self, what: Any, cache: BatchCache) -> None:
         """Put the cache of a scene or a mesh back, which it does not keep alive."""
-        if not isinstance(what, Scene | Mesh) or kept.size > MAX_KEPT:
+        if not isinstance(what, Scene | Mesh):
             return
         with self._lock:
-            self._kept[what] = kept
-            while sum(one.size for one in self._kept.values()) > MAX_KEPT:
+            self._kept.setdefault(what, [])[:] = [cache]
+            if cache.size > MAX_KEPT:
+                del self._kept[what]
+            while sum(one.size for kept in self._kept.values() for one in kept) > MAX_KEPT:
                 del self._kept[next(iter(self._kept))]
 
 
