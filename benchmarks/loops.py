@@ -84,14 +84,15 @@ def lone_cube() -> Callable[[], Any]:
     return lambda: rj.render(scene, camera(), size=(SIDE, SIDE), threads=1)
 
 
-def batch_of(count: int) -> Callable[[], Any]:
-    """Batches of some views of a scene, a step for all of them."""
+def batch_of(count: int, is_mesh: bool = False) -> Callable[[], Any]:
+    """Batches of some views of a scene, or of a lone mesh, a step for all of them."""
     import rasterjit as rj
 
-    scene, views = rj.Scene(), cameras()
-    scene.add(cube())
+    scene, views, mesh = rj.Scene(), cameras(), cube()
+    scene.add(mesh)
+    what = mesh if is_mesh else scene
     groups = again([views[k : k + count] for k in range(0, BATCH, count)])
-    return lambda: rj.render_batch(scene, groups(), size=(SIDE, SIDE), threads=1)
+    return lambda: rj.render_batch(what, groups(), size=(SIDE, SIDE), threads=1)
 
 
 def moving(count: int) -> Callable[[], Any]:
@@ -185,6 +186,7 @@ LOOPS: dict[str, Loop] = {
     "kept cube": Loop(kept_cube),
     "lone cube": Loop(lone_cube, "kept cube"),
     "batch of one": Loop(lambda: batch_of(1), "kept cube"),
+    "batch of one, a mesh": Loop(lambda: batch_of(1, is_mesh=True), "kept cube"),
     f"batch of {BATCH}": Loop(lambda: batch_of(BATCH), "kept cube"),
     "1 moving": Loop(lambda: moving(1)),
     "2 moving": Loop(lambda: moving(2), "1 moving"),

@@ -134,9 +134,11 @@ def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np
     """Return numbers, NaN and infinity allowed, as an aligned float64 array, or raise."""
     try:
         given = value if type(value) is np.ndarray else unmasked_array(name, value)
+        if given.dtype is _FLOAT64:
+            return aligned(given)
         if given.size and given.dtype.kind not in kinds:
             raise TypeError
-        return aligned(given if given.dtype is _FLOAT64 else given.astype(np.float64))
+        return aligned(given.astype(np.float64))
     except MaskedError:
         raise
     except _NO_ARRAY:
