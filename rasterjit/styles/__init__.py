@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -312,8 +313,9 @@ MIN_LEVEL = 1e-6
 """Least length along the ground of the direction towards a camera that is not straight above."""
 
 
+@lru_cache(8)
 def _sky(up: tuple[float, float, float]) -> Environment:
-    """Return light from the sky, for a scene with some axis up."""
+    """Return light from the sky, for a scene with some axis up: one that is filtered once."""
     zenith, horizon, ground = SKY
     if up == (0.0, 1.0, 0.0):
         return Environment.gradient((zenith,) * 3, (horizon,) * 3, (ground,) * 3, background=False)

@@ -406,8 +406,8 @@ class Style:
             behind, place = self._behind(size, made, camera)
             made["background"] = behind
             if place is not None:
-                seen_from = camera or self.scene.camera or fit_upright(self.scene, size)
-                shaded = self._in_shade(place, seen_from, _in_codes(behind, size), made, casts)
+                made["camera"] = camera or self.scene.camera or fit_upright(self.scene, size)
+                shaded = self._in_shade(place, made["camera"], _in_codes(behind, size), made, casts)
                 if shaded is not None:
                     made["background"], has_shadow = BackgroundImage(shaded), True
         return made, has_shadow

@@ -24,13 +24,13 @@ GROUND_TRUTH = (
 GREYS = rj.styles.GREYS.picture(SIZE).image
 
 
-def box(low=(-1.0, 0.0, -1.0), high=(1.0, 1.0, 1.0), **material):
+def box(low=(-1.0, 0.0, -1.0), high=(1.0, 1.0, 1.0), shading="flat", **material):
     """A closed box whose faces have vertices of their own."""
     corners = np.array([[(low, high)[n >> k & 1][k] for k in range(3)] for n in range(8)])
     sides = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]
     vertices = corners[np.array(sides).reshape(-1)]
     faces = [(4 * n, 4 * n + a, 4 * n + b) for n in range(6) for a, b in ((1, 2), (2, 3))]
-    return rj.Mesh(vertices, faces, material=rj.Material(shading="flat", **material))
+    return rj.Mesh(vertices, faces, material=rj.Material(shading, **material))
 
 
 def scene_of(*meshes):
@@ -541,3 +541,21 @@ def test_thumbnails_are_in_the_style(tmp_path):
         assert done.exit_code == 0, done.output
         expected = rj.styles.STYLES[name](rj.load(folder / "a.ply")).render(size=SIZE).color
         assert np.array_equal(imread(tmp_path / name / "a.ply.png"), expected)
+
+
+@pytest.mark.parametrize("up", [None, (0.0, 0.0, 1.0)])
+def test_pictures_of_one_process_filter_the_sky_once(monkeypatch, up):
+    from rasterjit.effects.environment import prefilter
+
+    filtered = []
+    filters = prefilter._irradiance, prefilter._reflections
+    for own in filters:
+        monkeypatch.setattr(
+            prefilter, own.__name__, lambda *given, own=own: filtered.append(own) or own(*given)
+        )
+    rj.styles._sky.cache_clear()
+    for color in ("red", "blue"):
+        scene = scene_of(box(base_color=color, shading="pbr", metallic=1.0))
+        scene.up = up
+        rj.styles.studio(scene).render(size=(32, 24))
+    assert filtered == [*filters]
