@@ -30,6 +30,8 @@ from opengl import Drawn, draw_faces, draw_lines
 import rasterjit as rj
 from rasterjit.survey.cache import unique_edges
 
+pytestmark = pytest.mark.usefixtures("own_process")
+
 MODELS = Path(__file__).parents[2] / "models"
 SIZES = [(512, 512), (640, 480)]
 
