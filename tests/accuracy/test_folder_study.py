@@ -75,8 +75,8 @@ def test_a_folder_gets_one_page_and_one_for_each_scene(tmp_path):
     (meshes / "broken.obj").write_text("v 0 0 zero\nf 1 2 3\n")
     result = CliRunner().invoke(
         program,
-        ["accuracy", str(meshes), "-o", str(tmp_path / "out"), "--knobs", "samples", "--size",
-         "24x16", "--budget", "20", "--threads", "1"],
+        ["accuracy", str(meshes), "-o", str(tmp_path / "out"), "--knobs", "subpixel_bits",
+         "--size", "24x16", "--budget", "20", "--threads", "1"],
     )  # fmt: skip
     assert result.exit_code == 1, result.output
     assert "1 of 3 mesh files could not be studied" in result.stderr

@@ -21,7 +21,7 @@ SIZES = {"shadow_size": scenes.SIZE, "texture_filter": scenes.SIZE}
 SLACK = 1e-3
 """Share of an error by which it may grow: what else is wrong in the picture falls here or there."""
 
-MAX_MAP = 8192 if os.environ.get("EVERY_TEST") else 4096
+MAX_MAP = 8192 if os.environ.get("EVERY_TEST") else 2048
 """Texels: larger maps take more memory than all else."""
 
 CHAINS = {"samples": [(1, 2, 4, 8, 16, "area"), (1, 2, 4, 8, 16, 64, 256)]}

@@ -23,7 +23,7 @@ def one_small_scene(tmp_path, monkeypatch):
     made = rj.accuracy.make("wireframe")
     orbit = program.Orbit("ground", made.scene, made.camera)
     monkeypatch.setattr(program, "orbits", lambda: iter([orbit]))
-    picture = program.Picture("ground", lambda: (made.scene, made.camera), (48, 36))
+    picture = program.Picture("ground", lambda: (made.scene, made.camera), (24, 18))
     monkeypatch.setattr(program, "PICTURES", [picture])
     return orbit
 

@@ -20,7 +20,7 @@ LEFT = r"-:--:--|\d:\d\d:\d\d"
 pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="too slow in plain Python")
 
 COMMANDS = {
-    "accuracy": ("accuracy", "cube.ply", "-o", "out", "--size", "24x16", "--budget", "1.5",
+    "accuracy": ("accuracy", "cube.ply", "-o", "out", "--size", "24x16", "--budget", "0.3",
                  "--knobs", "samples"),
     "turntable": ("turntable", "cube.ply", "-o", "out.gif", "--size", "24x16", "--frames", "6"),
     "dataset": ("dataset", "meshes", "-o", "out", "--size", "24x16", "--views", "2"),

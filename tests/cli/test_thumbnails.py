@@ -14,8 +14,9 @@ MODELS = Path(__file__).parents[2] / "models"
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
-def run(*arguments):
-    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
+def run(*arguments, style="plain"):
+    words = [str(argument) for argument in arguments] + ["--style", style]
+    return CliRunner().invoke(commands.program, words)
 
 
 @pytest.fixture
@@ -38,12 +39,13 @@ def written(out):
 
 def test_each_picture_is_that_of_its_file_alone(folder, tmp_path):
     out, options = tmp_path / "out", ("--color", "teal", "--azimuth", "20", "--samples", "4")
-    result = run("render", folder, "-o", f"{out}/", "--size", "40x30", "-q", *options)
+    size = ("--size", "40x30", "-q")
+    result = run("render", folder, "-o", f"{out}/", *size, *options, style="studio")
     assert (result.exit_code, result.output) == (0, "")
     assert written(out) == ["a.off.png", "a.ply.png", "below/b.obj.png"]
     for name in ("a.off", "a.ply", "below/b.obj"):
         alone = tmp_path / "alone.png"
-        one = run("render", folder / name, "-o", alone, "--size", "40x30", "-q", *options)
+        one = run("render", folder / name, "-o", alone, *size, *options, style="studio")
         assert one.exit_code == 0
         assert np.array_equal(iio.imread(out / f"{name}.png"), iio.imread(alone)), name
 

@@ -12,7 +12,7 @@ from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene import background
 from rasterjit.viewer.viewer import Viewer
 
-SIZE = (150, 100)
+SIZE = (90, 70)
 CAMERA = rj.PerspectiveCamera((2, 3, 4), (0, 0, 0), near=0.5, far=30.0)
 PALETTE = np.array([(10, 200, 77, 255), (255, 255, 255, 255), (90, 3, 160, 51)], np.uint8)
 QUALITIES = [
@@ -142,7 +142,7 @@ def test_a_file_is_read_and_turned_as_its_camera_was_held(tmp_path):
 
 
 def test_grey_pictures_of_8_and_16_bits_are_taken(tmp_path):
-    grey = np.arange(100 * 150).reshape(100, 150) % 256
+    grey = np.arange(SIZE[0] * SIZE[1]).reshape(SIZE[::-1]) % 256
     expected = np.repeat(grey[..., None], 3, axis=2).astype(np.uint8)
     Image.fromarray(grey.astype(np.uint8)).save(tmp_path / "grey.png")
     Image.fromarray((grey * 257).astype(np.uint16)).save(tmp_path / "deep.png")
@@ -154,12 +154,12 @@ def test_grey_pictures_of_8_and_16_bits_are_taken(tmp_path):
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (np.zeros((100, 151, 3), np.uint8), r"got 151 x 100: render with size=\(151, 100\)"),
-        (np.zeros((150, 100, 3), np.uint8), r"150 x 100 pixels, got 100 x 150"),
-        (np.zeros((100, 150, 2), np.uint8), r"got shape \(100, 150, 2\)"),
-        (np.zeros((100, 150), np.uint8), r"got shape \(100, 150\)"),
-        (np.full((100, 150, 3), 2.0), r"background must lie in 0\.\.1, got 2\.0"),
-        (np.full((100, 150, 3), np.nan), r"background must lie in 0\.\.1"),
+        (np.zeros((70, 91, 3), np.uint8), r"got 91 x 70: render with size=\(91, 70\)"),
+        (np.zeros((90, 70, 3), np.uint8), r"90 x 70 pixels, got 70 x 90"),
+        (np.zeros((70, 90, 2), np.uint8), r"got shape \(70, 90, 2\)"),
+        (np.zeros((70, 90), np.uint8), r"got shape \(70, 90\)"),
+        (np.full((70, 90, 3), 2.0), r"background must lie in 0\.\.1, got 2\.0"),
+        (np.full((70, 90, 3), np.nan), r"background must lie in 0\.\.1"),
         ("nowhere.png", r"background must be a file, but 'nowhere.png' does not exist"),
         (__file__, r"background must be a picture, but .* is not"),
         ("mauve-ish", r"background must be '#rgb'"),
@@ -185,14 +185,14 @@ def test_frames_of_many_cameras_and_chosen_qualities_show_it():
 def test_a_pixel_is_explained_with_the_share_of_the_picture():
     which = numbers()
     frame = drawn(scene_of(True), PALETTE[which])
-    for x, y in ((75, 50), (60, 45), (2, 3)):
+    for x, y in ((45, 35), (36, 31), (2, 3)):
         told = rj.explain_pixel(
             scene_of(True), CAMERA, SIZE, x, y, background=PALETTE[which]
         )  # fmt: skip
         assert np.array_equal(told.color, frame.color[y, x])
-    told = rj.explain_pixel(scene_of(True), CAMERA, SIZE, 75, 50, background=PALETTE[which])
+    told = rj.explain_pixel(scene_of(True), CAMERA, SIZE, 45, 35, background=PALETTE[which])
     assert told.parts[-1].name == "background"
-    assert told.parts[-1].alpha == PALETTE[which[50, 75], 3] / 255
+    assert told.parts[-1].alpha == PALETTE[which[35, 45], 3] / 255
 
 
 def test_a_viewer_whose_size_changes_takes_colours_alone():

@@ -136,7 +136,7 @@ def test_light_is_that_of_the_extensions(name, light):
     own, light = MATERIALS[name], LIGHTS[light]
     frame = drawn(scene_of(ball(material_of(own)), [light]), "normal", "position")
     compared = 0
-    for row, column in np.argwhere(frame.face_id >= 0)[::3]:
+    for row, column in np.argwhere(frame.face_id >= 0)[::7]:
         normal = frame.normal[row, column].astype(float)
         normal /= np.linalg.norm(normal)
         toward, color = falling(light, frame.position[row, column].astype(float))
@@ -147,7 +147,7 @@ def test_light_is_that_of_the_extensions(name, light):
         have = frame.linear[row, column, :3]
         assert have == pytest.approx(np.array(shares) * color, rel=2e-3, abs=2e-5)
         compared += max(shares) > 0.0
-    assert compared > 20
+    assert compared > 8
 
 
 def test_the_table_of_fibres_is_the_integral_of_their_light():

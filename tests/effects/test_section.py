@@ -244,16 +244,16 @@ def test_caps_of_crumpled_solids_fill_what_is_inside(seed, recwarn):
     caps = caps_of(scene)[0]
     assert len(caps) == 2
     assert not recwarn.list
-    points = np.c_[rng.uniform(-2.0, 2.0, (400, 2)), np.full(400, 0.1)]
+    points = np.c_[rng.uniform(-2.0, 2.0, (200, 2)), np.full(200, 0.1)]
     is_left = (points - planes[1].point) @ planes[1].normal < 0.0
     count = 0
     # A few at a time: what is computed of each point and each triangle takes much memory.
-    for some in np.split(np.arange(400), 20):
+    for some in np.split(np.arange(200), 10):
         is_inside = is_left[some] & (winding(vertices[shape.faces], points[some]) != 0)
         found = are_covered(world_of(caps[0])[:, :, :2], points[some, :2])
         np.testing.assert_array_equal(found, is_inside)
         count += np.count_nonzero(is_inside)
-    assert 40 < count < 360
+    assert 20 < count < 180
 
 
 def seen_through(scene, eyes, ways):
@@ -297,9 +297,8 @@ def seen_through(scene, eyes, ways):
     return owners, faces, nearest
 
 
-@pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("name", SOLIDS)
-def test_what_is_seen_through_the_cut_is_what_rays_find(name, parallel):
+def test_what_is_seen_through_the_cut_is_what_rays_find(name):
     seed = SOLIDS.index(name)
     planes = [
         rj.SectionPlane((0, 0, 0.1), (0.2, 0.3, 1.0)),
@@ -310,7 +309,8 @@ def test_what_is_seen_through_the_cut_is_what_rays_find(name, parallel):
         (*solid(name), turned(seed)), (*solid("torus"), place), planes=planes[: 1 + seed % 2]
     )
     looking = {"eye": (2.2, 1.8, 6.0), "target": (1.2, 0, 0)}
-    if parallel:
+    # One plane and two, each seen by rays that are parallel and by rays from a point.
+    if seed // 2 % 2:
         camera = rj.OrthographicCamera(height=4.4, near=0.5, far=20.0, **looking)
     else:
         camera = rj.PerspectiveCamera(fov_y=40.0, near=0.5, far=20.0, **looking)

@@ -242,14 +242,14 @@ def test_tiles_of_the_largest_image_are_exact(tile, bits):
     pixel = (left + int(rng.integers(TILE)), top + int(rng.integers(TILE)))
     triangles = list(hard_triangles(MAX, pixel, bits, rng))
     partly = 0
-    for number in rng.permutation(len(triangles))[:30]:
+    for number in rng.permutation(len(triangles))[:15]:
         points = in_pixels(triangles[number], bits)
         positions = naive.clip_from_screen(points, MAX)
         drawn = pixels_of(draw_tile(positions, [[0, 1, 2]], *tile, bits))
         exact = oracle.covered_pixels(points, MAX, subpixel_bits=bits, window=window)
         assert {(x + left, y + top) for x, y in drawn} == exact, triangles[number]
         partly += 0 < len(exact) < TILE * TILE
-    assert partly > 3
+    assert partly > 1
 
 
 @pytest.mark.parametrize("bits", BITS)
@@ -285,7 +285,7 @@ def test_longest_row_and_column_are_exact(size, bits):
     quality = rj.Quality(subpixel_bits=bits)
     partly = 0
     triangles = list(hard_triangles(size, (size[0] - 1, size[1] - 1), bits, rng))
-    for number in rng.permutation(len(triangles))[:14]:
+    for number in rng.permutation(len(triangles))[:8]:
         points = in_pixels(triangles[number], bits)
         positions = naive.clip_from_screen(points, size)
         seen = rj.rasterize(positions, [[0, 1, 2]], size, quality=quality, threads=1)
@@ -302,7 +302,7 @@ def test_random_triangles_in_images_of_any_size_are_exact(size, bits):
     rng = np.random.default_rng(size[0] * 13 + bits)
     quality = rj.Quality(subpixel_bits=bits)
     drawn = 0
-    for n in range(60):
+    for n in range(36):
         low, high = -(4 << bits), (np.array(size) + 4) << bits
         xy = rng.integers(low, high + 1, (3, 2))
         if n % 3 == 1:  # a sliver

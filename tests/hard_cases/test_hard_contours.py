@@ -26,8 +26,8 @@ def dark(mesh, camera, size=SIZE, **options):
 
 
 def hold_to_twin(face_id, lines, shares_of, scalars_of, levels, width):
-    """Compare lines with the exact ones; return how many pixels of them are drawn."""
-    for row, column in np.argwhere(face_id >= 0).tolist():
+    """Compare some pixels with the exact lines; return how many pixels of lines are drawn."""
+    for row, column in np.argwhere(face_id >= 0)[::3].tolist():
         face, wanted, is_tie = int(face_id[row, column]), False, False
         for level in levels:
             away = twin.signed_distance(

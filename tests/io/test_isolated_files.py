@@ -234,8 +234,10 @@ def test_a_file_outside_the_folder_is_not_read(tmp_path, monkeypatch, name, way)
 
 @pytest.mark.usefixtures("all_of_meshio")
 @pytest.mark.parametrize("name", NAMING)
-@pytest.mark.parametrize("inside", [False, True])
-@pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "/proc/self/environ"])
+@pytest.mark.parametrize(
+    ("kind", "inside"),
+    [("pipe", False), ("pipe", True), ("/dev/zero", True), ("/proc/self/environ", False)],
+)
 def test_pipes_and_devices_are_not_waited_for(tmp_path, monkeypatch, name, kind, inside):
     make, _ = NAMING[name]
     folder = tmp_path / "model"

@@ -178,11 +178,11 @@ def test_triangle_with_one_edge_on_a_plane_and_nothing_inside():
 def test_random_faces_cover_what_exact_clipping_says():
     rng = np.random.default_rng(9)
     drawn = 0
-    for _ in range(40):
+    for _ in range(20):
         scale = [1, 1, 1, 1] if rng.random() < 0.5 else [2000, 2000, 1, 1]
         positions = np.array([random_corner(rng) * scale for _ in range(3)])
         drawn += assert_pixels(positions, (32, 32))
-    assert drawn > 500
+    assert drawn > 250
 
 
 def test_piece_of_a_clipped_face_reports_its_face():

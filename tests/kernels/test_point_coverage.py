@@ -235,7 +235,7 @@ def test_spheres_are_where_lines_of_sight_meet_them(name):
         matrix[2, 3] = -0.9
     rng = np.random.default_rng(11)
     seen = 0
-    for n in range(60):
+    for n in range(24):
         centre = rng.uniform((-3, -3, -9), (3, 3, 1.0))
         radius = rng.uniform(0.2, 2.5)
         if n == 0:
@@ -254,7 +254,7 @@ def test_spheres_are_where_lines_of_sight_meet_them(name):
                     expected = float(COEFFICIENTS[1] * z + COEFFICIENTS[2])
                     assert depth[row, column] == pytest.approx(expected, abs=1e-9)
                     seen += 1
-    assert seen > 3000
+    assert seen > 1000
 
 
 def test_a_sphere_of_a_pixel_covers_one():

@@ -38,7 +38,7 @@ def test_every_share_is_the_exact_area():
     # Of three triangles at a time each alone has a channel: shares are read off.
     rng = np.random.default_rng(81)
     checked = intersecting = 0
-    for _ in range(4):
+    for _ in range(2):
         triangles = crowd(rng, 4, 50)
         count = len(triangles)
         shares = np.zeros((count, SIZE[1], SIZE[0]))
@@ -65,8 +65,8 @@ def test_every_share_is_the_exact_area():
             np.testing.assert_allclose(shares[:, row, column], want, atol=3e-7)
             checked += 1
             intersecting += len(exact) > 2
-    assert checked == 160
-    assert intersecting > 20
+    assert checked == 80
+    assert intersecting > 10
 
 
 def test_sixteen_samples_converge_to_it():

@@ -11,7 +11,7 @@ from naive_layers import CAMERA
 
 import rasterjit as rj
 
-WIDTH = 256
+WIDTH = 128
 """Pixels along a side of a picture, which is cut into cells: each cell is a scene of its own."""
 
 FACES = 3

@@ -20,7 +20,7 @@ from rasterjit.runtime import threads as sharing
 pytestmark = pytest.mark.needs_jit
 
 SIZE = (72, 44)
-RANDOM = 12
+RANDOM = 6
 """Random scenes of a run."""
 
 SKY = rj.Environment(np.random.default_rng(7).random((8, 16, 3), np.float32), rotation=30.0)

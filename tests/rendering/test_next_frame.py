@@ -117,7 +117,7 @@ def test_a_frame_of_another_option_is_that_of_a_fresh_renderer(option, values):
 def test_frames_after_any_changes_are_those_of_a_fresh_renderer(outputs):
     random = np.random.default_rng(6)
     with renderers() as drawing:
-        for _ in range(8):
+        for _ in range(5):
             scene, asked = changing_scene(), Asked(outputs)
             for name in random.choice([*CHANGES], 5, replace=False).tolist():
                 try:

@@ -21,9 +21,13 @@ OUTPUTS = ("color", "linear", "depth", "face_id", "position")
 STEPS = [1, 1, 4, 16, 64, 256]
 
 
-def refined(scene, camera=CAMERA, size=SIZE, threads=None, **options):
+FEW = 4
+"""Steps of up to 16 of 256 pictures: enough where only ways to them are compared."""
+
+
+def refined(scene, camera=CAMERA, size=SIZE, threads=None, steps=None, **options):
     with rj.Renderer(size, threads=threads) as renderer:
-        return list(renderer.refine(scene, camera, **options))
+        return list(itertools.islice(renderer.refine(scene, camera, **options), steps))
 
 
 def assert_same_bits(frame, other):
@@ -93,7 +97,7 @@ def test_frames_are_their_owners():
     """Nobody writes to a frame that was handed out, and what its owner writes is seen by nobody."""
     with rj.Renderer(SIZE) as renderer:
         frames = renderer.refine(rich_scene(), CAMERA, outputs=OUTPUTS)
-        for frame, same in zip(frames, whole(), strict=True):
+        for same, frame in zip(whole()[:FEW], frames, strict=False):
             assert_same_bits(frame, same)
             for array in frame.arrays().values():
                 array.fill(7)
@@ -120,13 +124,12 @@ def test_other_frames_may_be_rendered_in_between():
             renderer.refine(scene, CAMERA), renderer.refine(other, CAMERA, cull="back"),
             strict=True,
         )  # fmt: skip
-        for frames in both:
+        for frames in itertools.islice(both, FEW):
             renderer.render(other, CAMERAS["parallel"])
             renderer.close()
             one, two = frames
-    assert one.color.tobytes() == whole()[-1].color.tobytes()
-    reference = rj.Quality.reference()
-    assert_same_bits(two, rj.render(other, CAMERA, size=SIZE, quality=reference, cull="back"))
+    assert one.color.tobytes() == whole()[FEW - 1].color.tobytes()
+    assert_same_bits(two, refined(other, steps=FEW, cull="back")[-1])
 
 
 def test_arguments_are_those_of_render():
@@ -139,8 +142,8 @@ def test_arguments_are_those_of_render():
     assert all(frame.diagnostics.samples > 0 for frame in frames)
     # A mesh alone, and a camera that fits it.
     mesh = scene.nodes[0].mesh
-    (*_, last) = refined(mesh, None)
-    assert_same_bits(last, rj.render(mesh, size=SIZE, quality=rj.Quality.reference()))
+    _, standard = refined(mesh, None, steps=2)
+    assert_same_bits(standard, rj.render(mesh, size=SIZE))
 
 
 def test_what_has_no_colour_takes_three_steps():
@@ -152,7 +155,9 @@ def test_what_has_no_colour_takes_three_steps():
 def test_steps_of_any_number_of_threads_have_the_same_bits():
     scene, size = scene_of(GROUND, ROOF, lights=[SUN]), (70, 66)
     for one, two in zip(
-        refined(scene, size=size, threads=1), refined(scene, size=size, threads=3), strict=True
+        refined(scene, size=size, threads=1, steps=FEW),
+        refined(scene, size=size, threads=3, steps=FEW),
+        strict=True,
     ):
         assert_same_bits(one, two)
 

@@ -185,7 +185,7 @@ def test_what_changes_is_planned_anew(scene, camera, name):
 
 def test_every_order_of_changes_is_planned_anew(cube, sphere, camera):
     rng, planned = np.random.default_rng(4), None
-    for _ in range(30):
+    for _ in range(15):
         scene, asked = made(cube, sphere), Asked(camera)
         for name in rng.choice([*CHANGES], 3, replace=False).tolist():
             # Some leave nothing for others to change, or ask for what there is no more.

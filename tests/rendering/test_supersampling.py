@@ -145,7 +145,7 @@ def test_moved_camera_sees_at_centres_what_the_camera_sees_beside_them(camera):
 # What is averaged
 
 
-@every_camera
+@pytest.mark.parametrize("camera", [CAMERAS[name] for name in ("no far plane", "oblique")])
 def test_frame_is_the_mean_of_pictures_that_are_each_drawn_and_shaded(camera):
     scene = rich_scene()
     many = draw(scene, camera, outputs=("linear",), threads=1)
@@ -178,8 +178,9 @@ def textured_scene():
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("filter", ["trilinear", "anisotropic4"])
-@pytest.mark.parametrize("interpolation", ["perspective", "affine"])
+@pytest.mark.parametrize(
+    ("filter", "interpolation"), [("trilinear", "affine"), ("anisotropic4", "perspective")]
+)
 def test_the_mean_of_pictures_is_that_of_the_cells_of_a_larger_picture(filter, interpolation):
     """Each sample shows what a pixel shows that is as large as its share: so do its textures."""
     scene, camera = textured_scene(), CAMERAS["perspective"]
@@ -316,13 +317,12 @@ def test_threads_change_no_bit(monkeypatch):
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
     monkeypatch.setattr(drawing, "TILES_PER_TASK", 1)
     for scene in (rich_scene(), scene_of(GROUND, ROOF, lights=[SUN])):
-        frames = [
+        one, other = (
             draw(scene, size=size, outputs=("color", "linear"), threads=threads)
-            for threads in (1, 2, 3)
-        ]
-        for frame in frames[1:]:
-            assert frame.color.tobytes() == frames[0].color.tobytes()
-            assert frame.linear.tobytes() == frames[0].linear.tobytes()
+            for threads in (1, 3)
+        )
+        assert other.color.tobytes() == one.color.tobytes()
+        assert other.linear.tobytes() == one.linear.tobytes()
 
 
 # Shadow maps
