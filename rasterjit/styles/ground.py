@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.geometry import projection
 from rasterjit.pipeline.visibility import draw
-from rasterjit.rendering.planning import FrameRequest, PlannedFrame, plan_views
+from rasterjit.rendering.planning import cut_open
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.threads import Memory, Workers
@@ -34,7 +34,9 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import dot
 from rasterjit.styles import ground_light, silhouettes
-from rasterjit.survey.placement import cull_objects
+from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.packed_scene import SceneArrays
+from rasterjit.survey.placement import cull_objects, view_places
 from rasterjit.survey.posing import posed_scene
 
 Vector = tuple[float, float, float]
@@ -279,13 +281,15 @@ def _count_hidden(
     casters: Scene, groups: list[tuple[Float64, Float64]], threads: int | None
 ) -> list[NDArray[np.int32]]:
     """Return from how many directions of each group something stands before a texel, (S, S)."""
-    scene, request = posed_scene(casters), FrameRequest((SIDE, SIDE), Quality(), ("face_id",))
-    planned = plan_views(request, scene, MatrixCamera(groups[0][0], groups[0][1][0]))
-    counts = None
-    if not planned.plan.facts.contents.cut_out:
+    scene, counts = posed_scene(casters), None
+    cut = cut_open(scene)
+    cache = prepare(cut.nodes, None, Quality())
+    if not cache.tables.inventory.contents.cut_out:
+        camera = MatrixCamera(groups[0][0], groups[0][1][0])
+        count = partial(_count_covered, cache, _edges(cache.shapes.arrays), camera)
         with closing(Workers(threads)) as workers:
             # Each group by a thread: there are few, of about as many directions.
-            counts = workers.run(partial(_count_covered, planned, _edges(planned)), groups)
+            counts = workers.run(count, [(clips,) for _, clips in groups])
     if counts is not None and all(one is not None for one in counts):
         return counts
     # What has holes, or reaches beyond the guard band, is drawn.
@@ -300,9 +304,8 @@ def _count_hidden(
     return drawn
 
 
-def _edges(planned: PlannedFrame) -> NDArray[np.int32]:
+def _edges(arrays: SceneArrays) -> NDArray[np.int32]:
     """Return the edges of a scene as `silhouettes` has them."""
-    arrays = planned.cache.shapes.arrays
     older = np.empty(arrays.faces.size, np.int32)
     edges = np.empty((arrays.faces.size, silhouettes.EDGE_COLUMNS), np.int32)
     newest = np.empty(len(arrays.positions), np.int32)
@@ -310,18 +313,22 @@ def _edges(planned: PlannedFrame) -> NDArray[np.int32]:
 
 
 def _count_covered(
-    planned: PlannedFrame, edges: NDArray[np.int32], view: Float64, clips: Float64
+    cache: SceneCache, edges: NDArray[np.int32], camera: MatrixCamera, clips: Float64
 ) -> NDArray[np.int32] | None:
-    """Return from how many directions a scene covers each texel; None: faces must be cut."""
-    plan, cache, views = planned[:3]
-    arrays = cache.shapes.arrays
-    # Matrices: the eye, that of the first direction, is that of all.
+    """
+    Return from how many directions a scene covers each texel; None: faces must be cut.
+
+    ``camera`` is that of one of them: the others, by ``clip_from_view``, see from the same eye.
+    """
+    arrays, size = cache.shapes.arrays, (SIDE, SIDE)
+    views = view_places(cache.places, camera, size)
+    # Matrices.
     moved, matrix = np.eye(4)[np.newaxis], np.empty((4, 4))
-    moved[0, :3, 3] = plan.camera.eye_position()
-    moved = np.repeat(transforms.product_of_each(view[np.newaxis], moved), len(clips), axis=0)
-    matrices = transforms.product_of_each(clips, moved)
+    moved[0, :3, 3] = camera.eye_position()
+    moved = transforms.product_of_each(camera.view_matrix()[np.newaxis], moved)
+    matrices = transforms.product_of_each(clips, np.repeat(moved, len(clips), axis=0))
     # Vertices to the map.
-    positions, viewport = arrays.positions, draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+    positions, viewport = arrays.positions, draw.viewport_of(size, Quality().subpixel_bits)
     screen = draw.screen_arrays(len(positions), Memory())
     transform = Bound(
         projection.transform_vertices, (0, len(positions)), positions,
@@ -330,7 +337,7 @@ def _count_covered(
     )  # fmt: skip
     # Silhouettes, and what they cover.
     culled = cull_objects(
-        plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
+        "none", views.screen_turn, views.mirrored, arrays.face_starts,
         cache.tables.is_single_sided,
     )  # fmt: skip
     turns, layers = np.empty(len(arrays.faces) + 1, np.int8), np.zeros((SIDE, SIDE + 1), np.int32)

@@ -22,6 +22,11 @@ def soup(seed, faces=200, **material):
     return rj.Mesh(points, chosen, material=made, on_invalid="drop")
 
 
+def ball():
+    made = trimesh.creation.icosphere(2)
+    return rj.Mesh(made.vertices, made.faces)
+
+
 def grid():
     """Squares whose corners lie on centres of texels, and so do many of their edges."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(9.0))
@@ -50,6 +55,7 @@ def scenes():
         yield f"soup {seed}", [soup(seed)]
     yield "grid", [grid()]
     yield "two", [soup(1, 20), soup(2, 20)]
+    yield "section", [ball()]
     yield "cut out", [soup(3, 50, alpha_mode="mask", base_color=(1.0, 1.0, 1.0, 0.6))]
     stray = np.vstack([soup(5).vertices, [(np.nan, 0.0, 0.0), (np.inf, 1.0, 1e300)]])
     yield "stray", [rj.Mesh(stray, soup(5).faces, on_invalid="drop")]
@@ -58,6 +64,8 @@ def scenes():
 @pytest.mark.parametrize(("name", "meshes"), [*scenes()])
 def test_texels_are_counted_that_pictures_show(name, meshes):
     scene = rj.Scene()
+    if name == "section":
+        scene.section = rj.SectionPlane((0.0, 0.1, 0.0), (0.3, 1.0, 0.2))
     for n, mesh in enumerate(meshes):
         # The second is mirrored.
         scene.add(mesh, np.diag([(-1.0) ** n, 1.0, 1.0, 1.0]))
