@@ -39,7 +39,9 @@ def errors(setting):
             renderer.quality = quality
             return renderer.render(made.scene, made.camera, outputs=outputs)
 
-        best, buffers = rj.Quality.reference(), buffers_of(made.scene)
+        size = min(rj.Quality.reference().shadow_size, MAX_MAP)
+        best = dataclasses.replace(rj.Quality.reference(), shadow_size=size)
+        buffers = buffers_of(made.scene)
         reference = reference_of(
             made.scene,
             draw(best, PICTURE_OUTPUTS),

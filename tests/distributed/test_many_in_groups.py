@@ -62,7 +62,7 @@ def same(frame, scene, camera, **options):
         ((40, 28), ("color", "depth"), 150, [32, 32, 32, 32, 18]),
         ((131, 67), tuple(batch_scheduler.BY_KERNEL), 21, [5, 5, 5, 2]),
         ((256, 200), ("color", "uv"), 32, [7, 7, 7, 7]),
-        ((256, 200), tuple(batch_scheduler.BY_KERNEL), 22, []),
+        ((256, 200), tuple(batch_scheduler.BY_KERNEL), 12, []),
         ((40, 28), ("color",), 5, []),
         ((40, 28), ("color",), 8, []),
         ((40, 28), ("color",), 9, [2, 2]),

@@ -210,8 +210,15 @@ def test_several_planes_leave_a_closed_solid(name):
         assert ((world_of(node) - plane.point) @ plane.normal).max() < 1e-14
 
 
+AT_ONCE = 256
+"""Points: what is computed of each and of each triangle takes much memory."""
+
+
 def winding(corners, points):
     """Return how often surfaces, (F, 3, 3), go around points, (N,): by solid angles."""
+    if len(points) > AT_ONCE:
+        parts = np.array_split(points, len(points) // AT_ONCE + 1)
+        return np.concatenate([winding(corners, part) for part in parts])
     a, b, c = (corners[np.newaxis, :, k] - points[:, np.newaxis] for k in range(3))
     la, lb, lc = (np.linalg.norm(one, axis=2) for one in (a, b, c))
     numerator = np.einsum("nfk,nfk->nf", a, np.cross(b, c))

@@ -414,7 +414,7 @@ def edited(content, edits):
 
 
 @pytest.mark.parametrize("name", [name for name in SAMPLES if name not in ELSEWHERE])
-@settings(max_examples=7)
+@settings(max_examples=4)
 @given(edits=EDITS)
 def test_files_of_changed_bytes_do_no_harm(name, edits):
     needs(name)

@@ -394,7 +394,7 @@ def test_the_scalar_and_its_colour_are_told(sphere, camera, shading, of_faces):
         scene, camera, size=SIZE, outputs=("object_id", "linear", "scalar"), threads=1
     )
     own, lines = scene.nodes[0].mesh.field, 0
-    for y, x in np.argwhere(frame.object_id == 0)[::61]:
+    for y, x in np.argwhere(frame.object_id == 0)[::149]:
         told = rj.explain_pixel(scene, camera, SIZE, x, y)
         assert told.linear.tobytes() == frame.linear[y, x].tobytes()
         assert told.light.scalar == frame.scalar[y, x]
@@ -578,17 +578,16 @@ def test_a_texture_is_told_as_samples_that_lie_so_close_see_it(samples):
     assert one.light.texture == pytest.approx([0.28125] * 3)
 
 
-@pytest.mark.parametrize("samples", [64, 256])
-def test_what_is_seen_through_holes_at_the_centre_is_that_of_one_sample(samples):
+def test_what_is_seen_through_holes_at_the_centre_is_that_of_one_sample():
     image = np.random.default_rng(3).random((128, 128, 4))
     scene = rj.Scene()
     tilt = transforms.rotate((1, 0, 0), -50)
     scene.add(card(image, "mask"), tilt)
     scene.add(card(image), transforms.translate((0, 0, -3)) @ np.diag((4.0, 4.0, 1.0, 1.0)))
     camera = rj.PerspectiveCamera((0, 0, 4), (0, 0, 0), near=0.5, far=20.0)
-    pixels = [(x, y) for x in range(7, 18) for y in range(6, 12, 2)]
+    pixels = [(x, y) for x in range(7, 18, 2) for y in range(6, 12, 2)]
     frame = assert_says_what_the_frame_shows(
-        scene, camera, (24, 18), pixels, quality=rj.Quality(samples=samples)
+        scene, camera, (24, 18), pixels, quality=rj.Quality(samples=64)
     )
     owners = {int(frame.object_id[y, x]) for x, y in pixels}
     assert owners == {0, 1}

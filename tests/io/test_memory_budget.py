@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import functools
 import gzip
 import io
 import itertools
@@ -427,9 +428,15 @@ WRITERS = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Return what writes each file once, in a folder of its own, and says what needs the room."""
+    return functools.cache(lambda write: write(tmp_path_factory.mktemp("files")))
+
+
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
-def test_what_takes_too_much_is_refused_by_name(tmp_path, write):
-    path, what = write(tmp_path)
+def test_what_takes_too_much_is_refused_by_name(written, write):
+    path, what = written(write)
     assert re.fullmatch(what, refusal_of(path))
 
 
@@ -529,7 +536,7 @@ def test_curves_are_cut_by_the_extent_of_the_drawing(tmp_path, peak_of, name, te
         *((1, one) for one in (binary_faces, many_solids, many_curves, many_bulges)),
     ],
 )  # fmt: skip
-def test_the_peak_is_at_most_twice_the_budget(tmp_path, peak_of, write, times):
-    path, _ = write(tmp_path)
+def test_the_peak_is_at_most_twice_the_budget(written, peak_of, write, times):
+    path, _ = written(write)
     peak, said = peak_of(path, times * BUDGET)
     assert peak < 2 * times * BUDGET, said

@@ -196,7 +196,7 @@ def test_what_is_found_is_what_all_faces_say(kind):
 
 
 def test_a_large_mesh_is_looked_at_in_boxes():
-    mesh = ball(1.0, count=160)
+    mesh = ball(1.0, count=100)
     assert len(mesh.faces) > 2**13
     for eye, target, steps in (
         ((0, 0, 0.0), (0, 0, -1), 0),
