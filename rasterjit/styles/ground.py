@@ -456,7 +456,7 @@ def in_shade(
     shaded, light = codes.copy(), np.empty((size[0], 4), np.float32)
     is_dark = ground_light.darken_picture(
         sign * np.array(inverse), ground.shade, behind, encode.encoding_table(), shaded, light,
-        (np.empty(size[0]), np.empty(size[0], np.float32)),
+        np.empty(size[0]), np.empty(size[0], np.float32),
     )  # fmt: skip
     return shaded if is_dark else None
 

@@ -89,7 +89,7 @@ def shade_at(shade, u, v):
 def darken_picture(
     map_from_screen: float64[:, ::1], shade: float32[:, ::1], palette: float32[:, ::1],
     table: int32[::1], codes: uint32[:, ::1], light: float32[:, ::1],
-    scratch: (float64[::1], float32[::1]),
+    places: float64[::1], kept: float32[::1],
 ):  # fmt: skip
     """
     Take the light that the ground lacks from a picture of it.
@@ -109,7 +109,8 @@ def darken_picture(
         Changed: red, green, blue, alpha from the lowest byte up.
     light : (W, 4) float32
         Scratch memory.
-    scratch : (W,) float64, (W,) float32
+    places, kept : (W,) float64, (W,) float32
+        The same: where columns are on the screen, and what share of its light a pixel keeps.
 
     Returns
     -------
@@ -118,14 +119,13 @@ def darken_picture(
     """
     m, is_dark, one = map_from_screen, False, np.float32(1.0)
     height, width = np.float64(codes.shape[0]), np.float64(codes.shape[1])
-    places, kept = scratch
     for column in range(np.uintp(codes.shape[1])):
         places[column] = 2.0 * (np.float64(column) + 0.5) / width - 1.0
     for row in range(np.uintp(codes.shape[0])):
         # Find which pixels of the row lack light.
         y = 1.0 - 2.0 * (np.float64(row) + 0.5) / height
         u_row, v_row, w_row = m[0, 1] * y + m[0, 2], m[1, 1] * y + m[1, 2], m[2, 1] * y + m[2, 2]
-        first, end = codes.shape[1], 0
+        first, end = np.int64(codes.shape[1]), np.int64(0)
         for column in range(np.uintp(codes.shape[1])):
             x = places[column]
             u, v, w = m[0, 0] * x + u_row, m[1, 0] * x + v_row, m[2, 0] * x + w_row

@@ -332,3 +332,34 @@ def test_scene_refuses_what_is_no_effect():
     scene.ambient_occlusion = True
     with pytest.raises(ValueError, match=r"scene.ambient_occlusion must be an AmbientOcclusion"):
         rj.render(scene, camera, size=(8, 8))
+
+
+def smoothed_slowly(occlusion, first, depth, tolerance, strength):
+    """The twin: each pixel by itself, its neighbours in the same order."""
+    smooth, one = np.empty_like(occlusion), np.float32(1.0)
+    height, width = occlusion.shape
+    for row, column in np.ndindex(height, width):
+        total = number = np.float32(0.0)
+        for y in range(max(row + first, 0), min(row + first + 4, height)):
+            for x in range(max(column + first, 0), min(column + first + 4, width)):
+                if abs(depth[y, x] - depth[row, column]) <= tolerance[row, column]:
+                    total, number = total + occlusion[y, x], number + one
+        mean = total / number if number else one
+        smooth[row, column] = one - np.float32(strength) * (one - mean)
+    return smooth
+
+
+@pytest.mark.parametrize("first", [-2, -1])
+@pytest.mark.parametrize("width", [1, 3, 4, 5, 8, 40])
+def test_occlusion_is_smoothed_like_its_twin(width, first):
+    rng = np.random.default_rng(width)
+    shape = 9, width
+    occlusion, depth, tolerance = rng.random((3, *shape)).astype(np.float32)
+    is_empty = rng.random(shape) < 0.4
+    is_empty[[2, 5]] = True
+    depth[is_empty], tolerance[is_empty] = -np.inf, 0.0
+    smooth, scratch = np.empty(shape, np.float32), np.empty((2, width), np.float32)
+    given = first, depth, tolerance, 0.7
+    ao.smooth_occlusion(occlusion, (0, 9), *given, smooth, scratch)
+    with np.errstate(invalid="ignore"):
+        assert np.array_equal(smooth, smoothed_slowly(occlusion, *given))

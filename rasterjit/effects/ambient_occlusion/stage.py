@@ -412,6 +412,66 @@ def add_neighbour(mine, tolerance, theirs, found, total, number):
 
 
 @disjoint_helper
+def add_four(mine, tolerance, a, b, c, d, of_a, of_b, of_c, of_d, total, number):
+    """Do the same for four neighbours, one after the other."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(mine.shape[0]):
+        here, within, added, count = mine[i], tolerance[i], total[i], number[i]
+        is_a, is_b = abs(a[i] - here) <= within, abs(b[i] - here) <= within
+        is_c, is_d = abs(c[i] - here) <= within, abs(d[i] - here) <= within
+        added += of_a[i] if is_a else zero
+        added += of_b[i] if is_b else zero
+        added += of_c[i] if is_c else zero
+        added += of_d[i] if is_d else zero
+        count += (one if is_a else zero) + (one if is_b else zero)
+        count += (one if is_c else zero) + (one if is_d else zero)
+        total[i], number[i] = added, count
+
+
+@helper
+def covered_columns(depth):
+    """Return the first column of a row that shows anything, and one past the last."""
+    first, end = np.int64(0), np.int64(depth.shape[0])
+    while first < end and depth[np.uintp(first)] == np.float32(-np.inf):
+        first += 1
+    while end > first and depth[np.uintp(end - 1)] == np.float32(-np.inf):
+        end -= 1
+    return first, end
+
+
+@helper
+def add_row(row, there, first, begin, end, depth, tolerance, occlusion, total, number):
+    """Add the neighbours in a row, from ``first`` on, of the columns from ``begin`` to ``end``."""
+    low, high = max(begin, -first), min(end, depth.shape[1] - first - PATTERN + 1)
+    if low < high:
+        add_four(
+            part(depth, row, low, high), part(tolerance, row, low, high),
+            part(depth, there, low + first, high + first),
+            part(depth, there, low + first + 1, high + first + 1),
+            part(depth, there, low + first + 2, high + first + 2),
+            part(depth, there, low + first + 3, high + first + 3),
+            part(occlusion, there, low + first, high + first),
+            part(occlusion, there, low + first + 1, high + first + 1),
+            part(occlusion, there, low + first + 2, high + first + 2),
+            part(occlusion, there, low + first + 3, high + first + 3),
+            total[low:high], number[low:high],
+        )  # fmt: skip
+    else:
+        low = high = end
+    # At the sides of the picture, some of them are beyond it.
+    for start, stop in ((begin, low), (high, end)):
+        for across in range(first, first + PATTERN):
+            left, right = max(start, -across), min(stop, depth.shape[1] - across)
+            if left < right:
+                add_neighbour(
+                    part(depth, row, left, right), part(tolerance, row, left, right),
+                    part(depth, there, left + across, right + across),
+                    part(occlusion, there, left + across, right + across),
+                    total[left:right], number[left:right],
+                )  # fmt: skip
+
+
+@disjoint_helper
 def finish_row(total, number, strength, smooth):
     """Write the means."""
     one = np.float32(1.0)
@@ -452,20 +512,9 @@ def smooth_occlusion(
     for row in range(rows[0], rows[1]):
         for i in range(np.uintp(width)):
             total[i], number[i] = np.float32(0.0), np.float32(0.0)
-        for down in range(first, first + PATTERN):
-            there = row + down
-            if there < 0 or there >= height:
-                continue
-            for across in range(first, first + PATTERN):
-                begin, end = max(0, -across), min(width, width - across)
-                if begin >= end:
-                    continue
-                add_neighbour(
-                    part(depth, row, begin, end), part(tolerance, row, begin, end),
-                    part(depth, there, begin + across, end + across),
-                    part(occlusion, there, begin + across, end + across),
-                    total[begin:end], number[begin:end],
-                )  # fmt: skip
+        begin, end = covered_columns(depth[row])
+        for there in range(max(row + first, 0), min(row + first + PATTERN, height)):
+            add_row(row, there, first, begin, end, depth, tolerance, occlusion, total, number)
         finish_row(total, number, np.float32(strength), smooth[row])
 
 
