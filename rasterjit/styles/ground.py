@@ -160,7 +160,9 @@ def cast_shadow(
     casters, slope = _casters(scene), ground.slope
     if casters is None:
         return ground
-    faces = sum(len(node.mesh.faces) for node in casters.nodes)
+    faces = 0
+    for node in casters.nodes:
+        faces += len(node.mesh.faces)
     most = max(MIN, FACES_DRAWN // max(faces, 1) // 2)
     # Directions that are blurred alike: rings of the sky, and the key light.
     sky = sky_slopes(min(SKY_DIRECTIONS, most))
@@ -399,7 +401,8 @@ def _blurred(count: NDArray[np.int32], radius: int, weight: np.float32) -> NDArr
     own = np.ascontiguousarray(count[part])
     sums, scratch = np.empty_like(own), np.empty_like(own)
     ground_light.blur(own, radius, sums, scratch, scratch[0].copy())
-    blurred[part] = sums.astype(np.float32) * (weight / np.float32((2 * radius + 1) ** 4))
+    square = (2 * radius + 1) ** 2
+    blurred[part] = sums.astype(np.float32) * (weight / np.float32(square**2))
     return blurred
 
 
