@@ -13,7 +13,7 @@ from rasterjit.accuracy.results import PICTURE_OUTPUTS, buffers_of, compare, ref
 from rasterjit.accuracy.scenes import MADE_FOR, make
 from rasterjit.scene.quality import LEVELS
 
-SIZE = (96, 72)
+SIZE = (72, 54)
 
 SIZES = {"shadow_size": scenes.SIZE, "texture_filter": scenes.SIZE}
 """Sizes of pictures whose texels must be wider than pixels for the last levels to differ."""
