@@ -359,22 +359,22 @@ def test_explain_says_in_its_line_why_colours_stay_float64(scene, quality, words
     assert float64_reason(plan.facts) == words
 
 
-@pytest.mark.parametrize("quality", [None, FLOAT64, rj.Quality(samples=4), rj.Quality(samples=64)])
 @pytest.mark.parametrize("shading", ["unlit", "flat", "gouraud", "phong", "pbr"])
 @pytest.mark.parametrize("alpha_mode", ["opaque", "blend"])
 @pytest.mark.parametrize("picture", [None, rj.Texture(np.zeros((2, 2, 3), np.uint8))])
 def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
-    quality, shading, alpha_mode, picture
+    shading, alpha_mode, picture
 ):
     scene, mesh = rj.Scene(), hills().nodes[0].mesh
     material = rj.Material(shading, alpha_mode=alpha_mode, base_color_texture=picture)
     uv = mesh.vertices[:, :2]
     colors = mesh.vertex_colors[:, :3]
     scene.add(rj.Mesh(mesh.vertices, mesh.faces, colors=colors, uv=uv, material=material))
-    facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
-    is_quick = facts.shown_in_float32 is not None
-    assert (float64_reason(facts) is None) == is_quick
-    assert float64_reason(facts) != UNKNOWN_REASON
+    for quality in (None, FLOAT64, rj.Quality(samples=4), rj.Quality(samples=64)):
+        facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
+        is_quick = facts.shown_in_float32 is not None
+        assert (float64_reason(facts) is None) == is_quick, quality
+        assert float64_reason(facts) != UNKNOWN_REASON, quality
 
 
 def test_nothing_is_weighed_without_something_to_interpolate():

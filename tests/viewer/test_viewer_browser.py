@@ -430,7 +430,6 @@ def test_others_ask_by_an_address_or_a_name_of_this_machine(bound, monkeypatch):
     assert status(bound, "other.home.example") == 403
 
 
-@pytest.mark.parametrize("bound", ["localhost", "127.0.0.1", "0.0.0.0", "::1"])
 @pytest.mark.parametrize(
     "asked",
     [
@@ -442,8 +441,9 @@ def test_others_ask_by_an_address_or_a_name_of_this_machine(bound, monkeypatch):
         "127.0.0.1\u00b2", "http://localhost",
     ],
 )  # fmt: skip
-def test_host_is_a_name_or_an_address_and_a_port_alone(bound, asked):
-    assert status(bound, asked.encode("latin-1")) == 403
+def test_host_is_a_name_or_an_address_and_a_port_alone(asked):
+    for bound in ("localhost", "127.0.0.1", "0.0.0.0", "::1"):
+        assert status(bound, asked.encode("latin-1")) == 403, bound
 
 
 @pytest.mark.parametrize(
