@@ -529,11 +529,13 @@ def test_curves_are_cut_by_the_extent_of_the_drawing(tmp_path, peak_of, name, te
                 many_accessors, many_pictures, obj_picture, lying_member, grid, tar_headers,
                 text_faces, text_rows, long_polygon, blank_lines, many_changes,
                 changes_of_few_rows, views_of_one_buffer, long_name_spaces, packed_texts,
-                many_strips, tags_of_one_place, many_members,
+                many_strips, tags_of_one_place,
             ),
         ),
-        # With more to spend these take seconds each.
-        *((1, one) for one in (binary_faces, many_solids, many_curves, many_bulges)),
+        # With more to spend these take seconds each, and nowhere near as much memory.
+        *((1, one) for one in (
+            binary_faces, many_solids, many_curves, many_bulges, many_members,
+        )),
     ],
 )  # fmt: skip
 def test_the_peak_is_at_most_twice_the_budget(written, peak_of, write, times):
