@@ -299,10 +299,12 @@ class Boxes:
         if len(self._bounds) > FEW:
             matrix, (middles, axes) = self._clip_from_relative, self._extents.middles_and_axes
             planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
+            a, b, c, d = planes.T[..., np.newaxis]
             with np.errstate(invalid="ignore", over="ignore"):
-                places = self.relative_from_model[:, :3, 3].T + middles
-                halves = np.abs(planes[:, :3] @ axes.reshape(3, -1)).reshape(6, 3, -1)
-                inside = planes[:, :3] @ places + np.add.reduce(halves, axis=1) + planes[:, 3:]
+                x, y, z = self.relative_from_model[:, :3, 3].T + middles
+                inside = a * x + b * y + c * z + d
+                for x, y, z in np.moveaxis(axes, 1, 0):
+                    inside += np.abs(a * x + b * y + c * z)
             # What is not a number is not inside.
             return bool(inside.min() >= 0.0)
         rows = self._clip_from_relative.tolist()
