@@ -42,7 +42,7 @@ def test_every_peer_has_a_check_for_each_row(peer):
 )
 def test_rasterjit_has_what_the_table_says(files, row, monkeypatch):
     monkeypatch.syspath_prepend(PROGRAMS)
-    assert getattr(importlib.import_module("rasterjit_"), row)(files) is True
+    assert getattr(importlib.import_module("benchmarks.peers_table.rasterjit_"), row)(files) is True
 
 
 def test_a_picture_comes_with_its_hash_and_the_libraries_that_drew_it(files):
