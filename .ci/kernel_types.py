@@ -7,7 +7,7 @@ from collections.abc import Callable
 from mypy.plugin import AnalyzeTypeContext, Plugin, TypeAnalyzerPluginInterface
 from mypy.types import AnyType, Instance, Type, TypeOfAny
 
-ELEMENTS = "rasterjit.runtime.state."
+ELEMENTS = "rasterjit.runtime.state_block."
 """Where the names of element types are: a number, and with axes an array of such numbers."""
 SEVERAL = ("stored", "real")
 """Those that stand for one of several types."""

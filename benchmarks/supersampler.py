@@ -19,16 +19,16 @@ from rich.table import Table
 
 import rasterjit as rj
 from benchmarks.true_pictures import SIDE, true_light
-from rasterjit.accuracy.knobs import (
+from rasterjit.accuracy.results import PICTURE_OUTPUTS, STANDARD
+from rasterjit.accuracy.settings_to_try import (
     Attempt,
     combined_attempts,
     preset_attempts,
     single_attempts,
     without_effect,
 )
-from rasterjit.accuracy.results import PICTURE_OUTPUTS, STANDARD
-from rasterjit.accuracy.scenes import SCENES, MadeScene, make
 from rasterjit.accuracy.study import Studio
+from rasterjit.accuracy.test_scenes import SCENES, MadeScene, make
 from rasterjit.rendering.quality_selection import light_of, root_mean_square
 from rasterjit.scene.quality import LEVELS, PRESETS
 

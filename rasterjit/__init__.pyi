@@ -8,9 +8,10 @@ from rasterjit.distributed.frames import render_many
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.inspect.profile import FrameProfile, profile
+from rasterjit.io.load_warnings import SaveWarning
 from rasterjit.io.meshes import LoadWarning, MeshFileError, load
-from rasterjit.io.skipped import SaveWarning
 from rasterjit.outputs.batch import Batch
+from rasterjit.outputs.contact_sheet import grid
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import (
     Frame,
@@ -20,7 +21,6 @@ from rasterjit.outputs.frame import (
     PickedPixel,
     QualityChoice,
 )
-from rasterjit.outputs.grid import grid
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.depth_peeling import render_layers
 from rasterjit.rendering.planning import RenderPlan
@@ -31,12 +31,12 @@ from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.arrows import Arrow, Arrows
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera_fitting import fit_camera, orbit_direction
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.framing import fit_camera, orbit_direction
 from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
 from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.label import Label
@@ -48,13 +48,13 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
+from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane
 from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.scene.view import PreviousView
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.viewer.show import show

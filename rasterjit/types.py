@@ -16,17 +16,17 @@ from rasterjit.classics.framebuffer import EdgeRule, FillMethod
 from rasterjit.dataset.recipe import Layout, RecipeOutput
 from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
-from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
+from rasterjit.outputs.output_table import AttributeName, IdOutput, OutputName, Outputs
 from rasterjit.rendering.batch import Progress
 from rasterjit.rendering.rasterize import DepthMode
 from rasterjit.scene.arrows import ArrowUnit
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera_fitting import Projection
 from rasterjit.scene.color import ColorLike
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.fog import FogMode
-from rasterjit.scene.framing import Projection
 from rasterjit.scene.keyframes import ChannelInterpolation, ChannelPath
 from rasterjit.scene.label import Anchor
 from rasterjit.scene.light import Light, ShadowFilter

@@ -25,10 +25,10 @@ from benchmarks.scenes import LineScene, Scene, TriangleScene
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry import triangle_batches as batches
 from rasterjit.pipeline.geometry.triangle_batches import at
-from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.runtime.intrinsics import draw_box
 from rasterjit.runtime.jit import Helper, disjoint_helper, helper
-from rasterjit.runtime.state import float32, float64
+from rasterjit.runtime.state_block import float32, float64
 
 NAME = "RasterJIT, float edges"
 
@@ -224,7 +224,7 @@ def depth_from(plane, edge_bc, edge_ca):
 def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle against edges in float32, row by row."""
     left, top = np.int64(whole[at(batches.LEFT, n)]), np.int64(whole[at(batches.TOP, n)])
-    first = (top - origin[1]) * nearest.SCRATCH_SHAPE[1] + left - origin[0]
+    first = (top - origin[1]) * tile_rasterizer.SCRATCH_SHAPE[1] + left - origin[0]
     rows = np.int64(whole[at(batches.BOTTOM, n)]) - top + 1
     columns = np.int32(whole[at(batches.RIGHT, n)] - left + 1)
     e0, e1 = real[at(batches.EDGE, n)], real[at(batches.EDGE + 1, n)]
@@ -238,8 +238,8 @@ def draw_small(n, whole, real, plane, origin, tile, is_mixed):
         e0, e1, across0, across1, down0, down1, plane[0], plane[1], plane[2], plane[4], plane[5],
     )  # fmt: skip
     draw_box(
-        tile[0], tile[1], first, np.int64(nearest.SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[at(batches.FACE, n)]), is_mixed,
+        tile[0], tile[1], first, np.int64(tile_rasterizer.SCRATCH_SHAPE[1]), rows, columns, edges,
+        depth, np.int32(whole[at(batches.FACE, n)]), is_mixed,
     )  # fmt: skip
 
 
@@ -247,7 +247,7 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
     """Return the memory that a thread needs to draw, its real numbers in float32."""
     return tuple(
         np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
-        for array in nearest.scratch_memory(depth_type)
+        for array in tile_rasterizer.scratch_memory(depth_type)
     )
 
 
@@ -294,7 +294,7 @@ def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
 
 
 def careless_stages() -> SimpleNamespace:
-    """Return ``pipeline.visibility.draw`` with the functions above in place of the exact ones."""
+    """Return ``visibility_pass`` with the functions above in place of the exact ones."""
     exact = ModuleType(setup.__name__)
     exact.__dict__.update(vars(setup), narrow_edge=edge)
     planning = twin(
@@ -302,16 +302,16 @@ def careless_stages() -> SimpleNamespace:
         plan_depths=plan_depths, plan_edge=plan_edge, REAL=float32[:, ::1],
     )  # fmt: skip
     covering = twin(
-        nearest, plan_batch=planning.plan_batch, order_triangles=planning.order_triangles,
+        tile_rasterizer, plan_batch=planning.plan_batch, order_triangles=planning.order_triangles,
         edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
-        REAL=planning.REAL, SPANS=in_float32(nearest.SPANS),
-        SCRATCH=in_float32(nearest.SCRATCH),
+        REAL=planning.REAL, SPANS=in_float32(tile_rasterizer.SPANS),
+        SCRATCH=in_float32(tile_rasterizer.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.
     listing = twin(setup, edge=edge, edge_bias=edge_bias, tile_edges=setup.tile_edges)
-    return twin(draw, setup=listing, nearest=covering)
+    return twin(visibility_pass, setup=listing, nearest=covering)
 
 
 class FloatTriangles(Visibility):

@@ -75,7 +75,7 @@ class Visibility:
 
     def __init__(self, scene: TriangleScene, threads: int) -> None:
         from rasterjit.pipeline.records import Objects
-        from rasterjit.pipeline.visibility import draw as drawing
+        from rasterjit.pipeline.visibility import visibility_pass as drawing
         from rasterjit.runtime import threads as sharing
 
         self._stages = drawing

@@ -19,9 +19,9 @@ from benchmarks.fuzz_files.samples import Files, opened
 from benchmarks.fuzz_files.strict import points_of, triangles_of
 from benchmarks.memory import reset_peak, resident
 from rasterjit.io.gltf.scene import GLTF_FORMATS
+from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.io.meshes import OWN_FORMATS
 from rasterjit.io.resources import extension_of
-from rasterjit.io.skipped import LoadWarning
 
 MAX_BYTES = 32 << 20
 """What each file may take; loading may take twice that."""

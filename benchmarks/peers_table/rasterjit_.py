@@ -147,6 +147,6 @@ def rays(folder: Path) -> bool:
 
 def window(folder: Path) -> bool:
     """Open a window of a moment; a toolkit is in the extra ``viewer``."""
-    from rasterjit.viewer import trial
+    from rasterjit.viewer import window_probe
 
-    return bool(trial.choose_toolkit())
+    return bool(window_probe.choose_toolkit())

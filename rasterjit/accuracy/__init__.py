@@ -9,12 +9,12 @@ Take ... a frame...
 
 from rasterjit.accuracy.calibration import calibrate
 from rasterjit.accuracy.choice import Choice, choose
+from rasterjit.accuracy.many_scenes import FolderStudy, study_folder
 from rasterjit.accuracy.report.files import can_make_page, write_files, write_report
 from rasterjit.accuracy.results import EffectCost, Errors, Study, Trial
-from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
 from rasterjit.accuracy.sentences import answer, sentences
 from rasterjit.accuracy.study import study
-from rasterjit.accuracy.together import FolderStudy, study_folder
+from rasterjit.accuracy.test_scenes import MADE_FOR, SCENES, MadeScene, make
 
 __all__ = [
     "MADE_FOR",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import statistics
 from pathlib import Path
 
-from rasterjit.accuracy.knobs import Attempt
-from rasterjit.accuracy.scenes import make
+from rasterjit.accuracy.settings_to_try import Attempt
 from rasterjit.accuracy.study import Studio
+from rasterjit.accuracy.test_scenes import make
 from rasterjit.accuracy.timing import Progress, total
 from rasterjit.rendering.quality_selection import (
     LADDER,

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from rasterjit.accuracy.knobs import AXES
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial
+from rasterjit.accuracy.settings_to_try import AXES
 
 NOTCH = 1.57
 """Interquartile ranges, over the root of their number, that a median of samples is known to."""

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from rasterjit.accuracy import effect_references as references
 from rasterjit.accuracy.effect_references import Truth
-from rasterjit.accuracy.knobs import Attempt, in_words
 from rasterjit.accuracy.results import EffectCost, Errors
+from rasterjit.accuracy.settings_to_try import Attempt, in_words
 from rasterjit.accuracy.timing import Contestant
 from rasterjit.rendering.quality_selection import light_of, root_mean_square
 from rasterjit.scene.lens import Lens

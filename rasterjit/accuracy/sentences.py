@@ -10,7 +10,7 @@ from rasterjit.accuracy.results import PROCESSOR, STANDARD, Study, Trial, front_
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
 if TYPE_CHECKING:
-    from rasterjit.accuracy.together import FolderStudy
+    from rasterjit.accuracy.many_scenes import FolderStudy
 
 PHRASES = {
     "subpixel_bits": "{} sub-pixel bits",

@@ -17,7 +17,9 @@ from rasterjit.accuracy import effects, timing
 from rasterjit.accuracy import results as measures
 from rasterjit.accuracy.choice import INVISIBLE, choose_among, mark_dominated, pareto_front
 from rasterjit.accuracy.effects import Weighed
-from rasterjit.accuracy.knobs import (
+from rasterjit.accuracy.report.files import prepare_folder, write_report
+from rasterjit.accuracy.results import PROCESSOR, STANDARD, Errors, Study, Trial
+from rasterjit.accuracy.settings_to_try import (
     Attempt,
     check_knobs,
     combined_attempts,
@@ -26,8 +28,6 @@ from rasterjit.accuracy.knobs import (
     single_attempts,
     without_effect,
 )
-from rasterjit.accuracy.report.files import prepare_folder, write_report
-from rasterjit.accuracy.results import PROCESSOR, STANDARD, Errors, Study, Trial
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.planning import choose_camera, settle_cameras
 from rasterjit.rendering.quality_selection import light_of, machine, root_mean_square
@@ -38,8 +38,8 @@ from rasterjit.scene.lens import Lens
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number, thread_count
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""

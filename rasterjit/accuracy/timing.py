@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy.choice import noise
-from rasterjit.accuracy.knobs import Attempt
 from rasterjit.accuracy.results import PROCESSOR, STANDARD, WALL, Errors, Trial
+from rasterjit.accuracy.settings_to_try import Attempt
 
 if TYPE_CHECKING:
     from rasterjit.accuracy.study import Studio

@@ -14,7 +14,7 @@ of any length takes the memory of one frame:
 ...     animation.save(animation.frames(renderer, scene, times, camera=turn), "turn.gif", fps=24)
 """
 
-from rasterjit.animation.playing import frames, save
+from rasterjit.animation.render_animation import frames, save
 from rasterjit.animation.tracks import CameraTrack, MorphTrack, TransformTrack, turntable
 
 __all__ = ["CameraTrack", "MorphTrack", "TransformTrack", "frames", "save", "turntable"]

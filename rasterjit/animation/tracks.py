@@ -21,8 +21,8 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene import framing, transforms
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene import camera_fitting, transforms
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.mesh import Mesh, with_face_values, with_field_of
@@ -329,10 +329,10 @@ def turntable(
     seconds: float = 1.0,
     azimuth: float = -22.0,
     elevation: float = 29.0,
-    fov_y: float = framing.FIELD_OF_VIEW,
+    fov_y: float = camera_fitting.FIELD_OF_VIEW,
     up: ArrayLike = (0.0, 1.0, 0.0),
     zoom: float = 1.0,
-    projection: framing.Projection = "perspective",
+    projection: camera_fitting.Projection = "perspective",
     aspect: float = 1.0,
     animation: str | int | Animation | Sequence[str | int | Animation] | None = None,
 ) -> Callable[[float], PerspectiveCamera | OrthographicCamera]:
@@ -369,18 +369,20 @@ def turntable(
     period = positive_number("seconds", seconds)
     start = finite_number("azimuth", azimuth)
     height = bounded_number("elevation", elevation, -90.0, 90.0)
-    frame = framing.frame_of(up)
+    frame = camera_fitting.frame_of(up)
     sphere = measured(scene) if animation is None else _measured_moving(scene, animation)
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
         """Return the camera at a time, seconds."""
         turned = start + FULL_TURN * (finite_number("time", time) / period)
         # Ninety degrees above the camera is up for it, at the poles as well.
-        return framing.fit_camera(
+        return camera_fitting.fit_camera(
             sphere,
-            transforms.apply(frame, framing.orbit_direction(turned, height)),
+            transforms.apply(frame, camera_fitting.orbit_direction(turned, height)),
             fov_y,
-            up=transforms.apply(frame, framing.orbit_direction(turned, height + FULL_TURN / 4.0)),
+            up=transforms.apply(
+                frame, camera_fitting.orbit_direction(turned, height + FULL_TURN / 4.0)
+            ),
             zoom=zoom,
             projection=projection,
             aspect=aspect,
@@ -419,4 +421,4 @@ def _measured_moving(scene: Bounded, animation: Any) -> Bounded:
 
 def measured(scene: Bounded) -> Bounded:
     """Return the sphere around a scene, or another thing to draw, measured once."""
-    return _Sphere(*framing.bounded(scene).bounding_sphere())
+    return _Sphere(*camera_fitting.bounded(scene).bounding_sphere())

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.atomic_write import replacing
 from rasterjit.io.images import checked_path
-from rasterjit.io.whole import replacing
 from rasterjit.scene.validation import in_short
 
 if TYPE_CHECKING:

@@ -2,8 +2,8 @@
 Draw the classic primitives straight into a colour and a depth array.
 
 Coordinates are integers that name pixels: x right, y down, (0, 0) the top left one. Whatever falls
-outside is not drawn. Everything is exact; ``rasterjit.pipeline.lines`` and ``primitives`` say how
-ties are broken.
+outside is not drawn. Everything is exact; ``rasterjit.pipeline.bresenham`` and ``primitives`` say
+how ties are broken.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.classics import line_bands, primitives
-from rasterjit.pipeline import lines
+from rasterjit.pipeline import bresenham
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene import validation as check
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.validation import MaskedError
 
 OPAQUE = 255
@@ -384,7 +384,7 @@ class Framebuffer(Guarded):
         points = np.ascontiguousarray(ends, dtype=np.int64)
         rgba = np.ascontiguousarray(colors, dtype=np.uint8)
         if _is_little(points, max(self.width, self.height)):
-            lines.draw_lines(self._pixels, points, rgba)
+            bresenham.draw_lines(self._pixels, points, rgba)
         else:
             _draw_in_bands(self._pixels, points, rgba, self._workers)
 

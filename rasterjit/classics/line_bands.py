@@ -4,16 +4,16 @@ Draw many lines binned by bands of rows, each small enough to stay in a core's o
 Random lines touch the whole picture, and a picture of 8 MB waits for memory at most pixels. So the
 lines are first *binned*: each band of rows gets the list of the lines that may touch it, in order.
 A band then draws its list, each line clipped to the band; a clipped line has the pixels of the
-whole one (``rasterjit.pipeline.lines``), and no two bands share a pixel. So the picture does not
-depend on the bands, on the order in which they are drawn, nor on how many are drawn at once.
+whole one (``rasterjit.pipeline.bresenham``), and no two bands share a pixel. So the picture does
+not depend on the bands, on the order in which they are drawn, nor on how many are drawn at once.
 
 How chunks of 32-bit lanes stay exact
 -------------------------------------
 A line of at most 2**14 steps is drawn in chunks of 128 pixels. First their colours and places are
 computed, 16 pixels an instruction, then they are written one by one. Each chunk starts from the
-running numbers of ``lines``, 48 fraction bits, and goes on with 24 (channels) or 23 (minor
+running numbers of ``bresenham``, 48 fraction bits, and goes on with 24 (channels) or 23 (minor
 coordinate) of them, start and gain again rounded up. So no number is ever below its exact value
-``v``. ``lines`` shows that only less than ``1 / (2 n)``, which is at least ``2**-15``, may be
+``v``. ``bresenham`` shows that only less than ``1 / (2 n)``, which is at least ``2**-15``, may be
 added; it is
 
 * in a channel, less than ``2**14 * 2**8 * 2**-48 = 2**-26`` by the shared reciprocal and less than
@@ -39,10 +39,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline import lines
+from rasterjit.pipeline import bresenham
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import int32, int64, uint32
+from rasterjit.runtime.state_block import int32, int64, uint32
 
 RECORD = 6
 """Words of a binned line: x0, y0, x1, y1, and RGBA of the start and of the end."""
@@ -56,16 +56,16 @@ VECTOR = 16
 LANE_BITS = 24
 """Fraction bits of a channel in a chunk: with its 8 whole bits it fills ``uint32``."""
 
-LANE_ROUNDING = (1 << (lines.FRACTION_BITS - LANE_BITS)) - 1
+LANE_ROUNDING = (1 << (bresenham.FRACTION_BITS - LANE_BITS)) - 1
 """Added before the surplus bits are cut off: rounds up."""
 
 MINOR_BITS = 23
 """Fraction bits of the minor coordinate in a chunk: it moves up to 128 pixels either way."""
 
-MINOR_ROUNDING = (1 << (lines.FRACTION_BITS - MINOR_BITS)) - 1
+MINOR_ROUNDING = (1 << (bresenham.FRACTION_BITS - MINOR_BITS)) - 1
 """Added before the surplus bits are cut off: rounds up."""
 
-FRACTION_MASK = (1 << lines.FRACTION_BITS) - 1
+FRACTION_MASK = (1 << bresenham.FRACTION_BITS) - 1
 """Keeps the fraction of a running number."""
 
 
@@ -155,13 +155,15 @@ def record_ends(records, line, top):
 @helper
 def is_short(ends):
     """Return whether a line has at most ``SHORT_STEPS`` steps."""
-    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= lines.SHORT_STEPS
+    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= bresenham.SHORT_STEPS
 
 
 @helper
 def lane(value):
     """Return a running number with ``LANE_BITS`` fraction bits, rounded up, modulo 2**32."""
-    return np.uint32(((value + LANE_ROUNDING) >> (lines.FRACTION_BITS - LANE_BITS)) & 0xFFFFFFFF)
+    return np.uint32(
+        ((value + LANE_ROUNDING) >> (bresenham.FRACTION_BITS - LANE_BITS)) & 0xFFFFFFFF
+    )
 
 
 @helper
@@ -173,7 +175,7 @@ def lanes(color):
 @helper
 def minor_lane(value):
     """Return a running number with ``MINOR_BITS`` fraction bits, rounded up."""
-    return np.int32((value + MINOR_ROUNDING) >> (lines.FRACTION_BITS - MINOR_BITS))
+    return np.int32((value + MINOR_ROUNDING) >> (bresenham.FRACTION_BITS - MINOR_BITS))
 
 
 @helper
@@ -226,14 +228,16 @@ def draw_short_line(pixels, colors, places, width, height, ends, start_color, en
 
     ``colors`` and ``places`` are room for the pixels of one chunk.
     """
-    (first, last, steps), strides, (minor_start, minor_end) = lines.seen_run(ends, width, height)
-    reciprocal = (1 << lines.FRACTION_BITS) // max(steps, 1)
-    minor_gain = lines.gain_per_step(minor_start, minor_end, steps, reciprocal)
-    gain = lines.color_gain(start_color, end_color, steps, reciprocal)
+    (first, last, steps), strides, (minor_start, minor_end) = bresenham.seen_run(
+        ends, width, height
+    )
+    reciprocal = (1 << bresenham.FRACTION_BITS) // max(steps, 1)
+    minor_gain = bresenham.gain_per_step(minor_start, minor_end, steps, reciprocal)
+    gain = bresenham.color_gain(start_color, end_color, steps, reciprocal)
     gain_lanes = lanes(gain)
     # Enter the line at its first visible step; what the minor coordinate gains is told apart
-    minor = lines.HALF + first * minor_gain
-    color = color_at(lines.entry_color(start_color, end_color, 0, steps), gain, first)
+    minor = bresenham.HALF + first * minor_gain
+    color = color_at(bresenham.entry_color(start_color, end_color, 0, steps), gain, first)
     major_index, major_stride, minor_stride = strides
     for chunk in range(first, last + 1, CHUNK):
         count = min(last + 1 - chunk, CHUNK)
@@ -244,7 +248,7 @@ def draw_short_line(pixels, colors, places, width, height, ends, start_color, en
         fill_chunk(
             colors, places, filled, lanes(color), gain_lanes, fraction, lane_gain, steps_apart
         )
-        start = major_index + (minor_start + (minor >> lines.FRACTION_BITS)) * minor_stride
+        start = major_index + (minor_start + (minor >> bresenham.FRACTION_BITS)) * minor_stride
         for k in range(count):
             pixels[np.uintp(start + np.int64(places[k]))] = colors[k]
         major_index += CHUNK * major_stride
@@ -319,5 +323,5 @@ def draw_long_lines(
         if is_short(ends):
             return number
         start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
-        lines.draw_line(pixels, width, height, ends, start, end)
+        bresenham.draw_line(pixels, width, height, ends, start, end)
     return records.shape[0]

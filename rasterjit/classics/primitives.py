@@ -4,9 +4,9 @@ Draw the classic primitives: filled triangles, circles and Bezier curves.
 Coordinates are integers that name pixels, x right and y down: the vertex (3, 5) is the centre of
 that pixel, so samples on edges and vertices are the common case and the rule for ties matters.
 
-Targets are flat-packed as in ``lines``: ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA, red
-in the lowest byte. Coordinates and radii are at most ``MAX_COORDINATE`` in magnitude, so twice the
-area ``A2`` of a triangle is at most 2**42, an edge function 2**43, and every sum below 2**53.
+Targets are flat-packed as in ``bresenham``: ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA,
+red in the lowest byte. Coordinates and radii are at most ``MAX_COORDINATE`` in magnitude, so twice
+the area ``A2`` of a triangle is at most 2**42, an edge function 2**43, and every sum below 2**53.
 
 Filling
 -------
@@ -56,10 +56,10 @@ import math
 
 import numpy as np
 
-from rasterjit.pipeline.lines import FRACTION_BITS, packed_color, walk, walk_plain
+from rasterjit.pipeline.bresenham import FRACTION_BITS, packed_color, walk, walk_plain
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int64, uint8, uint32
+from rasterjit.runtime.state_block import float32, float64, int64, uint8, uint32
 
 MAX_COORDINATE = 1 << 20
 """Largest magnitude of a coordinate or radius, pixels; see the module's notes."""
@@ -427,7 +427,7 @@ def bezier_powers(points, axis):
 
 @helper
 def ramp_channel(colors, channel, t):
-    """Return a channel at ``t`` in 0..1, and a half, as a running number of ``lines``."""
+    """Return a channel at ``t`` in 0..1, and a half, as a running number of ``bresenham``."""
     start = np.float64(colors[0, channel])
     value = start + t * (np.float64(colors[1, channel]) - start) + (0.5 + TIE)
     return np.int64(value * (1 << FRACTION_BITS))
@@ -435,7 +435,7 @@ def ramp_channel(colors, channel, t):
 
 @helper
 def ramp_color(colors, t):
-    """Return the four channels at ``t`` in 0..1, and a half, as running numbers of ``lines``."""
+    """Return four channels at ``t`` in 0..1, and a half, as running numbers of ``bresenham``."""
     return (
         ramp_channel(colors, 0, t),
         ramp_channel(colors, 1, t),

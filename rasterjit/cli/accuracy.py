@@ -12,6 +12,7 @@ import click
 from rasterjit.accuracy import results, sentences, study
 from rasterjit.accuracy.calibration import calibrate
 from rasterjit.accuracy.choice import choose, is_measured
+from rasterjit.accuracy.many_scenes import FolderStudy, study_folder
 from rasterjit.accuracy.report.files import (
     CSV_NAME,
     JSON_NAME,
@@ -19,7 +20,6 @@ from rasterjit.accuracy.report.files import (
     prepare_folder,
 )
 from rasterjit.accuracy.report.page import PAGE_NAME
-from rasterjit.accuracy.scenes import make
 from rasterjit.accuracy.sentences import (
     alternatives,
     how_sure,
@@ -28,7 +28,7 @@ from rasterjit.accuracy.sentences import (
     together,
 )
 from rasterjit.accuracy.study import SIZE
-from rasterjit.accuracy.together import FolderStudy, study_folder
+from rasterjit.accuracy.test_scenes import make
 from rasterjit.cli.options import Described
 from rasterjit.cli.program import load_scene
 from rasterjit.cli.report import printable, say

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli import pictures, values
+from rasterjit.cli import option_types, render_files
 from rasterjit.cli.dataset import dataset_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
@@ -116,7 +116,7 @@ def program(context: click.Context, version: bool) -> None:
 @click.option("--force", is_flag=True,
               help="Replace files that exist; one that OUT names is replaced anyway. Of a folder, "
               "draw pictures anew that are there.")  # fmt: skip
-@click.option("--format", "suffix", type=values.format_type, default="png", show_default=True,
+@click.option("--format", "suffix", type=option_types.format_type, default="png", show_default=True,
               help="Of pictures whose names are not given: png, webp, jpg, tif ...")  # fmt: skip
 @size_option("1280x720")
 @view_options
@@ -126,7 +126,7 @@ def program(context: click.Context, version: bool) -> None:
 @look_options
 @effect_options
 @cull_option
-@options_of(pictures.PictureOptions)
+@options_of(render_files.PictureOptions)
 @threads_option
 @quiet_option
 @debug_option
@@ -167,16 +167,16 @@ def render(
         render_folder(files[0], output, suffix, force, shown, **options)
         return
     asked = gather(
-        pictures.PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet}
+        render_files.PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet}
     )
     if output is not None and str(output) == STANDARD_OUTPUT:
-        pictures.to_standard_output(files, asked, shown)
+        render_files.to_standard_output(files, asked, shown)
         return
-    places = pictures.places_of(files, output, suffix, force)
+    places = render_files.places_of(files, output, suffix, force)
     if len(places) == 1:
-        pictures.render_file(files[0], places[files[0]], asked, shown)
+        render_files.render_file(files[0], places[files[0]], asked, shown)
         return
-    pictures.render_files(places, asked, shown)
+    render_files.render_files(places, asked, shown)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,11 +202,11 @@ class Turn:
     """
 
     output: Path = option(
-        values.file_type("animation"), "-o", "--output", required=True, metavar="OUT"
+        option_types.file_type("animation"), "-o", "--output", required=True, metavar="OUT"
     )
     frames: int | None = option(click.IntRange(1, 3600), metavar="COUNT")
     fps: int = option(click.IntRange(1, 120), default=24)
-    turns: float = option(values.FiniteNumberType(), default=1.0, metavar="NUMBER")
+    turns: float = option(option_types.FiniteNumberType(), default=1.0, metavar="NUMBER")
     animate: bool = flag()
     animation: str | None = option(None, metavar="NAME|NUMBER")
 
@@ -238,7 +238,7 @@ def turntable(
     With --animate the file's own animation plays, and the turn takes as long as it does. With
     --frames as well, the turn has that many frames, and the animation starts again when it ends.
     """
-    from rasterjit.animation import playing
+    from rasterjit.animation import render_animation
     from rasterjit.animation.video import check_animation
     from rasterjit.rendering.renderer import Renderer
 
@@ -264,12 +264,14 @@ def turntable(
     ):
         renderer.warned = None
         around = view.turn(scene, size, played)
-        turning = playing.frames(
+        turning = render_animation.frames(
             renderer, scene, [number / turn.fps for number in range(frames)],
             camera=lambda second: around(turn.turns * round(second * turn.fps) / frames),
             animation=played, loop=True, background=background, cull=cull,
         )  # fmt: skip
-        playing.save(with_progress(turning, frames, "Rendering", quiet), output, fps=turn.fps)
+        render_animation.save(
+            with_progress(turning, frames, "Rendering", quiet), output, fps=turn.fps
+        )
     if not quiet:
         say(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
 
@@ -321,9 +323,9 @@ class ShowOptions:
     host: str = option(None, default="127.0.0.1")
     port: int = option(click.IntRange(0, 65535), default=8765)
     token: str | None = option(None, envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT")
-    size: tuple[int, int] = option(values.size_type, default="960x720", metavar="WxH")
+    size: tuple[int, int] = option(option_types.size_type, default="960x720", metavar="WxH")
     time_budget: float = option(
-        values.FiniteType(0.0, min_open=True), default=0.012, metavar="SECONDS"
+        option_types.FiniteType(0.0, min_open=True), default=0.012, metavar="SECONDS"
     )
 
 
@@ -391,9 +393,9 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
 @look_options
 @effect_options
 @cull_option
-@click.option("--outputs", type=values.outputs_type, default="color", show_default=True,
+@click.option("--outputs", type=option_types.outputs_type, default="color", show_default=True,
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
-@click.option("--pixel", type=values.pixel_type,
+@click.option("--pixel", type=option_types.pixel_type,
               help="Explain the pixel at this column and row instead, step by step.")  # fmt: skip
 @click.option("--measure", is_flag=True,
               help="Render it, too, and say what each stage and each effect costs. All that is "
@@ -481,17 +483,17 @@ class AccuracyOptions:
         Size of the picture, pixels; default 640x480.
     """
 
-    made: str | None = option(values.made_scene_type, "--scene", metavar="NAME")
+    made: str | None = option(option_types.made_scene_type, "--scene", metavar="NAME")
     knobs: tuple[str, ...] | None = option(
-        values.knobs_type, metavar="NAMES",
+        option_types.knobs_type, metavar="NAMES",
         help=f"Settings to try, separated by commas; default: all: {', '.join(LEVELS)}.",
     )  # fmt: skip
-    budget: float | None = option(values.FiniteType(0.0, min_open=True), metavar="SECONDS")
-    max_error: float | None = option(values.FiniteType(0.0, min_open=True), metavar="ERROR")
-    lens: Lens | None = option(values.lens_type, metavar="LENS")
+    budget: float | None = option(option_types.FiniteType(0.0, min_open=True), metavar="SECONDS")
+    max_error: float | None = option(option_types.FiniteType(0.0, min_open=True), metavar="ERROR")
+    lens: Lens | None = option(option_types.lens_type, metavar="LENS")
     calibrate: bool = flag()
     output: Path | None = option(click.Path(path_type=Path), "-o", "--output", metavar="FOLDER")
-    size: tuple[int, int] | None = option(values.size_type, metavar="WxH")
+    size: tuple[int, int] | None = option(option_types.size_type, metavar="WxH")
 
 
 @program.command(short_help="Measure what accuracy costs and buys.")
@@ -554,12 +556,12 @@ def accuracy(context: click.Context, file: Path | None, **rest: Any) -> None:
 def warmup(quiet: bool) -> None:
     """Compile all kernels now (about a minute), so that no later run has to."""
     from rasterjit.cli.warmup import compile_all, lacking
-    from rasterjit.runtime import jit, shipped, store
+    from rasterjit.runtime import jit, prebuilt_kernels, store
 
     if jit.DISABLED or jit.CHECKED:
         variable = "NUMBA_DISABLE_JIT" if jit.DISABLED else "NUMBA_BOUNDSCHECK"
         raise click.ClickException(f"nothing to compile: {variable} is set")
-    pack = shipped.found().pack
+    pack = prebuilt_kernels.found().pack
     if pack is not None and not lacking():
         if not quiet:
             say(f"nothing to compile: code for {pack.target.cpu} came with the installation")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli import values
+from rasterjit.cli import option_types
 from rasterjit.cli.options import (
     Effects,
     SceneOptions,
@@ -25,29 +25,29 @@ from rasterjit.cli.program import in_options
 from rasterjit.cli.report import progress_notice, say, warn
 
 if TYPE_CHECKING:
-    from rasterjit.dataset.making import Outcome
+    from rasterjit.dataset.dataset_builder import Outcome
     from rasterjit.dataset.recipe import Recipe
 
 MAX_NAMED = 20
 """Failures that are printed; all are in the file."""
 
 
-@values.text_type("size")
+@option_types.text_type("size")
 def square_type(text: str) -> tuple[int, int]:
     """Return width and height, or one number for both: ``512`` or ``640x480``."""
     side = text.strip()
-    return values.size_type.read(f"{side}x{side}" if re.fullmatch(r"[0-9]+", side) else text)
+    return option_types.size_type.read(f"{side}x{side}" if re.fullmatch(r"[0-9]+", side) else text)
 
 
-@values.text_type("names")
+@option_types.text_type("names")
 def kept_type(text: str) -> tuple[str, ...]:
     """Return names of what is kept of each view, ``color,depth``."""
     from rasterjit.dataset.recipe import Recipe
 
-    return Recipe(outputs=values.names_in(text)).outputs
+    return Recipe(outputs=option_types.names_in(text)).outputs
 
 
-@values.text_type("N|ADDRESS")
+@option_types.text_type("N|ADDRESS")
 def workers_type(text: str) -> int | str:
     """Return a number of processes, or the address of a scheduler, ``tcp://host:8786``."""
     if "://" in text:
@@ -97,15 +97,15 @@ class DatasetOptions:
     size: str = option(square_type, default="512", metavar="N|WxH")
     layout: str = option(click.Choice(["sphere", "random", "ring"]), "--cameras", default="sphere")
     seed: int = option(click.IntRange(0), default=0)
-    elevation: float = option(values.FiniteType(-90.0, 90.0), default=20.0, metavar="DEG")
+    elevation: float = option(option_types.FiniteType(-90.0, 90.0), default=20.0, metavar="DEG")
     fov_y: float = option(
-        values.FiniteType(0.0, 180.0, min_open=True, max_open=True),
+        option_types.FiniteType(0.0, 180.0, min_open=True, max_open=True),
         "--fov",
         default=45.0,
         metavar="DEG",
     )
-    up: str = option(values.up_type, default="y")
-    background: str = option(values.color_type, default="transparent")
+    up: str = option(option_types.up_type, default="y")
+    background: str = option(option_types.color_type, default="transparent")
 
 
 def dataset_options(command: Callable) -> Callable:
@@ -127,7 +127,7 @@ def make_dataset(
     folder: Path, output: Path, workers: int | str, quiet: bool, **options: Any
 ) -> None:
     """Make the data set, show how far it has come, and say what came of it."""
-    from rasterjit.dataset.making import make
+    from rasterjit.dataset.dataset_builder import make
     from rasterjit.dataset.recipe import Recipe
 
     if options["layout"] != "random":

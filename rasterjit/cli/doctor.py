@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.meshes import FORMATS_EXTRA
-from rasterjit.outputs.table import OUTPUTS
+from rasterjit.outputs.output_table import OUTPUTS
 from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
 from rasterjit.rendering.renderer import render
-from rasterjit.runtime import clocks, jit, shipped, store
+from rasterjit.runtime import clocks, jit, prebuilt_kernels, store
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.view import PreviousView
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 
@@ -125,9 +125,9 @@ def _shipped() -> Iterator[Finding]:
     """Look through the machine code that came with the installation, if any did."""
     if jit.DISABLED or jit.CHECKED:
         return
-    pack, problem = shipped.found()
+    pack, problem = prebuilt_kernels.found()
     if problem is not None:
-        yield Finding("shipped code", f"{problem}: {shipped.REINSTALL}", False)
+        yield Finding("shipped code", f"{problem}: {prebuilt_kernels.REINSTALL}", False)
     if pack is None:
         return
     size = len(pack.content) / 1e6
@@ -135,7 +135,7 @@ def _shipped() -> Iterator[Finding]:
     damaged = pack.damaged()
     yield Finding("shipped code", f"{text}; {pack.path}", not damaged)
     if damaged:
-        yield Finding("", f"{', '.join(damaged)} damaged: {shipped.REINSTALL}", False)
+        yield Finding("", f"{', '.join(damaged)} damaged: {prebuilt_kernels.REINSTALL}", False)
 
 
 def _store() -> Iterator[Finding]:
@@ -143,7 +143,7 @@ def _store() -> Iterator[Finding]:
     if jit.DISABLED or jit.CHECKED:
         return
     place = store.folder()
-    if place is None and shipped.found().pack is not None and not store.USED.compiled:
+    if place is None and prebuilt_kernels.found().pack is not None and not store.USED.compiled:
         yield Finding("kernel store", "nothing is kept, and nothing need be")
         return
     if place is None:

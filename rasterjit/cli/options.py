@@ -15,14 +15,14 @@ import numpy as np
 from click.core import ParameterSource
 from numpy.typing import NDArray
 
-from rasterjit.cli import values
+from rasterjit.cli import option_types
 from rasterjit.cli.help import question
 from rasterjit.cli.report import warn
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene.colormap import COLORMAPS, REVERSED, Colormap
 from rasterjit.scene.eye_dome import STRONGEST, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
-from rasterjit.scene.memory import DEFAULT_MAX_BYTES
+from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MAX_STOPS
 from rasterjit.scene.validation import question as question_of_names
@@ -30,8 +30,8 @@ from rasterjit.scene.validation import question as question_of_names
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Isolation
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.camera_fitting import AnyCamera
     from rasterjit.scene.contours import Contours
-    from rasterjit.scene.framing import AnyCamera
     from rasterjit.scene.keyframes import Animation
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
@@ -170,8 +170,10 @@ def options_of(
 
 
 def check_lights(
-    context: click.Context, parameter: click.Parameter, chosen: tuple[values.Vector | str, ...]
-) -> tuple[values.Vector | str, ...]:
+    context: click.Context,
+    parameter: click.Parameter,
+    chosen: tuple[option_types.Vector | str, ...],
+) -> tuple[option_types.Vector | str, ...]:
     """Return what ``--light`` is given, or raise click's usage error."""
     for number, one in enumerate(chosen):
         if one in chosen[:number]:
@@ -226,22 +228,26 @@ class SceneOptions:
         Have other packages read files, and of a folder decode pictures, in a process with limits.
     """
 
-    color: str | None = option(values.color_type)
+    color: str | None = option(option_types.color_type)
     scalars: str | None = option(None, metavar="NAME")
     colormap: Colormap | None = option(
-        values.colormap_type, metavar="NAME",
+        option_types.colormap_type, metavar="NAME",
         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed with {REVERSED} "
         "behind it; default: viridis.",
     )  # fmt: skip
-    scalar_range: tuple[float, float] | None = option(values.range_type, "--range")
-    contours: Contours | None = option(values.contours_type)
+    scalar_range: tuple[float, float] | None = option(option_types.range_type, "--range")
+    contours: Contours | None = option(option_types.contours_type)
     variant: str | None = option(None, metavar="NAME")
-    light: tuple[values.Vector | str, ...] = option(
-        values.light_type, default=(), multiple=True, metavar="X,Y,Z|NAME", callback=check_lights
+    light: tuple[option_types.Vector | str, ...] = option(
+        option_types.light_type,
+        default=(),
+        multiple=True,
+        metavar="X,Y,Z|NAME",
+        callback=check_lights,
     )
     shading: str | None = option(click.Choice(SHADINGS))
     wireframe: str | None = option(click.Choice(["overlay", "only"]))
-    wireframe_color: str | None = option(values.opaque_color_type)
+    wireframe_color: str | None = option(option_types.opaque_color_type)
     on_invalid: str = option(click.Choice(["raise", "drop"]), default="raise")
     on_damage: str = option(click.Choice(["error", "warn"]), default="error")
     resource_root: str | None = option(None, metavar="FOLDER")
@@ -341,7 +347,7 @@ def _changed(material: Material, **changes: Any) -> Material:
     return Material(**{**said, **changes})
 
 
-def _lights_of(chosen: tuple[values.Vector | str, ...]) -> list[Light]:
+def _lights_of(chosen: tuple[option_types.Vector | str, ...]) -> list[Light]:
     """Return lights by directions and names; none for the headlight, which is the default."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
 
@@ -389,25 +395,25 @@ class CameraOptions:
         Which way is up, such as z, where the file does not say so; glTF does.
     """
 
-    position: values.Vector | None = option(values.vector_type)
-    target: values.Vector | None = option(values.vector_type)
-    pose: NDArray[np.float64] | None = option(values.pose_type, metavar="FILE|NUMBERS")
+    position: option_types.Vector | None = option(option_types.vector_type)
+    target: option_types.Vector | None = option(option_types.vector_type)
+    pose: NDArray[np.float64] | None = option(option_types.pose_type, metavar="FILE|NUMBERS")
     convention: str | None = option(
-        click.Choice(tuple(values.CONVENTIONS)),
+        click.Choice(tuple(option_types.CONVENTIONS)),
         help="What --pose means. "
-        f"{'. '.join(f'{name}: {text}' for name, text in values.CONVENTIONS.items())}.",
+        f"{'. '.join(f'{name}: {text}' for name, text in option_types.CONVENTIONS.items())}.",
     )
     intrinsics: NDArray[np.float64] | None = option(
-        values.intrinsics_type, metavar="FX,FY,CX,CY|FILE"
+        option_types.intrinsics_type, metavar="FX,FY,CX,CY|FILE"
     )
-    azimuth: float | None = option(values.FiniteNumberType(), metavar="DEG")
-    elevation: float | None = option(values.FiniteType(-90.0, 90.0), metavar="DEG")
-    zoom: float | None = option(values.FiniteType(0.0, min_open=True), metavar="FACTOR")
+    azimuth: float | None = option(option_types.FiniteNumberType(), metavar="DEG")
+    elevation: float | None = option(option_types.FiniteType(-90.0, 90.0), metavar="DEG")
+    zoom: float | None = option(option_types.FiniteType(0.0, min_open=True), metavar="FACTOR")
     fov: float | None = option(
-        values.FiniteType(0.0, 180.0, min_open=True, max_open=True), metavar="DEG"
+        option_types.FiniteType(0.0, 180.0, min_open=True, max_open=True), metavar="DEG"
     )
     projection: str | None = option(click.Choice(["perspective", "orthographic"]))
-    up: values.Vector | None = option(values.up_type)
+    up: option_types.Vector | None = option(option_types.up_type)
 
     def check(self) -> None:
         """Raise click's usage error if options contradict each other."""
@@ -459,7 +465,7 @@ class CameraOptions:
     def _magnified(self, camera: AnyCamera) -> AnyCamera:
         """Return the file's camera with another field of view, and zoomed."""
         from rasterjit.scene.camera import PerspectiveCamera
-        from rasterjit.scene.framing import zoom_camera
+        from rasterjit.scene.camera_fitting import zoom_camera
 
         if self.fov is not None:
             if not isinstance(camera, PerspectiveCamera):
@@ -478,7 +484,9 @@ class CameraOptions:
                 raise click.UsageError("--convention needs --pose")
         else:
             if self.convention is None:
-                told = "; ".join(f"{name} ({text})" for name, text in values.CONVENTIONS.items())
+                told = "; ".join(
+                    f"{name} ({text})" for name, text in option_types.CONVENTIONS.items()
+                )
                 raise click.UsageError(f"--pose needs --convention, what it means: {told}")
             names = ("position", "target", "azimuth", "elevation", "up")
             refuse_idle(names, "--pose places the camera")
@@ -493,7 +501,7 @@ class CameraOptions:
 
     def _calibrated(self, scene: Scene, size: tuple[int, int]) -> MatrixCamera:
         """Return the camera of ``--pose`` or ``--intrinsics`` or both."""
-        from rasterjit.cli.values import FLIP, camera_of, intrinsics_of, pose_from_world
+        from rasterjit.cli.option_types import FLIP, camera_of, intrinsics_of, pose_from_world
         from rasterjit.scene import transforms
 
         intrinsics = self.intrinsics
@@ -559,7 +567,7 @@ class CameraOptions:
     def _fit(self, scene: Scene, size: tuple[int, int], steady: bool = False) -> FittedCamera:
         """Return the camera that fits the scene, seen from the angles given or by default."""
         from rasterjit.scene import transforms
-        from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
+        from rasterjit.scene.camera_fitting import fit_camera, frame_of, orbit_direction
 
         fitting = self._fitting(scene, size)
         frame = frame_of(fitting["up"])
@@ -583,7 +591,7 @@ class CameraOptions:
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
-        from rasterjit.scene.framing import CLEARANCE, frame_of, near_plane
+        from rasterjit.scene.camera_fitting import CLEARANCE, frame_of, near_plane
         from rasterjit.scene.transforms import apply, are_parallel
 
         center, radius = scene.bounding_sphere()
@@ -622,7 +630,7 @@ class TimeOptions:
         them.
     """
 
-    time: float | None = option(values.FiniteType(0.0), metavar="SECONDS")
+    time: float | None = option(option_types.FiniteType(0.0), metavar="SECONDS")
     animation: str | None = option(None, metavar="NAME|NUMBER")
 
     def apply(self, scene: Scene, file: Path) -> Scene:
@@ -701,18 +709,18 @@ class Effects:
     shadows: bool = flag()
     environment: str | None = option(None, metavar="FILE|sky")
     ambient_occlusion: bool = flag()
-    eye_dome: float | None = option(values.FiniteType(0.0, STRONGEST), metavar="STRENGTH")
-    outline: str | None = option(values.opaque_color_type)
+    eye_dome: float | None = option(option_types.FiniteType(0.0, STRONGEST), metavar="STRENGTH")
+    outline: str | None = option(option_types.opaque_color_type)
     tone_map: str | None = option(click.Choice(CURVES))
-    exposure: float | None = option(values.FiniteType(-MAX_STOPS, MAX_STOPS), metavar="STOPS")
-    vignette: float | None = option(values.FiniteType(0.0, 1.0), metavar="SHARE")
+    exposure: float | None = option(option_types.FiniteType(-MAX_STOPS, MAX_STOPS), metavar="STOPS")
+    vignette: float | None = option(option_types.FiniteType(0.0, 1.0), metavar="SHARE")
     section: tuple[tuple[float, ...], ...] = option(
-        values.plane_type, default=(), multiple=True, metavar="PLANE"
+        option_types.plane_type, default=(), multiple=True, metavar="PLANE"
     )
-    section_lines: str | None = option(values.opaque_color_type)
+    section_lines: str | None = option(option_types.opaque_color_type)
     preset: str = option(click.Choice(tuple(PRESETS)), "--quality", default="standard")
     changes: tuple[dict[str, Any], ...] = option(
-        values.setting_type, "--set", default=(), multiple=True
+        option_types.setting_type, "--set", default=(), multiple=True
     )
     samples: str | None = option(click.Choice(SAMPLES))
     style: str = "plain"
@@ -808,8 +816,8 @@ def style_option(command: Callable) -> Callable:
 def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects) -> Style:
     """Return a scene, which has what options ask for, in its style, but for what options say."""
     from rasterjit import styles
-    from rasterjit.scene.framing import fit_upright
-    from rasterjit.survey.lights import headlight
+    from rasterjit.scene.camera_fitting import fit_upright
+    from rasterjit.survey.light_culling import headlight
 
     if "headlight" in look.light and scene.nodes:
         seen_from = camera or scene.camera or fit_upright(scene, (1, 1))
@@ -880,12 +888,12 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
     """Return the value of an option that names a file to write, or raise click's usage error."""
     context = click.get_current_context()
     option = next(one for one in context.command.params if one.name == name)
-    return values.file_type(kind).convert(str(place), option, context)
+    return option_types.file_type(kind).convert(str(place), option, context)
 
 
 def is_picture(file: Path) -> bool:
     """Tell whether a name is one of pictures, or of buffers."""
-    return file.suffix.lower() in values.formats_of("image")
+    return file.suffix.lower() in option_types.formats_of("image")
 
 
 def refuse_picture(what: str, output: Path) -> None:

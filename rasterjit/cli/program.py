@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.cli.help import Command, with_advice
+from rasterjit.cli.option_types import background_type, color_type, size_type
 from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_idle
 from rasterjit.cli.report import let_streams_escape, say_error, warn
-from rasterjit.cli.values import background_type, color_type, size_type
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
-from rasterjit.outputs.table import row_of
+from rasterjit.outputs.output_table import row_of
 from rasterjit.rendering.planning import CULL_MODES
 
 if TYPE_CHECKING:

@@ -113,7 +113,7 @@ def render_folder(
 
 def _begun(place: Path, settings: str, force: bool) -> int:
     """Return since when pictures are drawn with these settings, ns; from now on with ``force``."""
-    from rasterjit.io.whole import replacing
+    from rasterjit.io.atomic_write import replacing
 
     try:
         known = place.read_text()

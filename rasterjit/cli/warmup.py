@@ -5,19 +5,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 
-from rasterjit.pipeline.surface import listing, weights
-from rasterjit.runtime import ahead
-from rasterjit.runtime.ahead import Task
+from rasterjit.pipeline.surface import barycentric_weights, gather_samples
+from rasterjit.runtime import background_compile
+from rasterjit.runtime.background_compile import Task
 
 
 def first_tasks() -> list[Task]:
     """Return tasks that compile what every picture in colour needs, and takes long."""
-    return ahead.compiling((listing.list_samples, weights.find_weights))
+    return background_compile.compiling(
+        (gather_samples.list_samples, barycentric_weights.find_weights)
+    )
 
 
 def lacking() -> list[Task]:
     """Return tasks that compile every form of every kernel and stage that is not there."""
-    return ahead.compiling(ahead.every_kernel())
+    return background_compile.compiling(background_compile.every_kernel())
 
 
 def compile_all(tell: Callable[[int, int], None]) -> None:
@@ -38,8 +40,8 @@ def compile_all(tell: Callable[[int, int], None]) -> None:
     done = itertools.count(1)
     tell(0, len(tasks))
     failed = tasks
-    if ahead.is_possible():
-        failed = ahead.do_all(tasks, lambda: tell(next(done), len(tasks)))
+    if background_compile.is_possible():
+        failed = background_compile.do_all(tasks, lambda: tell(next(done), len(tasks)))
     # Here, what went wrong shows.
     for task in failed:
-        ahead.compile_one(*task.arguments)
+        background_compile.compile_one(*task.arguments)

@@ -22,14 +22,14 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from rasterjit.runtime import ahead, jit, numba_alone, shipped, store
-from rasterjit.runtime.ahead import Task
+from rasterjit.runtime import background_compile, isolated_numba, jit, prebuilt_kernels, store
+from rasterjit.runtime.background_compile import Task
 from rasterjit.runtime.targets import PLATFORMS, Platform, Target
 
 HERE = "rasterjit.cli.wheels"
 """This module, whatever it was started as."""
 
-PLACE = f"{shipped.FOLDER.parent.name}/{shipped.FOLDER.name}"
+PLACE = f"{prebuilt_kernels.FOLDER.parent.name}/{prebuilt_kernels.FOLDER.name}"
 """Folder of the code in a wheel."""
 
 MODE = 0o100644 << 16
@@ -41,7 +41,7 @@ def compile_for(module: str, name: str, number: int, place: str, *target: str) -
     function, wanted = getattr(importlib.import_module(module), name), Target(*target)
     kind = function.declared[number]
     symbol = store.name_of(function, kind, wanted)
-    returns, code = numba_alone.compiler().compile_form(function, kind, symbol, wanted)
+    returns, code = isolated_numba.compiler().compile_form(function, kind, symbol, wanted)
     header = store.header_of(function, kind, returns, wanted)
     store.write(Path(place) / f"{symbol}{store.SUFFIX}", header, code)
 
@@ -60,7 +60,7 @@ def pack_of(target: Target) -> bytes:
     Returns
     -------
     bytes
-        The content of a file of machine code (``runtime/shipped.py``).
+        The content of a file of machine code (``runtime/prebuilt_kernels.py``).
 
     Raises
     ------
@@ -71,11 +71,11 @@ def pack_of(target: Target) -> bytes:
         tasks = [
             Task(HERE, "compile_for",
                  (one.__module__, one.__name__, number, place, *target))
-            for one in ahead.every_kernel()
+            for one in background_compile.every_kernel()
             for number in range(len(one.declared))
         ]  # fmt: skip
         # Here, what went wrong shows.
-        for task in ahead.do_all(tasks, lambda: None):
+        for task in background_compile.do_all(tasks, lambda: None):
             compile_for(*task.arguments)
         forms = {}
         for path in Path(place).glob(f"*{store.SUFFIX}"):
@@ -84,7 +84,9 @@ def pack_of(target: Target) -> bytes:
                 forms[path.stem] = kept[0].returns, kept[1]
     if len(forms) != len(tasks):
         raise RuntimeError(f"{len(forms)} of {len(tasks)} forms were compiled and kept")
-    return shipped.content_of(shipped.file_name(target), target, made_with(), forms)
+    return prebuilt_kernels.content_of(
+        prebuilt_kernels.file_name(target), target, made_with(), forms
+    )
 
 
 def make_wheel(pure: Path, platform: Platform, packs: dict[str, bytes]) -> Path:
@@ -146,14 +148,14 @@ def _digest(content: bytes) -> str:
 
 def check() -> bool:
     """Compile again what came with this installation; print and return whether it is the same."""
-    files = sorted(shipped.FOLDER.glob(f"*{shipped.SUFFIX}"))
+    files = sorted(prebuilt_kernels.FOLDER.glob(f"*{prebuilt_kernels.SUFFIX}"))
     if not files:
-        print(f"no machine code came with this installation: {shipped.FOLDER} has none")
+        print(f"no machine code came with this installation: {prebuilt_kernels.FOLDER} has none")
     same = bool(files)
     for path in files:
         try:
-            pack = shipped.read(path)
-        except (shipped.UnfitError, OSError) as error:
+            pack = prebuilt_kernels.read(path)
+        except (prebuilt_kernels.UnfitError, OSError) as error:
             print(error)
             same = False
             continue
@@ -185,7 +187,7 @@ def main(arguments: Sequence[str]) -> int:
         )  # fmt: skip
         return 2
     for name in names:
-        packs = {shipped.file_name(one): pack_of(one) for one in PLATFORMS[name].targets()}
+        packs = {prebuilt_kernels.file_name(one): pack_of(one) for one in PLATFORMS[name].targets()}
         print(make_wheel(Path(wheel), PLATFORMS[name], packs), flush=True)
     return 0
 

@@ -25,8 +25,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from rasterjit.io.atomic_write import replacing
 from rasterjit.io.images import save_image
-from rasterjit.io.whole import replacing
 from rasterjit.outputs.frame import Frame
 
 FOLDER = "golden"

@@ -22,8 +22,8 @@ from rasterjit.rendering.planning import choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.camera_fitting import Ball, fit_camera
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.framing import Ball, fit_camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 

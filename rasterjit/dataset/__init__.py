@@ -11,7 +11,7 @@ the work was interrupted or not:
 ...     summary = dataset.make("meshes", "pictures", recipe, workers=4)
 """
 
-from rasterjit.dataset.making import LostWorkersError, Outcome, Summary, make
+from rasterjit.dataset.dataset_builder import LostWorkersError, Outcome, Summary, make
 from rasterjit.dataset.recipe import MeshError, Recipe, render_views, view_cameras
 from rasterjit.io.meshes import mesh_files
 

@@ -20,20 +20,20 @@ from numpy.typing import NDArray
 
 from rasterjit.animation.tracks import FULL_TURN, measured
 from rasterjit.io import images
+from rasterjit.io.atomic_write import replacing, write_text
 from rasterjit.io.meshes import ON_DAMAGE, OnDamage, load
-from rasterjit.io.whole import replacing, write_text
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, OutputName
+from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, OutputName
 from rasterjit.rendering.batch import check_arguments, share_threads
 from rasterjit.rendering.renderer_pool import draw_in_turns
 from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.attribute_guard import says_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
+from rasterjit.scene.camera_fitting import fit_camera, frame_of, orbit_direction
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
-from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
+from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, OnInvalid
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene

@@ -26,11 +26,11 @@ from rasterjit.distributed.clusters import (
     check_client,
     count_threads,
 )
+from rasterjit.io.atomic_write import replacing, replacing_folder
 from rasterjit.io.images import checked_path
-from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.outputs.table import Outputs
-from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.outputs.output_table import Outputs
+from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering import batch, planning, view_warnings
 from rasterjit.rendering.planning import Cull, FrameRequest
 from rasterjit.rendering.regions import RegionRenderer, Survey, regions_of

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.distributed import clusters
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.outputs.table import Outputs, is_attribute
+from rasterjit.outputs.output_table import Outputs, is_attribute
 from rasterjit.rendering import planning, view_warnings
 from rasterjit.rendering.batch import check_arguments
 from rasterjit.rendering.effect_registry import EFFECTS

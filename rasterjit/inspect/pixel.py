@@ -25,17 +25,17 @@ from rasterjit.inspect.pixel_report import (
     PixelExplanation,
     PrimitiveAtPixel,
 )
-from rasterjit.outputs.fill import add_reversed_depth
-from rasterjit.pipeline import encode
+from rasterjit.outputs.ground_truth import add_reversed_depth
+from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
-from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.alpha_test import no_holes
-from rasterjit.pipeline.visibility.primitives import PointRule, primitives_of
-from rasterjit.rendering import planning, shade, supersample
+from rasterjit.pipeline.visibility.primitive_expansion import PointRule, primitives_of
+from rasterjit.rendering import frame_shading, planning, supersample
 from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, cut_open
 from rasterjit.rendering.renderer import render
-from rasterjit.runtime.ahead import beside
+from rasterjit.runtime.background_compile import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
@@ -45,12 +45,12 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
-from rasterjit.survey import placement as placing
+from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import prepare
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -121,7 +121,9 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
     if drawn.seen.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
         look = find_look(drawn)
         light, linear = light_of(drawn, *look, x, y)
-    plain = seen = np.array([encode.code_of(linear, plan.facts.encoding)], np.uint32).view(np.uint8)
+    plain = seen = np.array([srgb_encoding.code_of(linear, plan.facts.encoding)], np.uint32).view(
+        np.uint8
+    )
     if not all(planned.effect.is_explained for planned in plan.planned):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
         if plan.facts.draws_faces and (light is not None or plan.layers is not None):
@@ -213,46 +215,50 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
-    viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+    viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
         plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
         cache.tables.is_single_sided, arrays.sideless,
     )  # fmt: skip
-    vertices = draw.ModelVertices(
+    vertices = visibility_pass.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
-    alpha_tests = shade.find_hit_tests(plan, cache)
+    alpha_tests = frame_shading.find_hit_tests(plan, cache)
     primitives = primitives_of(
         arrays.primitives, views.relative_from_model, vertices.positions,
         views.clip_from_relative, plan.size,
     )  # fmt: skip
-    drawable = draw.Drawable(
+    drawable = visibility_pass.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=alpha_tests, primitives=primitives, is_affine=plan.is_affine,
     )  # fmt: skip
-    wanted = draw.Wanted(lists=True, clip_positions=True, depth_type=plan.depth_format.kind)
-    coverage = draw.find_visible(drawable, wanted, workers, lambda _: None)
+    wanted = visibility_pass.Wanted(
+        lists=True, clip_positions=True, depth_type=plan.depth_format.kind
+    )
+    coverage = visibility_pass.find_visible(drawable, wanted, workers, lambda _: None)
     lists = coverage.lists
     if objects.culled_turns.any():
         # List the culled faces as well.
         everything = Objects(objects.face_starts, np.zeros_like(objects.culled_turns))
-        starts, binned, _, _ = draw.set_up_and_bin(
+        starts, binned, _, _ = visibility_pass.set_up_and_bin(
             lists.faces, everything, coverage.screen, viewport, workers
         )
-        lists = draw.TileLists(starts, binned, lists.faces)
+        lists = visibility_pass.TileLists(starts, binned, lists.faces)
     # Colours are those of one sample of many; what is seen at the centres is that of any quality.
     if plan.pictures > 1:
         viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.picture_samples))
-    geometry = draw.geometry_of(
+    geometry = visibility_pass.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
     placed = placement_of(arrays, views)
     coverage = add_reversed_depth(
         plan.depth_format, plan.camera, geometry, coverage, workers, placed
     )
-    placement = shade.placement_to_light(plan, placed)
-    seen = draw.Seen(objects, plan.depth_format.coefficients, geometry, placement, coverage)
+    placement = frame_shading.placement_to_light(plan, placed)
+    seen = visibility_pass.Seen(
+        objects, plan.depth_format.coefficients, geometry, placement, coverage
+    )
     return VisibleScene(scene, cache, plan, arrays, seen, lists, primitives)
 
 
@@ -296,25 +302,27 @@ def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
     one = np.empty(1, np.int32)
-    drawer = nearest.tile_drawer(one, faces, coverage.screen, depth.dtype, coverage.alpha_tests)
-    bottomless = np.full(len(starts) - 1, nearest.empty_depth(depth.dtype))
+    drawer = tile_rasterizer.tile_drawer(
+        one, faces, coverage.screen, depth.dtype, coverage.alpha_tests
+    )
+    bottomless = np.full(len(starts) - 1, tile_rasterizer.empty_depth(depth.dtype))
     alone = np.zeros(len(starts), np.int64)
     alone[tile + 1 :] = 1
     kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
     arguments = (
-        np.array([tile], np.int32), nearest.ALL, alone, bottomless, viewport, (depth, face_id),
-        *drawer[:2],
+        np.array([tile], np.int32), tile_rasterizer.ALL, alone, bottomless, viewport,
+        (depth, face_id), *drawer[:2],
     )  # fmt: skip
     found = []
     for triangle in near:
         one[0] = triangle
-        nearest.draw_tiles(*arguments, no_holes(depth.dtype))
+        tile_rasterizer.draw_tiles(*arguments, no_holes(depth.dtype))
         if face_id[y, x] < 0:
             continue
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
         lost = "" if triangle in kept else "culled"
         if not lost and coverage.alpha_tests is not None:
-            nearest.draw_tiles(*arguments, drawer.holes)
+            tile_rasterizer.draw_tiles(*arguments, drawer.holes)
             lost = "" if face_id[y, x] >= 0 else "cut out"
         found.append((lost, *entry))
     points = None if coverage.points is None else coverage.points.picture

@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import ColorPart, LightTerm, LightTerms
 from rasterjit.pipeline import records
-from rasterjit.pipeline.fragments import bands
+from rasterjit.pipeline.fragments import fragment_bands
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import ShadingNeeds
 from rasterjit.pipeline.records import Lighting, Surface
-from rasterjit.pipeline.surface import fields
-from rasterjit.pipeline.surface.maps import EMITTED
-from rasterjit.pipeline.visibility import draw, nearest
-from rasterjit.pipeline.visibility.primitives import Primitives
-from rasterjit.rendering import shade as shading
+from rasterjit.pipeline.surface import scalar_colors
+from rasterjit.pipeline.surface.material_maps import EMITTED
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
+from rasterjit.pipeline.visibility.primitive_expansion import Primitives
+from rasterjit.rendering import frame_shading as shading
 from rasterjit.rendering.effect_registry import prepare_effects
+from rasterjit.rendering.frame_shading import look_behind
+from rasterjit.rendering.pass_runner import Shading, light_vertices
 from rasterjit.rendering.renderer import find_visible
-from rasterjit.rendering.shade import look_behind
-from rasterjit.rendering.shading import Shading, light_vertices
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.scene import Scene
@@ -78,8 +78,8 @@ class VisibleScene(NamedTuple):
     cache: SceneCache
     plan: RenderPlan
     arrays: SceneArrays
-    seen: draw.Seen
-    lists: draw.TileLists
+    seen: visibility_pass.Seen
+    lists: visibility_pass.TileLists
     """With culled faces."""
     primitives: Primitives | None
     """Its lines and points."""
@@ -156,7 +156,7 @@ def scalar_of(
     if field.of_faces and of_faces is not None and surface.face_colors is not None:
         return float(of_faces[face]), surface.face_colors[face, :3].copy()
     scalar = np.empty(face_id.shape, np.float32)
-    fields.fill_scalars(face_id, (y, y + 1), drawn.seen.geometry, of_vertices, scalar)
+    scalar_colors.fill_scalars(face_id, (y, y + 1), drawn.seen.geometry, of_vertices, scalar)
     plain = _white(surface)._replace(fields=surface.fields, textures=None)
     return float(scalar[y, x]), shade(drawn, plain, lit, x, y)[:3]
 
@@ -287,7 +287,7 @@ def shade(
         return _lit_vertices(drawn, needs, surface, Lit(lighting, lit.effects), face)
 
     surface = shading.light_surface(plan, surface, lit.lighting, light)
-    row = np.full((1, plan.size[0]), nearest.NOTHING, np.int32)
+    row = np.full((1, plan.size[0]), tile_rasterizer.NOTHING, np.int32)
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
     stages = Shading(
@@ -387,7 +387,9 @@ def parts_of(
 
 def _at_samples(drawn: VisibleScene) -> VisibleScene:
     """Return what was drawn, for samples that may lie anywhere in their pixels."""
-    viewport = bands.sampled_viewport(drawn.seen.geometry.viewport, drawn.plan.layers.samples)
+    viewport = fragment_bands.sampled_viewport(
+        drawn.seen.geometry.viewport, drawn.plan.layers.samples
+    )
     geometry = drawn.seen.geometry._replace(viewport=viewport)
     return drawn._replace(seen=drawn.seen._replace(geometry=geometry))
 
@@ -400,14 +402,14 @@ def _find_samples(
     alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
     if alpha_tests is not None:
         alpha_tests = alpha_tests._replace(geometry=geometry)
-    finder = bands.Finder(geometry, alpha_tests)
-    lists = bands.part_lists(
+    finder = fragment_bands.Finder(geometry, alpha_tests)
+    lists = fragment_bands.part_lists(
         drawn.seen.coverage, geometry.viewport, plan.layers.is_blended, workers
     )
     first = y - y % TILE_SIZE
     rows = first, min(first + TILE_SIZE, geometry.viewport.height)
     if plan.layers.samples == "area":
-        shown, shares, rest = bands.find_areas(rows, lists, finder, workers.memory)
+        shown, shares, rest = fragment_bands.find_areas(rows, lists, finder, workers.memory)
         for face, share in zip(shown[:, y - first, x], shares[:, y - first, x], strict=False):
             if face >= 0:
                 yield [int(face)], float(share)
@@ -415,7 +417,7 @@ def _find_samples(
         return
     samples = int(plan.layers.samples)
     most = plan.layers.most
-    for band in bands.find_layers(rows, lists, samples, finder, workers.memory, most):
+    for band in fragment_bands.find_layers(rows, lists, samples, finder, workers.memory, most):
         row = y - band.first_row
         if not 0 <= row < band.opaque.shape[1]:
             continue

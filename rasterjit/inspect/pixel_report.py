@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.preview import Printed
+from rasterjit.scene.notebook_preview import Printed
 
 if TYPE_CHECKING:
     from fractions import Fraction

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from rasterjit.outputs.frame import Frame
-from rasterjit.outputs.table import Outputs
+from rasterjit.outputs.output_table import Outputs
 from rasterjit.rendering import planning
 from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, plan_frame
@@ -17,16 +17,16 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.preview import Printed
+from rasterjit.scene.notebook_preview import Printed
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     cut_short,
     image_size,
 )
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.effect import OfQuality
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 
 ROUNDS, MAX_ROUNDS = 7, 1_000_000
 """Frames of each kind; their median counts."""

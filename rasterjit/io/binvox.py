@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.resources import LONGEST_NAME, Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 

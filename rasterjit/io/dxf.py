@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, LineDrawing
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.parts import Part, Thing, linear_rgba, triangles
+from rasterjit.io.text.mesh_builder import Part, Thing, linear_rgba, triangles
 from rasterjit.scene.validation import in_short
 
 _BYTES, _ENTITY_BYTES, _POINT_BYTES = 40, 4096, 64

@@ -32,9 +32,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.whole import replacing
+from rasterjit.io.atomic_write import replacing
 from rasterjit.scene.color import decoding_table, srgb_to_linear
-from rasterjit.scene.memory import TEXEL_BYTES, MemoryBudget
+from rasterjit.scene.memory_limits import TEXEL_BYTES, MemoryBudget
 from rasterjit.scene.picture_codes import picture_codes
 from rasterjit.scene.texture import opened_picture
 from rasterjit.scene.validation import unmasked_array

@@ -13,11 +13,7 @@ from rasterjit.io.binvox import load_binvox
 from rasterjit.io.foreign.codecs import Decoder, Isolation
 from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
-from rasterjit.io.point_clouds.las import LAS_FORMATS
-from rasterjit.io.point_clouds.pcd import read_pcd
-from rasterjit.io.primitives import Reading
-from rasterjit.io.resources import Resources, extension_of, other_kind
-from rasterjit.io.skipped import (
+from rasterjit.io.load_warnings import (
     DAMAGED,
     OF_READERS,
     LeftOut,
@@ -25,16 +21,20 @@ from rasterjit.io.skipped import (
     MeshFileError,
     as_mesh_file_error,
 )
-from rasterjit.io.text.lines import Damage
+from rasterjit.io.point_clouds.las import LAS_FORMATS
+from rasterjit.io.point_clouds.pcd import read_pcd
+from rasterjit.io.primitives import Reading
+from rasterjit.io.resources import Resources, extension_of, other_kind
+from rasterjit.io.text.mesh_builder import Assembly, Thing, scene_of_assembly, scene_of_parts
+from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
-from rasterjit.io.text.parts import Assembly, Thing, scene_of_assembly, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
 from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.scene import TrimeshAdapter
-from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
+from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import (

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.resources import LONGEST_NAME
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.lines import Lines, strip_segments
 from rasterjit.scene.material import Material
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.mesh import Mesh, OnInvalid, value_rows, with_face_scalars, with_face_values
 from rasterjit.scene.points import Points
 from rasterjit.scene.warning import MADE_NORMALS, told_elsewhere

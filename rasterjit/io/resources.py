@@ -28,8 +28,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.skipped import MissingFileError, reason_of
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.io.load_warnings import MissingFileError, reason_of
+from rasterjit.scene.memory_limits import MemoryBudget
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 """The beginning of ``http:``, ``file:`` and the like, and of a path with a drive letter."""

@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import FrameStats, RenderedOutputs
-from rasterjit.outputs.table import is_attribute
+from rasterjit.outputs.output_table import is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.validation import in_short
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.lettering import width_of, write
+from rasterjit.io.text_layout import width_of, write
 from rasterjit.scene.color import opaque_codes
-from rasterjit.scene.field import ColorScale
+from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.validation import index_below
 
 PAPER, INK = (255, 255, 255), (0, 0, 0)

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from rasterjit.outputs import diagnostics_stage
-from rasterjit.outputs.fill import metric_depth
+from rasterjit.outputs.ground_truth import metric_depth
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Objects
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility import nearest as visibility
+from rasterjit.pipeline.visibility import tile_rasterizer as visibility
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.arrays import Int32, Int64
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.preview import Printed
+from rasterjit.scene.notebook_preview import Printed
 from rasterjit.survey.depth_format import DepthFormat
 
 STORING = 2.0**-24
@@ -115,13 +115,13 @@ def kernels_of(depth_type: DTypeLike) -> Rows:
     """Return the kernels that `diagnose` calls, as a plan tells them."""
     return [
         KernelRow(diagnostics_stage.find_fates),
-        KernelRow(diagnostics_stage.count_samples, draw.depth_variant(depth_type)),
+        KernelRow(diagnostics_stage.count_samples, visibility_pass.depth_variant(depth_type)),
         KernelRow(diagnostics_stage.largest_error),
     ]
 
 
 def diagnose(
-    coverage: draw.Coverage,
+    coverage: visibility_pass.Coverage,
     objects: Objects,
     geometry: Geometry,
     camera: Camera,
@@ -183,7 +183,10 @@ def diagnose(
 
 
 def _count_samples(
-    coverage: draw.Coverage, lists: draw.TileLists, geometry: Geometry, workers: Workers
+    coverage: visibility_pass.Coverage,
+    lists: visibility_pass.TileLists,
+    geometry: Geometry,
+    workers: Workers,
 ) -> tuple[Int64, int]:
     """Return the samples of each triangle, faces before pieces, and the pixels with a tie."""
     starts, binned, faces = lists.starts, lists.binned, lists.faces
@@ -199,7 +202,7 @@ def _count_samples(
         )
 
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
-    step = draw.TILES_PER_TASK
+    step = visibility_pass.TILES_PER_TASK
     workers.run(count_some, [(tiles[n : n + step],) for n in range(0, len(tiles), step)])
     samples = np.zeros(len(faces.faces) + len(faces.pieces), np.int64)
     np.add.at(samples, binned, counts[0])
@@ -207,7 +210,7 @@ def _count_samples(
 
 
 def _ranges(
-    coverage: draw.Coverage, camera: Camera, depth_format: DepthFormat | None
+    coverage: visibility_pass.Coverage, camera: Camera, depth_format: DepthFormat | None
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
     """Return the range of the metric depth and that of the stored one, as outputs hold them."""
     seen = coverage.face_id >= 0

@@ -58,10 +58,10 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry.barycentric import seen_from_sample
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility import nearest
-from rasterjit.pipeline.visibility.nearest import Drawing
+from rasterjit.pipeline.visibility import tile_rasterizer
+from rasterjit.pipeline.visibility.tile_rasterizer import Drawing
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float64, int32, int64, stored, uint8
+from rasterjit.runtime.state_block import float64, int32, int64, stored, uint8
 
 DROPPED, DEGENERATE, OUTSIDE, CULLED, SUB_PIXEL, HIDDEN, VISIBLE = 0, 1, 2, 3, 4, 5, 6
 """Fates of a face. Of the pieces that a face was cut into, the greatest fate is the face's."""
@@ -94,13 +94,13 @@ def take_samples(face, box, origin, tile, empty, frame, ties):
     for y in range(box[1], box[3] + 1):
         for x in range(box[0], box[2] + 1):
             row, column = y - origin[1], x - origin[0]
-            if numbers[row, column] == nearest.NOTHING:
+            if numbers[row, column] == tile_rasterizer.NOTHING:
                 continue
             count += np.int32(1)
             if face_id[y, x] != face and frame_depth[y, x] == depths[row, column]:
                 ties[row, column] = 1
             depths[row, column] = empty
-            numbers[row, column] = nearest.NOTHING
+            numbers[row, column] = tile_rasterizer.NOTHING
     return count
 
 
@@ -118,7 +118,7 @@ def count_and_clear(ties):
 @kernel
 def count_samples(
     tiles: int32[::1], starts: int64[::1], viewport: Viewport,
-    frame: (stored[:, ::1], int32[:, ::1]), scratch: nearest.SCRATCH, drawing: Drawing,
+    frame: (stored[:, ::1], int32[:, ::1]), scratch: tile_rasterizer.SCRATCH, drawing: Drawing,
     ties: uint8[:, ::1], counts: (int32[::1], int64[::1]),
 ):  # fmt: skip
     """
@@ -128,12 +128,12 @@ def count_samples(
     ----------
     tiles : (N,) int32
     starts : (tiles + 1,) int64
-        As ``nearest.draw_tiles`` takes them.
+        As ``tile_rasterizer.draw_tiles`` takes them.
     viewport : Viewport
     frame : (depth (H, W), face_id (H, W) int32)
-        What ``nearest.draw_tiles`` wrote.
+        What ``tile_rasterizer.draw_tiles`` wrote.
     scratch, drawing
-        Those of this thread's ``nearest.tile_drawer``, of the same type of depths.
+        Those of this thread's ``tile_rasterizer.tile_drawer``, of the same type of depths.
     ties : (64, 64) uint8
         Scratch memory, zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
@@ -141,18 +141,18 @@ def count_samples(
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
-    depths, numbers, empty = scratch[0], scratch[1], scratch[nearest.EMPTY][0]
+    depths, numbers, empty = scratch[0], scratch[1], scratch[tile_rasterizer.EMPTY][0]
     columns = (np.int64(viewport.width) + setup.TILE_SIZE - 1) >> setup.TILE_BITS
     whole = scratch[2]
-    nearest.clear_tile(depths, numbers, empty)
+    tile_rasterizer.clear_tile(depths, numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
-        window = nearest.tile_window(tile, columns, viewport)
+        window = tile_rasterizer.tile_window(tile, columns, viewport)
         origin = window[0], window[1]
-        nearest.begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
+        tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
         for k in range(starts[tile], starts[tile + 1]):
-            nearest.plan_listed(drawing, k, 1)
-            nearest.draw_some(drawing, drawing.tile, 0, 1)
+            tile_rasterizer.plan_listed(drawing, k, 1)
+            tile_rasterizer.draw_some(drawing, drawing.tile, 0, 1)
             # The box of a wide triangle may begin left of the tile.
             left, top = max(np.int64(whole[LEFT, 0]), origin[0]), np.int64(whole[TOP, 0])
             box = left, top, np.int64(whole[RIGHT, 0]), np.int64(whole[BOTTOM, 0])

@@ -17,8 +17,8 @@ from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
-from rasterjit.scene import preview
+from rasterjit.outputs.output_table import OUTPUTS, IdOutput, Outputs, is_attribute
+from rasterjit.scene import notebook_preview
 from rasterjit.scene import validation as check
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.mesh import ATTRIBUTE
@@ -98,7 +98,7 @@ class FrameStats:
 
 
 @dataclass(frozen=True, repr=False)
-class QualityChoice(preview.Printed):
+class QualityChoice(notebook_preview.Printed):
     """
     Which quality was chosen for a frame, and what was expected of it.
 
@@ -685,9 +685,13 @@ class Frame(RenderedOutputs):
         iio.imwrite(data, self.color, extension=".png")
         return data.getvalue()
 
-    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> preview.Bundle:
+    def _repr_mimebundle_(
+        self, include: Any = None, exclude: Any = None
+    ) -> notebook_preview.Bundle:
         """Show the colour in a notebook, its size and time under it, and an alternative text."""
-        return preview.bundle(self._repr_png_(), f"Picture of {self!r}", caption=self.caption)
+        return notebook_preview.bundle(
+            self._repr_png_(), f"Picture of {self!r}", caption=self.caption
+        )
 
 
 def output_named(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> NDArray[Any]:

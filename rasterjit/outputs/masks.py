@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.io.atomic_write import replacing
 from rasterjit.io.images import checked_path
-from rasterjit.io.whole import replacing
 from rasterjit.scene.validation import (
     in_short,
     items,

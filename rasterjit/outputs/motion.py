@@ -15,7 +15,7 @@ from rasterjit.scene.arrays import Bool, Float32, Float64, Int32, Int64
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.node import Node
 from rasterjit.survey.cache import Shapes
-from rasterjit.survey.placement import Views
+from rasterjit.survey.object_transforms import Views
 
 
 class Moment(NamedTuple):

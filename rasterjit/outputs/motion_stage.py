@@ -22,7 +22,7 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
+from rasterjit.runtime.state_block import float32, float64, int8, int32, int64, uint8
 
 ACROSS, DOWN, DEPTH, DEEP, NEARNESS = 0, 1, 2, 3, 4
 """

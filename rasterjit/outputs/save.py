@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io import images
-from rasterjit.io.whole import replacing
-from rasterjit.outputs.table import is_attribute, row_of
+from rasterjit.io.atomic_write import replacing
+from rasterjit.outputs.output_table import is_attribute, row_of
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Bool, Float64
 

@@ -9,21 +9,21 @@ file                                   stage
                                        guard band
 ``geometry.setup``                     faces -> survivors and the tiles they reach
 ``geometry.binning``                   surviving triangles -> one list for each tile
-``visibility.tile_depths``             large triangles -> the depth below which a tile hides all
-``visibility.nearest``                 per tile: coverage and depth test -> depth, face number
+``visibility.hierarchical_z``          large triangles -> the depth below which a tile hides all
+``visibility.tile_rasterizer``         per tile: coverage and depth test -> depth, face number
                                        (calls ``geometry.triangle_batches``)
 ``visibility.alpha_test``              samples of faces with holes -> those that pass the alpha
-                                       test (called by ``nearest`` and ``fragments``)
-``visibility.draw``                    calls the stages above: allocates, and shares the work
+                                       test (called by ``tile_rasterizer`` and ``fragments``)
+``visibility.visibility_pass``         calls the stages above: allocates, and shares the work
                                        among threads
-``visibility.depth``                   visible faces -> their reversed depth
+``visibility.reversed_depth``          visible faces -> their reversed depth
 ``geometry.barycentric``               visible pixels -> weights, positions, normals, uv
-``surface``                            visible pixels -> blocks of samples (``samples``): listed,
-                                       then weights, attributes, textures and maps, each a stage
+``surface``                            visible pixels -> blocks of samples (``sample_block``):
+                                       listed, then weights, attributes, textures, maps ...
 ``lighting``                           rows of samples -> their colours
 ``fragments``                          pixels that show several faces: find them, mix them
-``encode``                             linear colour -> sRGB ``uint8``
-``lines``                              Bresenham lines into a colour array
+``srgb_encoding``                      linear colour -> sRGB ``uint8``
+``bresenham``                          Bresenham lines into a colour array
 =====================================  =========================================================
 
 Kernels never validate and never raise; their callers cast dtype, contiguity and writability.

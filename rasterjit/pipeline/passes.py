@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline import records
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
-from rasterjit.runtime.driver import Step
 from rasterjit.runtime.jit import Stage
+from rasterjit.runtime.stage_runner import Step
 
 if TYPE_CHECKING:
     # A pass is listed only where what it reads is there: here no part is None.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
+from rasterjit.runtime.state_block import float32, float64, int8, int32, int64, uint8
 
 
 class Viewport(NamedTuple):
@@ -128,8 +128,8 @@ class Textures(NamedTuple):
     """
     The textures of all objects, each with its mip levels.
 
-    K kinds of texture: for the base colour, for normals ... ``textures.CORE_KINDS``, or all
-    ``textures.KINDS``.
+    K kinds of texture: for the base colour, for normals ... ``texture_filters.CORE_KINDS``, or all
+    ``texture_filters.KINDS``.
     """
 
     texels: float32[:, ::1]
@@ -140,7 +140,7 @@ class Textures(NamedTuple):
     """
     (O, K, 7) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy, alpha.
 
-    The last is what alpha does to texels: ``textures.PLAIN`` ...
+    The last is what alpha does to texels: ``texture_filters.PLAIN`` ...
     """
     uv: float32[:, ::1]
     """(V, 2) float32; v runs up. Those of base colours; ``Maps.coordinates`` has others."""
@@ -188,7 +188,7 @@ class Maps(NamedTuple):
     factors: Any
     """(O, 5) float32: normal scale, occlusion strength, emitted red, green, blue (linear)."""
     counts: Any
-    """(14,) int64, number of objects with a texture of each kind, as ``textures`` numbers them."""
+    """(14,) int64, objects with a texture of each kind, in the order of ``texture_filters``."""
     tangents: Any
     """(V, 2, 4) float32, model space: tangent and sign of the bitangent, for faces whose texture is
     not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
@@ -291,7 +291,7 @@ class Surface(NamedTuple):
     fields: Fields | None = None
     """Scalars of vertices | None -> none."""
     points: Any = None
-    """The points in view, and the camera's rays: ``points.PointsSeen.read`` | None -> none."""
+    """The points in view, and the camera's rays: ``point_pass.PointsSeen.read`` | None -> none."""
     in_float32: Any = None
     """(O,) uint8: 1 where vertex colours are interpolated in float32 | None -> nowhere."""
     through: Through | None = None

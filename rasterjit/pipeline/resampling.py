@@ -11,7 +11,7 @@ import numpy as np
 
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int64, uint8
+from rasterjit.runtime.state_block import float32, float64, int64, uint8
 
 MAX_TAPS = np.float64(16.0)
 """Most taps along each side of a pixel."""

@@ -23,10 +23,10 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.outputs import table
+from rasterjit.outputs import output_table
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.outputs.table import Outputs, is_attribute, shape_of
+from rasterjit.outputs.output_table import Outputs, is_attribute, shape_of
 from rasterjit.rendering import batch_scheduler, planning, view_warnings
 from rasterjit.rendering.batch_scheduler import (
     BATCH_CACHES,
@@ -38,7 +38,7 @@ from rasterjit.rendering.batch_scheduler import (
 from rasterjit.rendering.planning import Cull, FrameRequest, naming, plan_views, settle_cameras
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.view_warnings import WarningsOfViews
-from rasterjit.runtime.ahead import beside
+from rasterjit.runtime.background_compile import beside
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, check_camera
@@ -49,10 +49,10 @@ from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.scene.transforms import product_of_each
 from rasterjit.scene.validation import image_size, in_short, number_array, one_of, thread_count
 from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.object_counts import check_scene, find_attribute
-from rasterjit.survey.placement import projection_of
+from rasterjit.survey.object_transforms import projection_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 
 Arrays = dict[str, NDArray[Any]]
 Frames = Generator[Frame, None, None]
@@ -245,7 +245,7 @@ def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.fl
 
 
 def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.float64] | None:
-    """Return transforms of objects from where posed meshes are stored; see `survey.posing`."""
+    """Return transforms of objects from where posed meshes are stored; see `survey.deformation`."""
     if places is None:
         return None
     for number, node in enumerate(scene.nodes):
@@ -552,9 +552,9 @@ def check_arguments(
     if isinstance(background, BackgroundImage):
         background.check_size(size)
     one_of("cull", cull, planning.CULL_MODES)
-    names = table.check_outputs(outputs)
+    names = output_table.check_outputs(outputs)
     for name in names:
-        if name in table.MOTION_OUTPUTS:
+        if name in output_table.MOTION_OUTPUTS:
             raise ValueError(
                 f"outputs has {name!r}, which needs an earlier view: see rasterjit.render"
             )

@@ -5,7 +5,8 @@ A plan depends on the camera in three ways only: the kinds of objects in view (n
 lights that reach them, and effects that depend on the view, such as fog that begins at a distance.
 These are the kind of a view (`kinds_of`), and views of one kind share a plan. Each thread has
 recorded calls with their memory (``command_buffer.py``); matrices, lights and the like are computed
-with NumPy for the whole group (`Prepared`), and copied there view by view (``pipeline/views.py``).
+with NumPy for the whole group (`Prepared`), and copied there view by view
+(``pipeline/batch_driver.py``).
 
 Only plans whose stages read nothing else of a view are eligible: no shadows, no effects that
 analyse the picture; see `can_batch`. The caller draws other views one by one.
@@ -25,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import forks
-from rasterjit.outputs.table import is_attribute
-from rasterjit.pipeline import views as drawing_views
-from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
+from rasterjit.outputs.output_table import is_attribute
+from rasterjit.pipeline import batch_driver as drawing_views
+from rasterjit.pipeline.batch_driver import BETWEEN, RATIO, SCALED
 from rasterjit.rendering import view_warnings
 from rasterjit.rendering.command_buffer import CommandBuffer, memory_of, view_fields, words_of
 from rasterjit.rendering.effect_registry import EFFECTS
@@ -61,7 +62,7 @@ from rasterjit.survey.batched_views import (
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
 from rasterjit.survey.effect import BatchedEffect
-from rasterjit.survey.lights import (
+from rasterjit.survey.light_culling import (
     FARTHEST_LIGHT,
     HEADLIGHT_DIRECTION,
     headlight_row,
@@ -69,7 +70,7 @@ from rasterjit.survey.lights import (
     reach,
 )
 from rasterjit.survey.object_counts import ObjectCounts
-from rasterjit.survey.placement import (
+from rasterjit.survey.object_transforms import (
     Boxes,
     BoxMeasures,
     Extents,
@@ -377,7 +378,7 @@ def depth_conversion(camera: Any) -> tuple[int, float, float, float]:
 
 
 def light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArray[np.float32]:
-    """Return the lights of each view, (N, L, 13), relative to its eye: `lights.lighting_of`."""
+    """Return the lights of each view, (N, L, 13), relative to its eye; see `light_culling`."""
     rows = np.repeat(lighting_of(lights, camera, 0).lights[np.newaxis], len(eyes), axis=0)
     for n, light in enumerate(lights):
         if isinstance(light, PointLight | SpotLight):

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.outputs.table import shape_of
-from rasterjit.pipeline.views import COVERED, CUT, LIT, LIT_WHITE
+from rasterjit.outputs.output_table import shape_of
+from rasterjit.pipeline.batch_driver import COVERED, CUT, LIT, LIT_WHITE
 from rasterjit.rendering.batch_scheduler import (
     KNOWN_CAMERAS,
     can_batch,
@@ -53,7 +53,7 @@ class FrameDrawn(NamedTuple):
     arrays: dict[str, NDArray[Any]]
     """The outputs, (H, W, ...)."""
     totals: NDArray[np.int64]
-    """(9,): as ``pipeline/views.py`` counts."""
+    """(9,): as ``pipeline/batch_driver.py`` counts."""
 
 
 class _LastFrame(NamedTuple):

@@ -2,7 +2,7 @@
 Record all calls of a frame once (a command buffer), to replay them for views of the same kind.
 
 Each kernel and stage is bound to fixed memory. For each view its arrays are copied there
-(`CommandBuffer.draw`), then all are called by address (``pipeline/views.py``).
+(`CommandBuffer.draw`), then all are called by address (``pipeline/batch_driver.py``).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs import fill
-from rasterjit.pipeline import encode
-from rasterjit.pipeline import views as drawing_views
-from rasterjit.pipeline.fragments import bands, fragments
+from rasterjit.outputs import ground_truth
+from rasterjit.pipeline import batch_driver as drawing_views
+from rasterjit.pipeline import srgb_encoding
+from rasterjit.pipeline.fragments import a_buffer, fragment_bands
 from rasterjit.pipeline.geometry import binning, clipping, projection, setup
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
@@ -30,10 +30,11 @@ from rasterjit.pipeline.records import (
     Surface,
     Viewport,
 )
-from rasterjit.pipeline.visibility import draw, nearest
-from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import shade, view_warnings
-from rasterjit.rendering.layers import (
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
+from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
+from rasterjit.rendering import frame_shading, view_warnings
+from rasterjit.rendering.pass_runner import RecordedCalls, RecordingWorkers, no_color, vertex_steps
+from rasterjit.rendering.resolve_layers import (
     ROWS_AT_ONCE,
     ROWS_MIXED_AT_ONCE,
     ColorRows,
@@ -47,16 +48,15 @@ from rasterjit.rendering.layers import (
     parts_of,
     show_rows,
 )
-from rasterjit.rendering.shading import RecordedCalls, RecordingWorkers, no_color, vertex_steps
-from rasterjit.runtime.driver import StageList
 from rasterjit.runtime.jit import Bound
-from rasterjit.runtime.state import WORD
+from rasterjit.runtime.stage_runner import StageList
+from rasterjit.runtime.state_block import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
 from rasterjit.survey.batched_views import BatchedViews
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, acting
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.placement import Places, Views, culled_turns
+from rasterjit.survey.object_transforms import Places, Views, culled_turns
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
 
@@ -97,7 +97,7 @@ def clip_capacity(faces: int) -> tuple[int, int]:
     """Return the capacity for clipped faces and new vertices, given the number of faces."""
     cuts = min(faces, MAX_CUT + faces // 16)
     # Mostly one plane clips a face, and leaves three or four vertices.
-    return cuts, min(clipping.MAX_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
+    return cuts, min(clipping.MAX_VERTICES * cuts, 5 * cuts + visibility_pass.SPARE_VERTICES)
 
 
 def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
@@ -228,7 +228,7 @@ class CommandBuffer:
         Returns
         -------
         totals : (n, 9) int64
-            As ``pipeline/views.py`` counts.
+            As ``pipeline/batch_driver.py`` counts.
         is_drawn : (n,) bool
             False for those that must be drawn alone.
         """
@@ -284,9 +284,9 @@ class CommandBuffer:
         arrays = cache.shapes.arrays
         positions = cache.shapes.positions(plan.quality.precision)
         kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
-        viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+        viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
         _, room = clip_capacity(len(arrays.faces))
-        screen = draw.screen_arrays(count + room, Memory())
+        screen = visibility_pass.screen_arrays(count + room, Memory())
         clip_positions = np.empty((count, 4), np.float64)
         faces = Faces(arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32))
         # Vertices to the screen.
@@ -304,12 +304,15 @@ class CommandBuffer:
         self._load_at("coefficients", transformed.place_of(4), 3)
         # Faces: clip, bin, rasterize.
         clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
-        self._geometry = draw.geometry_of(
+        self._geometry = visibility_pass.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
         )
         self._alpha_tests, self._hit_tests = (
             None if tests is None else tests._replace(geometry=self._geometry)
-            for tests in (shade.find_alpha_tests(plan, cache), shade.find_hit_tests(plan, cache))
+            for tests in (
+                frame_shading.find_alpha_tests(plan, cache),
+                frame_shading.find_hit_tests(plan, cache),
+            )
         )
         listed = self._list_and_draw(faces, screen, viewport)
         finding = transformed, clipped, placed, *cut, *listed
@@ -398,18 +401,18 @@ class CommandBuffer:
         )  # fmt: skip
         self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
         self._face_id = np.empty((height, width), np.int32)
-        drawer = nearest.tile_drawer(lists.binned, faces, screen, np.float32, tests)
+        drawer = tile_rasterizer.tile_drawer(lists.binned, faces, screen, np.float32, tests)
         self._calls.kept.append(drawer)
         drawn = self._calls.bound(
-            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, lists.starts,
-            self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
+            tile_rasterizer.draw_tiles, np.arange(tiles, dtype=np.int32), tile_rasterizer.ALL,
+            lists.starts, self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
         )  # fmt: skip
         listed, self._listing = self._list(lists, viewport, raised)
         found, self._listing_samples = (*listed, raised, drawn), self._listing
         layers = self._plan.layers
         if layers is not None and layers.samples != 1:
             # The first lists are not read again.
-            around = bands.sampled_viewport(viewport, layers.samples)
+            around = fragment_bands.sampled_viewport(viewport, layers.samples)
             listed, self._listing_samples = self._list(lists, around)
             found = *found, *listed
         self._lists = lists
@@ -457,7 +460,7 @@ class CommandBuffer:
             for one in plan.planned
             if one.effect.places and isinstance(one.effect, BatchedEffect)
         )
-        placement = shade.placement_to_light(plan, self._placement)
+        placement = frame_shading.placement_to_light(plan, self._placement)
 
         def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
             count = len(placement.positions)
@@ -468,7 +471,9 @@ class CommandBuffer:
             self._calls.run_stages(StageList(steps))
             return lit
 
-        surface = shade.light_surface(plan, shade.find_surface(plan, cache.tables), lighting, light)
+        surface = frame_shading.light_surface(
+            plan, frame_shading.find_surface(plan, cache.tables), lighting, light
+        )
         shader = Shader(
             plan.shading, self._geometry, placement, surface, lighting, plan.background, effects,
             self._alpha_tests, encoding=plan.facts.encoding,
@@ -518,20 +523,22 @@ class CommandBuffer:
             parted = np.empty_like(lists.binned)
             middles = np.empty(len(lists.starts) - 1, np.int64)
             calls.call(
-                fragments.split_lists, lists.starts, lists.binned, lists.faces,
+                a_buffer.split_lists, lists.starts, lists.binned, lists.faces,
                 lists.objects.face_starts, layers.is_blended, parted, middles,
             )  # fmt: skip
-        drawer, alone = fragments.layer_drawer(
-            nearest.tile_drawer(parted, lists.faces, lists.screen, np.float32, shader.alpha_tests)
+        drawer, alone = a_buffer.layer_drawer(
+            tile_rasterizer.tile_drawer(
+                parted, lists.faces, lists.screen, np.float32, shader.alpha_tests
+            )
         )
         points, shifts = (
-            bands.no_points(np.float32),
-            bands.sample_shifts(samples, viewport.grid_bits),
+            fragment_bands.no_points(np.float32),
+            fragment_bands.sample_shifts(samples, viewport.grid_bits),
         )
         calls.kept += [drawer, alone, points, shader]
         at_once, table = (
             is_direct(layers, tones is not None),
-            encode.encoding_table(shader.encoding),
+            srgb_encoding.encoding_table(shader.encoding),
         )
         found, own = ReusedMemory(), ReusedMemory()
         # Find the faces of a row of tiles, then shade some rows at once.
@@ -543,7 +550,7 @@ class CommandBuffer:
             opaque = found.empty((samples, *shape[2:]), np.int32)
             used, deepest = np.empty((samples, lists.columns), np.int64), np.zeros(3, np.int64)
             calls.call(
-                fragments.find_layers, rows, lists.starts, middles, points, viewport, shifts,
+                a_buffer.find_layers, rows, lists.starts, middles, points, viewport, shifts,
                 opaque, points[0], stack, used, deepest, *drawer[:3], alone,
             )  # fmt: skip
             if room:
@@ -589,14 +596,14 @@ class CommandBuffer:
             )  # fmt: skip
         for name in ("object_id", "instance_id", "material_id"):
             if name in plan.outputs:
-                numbers = fill.object_table(name, cache.shapes)[cache.shapes.object_numbers]
+                numbers = ground_truth.object_table(name, cache.shapes)[cache.shapes.object_numbers]
                 self._write(
                     name, drawing_views.keep_numbers, self._face_id, 1, numbers,
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
         if "position" in plan.outputs:
             world = self._field("world_rows", (len(cache.shapes.meshes), 3, 4), np.float64)
-        for name, one in fill.list_fills(plan, cache, placement, world).items():
+        for name, one in ground_truth.list_fills(plan, cache, placement, world).items():
             picture = np.empty((height, width, *one.channels), np.float32)
             own = self._face_id, (0, height), self._geometry, *one.arguments, picture
             self._calls.call(one.kernel, *own)

@@ -17,25 +17,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs import fill, table
+from rasterjit.outputs import ground_truth, output_table
 from rasterjit.outputs.frame import LayeredFrame
-from rasterjit.outputs.table import Outputs
-from rasterjit.pipeline.fragments import bands
-from rasterjit.pipeline.fragments.fragments import without_holes
+from rasterjit.outputs.output_table import Outputs
+from rasterjit.pipeline.fragments import fragment_bands
+from rasterjit.pipeline.fragments.a_buffer import without_holes
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.nearest import empty_depth
-from rasterjit.rendering import planning, shade, view_warnings
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.tile_rasterizer import empty_depth
+from rasterjit.rendering import frame_shading, planning, view_warnings
 from rasterjit.rendering.planning import Cull, FrameRequest, PlannedFrame, plan_views
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
-from rasterjit.runtime.ahead import beside
+from rasterjit.runtime.background_compile import beside
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, thread_count
-from rasterjit.scene.view import PreviousView
-from rasterjit.survey.posing import scene_to_draw
+from rasterjit.survey.deformation import scene_to_draw
 
 
 def render_layers(
@@ -88,13 +88,15 @@ def render_layers(
     """
     if isinstance(k, bool) or not isinstance(k, (int, np.integer)):
         raise ValueError(f"k must be a whole number of layers, got {k!r}")
-    if not 1 <= k <= bands.MAX_LAYERS:
-        raise ValueError(f"k must be in 1..{bands.MAX_LAYERS}, got {k!r}")
-    refused = [name for name in table.check_outputs(outputs) if table.row_of(name).is_mixed]
+    if not 1 <= k <= fragment_bands.MAX_LAYERS:
+        raise ValueError(f"k must be in 1..{fragment_bands.MAX_LAYERS}, got {k!r}")
+    refused = [
+        name for name in output_table.check_outputs(outputs) if output_table.row_of(name).is_mixed
+    ]
     if refused:
         raise ValueError(
             f"outputs has {refused[0]!r}, which a layer does not have; possible are "
-            f"{', '.join(table.LAYER_OUTPUTS)}"
+            f"{', '.join(output_table.LAYER_OUTPUTS)}"
         )
     quality, size = check_quality(quality), image_size("size", size)
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
@@ -121,7 +123,7 @@ def _draw_layers(
     """Run the stages of a frame, and those from face numbers on for each layer."""
     plan, cache, views = planned[:3]
     seen = find_visible(plan, cache, workers, clock, views)
-    finder = bands.Finder(seen.geometry, shade.find_hit_tests(plan, cache))
+    finder = fragment_bands.Finder(seen.geometry, frame_shading.find_hit_tests(plan, cache))
     depths, faces = peel(count, seen, finder, workers)
     clock("layers")
     compared = compare(planned, workers, clock)
@@ -129,7 +131,7 @@ def _draw_layers(
     for n in range(count):
         layer = seen.coverage._replace(depth=depths[n], face_id=faces[n])
         filled: dict[str, NDArray[Any]] = {}
-        fill.fill_buffers(
+        ground_truth.fill_buffers(
             plan, cache, seen.geometry, seen.placement, layer, compared, filled, workers
         )
         is_empty = not (faces[n] >= 0).any()
@@ -147,7 +149,7 @@ def _draw_layers(
 
 
 def peel(
-    count: int, seen: draw.Seen, finder: bands.Finder, workers: Workers
+    count: int, seen: visibility_pass.Seen, finder: fragment_bands.Finder, workers: Workers
 ) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """
     Return the nearest surfaces of each pixel, nearest first.
@@ -168,10 +170,10 @@ def peel(
     faces : (K, H, W) int32
         -1 where a pixel has fewer surfaces.
     """
-    finder = bands.at_samples(finder, 1)
+    finder = fragment_bands.at_samples(finder, 1)
     viewport = finder.geometry.viewport
     everything = np.ones(len(seen.objects.face_starts) - 1, np.uint8)
-    lists = bands.part_lists(seen.coverage, viewport, everything, workers)
+    lists = fragment_bands.part_lists(seen.coverage, viewport, everything, workers)
     shape = count, viewport.height, viewport.width
     depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
     faces = np.full(shape, -1, np.int32)
@@ -180,7 +182,7 @@ def peel(
 
     def peel_tiles(first: int) -> None:
         rows = first, min(first + TILE_SIZE, viewport.height)
-        for band in bands.find_layers(rows, lists, 1, finder, workers.memory, kept):
+        for band in fragment_bands.find_layers(rows, lists, 1, finder, workers.memory, kept):
             assert band.depths is not None
             found = band.transparent[0], band.depths[0]
             if finder.alpha_tests is not None:

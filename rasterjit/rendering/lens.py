@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs import motion, table
+from rasterjit.outputs import motion, output_table
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.motion import Moment
-from rasterjit.outputs.table import MIXED_OUTPUTS
-from rasterjit.pipeline import encode, resampling
-from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.outputs.output_table import MIXED_OUTPUTS
+from rasterjit.pipeline import resampling, srgb_encoding
+from rasterjit.pipeline.visibility.visibility_pass import Seen
 from rasterjit.rendering import view_warnings
 from rasterjit.rendering.lens_views import (
     NOWHERE,
@@ -51,15 +51,15 @@ from rasterjit.scene.background import Backdrop, BackgroundImage, read_backgroun
 from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, true_or_false
-from rasterjit.survey import placement as placing
+from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import join
 from rasterjit.survey.effect import Bends, FrameContext, Planned, look_around
+from rasterjit.survey.object_transforms import Views
 from rasterjit.survey.packed_scene import placement_of
-from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import ThroughLens
 
@@ -115,7 +115,7 @@ def plan_lensed(
     _, quality, outputs, background, _, diagnose, previous = request
     lens, size = check_lens("lens", lens), image_size("size", request.size)
     camera = choose_camera(scene, camera, size)
-    outputs = table.check_outputs(outputs)
+    outputs = output_table.check_outputs(outputs)
     _refuse(outputs, diagnose)
     sight = see(lens, camera, size)
     if last is not None and (last.lens, last.size) == (lens, size) and last.sight.same(sight):
@@ -367,7 +367,7 @@ def _take(
 
 def _empty(name: str) -> float:
     """Return what an output that is not mixed holds where nothing is."""
-    return math.nan if name in POINTS else table.row_of(name).empty
+    return math.nan if name in POINTS else output_table.row_of(name).empty
 
 
 def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:
@@ -413,10 +413,12 @@ def _finished(
     if name != "color":
         return target
     color = np.empty(target.shape, np.uint8)
-    packed, encoding = color.view(np.uint32)[:, :, 0], encode.encoding_table()
+    packed, encoding = color.view(np.uint32)[:, :, 0], srgb_encoding.encoding_table()
     per_task = rows_per_task(packed.shape, workers)
     bands = [slice(first, first + per_task) for first in range(0, len(packed), per_task)]
-    workers.run(encode.encode_rows, [(target[band], encoding, packed[band]) for band in bands])
+    workers.run(
+        srgb_encoding.encode_rows, [(target[band], encoding, packed[band]) for band in bands]
+    )
     return color
 
 

@@ -19,7 +19,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Equirectangular, Lens
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import MAX_SIZE
 from rasterjit.scene.vectors import dot, length

@@ -14,23 +14,24 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs import diagnostics, fill, motion, table
-from rasterjit.outputs.table import MIXED_OUTPUTS, Outputs, check_outputs, row_of
-from rasterjit.pipeline import encode
-from rasterjit.pipeline.fragments.bands import peeling_kernels
+from rasterjit.outputs import diagnostics, ground_truth, motion, output_table
+from rasterjit.outputs.output_table import MIXED_OUTPUTS, Outputs, check_outputs, row_of
+from rasterjit.pipeline import srgb_encoding
+from rasterjit.pipeline.fragments.fragment_bands import peeling_kernels
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows
 from rasterjit.pipeline.records import Lighting
-from rasterjit.pipeline.visibility import draw
-from rasterjit.rendering import shade, shading_passes, supersample
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.rendering import frame_shading, shading_passes, supersample
 from rasterjit.rendering.effect_registry import decide_effects
-from rasterjit.runtime import ahead
-from rasterjit.runtime.ahead import Task
+from rasterjit.runtime import background_compile
+from rasterjit.runtime.background_compile import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
-from rasterjit.scene.framing import fit_upright
-from rasterjit.scene.imitation import Imitation
+from rasterjit.scene.camera_fitting import fit_upright
 from rasterjit.scene.node import Node
+from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality
+from rasterjit.scene.reference_shader import Imitation
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import (
     in_short,
@@ -38,9 +39,8 @@ from rasterjit.scene.validation import (
     true_or_false,
     whole_size,
 )
-from rasterjit.scene.view import PreviousView
-from rasterjit.survey import clip_planes, posing
-from rasterjit.survey import placement as placing
+from rasterjit.survey import clip_planes, deformation
+from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import (
     BesidePlanes,
@@ -49,10 +49,11 @@ from rasterjit.survey.clip_planes import (
     look_at_planes,
     spheres_beyond,
 )
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
 from rasterjit.survey.effect import Absent, Active, Planned, Planning
 from rasterjit.survey.facts import Facts, look
-from rasterjit.survey.lights import headlight_row, imitated_lighting, lighting_of
+from rasterjit.survey.light_culling import headlight_row, imitated_lighting, lighting_of
 from rasterjit.survey.object_counts import (
     Inventory,
     check_scene,
@@ -61,9 +62,8 @@ from rasterjit.survey.object_counts import (
     refuse_masked_field,
     refuse_texture,
 )
-from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
+from rasterjit.survey.object_transforms import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import Cull, RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 from rasterjit.survey.transparency import layers_of
 
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
@@ -278,16 +278,16 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
     rows = [
-        *(posing.kernel_rows() if plan.facts.contents.skinned else []),
+        *(deformation.kernel_rows() if plan.facts.contents.skinned else []),
         *clip_planes.kernels_of(plan.camera),
         *geometry,
-        *fill.depth_kernels(plan),
+        *ground_truth.depth_kernels(plan),
         *(row for row in plan.kernels_at("prepare") if row[:2] not in known),
-        *shade.kernels_of(plan),
+        *frame_shading.kernels_of(plan),
         *plan.kernels_at("background"),
         *supersample.kernels_of(plan),
         *plan.kernels_at("overlay"),
-        *fill.kernels_of(plan),
+        *ground_truth.kernels_of(plan),
     ]
     rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
     if plan.facts.diagnose:
@@ -309,7 +309,7 @@ def lens_kernels(outputs: Sequence[str]) -> Rows:
     if not set(MIXED_OUTPUTS).isdisjoint(outputs):
         rows.append(KernelRow(filter_rows))
     if "color" in outputs:
-        rows.append(KernelRow(encode.encode_rows))
+        rows.append(KernelRow(srgb_encoding.encode_rows))
     return rows
 
 
@@ -334,13 +334,13 @@ def list_tasks(plan: RenderPlan) -> list[Task]:
     """Return tasks that compile what a frame surely calls, the last first."""
     always = [row.kernel for row in list_kernels(plan) if not (row.variant or row.condition)]
     always += [one.stage for one in list_passes(plan)]
-    return ahead.compiling([*dict.fromkeys(always)][::-1], usual=True)
+    return background_compile.compiling([*dict.fromkeys(always)][::-1], usual=True)
 
 
 def _finding_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the face at every pixel."""
     wanted = plan.visibility._replace(draws=plan.needs_centers)
-    return draw.kernels_of(wanted, plan.facts.tests_hits, plan.facts.contents.primitives)
+    return visibility_pass.kernels_of(wanted, plan.facts.tests_hits, plan.facts.contents.primitives)
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
@@ -574,10 +574,10 @@ def find_earlier(
     """
     if previous is not None and not isinstance(previous, PreviousView):
         raise ValueError(f"previous must be a PreviousView or None, got {in_short(previous)}")
-    if set(table.MOTION_OUTPUTS).isdisjoint(plan.outputs):
+    if set(output_table.MOTION_OUTPUTS).isdisjoint(plan.outputs):
         return None
     if previous is None:
-        wanted = next(name for name in plan.outputs if name in table.MOTION_OUTPUTS)
+        wanted = next(name for name in plan.outputs if name in output_table.MOTION_OUTPUTS)
         raise ValueError(
             f"previous must be a PreviousView where outputs has {wanted!r}, which tells what has "
             "changed since; got None"

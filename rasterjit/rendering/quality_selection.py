@@ -35,9 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import forks
-from rasterjit.io.whole import replacing
+from rasterjit.io.atomic_write import replacing
 from rasterjit.outputs.frame import Frame, QualityChoice
-from rasterjit.outputs.table import OutputName
+from rasterjit.outputs.output_table import OutputName
 from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.outputs import fill
+from rasterjit.outputs import ground_truth
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Objects
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.rendering.planning import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.first_corners import least_first, listed_places
@@ -41,7 +41,7 @@ class RasterizedFaces:
 
     def __init__(
         self,
-        coverage: draw.Coverage,
+        coverage: visibility_pass.Coverage,
         geometry: Geometry,
         vertex_count: int,
         listed: NDArray[np.int32],
@@ -70,7 +70,7 @@ class RasterizedFaces:
         is. Computed when first read.
         """
         places = listed_places(self._listed, self._geometry.faces)
-        return self._filled(fill.Fill(interpolation.fill_barycentric, (3,), (places,)))
+        return self._filled(ground_truth.Fill(interpolation.fill_barycentric, (3,), (places,)))
 
     def interpolate(self, values: ArrayLike) -> NDArray[np.float32]:
         """
@@ -97,9 +97,11 @@ class RasterizedFaces:
             raise ValueError(
                 f"values must have one row per vertex ({self._vertex_count}), got {len(rows)}"
             )
-        return self._filled(fill.Fill(interpolation.fill_attribute, rows.shape[1:], (rows,)))
+        return self._filled(
+            ground_truth.Fill(interpolation.fill_attribute, rows.shape[1:], (rows,))
+        )
 
-    def _filled(self, one: fill.Fill) -> NDArray[np.float32]:
+    def _filled(self, one: ground_truth.Fill) -> NDArray[np.float32]:
         return one.run(self.face_id, self._geometry, Workers(1))
 
 
@@ -156,15 +158,20 @@ def rasterize(
     sign = -1.0 if depth == "standard" else 1.0
     depth_format = ndc_format(quality.depth_format, sign)
     try:
-        coverage = draw.find_visible(
-            draw.Drawable(positions, face_numbers, objects, depth_format.coefficients, viewport),
-            draw.Wanted(depth_type=depth_format.kind, precision=quality.precision),
-            workers, lambda _: None,
-        )  # fmt: skip
+        coverage = visibility_pass.find_visible(
+            visibility_pass.Drawable(
+                positions, face_numbers, objects, depth_format.coefficients, viewport
+            ),
+            visibility_pass.Wanted(depth_type=depth_format.kind, precision=quality.precision),
+            workers,
+            lambda _: None,
+        )
     finally:
         workers.close()
     is_affine = quality.interpolation == "affine"
-    geometry = draw.geometry_of(face_numbers, coverage.screen, positions, viewport, is_affine)
+    geometry = visibility_pass.geometry_of(
+        face_numbers, coverage.screen, positions, viewport, is_affine
+    )
     return RasterizedFaces(coverage, geometry, len(positions), listed, sign, depth_format)
 
 

@@ -16,20 +16,20 @@ from typing import Any
 import numpy as np
 
 from rasterjit.outputs.frame import Frame, cut_out
-from rasterjit.outputs.table import Outputs
+from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering import shade, supersample
+from rasterjit.pipeline.visibility.visibility_pass import Region
+from rasterjit.rendering import frame_shading, supersample
 from rasterjit.rendering.planning import Cull, FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, look_around
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 
 BEHIND_TILE = 1024
 """Side of the regions in which the picture behind glass is drawn, pixels."""
@@ -151,7 +151,7 @@ class RegionRenderer:
             }
             for sights in zip(*surveys.values(), strict=True)
         ]
-        placement = shade.placement_to_light(plan, placement_of(cache.shapes.arrays, views))
+        placement = frame_shading.placement_to_light(plan, placement_of(cache.shapes.arrays, views))
         context = FrameContext(plan, cache, placement, self._workers)
         rest, drawn = iter(beside), []
         for step in self._surveyed_steps() or [[]]:
@@ -201,14 +201,14 @@ class RegionRenderer:
     def _look_behind(self) -> None:
         """Draw the whole picture behind glass, if there is any and it is not drawn yet."""
         plan, cache, views = self._planned[:3]
-        own = shade.glass_of(plan)
+        own = frame_shading.glass_of(plan)
         if own is None:
             return
         glass, data = own
         (done,) = plan.drawn or ({},)
         if glass.name in done:
             return
-        other = shade.plan_behind(plan, glass)
+        other = frame_shading.plan_behind(plan, glass)
         linear = np.empty((plan.size[1], plan.size[0], 4), np.float32)
         for region in regions_of(plan.size, BEHIND_TILE):
             left, top, width, height = region

@@ -17,17 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics as diagnosing
-from rasterjit.outputs import fill, motion, table
-from rasterjit.outputs.fill import add_reversed_depth
+from rasterjit.outputs import ground_truth, motion, output_table
 from rasterjit.outputs.frame import Frame, FrameStats, keep_outputs
-from rasterjit.outputs.table import Outputs
-from rasterjit.pipeline.fragments.bands import sampled_viewport
+from rasterjit.outputs.ground_truth import add_reversed_depth
+from rasterjit.outputs.output_table import Outputs
+from rasterjit.pipeline.fragments.fragment_bands import sampled_viewport
 from rasterjit.pipeline.records import Placement
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.pipeline.visibility.draw import Seen
-from rasterjit.pipeline.visibility.primitives import primitives_of
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility.primitive_expansion import primitives_of
+from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.rendering import frame_shading, planning, supersample, view_warnings
 from rasterjit.rendering import lens as lenses
-from rasterjit.rendering import planning, shade, supersample, view_warnings
 from rasterjit.rendering import quality_selection as budgets
 from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
 from rasterjit.rendering.planning import (
@@ -38,13 +38,14 @@ from rasterjit.rendering.planning import (
     plan_views,
 )
 from rasterjit.rendering.supersample import Accumulation
-from rasterjit.runtime.ahead import beside
+from rasterjit.runtime.background_compile import beside
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Kept, Workers
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Lens
+from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import (
     image_size,
@@ -53,14 +54,13 @@ from rasterjit.scene.validation import (
     positive_number,
     thread_count,
 )
-from rasterjit.scene.view import PreviousView
-from rasterjit.survey import placement as placing
+from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.deformation import scene_to_draw
 from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.object_transforms import Views
 from rasterjit.survey.packed_scene import SceneArrays, front_turns_of, placement_of
-from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import scene_to_draw
 from rasterjit.survey.view_summary import CameraView
 
 MAX_KEPT = drawing.VERTICES_PER_TASK
@@ -254,7 +254,7 @@ def draw_frame(
 
     with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
         # Project, clip, bin, draw.
-        shared = None if needs_seen else shade.shared_memory(plan, workers)
+        shared = None if needs_seen else frame_shading.shared_memory(plan, workers)
         if plan.facts.finds_faces and not (needs_seen or plan.needs_centers):
             options |= {"draws": False, "depth": False}
         seen = find(plan, views, kept=kept, face_id=shared, **options)
@@ -268,7 +268,9 @@ def draw_frame(
         lit = view_warnings.lit_pixels(plan.facts, cache, seen.coverage.face_id)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
-            result = shade.shade_faces(shade.look_behind(context, find), kept, shared)
+            result = frame_shading.shade_faces(
+                frame_shading.look_behind(context, find), kept, shared
+            )
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
         share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
@@ -281,7 +283,7 @@ def draw_frame(
         if "coverage" in plan.outputs:
             result["coverage"] = supersample.cover_pixels(context, accumulation, find)
             clock("coverage")
-        fill.fill_buffers(
+        ground_truth.fill_buffers(
             plan, cache, seen.geometry, seen.placement, seen.coverage,
             compare(planned, workers, clock), result, workers,
         )  # fmt: skip
@@ -358,7 +360,7 @@ def find_visible(
         wanted = wanted._replace(reach=sampled_viewport(viewport, plan.layers.samples).reach)
     drawable = drawing.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
-        alpha_tests=shade.find_hit_tests(plan, cache),
+        alpha_tests=frame_shading.find_hit_tests(plan, cache),
         primitives=primitives_of(
             arrays.primitives, views.relative_from_model, vertices.positions,
             views.clip_from_relative, plan.size,
@@ -666,8 +668,8 @@ class Renderer(Guarded):
         budget = positive_number("time_budget", time_budget)
         scene = scene_to_draw(what)
         circumstances = (
-            self.size, self._workers.threads, table.check_outputs(request.outputs), request.cull,
-            bool(request.diagnose), is_lone,
+            self.size, self._workers.threads, output_table.check_outputs(request.outputs),
+            request.cull, bool(request.diagnose), is_lone,
         )  # fmt: skip
 
         def draw(quality: Quality) -> Frame:
@@ -694,7 +696,7 @@ class Renderer(Guarded):
             raise ValueError(
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
             )
-        wanted = table.check_outputs(request.outputs)
+        wanted = output_table.check_outputs(request.outputs)
         request = request._replace(outputs=tuple(dict.fromkeys((*wanted, *budgets.LIGHT))))
         refined = self._refine(request, what, camera, ())
         drawn: list[Frame] = []

@@ -37,7 +37,7 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
-from rasterjit.survey import placement as placing
+from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.plan import RenderPlan
 

@@ -2,7 +2,7 @@
 The passes that shade a picture, in order.
 
 A pass is listed only if `ShadingNeeds` or an effect need it; its arrays are bound later. See
-``pipeline/surface/samples.py`` for the block of samples that all work on.
+``pipeline/surface/sample_block.py`` for the block of samples that all work on.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.encode import encoding_table
-from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
+from rasterjit.pipeline.fragments.coverage_resolve import code_samples, mix_shares
 from rasterjit.pipeline.lighting import light_stages as lights
-from rasterjit.pipeline.lighting.vertices import list_vertices, write_vertices
+from rasterjit.pipeline.lighting.gouraud import list_vertices, write_vertices
 from rasterjit.pipeline.passes import ImitatedNeeds, Pass, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Placement
+from rasterjit.pipeline.srgb_encoding import encoding_table
 from rasterjit.pipeline.surface import (
     attributes,
-    contours,
-    fields,
+    barycentric_weights,
     float32_colors,
-    maps,
-    point_shapes,
-    texture_gradients,
+    isolines,
+    material_maps,
+    point_normals,
+    scalar_colors,
+    texture_filters,
     texture_lookup,
-    texture_places,
-    textures,
-    weights,
+    uv_derivatives,
+    uv_interpolation,
 )
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.gather_samples import list_samples
 from rasterjit.survey.effect import Active, SeesThrough, acting
 from rasterjit.survey.transparency import PixelLayers
 
@@ -106,15 +106,15 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]
         passes.append(face_color_pass(needs))
     if needs.fields:
         passes += [*field_passes(needs), multiply_pass(needs)]
-    has_base_texture = needs.textures and textures.BASE_COLOR in needs.kinds
+    has_base_texture = needs.textures and texture_filters.BASE_COLOR in needs.kinds
     if has_base_texture:
-        own = textures.BASE_COLOR
+        own = texture_filters.BASE_COLOR
         decoding = decoding_passes() if needs.imitated is not None else ()
         passes += [read_pass(own), *decoding, multiply_pass(needs)]
     if needs.alphas:
         passes.append(alpha_pass(has_base_texture))
         if needs.fields:
-            alphas = Pass(fields.multiply_alphas, lambda a: (a.surface.alphas.is_blended,))
+            alphas = Pass(scalar_colors.multiply_alphas, lambda a: (a.surface.alphas.is_blended,))
             passes += [*field_passes(needs), alphas]
     if not needs.is_lit:
         return passes + emission_passes(needs, rows.RED)
@@ -125,7 +125,7 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]
         )
     passes += place_passes(needs)
     if needs.points:
-        passes.append(Pass(point_shapes.find_point_shapes, lambda a: (*a.surface.points, a.seen)))
+        passes.append(Pass(point_normals.find_point_shapes, lambda a: (*a.surface.points, a.seen)))
     if needs.gouraud and not acting(effects, "sample"):
         passes.append(Pass(attributes.stand_in, lambda a: (_are_gouraud(a),)))
     if needs.coats:
@@ -144,7 +144,7 @@ def _are_gouraud(arrays: ShadingArrays) -> NDArray[np.uint8]:
 def weight_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find weights in float64, and texture coordinates."""
     if needs.reads_places_alone:
-        return [Pass(texture_places.find_places, lambda a: (a.surface.textures.uv, a.geometry))]
+        return [Pass(uv_interpolation.find_places, lambda a: (a.surface.textures.uv, a.geometry))]
     if not needs.is_lit:
         is_interpolated = needs.vertex_colors or needs.textures or needs.fields
         if not is_interpolated or (needs.vertex_colors and needs.all_in_float32):
@@ -154,7 +154,7 @@ def weight_passes(needs: ShadingNeeds) -> list[Pass]:
 
 def find_weights_pass() -> Pass:
     """Return the pass that finds weights in float64."""
-    return Pass(weights.find_weights, lambda a: (a.geometry, a.seen))
+    return Pass(barycentric_weights.find_weights, lambda a: (a.geometry, a.seen))
 
 
 def color_pass(needs: ShadingNeeds) -> Pass:
@@ -172,7 +172,7 @@ def color_pass(needs: ShadingNeeds) -> Pass:
 def set_colors_apart() -> list[Pass]:
     """Return the passes that put colours of vertices aside, and base colours in their place."""
     from rasterjit.pipeline.lighting import pyrender
-    from rasterjit.pipeline.surface import layers as moves
+    from rasterjit.pipeline.surface import layer_rows as moves
 
     aside = fixed(moves.copy_rows, rows.RED, pyrender.COLOR_RED, 3)
     return [aside, Pass(attributes.tint_samples, lambda a: (a.surface.materials,))]
@@ -190,13 +190,13 @@ def face_color_pass(needs: ShadingNeeds) -> Pass:
 
 def field_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that show the colours of scalars, and the lines between them."""
-    passes = [Pass(fields.show_scalars, lambda a: tuple(a.surface.fields[:-1]))]
+    passes = [Pass(scalar_colors.show_scalars, lambda a: tuple(a.surface.fields[:-1]))]
     if needs.contours:
 
         def lines(a: ShadingArrays) -> tuple[Any, ...]:
             return a.surface.fields.values, *a.surface.fields.contours, a.geometry
 
-        passes.append(Pass(contours.draw_contours, lines))
+        passes.append(Pass(isolines.draw_contours, lines))
     return passes
 
 
@@ -247,11 +247,11 @@ def coordinate_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass
     def uv(a: ShadingArrays) -> NDArray[np.float32]:
         return a.surface.textures.uv if kind is None else a.surface.maps.coordinates[kind]
 
-    passes = [Pass(texture_gradients.find_coordinates, lambda a: (uv(a),))]
+    passes = [Pass(uv_derivatives.find_coordinates, lambda a: (uv(a),))]
     if needs.mipped:
         passes.append(
             Pass(
-                texture_gradients.find_steps,
+                uv_derivatives.find_steps,
                 lambda a: (uv(a), a.surface.textures.table, a.geometry),
             )
         )
@@ -296,26 +296,28 @@ def bending_pass(kind: int) -> Pass:
     def bent(a: ShadingArrays) -> tuple[Any, ...]:
         own, maps = a.surface.textures, a.surface.maps
         uv = own.uv if maps.coordinates[kind] is None else maps.coordinates[kind]
-        if kind == textures.NORMAL:
+        if kind == texture_filters.NORMAL:
             return own.table, uv, maps.tangents, maps.factors, a.seen
         table, layers = own.table.copy(), a.surface.layers
-        table[:, textures.NORMAL] = table[:, kind]
+        table[:, texture_filters.NORMAL] = table[:, kind]
         return table, uv, layers.coat_tangents, layers.coat_scales, a.seen
 
-    return Pass(maps.bend_normals_by_maps, bent)
+    return Pass(material_maps.bend_normals_by_maps, bent)
 
 
 def map_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that apply normal, metallic-roughness and occlusion maps."""
     passes = []
-    if needs.has(textures.NORMAL):
-        passes += map_read_passes(needs, textures.NORMAL, bending_pass(textures.NORMAL))
-    if needs.has(textures.METALLIC_ROUGHNESS) and needs.microfacets:
-        scaled = fixed(maps.scale_facets_by_maps)
-        passes += map_read_passes(needs, textures.METALLIC_ROUGHNESS, scaled)
-    if needs.has(textures.OCCLUSION):
-        dimmed = Pass(maps.scale_occlusion_by_maps, lambda a: (a.surface.maps.factors,))
-        passes += map_read_passes(needs, textures.OCCLUSION, dimmed)
+    if needs.has(texture_filters.NORMAL):
+        passes += map_read_passes(
+            needs, texture_filters.NORMAL, bending_pass(texture_filters.NORMAL)
+        )
+    if needs.has(texture_filters.METALLIC_ROUGHNESS) and needs.microfacets:
+        scaled = fixed(material_maps.scale_facets_by_maps)
+        passes += map_read_passes(needs, texture_filters.METALLIC_ROUGHNESS, scaled)
+    if needs.has(texture_filters.OCCLUSION):
+        dimmed = Pass(material_maps.scale_occlusion_by_maps, lambda a: (a.surface.maps.factors,))
+        passes += map_read_passes(needs, texture_filters.OCCLUSION, dimmed)
     return passes
 
 
@@ -323,7 +325,7 @@ def scaled_passes(
     needs: ShadingNeeds, scales: Sequence[tuple[int, tuple[int, int, int]]]
 ) -> list[Pass]:
     """Return the passes that scale rows by textures: of each kind first row, channel, number."""
-    from rasterjit.pipeline.surface import layers as moves
+    from rasterjit.pipeline.surface import layer_rows as moves
 
     passes = []
     for kind, scaled in scales:
@@ -336,11 +338,11 @@ def through_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find transmission and thickness of samples."""
     if not needs.through:
         return []
-    from rasterjit.pipeline.surface import layers as moves
+    from rasterjit.pipeline.surface import layer_rows as moves
 
     scales = (
-        (textures.TRANSMISSION, (rows.TRANSMITTED, 0, 1)),
-        (textures.THICKNESS, (rows.THICKNESS, 1, 1)),
+        (texture_filters.TRANSMISSION, (rows.TRANSMITTED, 0, 1)),
+        (texture_filters.THICKNESS, (rows.THICKNESS, 1, 1)),
     )
     return [
         Pass(moves.fill_rows, lambda a: (a.surface.through.rows, rows.TRANSMITTED)),
@@ -350,11 +352,11 @@ def through_passes(needs: ShadingNeeds) -> list[Pass]:
 
 def coat_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find the clearcoat and its normals, before the base's normal map."""
-    from rasterjit.pipeline.surface import layers as moves
+    from rasterjit.pipeline.surface import layer_rows as moves
 
     kept = fixed(moves.copy_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
     filled = Pass(moves.fill_rows, lambda a: (a.surface.layers.coats, rows.COAT))
-    kind = textures.CLEARCOAT_NORMAL
+    kind = texture_filters.CLEARCOAT_NORMAL
     if not needs.has(kind):
         return [filled, kept]
     # The base normals are restored once the clearcoat's map is applied.
@@ -364,27 +366,27 @@ def coat_passes(needs: ShadingNeeds) -> list[Pass]:
 
 def layer_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find material layers, by factors and textures."""
-    from rasterjit.pipeline.surface import layers as moves
+    from rasterjit.pipeline.surface import layer_rows as moves
 
     passes, scales = [], []
     if needs.coats:
         scales += [
-            (textures.CLEARCOAT, (rows.COAT, 0, 1)),
-            (textures.CLEARCOAT_ROUGHNESS, (rows.COAT_ROUGHNESS, 1, 1)),
+            (texture_filters.CLEARCOAT, (rows.COAT, 0, 1)),
+            (texture_filters.CLEARCOAT_ROUGHNESS, (rows.COAT_ROUGHNESS, 1, 1)),
         ]
     if needs.sheens:
         passes.append(Pass(moves.fill_rows, lambda a: (a.surface.layers.sheens, rows.SHEEN_RED)))
         scales += [
-            (textures.SHEEN_COLOR, (rows.SHEEN_RED, 0, 3)),
-            (textures.SHEEN_ROUGHNESS, (rows.SHEEN_ROUGHNESS, 3, 1)),
+            (texture_filters.SHEEN_COLOR, (rows.SHEEN_RED, 0, 3)),
+            (texture_filters.SHEEN_ROUGHNESS, (rows.SHEEN_ROUGHNESS, 3, 1)),
         ]
     if needs.dielectrics:
         passes.append(
             Pass(moves.fill_rows, lambda a: (a.surface.layers.dielectrics, rows.HEAD_ON_RED))
         )
         scales += [
-            (textures.SPECULAR_FACTOR, (rows.EDGE, 3, 1)),
-            (textures.SPECULAR_COLOR, (rows.HEAD_ON_RED, 0, 3)),
+            (texture_filters.SPECULAR_FACTOR, (rows.EDGE, 3, 1)),
+            (texture_filters.SPECULAR_COLOR, (rows.HEAD_ON_RED, 0, 3)),
         ]
     return passes + scaled_passes(needs, scales)
 
@@ -394,13 +396,13 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
     if not needs.maps:
         return []
     passes, kind = (
-        [Pass(maps.find_emission, lambda a: (a.surface.maps.factors,))],
-        textures.EMISSIVE,
+        [Pass(material_maps.find_emission, lambda a: (a.surface.maps.factors,))],
+        texture_filters.EMISSIVE,
     )
     if needs.has(kind):
         passes += lay_passes(needs, kind) if kind in needs.apart else []
-        passes += [read_pass(kind), *decoding, fixed(maps.scale_emission_by_maps)]
-    return [*passes, fixed(maps.show_emission, shown)]
+        passes += [read_pass(kind), *decoding, fixed(material_maps.scale_emission_by_maps)]
+    return [*passes, fixed(material_maps.show_emission, shown)]
 
 
 # Light.
@@ -421,9 +423,9 @@ def light_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
     passes += passes_of_lights(needs, effects)
     passes += emission_passes(needs, rows.OUT_RED)
     if needs.layers:
-        from rasterjit.pipeline.lighting import layered
+        from rasterjit.pipeline.lighting import layered_materials
 
-        passes += layered.finishing_passes(needs)
+        passes += layered_materials.finishing_passes(needs)
     passes += seen_passes(effects, rows.OUT_RED)
     return passes + covering_passes(needs, effects)
 
@@ -435,10 +437,10 @@ def ambient_pass() -> Pass:
 
 def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
     """Return the passes that add ambient light to microfacet materials and their layers."""
-    from rasterjit.pipeline.lighting import layered
+    from rasterjit.pipeline.lighting import layered_materials
 
-    passes = layered.starting_passes(needs, fixed(lights.normalize_normals))
-    return passes + layered.around_passes(needs, shown, ambient_pass(), is_first=True)
+    passes = layered_materials.starting_passes(needs, fixed(lights.normalize_normals))
+    return passes + layered_materials.around_passes(needs, shown, ambient_pass(), is_first=True)
 
 
 def seen_passes(effects: Sequence[Active], shown: int) -> list[Pass]:
@@ -489,12 +491,12 @@ def add_passes(needs: ShadingNeeds, first: int, end: int) -> list[Pass]:
 
         return [Pass(pyrender.add_lights_as_pyrender, lit_by)]
     if needs.layers:
-        from rasterjit.pipeline.lighting import layered
+        from rasterjit.pipeline.lighting import layered_materials
 
         return [
             one
             for n in range(first, end)
-            for one in layered.light_passes(
+            for one in layered_materials.light_passes(
                 needs, n, shiny_pass(needs, n, n + 1), facet_pass(n, n + 1)
             )
         ]
@@ -522,7 +524,7 @@ def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass
     """Return the passes of effects over lit samples, and of transmission."""
     if not needs.through:
         return effect_passes(effects, "sample", needs)
-    from rasterjit.pipeline.surface import layers as moves
+    from rasterjit.pipeline.surface import layer_rows as moves
 
     acts = acting(effects, "sample")
     seen = [one for one in acts if isinstance(one.effect, SeesThrough)]
@@ -545,7 +547,7 @@ def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass
 def without_sides(placement: Placement, needs: ShadingNeeds) -> Placement:
     """Return a placement of which no face's back is seen: its normals are left as they are."""
     placement = placement._replace(front_turns=np.zeros_like(placement.front_turns))
-    if needs.maps and textures.NORMAL in needs.kinds:
+    if needs.maps and texture_filters.NORMAL in needs.kinds:
         # Which way round a normal map lies is read there.
         return placement
     return placement._replace(mirrored=np.zeros_like(placement.mirrored))
@@ -584,7 +586,7 @@ def imitating_passes(
         fixed(lights.normalize_normals),
         *passes_of_lights(needs, effects),
     ]
-    if needs.maps and textures.OCCLUSION in needs.kinds:
+    if needs.maps and texture_filters.OCCLUSION in needs.kinds:
         passes.append(fixed(pyrender.dim_by_occlusion))
     passes += emission_passes(needs, rows.OUT_RED, decoding_passes())
     if needs.vertex_colors:

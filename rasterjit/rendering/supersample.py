@@ -28,18 +28,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.pipeline import encode
-from rasterjit.pipeline.fragments import bands, encoded, weights
+from rasterjit.pipeline import srgb_encoding
+from rasterjit.pipeline.fragments import coverage_resolve, fragment_bands, srgb_compositing
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.pipeline.visibility.draw import Seen
-from rasterjit.rendering import layers, shade
+from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.rendering import frame_shading, resolve_layers
 from rasterjit.rendering.lens_views import PictureCamera
-from rasterjit.rendering.shading import IMMEDIATE
+from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.imitation import shown_by_codes
+from rasterjit.scene.reference_shader import shown_by_codes
 from rasterjit.scene.transforms import Matrix
 from rasterjit.survey.effect import Active, FrameContext, Planned, context_of, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -226,9 +226,9 @@ def shade_faces(
             drawn = _draw_whole(context, new, find)
             clock("shade, resolve")
         picture = plan_picture(plan, drawn)
-        own = shade.glass_of(plan)
+        own = frame_shading.glass_of(plan)
         if own is not None and new and surveys_pictures(plan):
-            other = shade.draw_behind(context, own[0], find)
+            other = frame_shading.draw_behind(context, own[0], find)
             picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
         for offset in new:
             shown = _draw_picture(moved(picture, offset), context, find)
@@ -252,15 +252,15 @@ def kernels_of(plan: RenderPlan) -> Rows:
     # Where pixels show several faces the last steps are told with theirs.
     is_new = plan.layers is None
     if plan.facts.mixes_codes:
-        rows = rows_where("", encoded.add_codes, encoded.write_mean_codes)
+        rows = rows_where("", srgb_compositing.add_codes, srgb_compositing.write_mean_codes)
         if is_new and "linear" in plan.outputs:
-            rows.append(KernelRow(encoded.decode_rows))
+            rows.append(KernelRow(srgb_compositing.decode_rows))
         return rows
-    rows = rows_where("", weights.add_picture, weights.write_mean)
+    rows = rows_where("", coverage_resolve.add_picture, coverage_resolve.write_mean)
     if is_new:
         rows += plan.kernels_at("mixed")
     if is_new and "color" in plan.outputs:
-        rows.append(KernelRow(encode.encode_rows))
+        rows.append(KernelRow(srgb_encoding.encode_rows))
     return rows
 
 
@@ -269,7 +269,7 @@ def covering_kernels(plan: RenderPlan) -> Rows:
     if "coverage" not in plan.outputs or plan.facts.picture_samples is not None:
         return []
     samples = plan.quality.samples
-    return [] if samples == 1 else bands.kernels_of(samples, plan.depth_format.kind)
+    return [] if samples == 1 else fragment_bands.kernels_of(samples, plan.depth_format.kind)
 
 
 def cover_pixels(
@@ -284,7 +284,9 @@ def cover_pixels(
     plan, seen = context.plan, context.seen
     samples = plan.facts.picture_samples
     if samples is None:
-        finder = bands.Finder(seen.geometry, shade.find_hit_tests(plan, context.cache))
+        finder = fragment_bands.Finder(
+            seen.geometry, frame_shading.find_hit_tests(plan, context.cache)
+        )
         return cover_samples(plan.quality.samples, seen, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(seen.coverage.face_id.shape, np.int32)
@@ -303,8 +305,8 @@ def _draw_picture(
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
     picture = context_of(plan, context.cache, find(plan), context.workers)
-    picture = shade.look_behind(picture, find)
-    return shade.shade_faces(picture)[plan.outputs[0]]
+    picture = frame_shading.look_behind(picture, find)
+    return frame_shading.shade_faces(picture)[plan.outputs[0]]
 
 
 def spacing_of(camera: Camera) -> float:
@@ -420,7 +422,7 @@ def _add_picture(linear: NDArray[np.float32], sums: NDArray[np.float64], workers
     """Add the linear colour of a picture to the sums, both (H, W, 4)."""
 
     def add_band(band: slice) -> None:
-        weights.add_picture(linear[band], sums[band])
+        coverage_resolve.add_picture(linear[band], sums[band])
 
     workers.run(add_band, _bands(linear.shape, workers))
 
@@ -430,7 +432,7 @@ def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Wor
     packed = color.view(np.uint32)[:, :, 0]
 
     def add_band(band: slice) -> None:
-        encoded.add_codes(packed[band], sums[band])
+        srgb_compositing.add_codes(packed[band], sums[band])
 
     workers.run(add_band, _bands(color.shape, workers))
 
@@ -446,12 +448,12 @@ def _average_codes(
     has_linear = "linear" in plan.outputs
     linear = workers.memory.empty((*shape, 4), np.float32) if has_linear else None
     packed = color.view(np.uint32)[:, :, 0]
-    behind = np.array([[encode.code_of(plan.background, plan.facts.encoding)]], np.uint32)
+    behind = np.array([[srgb_encoding.code_of(plan.background, plan.facts.encoding)]], np.uint32)
 
     def write_band(band: slice) -> None:
-        encoded.write_mean_codes(sums[band], count, behind, packed[band])
+        srgb_compositing.write_mean_codes(sums[band], count, behind, packed[band])
         if linear is not None:
-            encoded.decode_rows(packed[band], light, linear[band])
+            srgb_compositing.decode_rows(packed[band], light, linear[band])
 
     workers.run(write_band, _bands(sums.shape, workers))
     return _wanted(plan, linear, color)
@@ -470,17 +472,17 @@ def _average(
     ]
     tones = None
     for one in plan.at("mixed"):
-        tones = layers.Tones(Active(one.effect, one.data), plan.background, given)
+        tones = resolve_layers.Tones(Active(one.effect, one.data), plan.background, given)
     height, width, _ = sums.shape
-    table = encode.encoding_table(plan.facts.encoding)
+    table = srgb_encoding.encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
 
     def write_band(band: slice) -> None:
-        weights.write_mean(sums[band], count, behind, linear[band])
-        rows = layers.ColorRows(linear[band], packed[band])
-        layers.show_rows(IMMEDIATE, tones, table, rows, band.start, workers.memory)
+        coverage_resolve.write_mean(sums[band], count, behind, linear[band])
+        rows = resolve_layers.ColorRows(linear[band], packed[band])
+        resolve_layers.show_rows(IMMEDIATE, tones, table, rows, band.start, workers.memory)
 
     workers.run(write_band, _bands(sums.shape, workers))
     return _wanted(plan, linear, color)
@@ -495,7 +497,7 @@ def _wanted(
 
 
 def cover_samples(
-    samples: int | str, seen: Seen, finder: bands.Finder, workers: Workers
+    samples: int | str, seen: Seen, finder: fragment_bands.Finder, workers: Workers
 ) -> NDArray[np.float32]:
     """
     Return the share of each pixel's samples that any face covers, (H, W), or of its area.
@@ -512,19 +514,19 @@ def cover_samples(
     coverage = seen.coverage
     if samples == 1:
         return (coverage.face_id >= 0).astype(np.float32)
-    finder = bands.at_samples(finder, samples)
+    finder = fragment_bands.at_samples(finder, samples)
     viewport = finder.geometry.viewport
     nothing = np.zeros(len(seen.objects.face_starts) - 1, np.uint8)
-    lists = bands.part_lists(coverage, viewport, nothing, workers)
+    lists = fragment_bands.part_lists(coverage, viewport, nothing, workers)
     covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
 
     def cover_tiles(first: int) -> None:
         rows = first, min(first + TILE_SIZE, viewport.height)
         if samples == "area":
-            _, _, rest = bands.find_areas(rows, lists, finder, workers.memory)
+            _, _, rest = fragment_bands.find_areas(rows, lists, finder, workers.memory)
             np.subtract(np.float32(1.0), rest, out=covered[slice(*rows)])
             return
-        for band in bands.find_layers(rows, lists, int(samples), finder, workers.memory):
+        for band in fragment_bands.find_layers(rows, lists, int(samples), finder, workers.memory):
             counts = np.count_nonzero(band.opaque >= 0, axis=0)
             target = covered[band.first_row : band.first_row + len(counts)]
             # The number of samples is a power of two.

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.pipeline.views import MIN_WHITE
+from rasterjit.pipeline.batch_driver import MIN_WHITE
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import BesidePlanes
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.lights import most_light
+from rasterjit.survey.light_culling import most_light
 from rasterjit.survey.plan import RenderPlan
 
 NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"

@@ -1,5 +1,5 @@
 """
-Build the plan by which `packing.pack` reads a call's arguments from Python's memory.
+Build the plan by which `pack_arguments.pack` reads a call's arguments from Python's memory.
 
 CPython and NumPy keep tuples, arrays and numbers at fixed places (``PyTupleObject``,
 ``PyArrayObject`` and ``PyArray_Descr``, whose fields NumPy's C interface fixes). A plan is a row of
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.runtime.state import WORD, ArrayType, RecordType, Type
+from rasterjit.runtime.state_block import WORD, ArrayType, RecordType, Type
 
 DATA, NDIM, SHAPE, STRIDES, DESCR, FLAGS = 0, 8, 16, 24, 40, 48
 """Where, behind its header, an array keeps address, axes, lengths, strides, description, flags."""

@@ -6,8 +6,8 @@ every argument at each call, and keeps code that is tied to its version. A frame
 kernels, each within microseconds, in processes that may have no Numba at all.
 
 The idea: all code is called alike, whatever its arguments are. A caller packs these into a *state
-block*, a row of 64-bit words (``state.py``), and calls an address with three whole numbers. An
-example: ``scale(row: float32[::1], factor: float32)`` has the words ::
+block*, a row of 64-bit words (``state_block.py``), and calls an address with three whole numbers.
+An example: ``scale(row: float32[::1], factor: float32)`` has the words ::
 
     [address of row's numbers, their count, bits of factor]
 
@@ -18,8 +18,9 @@ their count by ``stop``.
 Numba turns Python into LLVM's language (``numba_internals``), helpers and all. What follows is done
 with llvmlite's public interface: one entry point of a fixed C signature,
 ``int64 kernel(int64 state, int64 first, int64 stop)``, whose arguments lie in a state block
-(``state``); one round of LLVM's optimizations for a chosen CPU; object code that needs nothing but
-``memset``, ``memcpy`` and ``memmove``, and on old CPUs a few roundings of the C library.
+(``state_block``); one round of LLVM's optimizations for a chosen CPU; object code that needs
+nothing but ``memset``, ``memcpy`` and ``memmove``, and on old CPUs a few roundings of the C
+library.
 
 There are two ways from Python to LLVM's language, and no kernel is made by both: drafts, which use
 Numba's private interface, and stock Numba, where a release of it lacks something of that.
@@ -42,10 +43,10 @@ from numba import types
 from numba.extending import intrinsic, typeof_impl
 
 from rasterjit import forks
-from rasterjit.runtime import instructions, plain_arrays
+from rasterjit.runtime import array_type, intrinsics_ir
+from rasterjit.runtime.array_type import PlainArray
 from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
-from rasterjit.runtime.plain_arrays import PlainArray
-from rasterjit.runtime.state import (
+from rasterjit.runtime.state_block import (
     ArrayType,
     NumberType,
     RecordType,
@@ -100,7 +101,7 @@ def _dispatcher(value: Any, target: Target | None) -> Any:
 def with_instructions(function: Callable) -> Any:
     """Return a function that finds the machine's intrinsics where it finds Python's."""
     found = {
-        name: getattr(instructions, value.__name__)
+        name: getattr(intrinsics_ir, value.__name__)
         for name in function.__code__.co_names
         if isinstance(value := function.__globals__.get(name), Intrinsic)
     }
@@ -172,7 +173,7 @@ def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, wo
         strides = [builder.load(at(1 + kind.ndim + k)) for k in range(kind.ndim)]
     pointer = context.get_data_type(numba_kind.dtype).as_pointer()
     data = builder.inttoptr(address, pointer)
-    return plain_arrays.make(context, builder, numba_kind, data, shape, strides), end
+    return array_type.make(context, builder, numba_kind, data, shape, strides), end
 
 
 def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callable, list[Any]]:

@@ -4,7 +4,7 @@ Declare intrinsics: vector instructions that LLVM does not generate from loops, 
 A value is spread over neighbouring places; texels, four channels each, are copied and mixed: LLVM
 makes no vectors of a loop that reads where a row of numbers says. A part of a row is a slice that
 compiles in a fraction of the time, since it asks nothing about its ends. Here stands what they do
-in Python; ``instructions`` has the machine's.
+in Python; ``intrinsics_ir`` has the machine's.
 """
 
 from __future__ import annotations

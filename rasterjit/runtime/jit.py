@@ -5,7 +5,7 @@ Define the decorators of compiled functions (kernels, stages, helpers), and how 
     A function that Python calls, or another kernel by its address (`Bound`): compiled once for each
     form of its arguments, kept as machine code on disk (``store``), called without Python's lock.
 ``@stage``
-    A step of shading, which ``driver`` calls by its address; compiled once.
+    A step of shading, which ``stage_runner`` calls by its address; compiled once.
 ``@raw_kernel``
     A function of three whole numbers, called by its address.
 ``@helper``
@@ -13,7 +13,7 @@ Define the decorators of compiled functions (kernels, stages, helpers), and how 
 ``@disjoint_helper``
     A helper whose array arguments never overlap, so that its loops vectorize.
 ``@intrinsic``
-    A helper that ``instructions`` writes in LLVM's language.
+    A helper that ``intrinsics_ir`` writes in LLVM's language.
 
 Decorating only remembers the function: nothing imports Numba before something compiles
 (``compiler``), and what is in the store needs no compiler.
@@ -41,10 +41,10 @@ import numpy as np
 
 from rasterjit import forks
 from rasterjit.forks import cached_property
-from rasterjit.runtime import numba_alone
+from rasterjit.runtime import isolated_numba
 from rasterjit.runtime.argument_plan import plan_of
 from rasterjit.runtime.clocks import COMPILE_CLOCK
-from rasterjit.runtime.state import (
+from rasterjit.runtime.state_block import (
     WORD,
     NumberType,
     RecordType,
@@ -80,7 +80,7 @@ MACHINE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctype
 """A compiled function, called without the GIL."""
 
 LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-"""The same, called with the GIL: `packing.pack` reads Python objects."""
+"""The same, called with the GIL: `pack_arguments.pack` reads Python objects."""
 
 
 class Form:
@@ -285,8 +285,8 @@ class Stage(_OfOneForm):
     A step of shading, compiled once: ``stage(block, count, ...)``.
 
     Takes a block of samples, how many of them count, and what the annotations of its further
-    parameters say. Machine code calls it (``driver``), with the addresses of a state block, which
-    holds the further arguments, and of a block of samples.
+    parameters say. Machine code calls it (``stage_runner``), with the addresses of a state block,
+    which holds the further arguments, and of a block of samples.
     """
 
     def __init__(self, function: Callable) -> None:
@@ -334,7 +334,7 @@ class Stage(_OfOneForm):
             with np.errstate(all="ignore"):
                 return self.function(block, count, *arguments)
         if self._checked is None:
-            self._checked = numba_alone.compiler().checked(self.function)
+            self._checked = isolated_numba.compiler().checked(self.function)
         return self._checked(block, count, *arguments)
 
 
@@ -350,7 +350,7 @@ class CheckedKernel:
     def __call__(self, *arguments: Any) -> Any:
         """Run the kernel; compile it first if this process has not yet done so."""
         if self._dispatcher is None:
-            self._dispatcher = numba_alone.compiler().checked(self.function)
+            self._dispatcher = isolated_numba.compiler().checked(self.function)
         try:
             return self._dispatcher(*arguments)
         finally:
@@ -369,12 +369,12 @@ class Helper:
     def __call__(self, *arguments: Any) -> Any:
         """Run the helper inside a function made around it."""
         if self._around is None:
-            self._around = numba_alone.compiler().around(self)
+            self._around = isolated_numba.compiler().around(self)
         return self._around(*arguments)
 
 
 class Intrinsic:
-    """A helper whose machine code ``instructions`` has under the same name."""
+    """A helper whose machine code ``intrinsics_ir`` has under the same name."""
 
     def __init__(self, function: Callable) -> None:
         self.function = function
@@ -409,7 +409,7 @@ def disjoint_helper(function: Callable) -> Any:
 
 
 def intrinsic(function: Callable) -> Any:
-    """Compile a function as ``instructions`` says; plain Python runs the function itself."""
+    """Compile a function as ``intrinsics_ir`` says; plain Python runs the function itself."""
     return function if DISABLED else Intrinsic(function)
 
 
@@ -432,7 +432,7 @@ def pack_with(pack: Any, is_right: Callable[[Callable[[int, int, int], int]], bo
     Parameters
     ----------
     pack : RawKernel
-        `packing.pack`.
+        `pack_arguments.pack`.
     is_right : callable
         Tells whether it reads this Python right. If not, all goes on as before.
     """

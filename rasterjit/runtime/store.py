@@ -8,8 +8,8 @@ The idea: a file is named by a hash over all that decides its content: the sourc
 the files of ours that it imports and of the compiler, the types of its arguments, and the target
 CPU; then by the versions of Numba and llvmlite. Nothing has to be compared, nothing is ever out of
 date: whoever edits a kernel looks for another name. An example: ``encode_rows`` of
-``pipeline/encode.py`` lies in ``encode_rows_<24 digits>.<8 digits of versions>.kernel``; after any
-edit of that file the digits are others, and it is compiled again.
+``pipeline/srgb_encoding.py`` lies in ``encode_rows_<24 digits>.<8 digits of versions>.kernel``;
+after any edit of that file the digits are others, and it is compiled again.
 
 A file begins with a checksum over its name and its content. Damaged and missing entries are
 compiled again. Files are written under another name and moved into place, so that none is ever
@@ -42,10 +42,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rasterjit import forks
-from rasterjit.runtime import numba_alone, shipped
+from rasterjit.runtime import isolated_numba, prebuilt_kernels
 from rasterjit.runtime.clocks import COMPILER_CLOCK
 from rasterjit.runtime.locks import Lock, lock
-from rasterjit.runtime.state import RecordType, Type
+from rasterjit.runtime.state_block import RecordType, Type
 from rasterjit.runtime.targets import Target as Target
 from rasterjit.runtime.targets import host as host
 
@@ -83,11 +83,19 @@ OPEN_FILE = (
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 COMPILER_FILES = (
-    "compiler", "instructions", "intrinsics", "numba_internals", "plain_arrays", "state",
+    "array_type", "compiler", "intrinsics", "intrinsics_ir", "numba_internals", "state_block",
 )  # fmt: skip
 """Files of this folder that every kernel depends on."""
 
-NOT_COMPILED = {"jit", "locks", "numba_alone", "shipped", "store", "targets", "versions"}
+NOT_COMPILED = {
+    "isolated_numba",
+    "jit",
+    "locks",
+    "prebuilt_kernels",
+    "store",
+    "targets",
+    "versions",
+}
 """Files of this folder that do not affect compiled code."""
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -541,7 +549,7 @@ def load(kernel: Any, kind: RecordType) -> Code:
         try:
             return _linked(kernel, *ready, True)
         except RuntimeError:
-            _say_unfit(f"{shipped.FOLDER}: {ready[0]} is no machine code")
+            _say_unfit(f"{prebuilt_kernels.FOLDER}: {ready[0]} is no machine code")
     name, place = name_of(kernel, kind, host()), folder()
     if place is None:
         header, code = _compile(kernel, kind, name)
@@ -568,12 +576,12 @@ def _shipped(kernel: Any, kind: RecordType) -> tuple[str, str, bytes] | None:
     """
     if not kernel.__module__.startswith("rasterjit."):
         return None
-    pack, problem = shipped.found()
+    pack, problem = prebuilt_kernels.found()
     if pack is not None:
         name = name_of(kernel, kind, pack.target)
         try:
             return (name, *pack.code(name))
-        except shipped.UnfitError as error:
+        except prebuilt_kernels.UnfitError as error:
             problem = str(error)
     if problem is not None:
         _say_unfit(problem)
@@ -588,7 +596,9 @@ def _say_unfit(problem: str) -> None:
     UNFIT.append(problem)
     # Without a compiler an error says so.
     if versions() is not None:
-        say_once("shipped", f"compiling instead of loading: {problem}; {shipped.REINSTALL}")
+        say_once(
+            "shipped", f"compiling instead of loading: {problem}; {prebuilt_kernels.REINSTALL}"
+        )
 
 
 def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None:
@@ -644,13 +654,13 @@ class NoCompilerError(ImportError):
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
     target = host()
     if versions() is None:
-        reason = f"; {UNFIT[0]}: {shipped.REINSTALL}" if UNFIT else ""
+        reason = f"; {UNFIT[0]}: {prebuilt_kernels.REINSTALL}" if UNFIT else ""
         raise NoCompilerError(
             f"{full_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
         )
     _tell()
     with COMPILER_CLOCK.running():
-        returns, code = numba_alone.compiler().compile_form(kernel, kind, name, target)
+        returns, code = isolated_numba.compiler().compile_form(kernel, kind, name, target)
     return _header(kernel, kind, returns), code
 
 

@@ -22,9 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import forks
-from rasterjit.runtime import packing as packing  # From now on, arguments are packed by it.
+from rasterjit.runtime import (
+    pack_arguments as pack_arguments,  # From now on, arguments are packed by it.
+)
 from rasterjit.runtime.jit import Kernel
-from rasterjit.runtime.team import PATIENCE, Call, Team
+from rasterjit.runtime.spinning_threads import PATIENCE, Call, Team
 
 MIN_BYTES = 1 << 15
 """Bytes of the smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""

@@ -12,9 +12,9 @@ from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Float32, Float64, Int32
 from rasterjit.scene.color import ColorLike, linear_color, linear_rows
 from rasterjit.scene.colormap import ColormapLike
-from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scalar_field import NAN_COLOR
 from rasterjit.scene.transforms import sine_cosine
 
 ArrowUnit: TypeAlias = Literal["length", "world"]

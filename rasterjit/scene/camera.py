@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
 from rasterjit.scene.arrays import Float64
-from rasterjit.scene.assigning import says_replace, store
-from rasterjit.scene.pixels import Projecting
+from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.pixel_projection import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     MAX_WHOLE_SIZE,

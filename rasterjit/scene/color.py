@@ -83,7 +83,7 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     """
     Encode linear light as sRGB, correctly rounded: the reference for faster encoders.
 
-    It takes some 10 microseconds a value; pictures are encoded by ``pipeline.encode``.
+    It takes some 10 microseconds a value; pictures are encoded by ``pipeline.srgb_encoding``.
 
     Parameters
     ----------

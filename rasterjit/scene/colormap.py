@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.colormap_tables import TABLES
 from rasterjit.scene.validation import MaskedError

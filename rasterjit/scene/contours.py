@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, says_replace, store
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 
 MAX_LEVELS = 4096

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.attribute_guard import says_replace, store
 from rasterjit.scene.color import RGB, ColorLike, linear_color, rgb
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
-from rasterjit.scene.memory import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
+from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
 from rasterjit.scene.texture import check_extent
 from rasterjit.scene.warning import warn_caller
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.attribute_guard import says_replace, store
 from rasterjit.scene.validation import bounded_number
 
 STRONGEST = 1000.0

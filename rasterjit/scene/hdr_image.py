@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene import memory
+from rasterjit.scene import memory_limits
 from rasterjit.scene.arrays import Float32, UInt8
-from rasterjit.scene.memory import FileSizeError, MemoryBudget
+from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 from rasterjit.scene.texture import Texture, check_extent, opened_picture
 from rasterjit.scene.validation import existing_file
 
@@ -34,7 +34,7 @@ LONGEST_COPY = 128
 
 
 def read_hdr_image(
-    path: str | os.PathLike[str], max_bytes: int = memory.DEFAULT_MAX_BYTES
+    path: str | os.PathLike[str], max_bytes: int = memory_limits.DEFAULT_MAX_BYTES
 ) -> Float32:
     """
     Read a picture as linear light.
@@ -77,7 +77,7 @@ def _take_picture(file: Path, budget: MemoryBudget) -> None:
     except Exception:
         # Pillow raises what it likes; who reads the picture says what is wrong.
         return
-    budget.take("the picture", width * height * memory.TEXEL_BYTES)
+    budget.take("the picture", width * height * memory_limits.TEXEL_BYTES)
 
 
 def _read_exr(file: Path, budget: MemoryBudget) -> Float32:
@@ -113,7 +113,7 @@ def _exr_bytes(header: dict[str, Any]) -> int:
     """Return what a part of an OpenEXR file takes: its channels as floats, and light made of it."""
     (left, top), (right, bottom) = (np.asarray(at).tolist() for at in header["dataWindow"])
     texels = (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1)
-    return max(texels, 0) * (4 * len(header["channels"]) + memory.TEXEL_BYTES)
+    return max(texels, 0) * (4 * len(header["channels"]) + memory_limits.TEXEL_BYTES)
 
 
 def _read_radiance(file: Path, budget: MemoryBudget) -> Float32:
@@ -121,7 +121,7 @@ def _read_radiance(file: Path, budget: MemoryBudget) -> Float32:
     content = file.read_bytes()
     try:
         width, height, start = _radiance_header(content)
-        budget.take("the picture", width * height * memory.TEXEL_BYTES)
+        budget.take("the picture", width * height * memory_limits.TEXEL_BYTES)
         rgbe = _unpacked(np.frombuffer(content, np.uint8), start, width, height)
     except FileSizeError:
         raise

@@ -12,11 +12,11 @@ from typing import Any
 
 HOOKS = {
     "as_scene": "rasterjit.io.meshes",
-    "posed_scene": "rasterjit.survey.posing",
-    "preview": "rasterjit.styles.preview",
+    "posed_scene": "rasterjit.survey.deformation",
+    "preview": "rasterjit.styles.small_preview",
     "save_gltf": "rasterjit.io.gltf.writing",
     "scene_to_add": "rasterjit.io.meshes",
-    "show_picture": "rasterjit.viewer.picture",
+    "show_picture": "rasterjit.viewer.show_picture",
     "to_trimesh": "rasterjit.io.trimesh.writing",
 }
 """The module of each function that a scene, a mesh or a frame calls above its own level."""

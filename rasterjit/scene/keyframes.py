@@ -19,9 +19,9 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rasterjit.scene import angles
+from rasterjit.scene import portable_trig
 from rasterjit.scene.arrays import Float64, HoldsArrays
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.node import Node
 from rasterjit.scene.validation import finite_array, finite_number, in_short, one_of, read_only
 
@@ -279,18 +279,20 @@ def rotation_between(first: Float64, second: Float64, t: float) -> Float64:
 def _arc(low: float, high: float) -> float:
     """Return the angle whose tangent is a quotient in 0..1, radians."""
     ratio = low / high
-    step = math.floor(ratio * angles.ARC_STEPS + 0.5)
-    at = step / angles.ARC_STEPS
+    step = math.floor(ratio * portable_trig.ARC_STEPS + 0.5)
+    at = step / portable_trig.ARC_STEPS
     beside = (ratio - at) / (1.0 + ratio * at)
-    return angles.ARCS[step] + beside * angles.polynomial(angles.ARC_TERMS, beside * beside)
+    return portable_trig.ARCS[step] + beside * portable_trig.polynomial(
+        portable_trig.ARC_TERMS, beside * beside
+    )
 
 
 def _sine(radians: float) -> float:
     """Return the sine of an angle in 0..pi/2."""
     if radians > math.pi / 4.0:
-        rest = (angles.HALF_PI_HIGH - radians) + angles.HALF_PI_LOW
-        return angles.polynomial(angles.COSINE_TERMS, rest * rest)
-    return radians * angles.polynomial(angles.SINE_TERMS, radians * radians)
+        rest = (portable_trig.HALF_PI_HIGH - radians) + portable_trig.HALF_PI_LOW
+        return portable_trig.polynomial(portable_trig.COSINE_TERMS, rest * rest)
+    return radians * portable_trig.polynomial(portable_trig.SINE_TERMS, radians * radians)
 
 
 def _hermite(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, says_replace, store
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import VectorLike
 

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
-from rasterjit.scene.angles import arc_tangent, polynomial, sine_cosine
 from rasterjit.scene.arrays import Bool, Float64
-from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.portable_trig import arc_tangent, polynomial, sine_cosine
 
 Coefficients = tuple[float, ...]
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from numpy.typing import ArrayLike
 
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, says_replace, store
 from rasterjit.scene.color import RGB, ColorLike, rgb
 from rasterjit.scene.validation import VectorLike, bounded_number, one_of, positive_number, triple
 

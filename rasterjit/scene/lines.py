@@ -13,10 +13,10 @@ from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Float32, Float64, Int32, Int64
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
-from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
 from rasterjit.scene.points import UNITS, Unit, color_rows, sizes_of
+from rasterjit.scene.scalar_field import NAN_COLOR
 
 INK = 0.0, 0.0, 0.0
 """Colour of lines that are given none."""

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, says_replace, store
 from rasterjit.scene.color import RGB, RGBA, ColorLike, rgb, rgba
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.texture import Texture

@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Bool, Float32, Float64, HoldsArrays, Int32
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
-from rasterjit.scene.field import NAN_COLOR, Field, make_field, refuse_field
 from rasterjit.scene.first_corners import least_first
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.material import Material
@@ -37,7 +36,8 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.preview import Previewed
+from rasterjit.scene.notebook_preview import Previewed
+from rasterjit.scene.scalar_field import NAN_COLOR, Field, make_field, refuse_field
 from rasterjit.scene.skin import MorphTargets, Posable, skin_arrays
 from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.warning import MADE_NORMALS, warn_caller

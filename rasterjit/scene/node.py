@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit.scene.arrays import Float64, HoldsArrays
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
+from rasterjit.scene.decomposed_transform import TRS, matrix_of, parts_of
 from rasterjit.scene.label import Label, check_label
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.skin import Placed, Skin, check_morph_weights, check_skin
 from rasterjit.scene.transforms import compose, inverse
-from rasterjit.scene.trs import TRS, matrix_of, parts_of
 from rasterjit.scene.validation import finite_array, in_short, read_only
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class Node(HoldsArrays, Placed, Guarded):
     _trs: TRS | None = None
     """What ``_transform`` was made of, where that is known."""
     _posed: Any = None
-    """What it was drawn as in its last pose, and what that follows from; see `survey.posing`."""
+    """What it was drawn as in its last pose, and what that follows from: `survey.deformation`."""
     _cut: Any = None
     """What a section left of it when it was last cut, and what that follows from."""
     _cut_scene: Any = None

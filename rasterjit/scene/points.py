@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
-from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive
+from rasterjit.scene.scalar_field import NAN_COLOR
 from rasterjit.scene.validation import in_short, one_of, read_only, unmasked_array
 
 Unit: TypeAlias = Literal["pixel", "world"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.attribute_guard import says_replace, store
 
 SubpixelBits: TypeAlias = Literal[0, 4, 8, 12]
 Samples: TypeAlias = Literal[1, 2, 4, 8, 16, "area", 64, 256]

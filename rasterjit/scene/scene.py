@@ -16,27 +16,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import validation as check
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
+from rasterjit.scene.decomposed_transform import TRS, matrix_of
 from rasterjit.scene.environment import Environment
-from rasterjit.scene.extents import box_around, sphere_around
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import call_above
-from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, scene_of, topmost, tops_of, with_all_below
+from rasterjit.scene.notebook_preview import Previewed
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.point_bounds import box_around, sphere_around
 from rasterjit.scene.points import Points
-from rasterjit.scene.preview import Previewed
+from rasterjit.scene.reference_shader import Imitation
 from rasterjit.scene.section import SectionPlane, check_section
 from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances, unit_vector
-from rasterjit.scene.trs import TRS, matrix_of
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 

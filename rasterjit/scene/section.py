@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, says_replace, store
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.vectors import length

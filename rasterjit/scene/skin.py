@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Float32, Float64, HoldsArrays, Int32
-from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.transforms import inverse, product_of_each
 
 WEIGHT_ROUNDING = 1e-5

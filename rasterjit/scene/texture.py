@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.attribute_guard import says_replace, store
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import level_sizes, mask_levels, plain_levels, weighted_levels
 from rasterjit.scene.picture_codes import picture_codes

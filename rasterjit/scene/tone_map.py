@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.attribute_guard import says_replace, store
 from rasterjit.scene.validation import bounded_number, one_of
 
 Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.assigning import similar
+from rasterjit.scene.attribute_guard import similar
 
 MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""

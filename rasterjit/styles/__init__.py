@@ -26,9 +26,9 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera, check_camera
+from rasterjit.scene.camera_fitting import fit_upright
 from rasterjit.scene.environment import Environment, Panorama
 from rasterjit.scene.eye_dome import EyeDome
-from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.light import DirectionalLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
@@ -41,7 +41,7 @@ from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.styles import style
 from rasterjit.styles.style import Gradient, GroundLight, Style, metered_exposure, with_changes
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.deformation import posed_scene
 
 __all__ = [
     "STYLES", "Gradient", "GroundLight", "Style", "clay", "depth", "normals", "plain", "studio",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.encode import encode_row
+from rasterjit.pipeline.srgb_encoding import encode_row
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, uint32
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 
 @helper
@@ -104,7 +104,7 @@ def darken_picture(
     palette : (256, 4) float32, linear
         Colours of the picture by their red codes; of one colour, all are the same.
     table : (65536,) int32
-        ``encode.encoding_table``.
+        ``srgb_encoding.encoding_table``.
     codes : (H, W) uint32
         Changed: red, green, blue, alpha from the lowest byte up.
     light : (W, 4) float32

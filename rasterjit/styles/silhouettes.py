@@ -20,7 +20,7 @@ from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, first_sample, tu
 from rasterjit.pipeline.records import Objects, ScreenVertices
 from rasterjit.runtime.intrinsics import call_bound
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float64, int8, int32, int64
+from rasterjit.runtime.state_block import float64, int8, int32, int64
 
 MAX_COMPARED = 32
 """Edges at a vertex that an edge is compared with; one that is left alone counts for itself."""

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame
-from rasterjit.outputs.table import check_outputs
-from rasterjit.pipeline import encode
+from rasterjit.outputs.output_table import check_outputs
+from rasterjit.pipeline import srgb_encoding
 from rasterjit.rendering.renderer import explain, render
 from rasterjit.rendering.view_warnings import STRONG
 from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera_fitting import fit_upright
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.colormap import Colormap
-from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
@@ -34,7 +34,7 @@ from rasterjit.scene.tone_map import MAX_STOPS
 from rasterjit.scene.validation import image_size
 from rasterjit.scene.vectors import dot
 from rasterjit.scene.warning import EACH_FRAME, told_elsewhere
-from rasterjit.styles.ground import (
+from rasterjit.styles.shadow_catcher import (
     Ground,
     Vector,
     cast_shadow,
@@ -43,9 +43,9 @@ from rasterjit.styles.ground import (
     is_above,
     place_ground,
 )
-from rasterjit.survey.lights import most_light
+from rasterjit.survey.deformation import posed_scene
+from rasterjit.survey.light_culling import most_light
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.posing import posed_scene
 
 METERED_SIZE = (96, 96)
 """Of the picture that is looked at, pixels."""
@@ -496,7 +496,7 @@ def _in_codes(
         return colors, behind.image.view(np.uint32)[..., 0]
     colors[:, :3] = behind[:3]
     code = np.empty((1, 1), np.uint32)
-    encode.encode_rows(colors[None, :1], encode.encoding_table(), code)
+    srgb_encoding.encode_rows(colors[None, :1], srgb_encoding.encoding_table(), code)
     return colors, np.full(size[::-1], code[0, 0])
 
 

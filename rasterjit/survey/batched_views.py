@@ -1,5 +1,5 @@
 """
-Compute the matrices of many views at once: ``placement`` batched, with the same bits.
+Compute the matrices of many views at once: ``object_transforms`` batched, with the same bits.
 
 Every operation is that of the function named, in its order; N views, O objects.
 """
@@ -16,13 +16,13 @@ from rasterjit.forks import cached_property
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.survey.clip_planes import SURE
-from rasterjit.survey.placement import Places, place_boxes, place_objects
+from rasterjit.survey.object_transforms import Places, place_boxes, place_objects
 
 Float64 = NDArray[np.float64]
 
 
 class BatchedViews(NamedTuple):
-    """`placement.Views` of each view."""
+    """`object_transforms.Views` of each view."""
 
     relative_from_model: Float64
     """(N, O, 4, 4): world axes, origin at the eye."""
@@ -33,12 +33,12 @@ class BatchedViews(NamedTuple):
     screen_turn: NDArray[np.int64]
     """(N,): 1 or -1."""
     is_finite: NDArray[np.bool_]
-    """(N,): whether the matrices are; `placement.view_places` refuses others."""
+    """(N,): whether the matrices are; `object_transforms.view_places` refuses others."""
 
 
 class Group:
     """
-    Views of a scene for effects and lights: `placement.Boxes` batched.
+    Views of a scene for effects and lights: `object_transforms.Boxes` batched.
 
     Parameters
     ----------
@@ -99,7 +99,8 @@ def view_many(
     world_from_model: Float64, eyes: Float64, view_from_world: Float64, clip_from_view: Float64
 ) -> BatchedViews:
     """
-    Return the matrices that take objects to the screen, as `placement.view_places` finds them.
+    Return the matrices that take objects to the screen, as `object_transforms.view_places` finds
+    them.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ def view_many(
 
 
 def _turns(rows: Float64) -> Float64:
-    """Return the sign of each 3x3 determinant, (N,): `placement._turn`."""
+    """Return the sign of each 3x3 determinant, (N,): `object_transforms._turn`."""
     largest = np.abs(rows).max(axis=2, keepdims=True)
     with np.errstate(all="ignore"):
         scaled = np.divide(rows, largest, out=np.zeros_like(rows), where=largest > 0.0)

@@ -21,14 +21,15 @@ from rasterjit.pipeline.records import (
     Textures,
     Through,
 )
-from rasterjit.pipeline.visibility.primitives import runs_between
+from rasterjit.pipeline.visibility.primitive_expansion import runs_between
 from rasterjit.scene.first_corners import listed_places
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
+from rasterjit.survey import object_transforms
 from rasterjit.survey import packed_scene as plan_arrays
-from rasterjit.survey import placement
 from rasterjit.survey.object_counts import SMOOTH, Attribute, Inventory
+from rasterjit.survey.object_transforms import Extents, Places, mesh_boxes
 from rasterjit.survey.packed_scene import (
     SceneArrays,
     join_alpha_tests,
@@ -38,7 +39,6 @@ from rasterjit.survey.packed_scene import (
     join_microfacets,
     join_textures,
 )
-from rasterjit.survey.placement import Extents, Places, mesh_boxes
 from rasterjit.survey.quality_overrides import look_of, meshes_under
 
 if TYPE_CHECKING:
@@ -367,10 +367,10 @@ def prepare(
 def _place(known: SceneCache | None, matrices: Sequence[NDArray[np.float64]]) -> Places:
     """Return where objects stand, with what still holds of where they stood."""
     if known is None or len(known.matrices) != len(matrices):
-        return placement.place_objects(matrices)
+        return object_transforms.place_objects(matrices)
     pairs = zip(known.matrices, matrices, strict=True)
     moved = [n for n, (old, new) in enumerate(pairs) if old is not new]
-    return placement.move_objects(known.places, matrices, moved) if moved else known.places
+    return object_transforms.move_objects(known.places, matrices, moved) if moved else known.places
 
 
 def are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:

@@ -19,8 +19,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry import seen_depths
-from rasterjit.pipeline.geometry.seen_depths import DEPTH, SURE
+from rasterjit.pipeline.geometry import depth_range
+from rasterjit.pipeline.geometry.depth_range import DEPTH, SURE
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MAX_STEPS, Camera, OrthographicCamera, Planes, planes_of
@@ -31,8 +31,8 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.vectors import cross, dot, length
 from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
+from rasterjit.survey.object_transforms import Boxes, along, is_between
 from rasterjit.survey.packed_scene import writable
-from rasterjit.survey.placement import Boxes, along, is_between
 
 Float64 = NDArray[np.float64]
 
@@ -368,10 +368,10 @@ def _look_at_spheres(
             least, most = math.inf, -math.inf
             cosine = _least_cosine(rows)
             blocks = _blocks_reaching(mesh, wide, ends)
-            at_once = CHUNK // seen_depths.BLOCK
+            at_once = CHUNK // depth_range.BLOCK
             for first in range(0, len(blocks), at_once):
-                starts = blocks[first : first + at_once, np.newaxis] * seen_depths.BLOCK
-                some = (starts + np.arange(seen_depths.BLOCK)).ravel()
+                starts = blocks[first : first + at_once, np.newaxis] * depth_range.BLOCK
+                some = (starts + np.arange(depth_range.BLOCK)).ravel()
                 some = some[some < len(mesh)]
                 inside = along(wide, mesh.vertices[some].T) + wide[:, 3:]
                 depths = inside[DEPTH]
@@ -483,7 +483,7 @@ def _look_at_mesh(
         told = np.array(NOTHING)
         blocks = _blocks_reaching(mesh, rows, planes)
         if len(blocks):
-            seen_depths.find_seen_depths(
+            depth_range.find_seen_depths(
                 writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
                 CORNERS[mesh.primitive], told, np.empty((8, 4)),
             )  # fmt: skip
@@ -509,7 +509,7 @@ def _is_between(
 def _blocks_reaching(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> NDArray[np.int64]:
     """Return the boxes of faces that may be visible outside the planes; rows are of model space."""
     if len(mesh.faces) <= UNBOXED:
-        return np.arange(-(-len(mesh.faces) // seen_depths.BLOCK))
+        return np.arange(-(-len(mesh.faces) // depth_range.BLOCK))
     boxes = _boxes(mesh)
     with np.errstate(all="ignore"):
         middles = along(rows, boxes.middle) + rows[:, 3:]
@@ -568,8 +568,8 @@ def _boxes(mesh: Mesh) -> _Boxes:
     """Return the boxes around blocks of faces of a mesh, cached."""
     found = _face_boxes.get(mesh)
     if found is None:
-        low, high = np.empty((2, 3, -(-len(mesh.faces) // seen_depths.BLOCK)))
-        seen_depths.box_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
+        low, high = np.empty((2, 3, -(-len(mesh.faces) // depth_range.BLOCK)))
+        depth_range.box_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
         found = _Boxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
         _face_boxes[mesh] = found
     return found
@@ -581,8 +581,8 @@ def kernels_of(camera: Camera) -> Rows:
         return []
     reached = "an object may reach the near or far plane"
     return [
-        KernelRow(seen_depths.box_faces, "", f"{reached} and has more than {UNBOXED} faces"),
-        KernelRow(seen_depths.find_seen_depths, "", reached),
+        KernelRow(depth_range.box_faces, "", f"{reached} and has more than {UNBOXED} faces"),
+        KernelRow(depth_range.find_seen_depths, "", reached),
     ]
 
 

@@ -15,11 +15,11 @@ and for all that belongs to a vertex.
 
 Caps close what the cut opens: sides of what is left that lie in the plane, each as often as it
 goes one way more than the other, are outlines; what they wind around is filled
-(`pipeline.geometry.section_caps`), and cut by the next planes as faces are. Outlines that cross,
-as those of shells that run through each other, are split there, and a triangle without area fills
-in what rounding leaves between them and the edge of the face. So the outlines of closed meshes
-close, whatever passes through vertices and edges. Only where thousands of faces run through each
-other may splitting come to no end: such a cut has no cap, which is warned of.
+(`pipeline.geometry.cap_triangulation`), and cut by the next planes as faces are. Outlines that
+cross, as those of shells that run through each other, are split there, and a triangle without area
+fills in what rounding leaves between them and the edge of the face. So the outlines of closed
+meshes close, whatever passes through vertices and edges. Only where thousands of faces run through
+each other may splitting come to no end: such a cut has no cap, which is warned of.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.geometry.section_caps import fill_outlines, find_contacts
+from rasterjit.pipeline.geometry.cap_triangulation import fill_outlines, find_contacts
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
@@ -53,7 +53,7 @@ from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import Shapes, are_same
 from rasterjit.survey.object_counts import base_color_of
-from rasterjit.survey.placement import mesh_boxes, place_boxes, place_objects
+from rasterjit.survey.object_transforms import mesh_boxes, place_boxes, place_objects
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

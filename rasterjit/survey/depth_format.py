@@ -22,7 +22,7 @@ from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.survey.placement import Boxes
+from rasterjit.survey.object_transforms import Boxes
 
 Float64 = NDArray[np.float64]
 

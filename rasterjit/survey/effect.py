@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.passes import Rows
 from rasterjit.pipeline.records import Placement
-from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.pipeline.visibility.visibility_pass import Seen
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -29,7 +29,7 @@ from rasterjit.survey.cache import SceneCache
 if TYPE_CHECKING:
     from rasterjit.survey.batched_views import Group
     from rasterjit.survey.facts import Facts
-    from rasterjit.survey.placement import Boxes
+    from rasterjit.survey.object_transforms import Boxes
     from rasterjit.survey.plan import RenderPlan
 
 PLACES = (

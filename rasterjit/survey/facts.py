@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.encode import Encoding
+from rasterjit.pipeline.srgb_encoding import Encoding
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import STANDARD, SUPERSAMPLED, Quality
+from rasterjit.scene.reference_shader import Imitation
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.batched_views import Group
 from rasterjit.survey.blocked_lights import Enclosures
-from rasterjit.survey.lights import (
+from rasterjit.survey.light_culling import (
     NO_LIGHTS,
     PlannedLights,
     plan_lights,
@@ -35,7 +35,7 @@ from rasterjit.survey.object_counts import (
     ObjectCounts,
     find_attribute,
 )
-from rasterjit.survey.placement import Boxes, Views, are_even
+from rasterjit.survey.object_transforms import Boxes, Views, are_even
 from rasterjit.survey.quality_overrides import lights_under
 from rasterjit.survey.transparency import NO_TRANSPARENCY, Transparency, find_transparency
 
@@ -56,7 +56,7 @@ class Facts:
     """
 
     outputs: tuple[str, ...]
-    """Names of what the frame is to hold, as ``outputs.table`` has them, without repeats."""
+    """Names of what the frame is to hold, as ``outputs.output_table`` has them, without repeats."""
     inventory: Inventory
     """What the objects are."""
     in_view: NDArray[np.bool_]

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.scene.contours import Contours
-from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
+from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
 from rasterjit.scene.validation import cut_short
-from rasterjit.survey.placement import Extents, mesh_boxes
+from rasterjit.survey.object_transforms import Extents, mesh_boxes
 from rasterjit.survey.quality_overrides import meshes_under
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))

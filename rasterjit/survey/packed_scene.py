@@ -27,8 +27,8 @@ from rasterjit.pipeline.records import (
     Textures,
     Through,
 )
-from rasterjit.pipeline.surface import textures as texturing
-from rasterjit.pipeline.visibility.primitives import LineRule, PointRule, Primitive
+from rasterjit.pipeline.surface import texture_filters as texturing
+from rasterjit.pipeline.visibility.primitive_expansion import LineRule, PointRule, Primitive
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
@@ -46,7 +46,7 @@ from rasterjit.survey.object_counts import (
     sets_of,
     textures_read,
 )
-from rasterjit.survey.placement import Views
+from rasterjit.survey.object_transforms import Views
 
 MODELS = {
     "unlit": records.UNLIT,

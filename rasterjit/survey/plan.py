@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.passes import Rows, ShadingNeeds
 from rasterjit.pipeline.records import Lighting
-from rasterjit.pipeline.visibility.draw import Region, Wanted
+from rasterjit.pipeline.visibility.visibility_pass import Region, Wanted
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.preview import Printed
+from rasterjit.scene.notebook_preview import Printed
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes, describe_planes
 from rasterjit.survey.depth_format import DepthFormat

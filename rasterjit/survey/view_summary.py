@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.node import Node
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 
 Float64 = NDArray[np.float64]
 Row = tuple[str, str]

@@ -28,9 +28,9 @@ from typing import Any, cast
 
 from rasterjit.runtime.progress import told_besides
 from rasterjit.scene.validation import in_short
+from rasterjit.viewer.browser_session import NUMBER_BYTES, Tab, Tell
 from rasterjit.viewer.canvas import Worker
 from rasterjit.viewer.protocol import LONGEST_MESSAGE, read_message
-from rasterjit.viewer.tab import NUMBER_BYTES, Tab, Tell
 from rasterjit.viewer.viewer import Viewer
 
 LOGGER = logging.getLogger("rasterjit.viewer")

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import is_terminal
 from rasterjit.viewer.controls import Event
-from rasterjit.viewer.trial import choose_toolkit
 from rasterjit.viewer.viewer import Viewer
+from rasterjit.viewer.window_probe import choose_toolkit
 
 FRAME_RATE = 60.0
 """Most pictures a second."""

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.attribute_guard import says_replace
 from rasterjit.scene.camera import Bounded, Camera, PerspectiveCamera
-from rasterjit.scene.framing import (
+from rasterjit.scene.camera_fitting import (
     CLEARANCE,
     COORDINATE_SHARE,
     Ball,

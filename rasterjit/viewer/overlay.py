@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.lettering import lay_out, width_of, write
+from rasterjit.io.text_layout import lay_out, width_of, write
 from rasterjit.outputs.frame import Frame
 
 OUTPUTS_OF = {

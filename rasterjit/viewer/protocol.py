@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene.camera import PerspectiveCamera
-from rasterjit.viewer import switches
+from rasterjit.viewer import effect_switches
 from rasterjit.viewer.viewer import NAMES
 
 QUALITY = 90
@@ -195,7 +195,8 @@ def list_of(allowed: Allows, most: int, least: int = 0) -> Allows:
 def _are_modes(value: Any) -> bool:
     """Tell whether something is a mode, or None, for each of some effects."""
     return isinstance(value, dict) and all(
-        key in switches.MODED and (mode is None or word_of(switches.MODED[key].modes)(mode))
+        key in effect_switches.MODED
+        and (mode is None or word_of(effect_switches.MODED[key].modes)(mode))
         for key, mode in value.items()
     )
 
@@ -222,7 +223,7 @@ FIELDS: dict[str, Fields] = {
     },
     "look": {
         "kind": word_of(NAMES), "modes": _are_modes,
-        "switched": list_of(word_of(switches.KEYS.values()), MAX_SWITCHED),
+        "switched": list_of(word_of(effect_switches.KEYS.values()), MAX_SWITCHED),
     },
     "visibility": {
         "hidden": list_of(_OBJECT, MAX_LISTED), "only": lambda one: one is None or _OBJECT(one),

@@ -9,7 +9,7 @@ from typing import Any
 
 from PIL import Image, PngImagePlugin
 
-from rasterjit.scene import preview
+from rasterjit.scene import notebook_preview
 from rasterjit.viewer.protocol import camera_code
 from rasterjit.viewer.viewer import Viewer
 
@@ -75,7 +75,7 @@ class Saved:
         for handle in self._codes:
             handle.update(self._code(), raw=True)
 
-    def _picture(self) -> preview.Bundle:
+    def _picture(self) -> notebook_preview.Bundle:
         """Return the picture, and what is told of it."""
         viewer, alt = self._viewer, self.description
         texts = PngImagePlugin.PngInfo()
@@ -84,7 +84,7 @@ class Saved:
         picture = Image.fromarray(viewer.picture()[:, :, :3])
         picture.save(data, "PNG", pnginfo=texts)
         width, height = (round(side / viewer.ratio) for side in picture.size)
-        bundle, told = preview.bundle(data.getvalue(), alt, (width, height))
+        bundle, told = notebook_preview.bundle(data.getvalue(), alt, (width, height))
         return {**bundle, "text/plain": alt}, told
 
     def _code(self) -> dict[str, str]:

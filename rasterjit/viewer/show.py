@@ -12,7 +12,7 @@ from rasterjit.runtime import progress
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer import browser, canvas, notebook, terminal, trial
+from rasterjit.viewer import browser, canvas, notebook, terminal, window_probe
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
@@ -117,16 +117,16 @@ def choose_backend(backend: str) -> str:
         If the backend is ``"window"``, or ``"auto"``, and none opens here, saying what it needs.
     """
     if backend == "window":
-        trial.choose_toolkit()
+        window_probe.choose_toolkit()
     if backend != "auto":
         return backend
     if progress.in_notebook():
         return "notebook"
-    toolkit, problem = trial.find_toolkit()
+    toolkit, problem = window_probe.find_toolkit()
     if toolkit:
         return "window"
     other = _without_window(problem)
-    if trial.has_display():
+    if window_probe.has_display():
         words = {"browser": "a page", "terminal": "the terminal"}
         print(f"rasterjit: no window opens: {problem}. Showing {words[other]} instead",
               file=sys.stderr)  # fmt: skip
@@ -141,6 +141,6 @@ def _without_window(problem: str) -> str:
         return "terminal"
     raise ImportError(
         'showing needs a page: pip install "rasterjit[browser]"; or a window, but '
-        + (problem if problem != trial.NO_TOOLKIT else "no toolkit for one is installed: "
+        + (problem if problem != window_probe.NO_TOOLKIT else "no toolkit for one is installed: "
            'pip install "rasterjit[viewer]"')
     )  # fmt: skip

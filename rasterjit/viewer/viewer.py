@@ -5,7 +5,7 @@ The viewer, without a window: events and time go in, pictures come out.
 ``quality_selection`` chooses for the time there is, or in draft quality until the times of the
 scene are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures
 more times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes
-windows, notebooks and terminals of these two, ``tab`` pages.
+windows, notebooks and terminals of these two, ``browser_session`` pages.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from rasterjit.rendering.planning import Cull, choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.camera_fitting import Ball, fit_upright
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.framing import Ball, fit_upright
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, one_of, positive_number
-from rasterjit.viewer import switches
+from rasterjit.viewer import effect_switches
 from rasterjit.viewer.controls import Event, Fly, Orbit
 from rasterjit.viewer.overlay import OUTPUTS_OF, Row, mark_pixel, picture_of, rows_of, write_panel
 
@@ -85,7 +85,7 @@ HELP: tuple[Row, ...] = (
     ("C", "orbit or fly: W A S D, Q E down and up, Shift faster"),
     ("F  R", "fit the scene, return to the start"),
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
-    *switches.help_rows(),
+    *effect_switches.help_rows(),
     ("M", "what the effects cost"),
     ("click", "explain a pixel; Escape closes that, and help"),
     ("I  H", "hide or show the line below, this help"),
@@ -197,7 +197,7 @@ class Viewer:
         self.version = 0
         self.kind = "color"
         self._switched: list[str] = []
-        self._modes = {key: one.mode_of(self.scene) for key, one in switches.MODED.items()}
+        self._modes = {key: one.mode_of(self.scene) for key, one in effect_switches.MODED.items()}
         self._hidden: frozenset[int] = frozenset()
         self._shown = self.scene
         self._message = ""
@@ -421,10 +421,10 @@ class Viewer:
         """
         one_of("kind", kind, tuple(NAMES))
         for name in switched:
-            one_of("switched", name, tuple(switches.KEYS.values()))
+            one_of("switched", name, tuple(effect_switches.KEYS.values()))
         for key, mode in modes.items():
-            one_of("modes", key, tuple(switches.MODED))
-            one_of(f"modes[{key!r}]", mode, (None, *switches.MODED[key].modes))
+            one_of("modes", key, tuple(effect_switches.MODED))
+            one_of(f"modes[{key!r}]", mode, (None, *effect_switches.MODED[key].modes))
         self.kind = kind
         self._switched = []
         self._take_modes(modes)
@@ -610,9 +610,9 @@ class Viewer:
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
     ) -> None:
         """Measure what the effects cost."""
-        used = switches.used_effects(scene, camera, renderer.size)
-        names = switches.switchable(scene, used)
-        costs = switches.costs(renderer, scene, camera, names)
+        used = effect_switches.used_effects(scene, camera, renderer.size)
+        names = effect_switches.switchable(scene, used)
+        costs = effect_switches.costs(renderer, scene, camera, names)
         with self._lock:
             if version == self.version:
                 self.costs = costs
@@ -695,11 +695,11 @@ class Viewer:
             moved = kind.from_camera(self.camera, self._ball, self.controls.up)
             self.controls = replace(moved, home=self._begun(kind).home)
             self._change()
-        elif key in switches.MODED:
-            modes = None, *switches.MODED[key].modes
+        elif key in effect_switches.MODED:
+            modes = None, *effect_switches.MODED[key].modes
             self._take_modes({key: modes[(modes.index(self._modes[key]) + 1) % len(modes)]})
-        elif key in switches.KEYS:
-            self._switch(switches.KEYS[key])
+        elif key in effect_switches.KEYS:
+            self._switch(effect_switches.KEYS[key])
         else:
             return False
         return True
@@ -732,14 +732,14 @@ class Viewer:
             if scene._imitation is not None:
                 # What is said of each object is said of those that are left.
                 scene._imitation = scene._imitation.of(self.numbers) if nodes else None
-        used = switches.used_effects(scene, self.camera, self.size)
+        used = effect_switches.used_effects(scene, self.camera, self.size)
         for name in self._switched:
-            changed = switches.switched(scene, name, used)
+            changed = effect_switches.switched(scene, name, used)
             if changed is None:
                 return f"the scene has nothing for {name}"
             scene = changed
         for key, mode in self._modes.items():
-            effect = switches.MODED[key]
+            effect = effect_switches.MODED[key]
             if mode != effect.mode_of(scene):
                 scene = effect.with_mode(scene, mode)
         try:

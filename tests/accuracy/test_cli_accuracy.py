@@ -8,7 +8,7 @@ from made_trials import study as made_study
 from made_trials import trial
 
 import rasterjit as rj
-from rasterjit.accuracy.scenes import SCENES
+from rasterjit.accuracy.test_scenes import SCENES
 from rasterjit.cli import accuracy as cli_accuracy
 from rasterjit.cli import commands, program
 from rasterjit.scene.quality import LEVELS

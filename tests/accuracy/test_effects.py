@@ -9,7 +9,7 @@ from made_trials import errors
 import rasterjit as rj
 from rasterjit.accuracy import effect_references as references
 from rasterjit.accuracy import effects
-from rasterjit.accuracy.knobs import Attempt
+from rasterjit.accuracy.settings_to_try import Attempt
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.timing import Contestant
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.accuracy import knobs
-from rasterjit.accuracy.knobs import (
+from rasterjit.accuracy import settings_to_try
+from rasterjit.accuracy.settings_to_try import (
     check_knobs,
     combined_attempts,
     preset_attempts,
     single_attempts,
     without_effect,
 )
-from rasterjit.accuracy.scenes import MADE_FOR, SCENES, make
+from rasterjit.accuracy.test_scenes import MADE_FOR, SCENES, make
 from rasterjit.scene.quality import LEVELS, differences
 
 STANDARD = rj.Quality.standard()
@@ -54,7 +54,7 @@ def test_combinations_change_several_settings_and_are_not_too_many():
     presets = preset_attempts(tuple(LEVELS))
     assert [attempt.level for attempt in presets] == ["draft", "high"]
     attempts = presets + combined_attempts(tuple(LEVELS))
-    assert 10 < len(attempts) <= knobs.MAX_COMBINATIONS + 2
+    assert 10 < len(attempts) <= settings_to_try.MAX_COMBINATIONS + 2
     for attempt in attempts:
         assert len(differences(attempt.quality, STANDARD)) > 1
     assert len({attempt.quality for attempt in attempts}) == len(attempts)
@@ -83,8 +83,8 @@ def test_a_level_that_is_useless_by_itself_is_in_no_combination():
 
 
 def test_as_many_as_wanted_are_taken_evenly():
-    assert knobs.evenly(range(5), 9) == [0, 1, 2, 3, 4]
-    assert knobs.evenly(range(10), 5) == [0, 2, 4, 6, 8]
+    assert settings_to_try.evenly(range(5), 9) == [0, 1, 2, 3, 4]
+    assert settings_to_try.evenly(range(10), 5) == [0, 2, 4, 6, 8]
 
 
 def test_knobs_come_in_the_order_of_the_settings():

@@ -8,14 +8,14 @@ from functools import cache
 import pytest
 
 import rasterjit as rj
-from rasterjit.accuracy import scenes
+from rasterjit.accuracy import test_scenes
 from rasterjit.accuracy.results import PICTURE_OUTPUTS, buffers_of, compare, reference_of
-from rasterjit.accuracy.scenes import MADE_FOR, make
+from rasterjit.accuracy.test_scenes import MADE_FOR, make
 from rasterjit.scene.quality import LEVELS
 
 SIZE = (72, 54)
 
-SIZES = {"shadow_size": scenes.SIZE, "texture_filter": scenes.SIZE}
+SIZES = {"shadow_size": test_scenes.SIZE, "texture_filter": test_scenes.SIZE}
 """Sizes of pictures whose texels must be wider than pixels for the last levels to differ."""
 
 SLACK = 1e-3

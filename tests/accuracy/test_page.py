@@ -16,7 +16,7 @@ from made_up_study import SAMPLES, SENTENCES, SUBPIXEL, changed, made_up_study
 from PIL import Image
 
 from rasterjit.accuracy.choice import choose, pareto_front
-from rasterjit.accuracy.report import plots, shots
+from rasterjit.accuracy.report import picture_crops, plots
 from rasterjit.accuracy.report.page import NOTHING, PAGE_NAME, page, write_page
 from rasterjit.accuracy.results import (
     COMBINATIONS,
@@ -197,7 +197,7 @@ def test_pictures_that_look_alike_are_kept_once(study):
                     "error_map": study.standard.error_map})  # fmt: skip
     study = changed(study, "subpixel_bits", "12", {"color": study.standard.color,
                     "error_map": study.standard.error_map})  # fmt: skip
-    album = shots.make_album(study)
+    album = picture_crops.make_album(study)
     assert album.ids["subpixel_bits=0"] == album.ids["subpixel_bits=12"]
     captions = [shot.caption for group in album.groups for shot in group.shots]
     assert "subpixel_bits=0; subpixel_bits=12" in captions
@@ -216,12 +216,12 @@ def test_pictures_are_smaller_where_there_are_many_bytes_of_them(monkeypatch):
         study = changed(study, one.setting, one.level, fields)
     standard = dataclasses.replace(study.standard, color=noise, error_map=errors)
     study = dataclasses.replace(study, standard=standard, reference_color=noise, size=(300, 200))
-    album = shots.make_album(study)
-    assert album.size in shots.CROP_SIZES[1:], "too much for the largest"
-    assert shots.bytes_of(album) <= shots.MAX_BYTES
+    album = picture_crops.make_album(study)
+    assert album.size in picture_crops.CROP_SIZES[1:], "too much for the largest"
+    assert picture_crops.bytes_of(album) <= picture_crops.MAX_BYTES
     assert len(page(study, {}).encode()) < 2_000_000
-    monkeypatch.setattr(shots, "MAX_BYTES", 0)
-    assert shots.make_album(study).size == shots.CROP_SIZES[-1]
+    monkeypatch.setattr(picture_crops, "MAX_BYTES", 0)
+    assert picture_crops.make_album(study).size == picture_crops.CROP_SIZES[-1]
 
 
 def test_ids_are_given_once_and_what_is_referred_to_is_there(read):
@@ -373,12 +373,12 @@ def test_a_crop_shows_where_levels_differ_rather_than_where_all_are_wrong():
     wrong, right = np.zeros((2, 90, 120), np.float32)
     wrong[10:20, 10:20] = right[10:20, 10:20] = 0.9
     wrong[60, 80] = 0.1
-    crop = shots.choose_crop([wrong, right], (48, 36))
+    crop = picture_crops.choose_crop([wrong, right], (48, 36))
     assert (crop.width, crop.height) == (48, 36)
     assert crop.of(wrong).max() == np.float32(0.1)
     assert crop.column < 80 < crop.column + crop.width - 1
     assert crop.row < 60 < crop.row + crop.height - 1
-    assert shots.choose_crop([right, right], (48, 36)).of(right).sum() == right.sum()
+    assert picture_crops.choose_crop([right, right], (48, 36)).of(right).sum() == right.sum()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 200), (200, 7), (36, 48)])
@@ -386,21 +386,23 @@ def test_a_crop_lies_in_the_picture(shape):
     for at in ((0, 0), (shape[0] - 1, shape[1] - 1)):
         error = np.zeros(shape, np.float32)
         error[at] = 1.0
-        crop = shots.choose_crop([error], (48, 36))
+        crop = picture_crops.choose_crop([error], (48, 36))
         assert crop.of(error).shape == (min(36, shape[0]), min(48, shape[1]))
         assert crop.of(error).max() == 1.0
-    assert shots.choose_crop([np.zeros(shape, np.float32)])[:2] == (0, 0)
+    assert picture_crops.choose_crop([np.zeros(shape, np.float32)])[:2] == (0, 0)
 
 
 def test_brighter_is_more_wrong_up_to_the_stated_top():
     for largest, top in ((0.03, 0.05), (1.0, 1.0), (0.0051, 0.01), (2e-7, 2e-7), (0.0, 1.0)):
         error = np.linspace(0.0, largest, 50, dtype=np.float32)[None]
-        assert shots.heat_top([error[:, :3], error]) == pytest.approx(top, rel=1e-6)
-    colors = shots.heat_map(np.linspace(0.0, 1.0, 30, dtype=np.float32)[None], 1.0).astype(float)
+        assert picture_crops.heat_top([error[:, :3], error]) == pytest.approx(top, rel=1e-6)
+    colors = picture_crops.heat_map(np.linspace(0.0, 1.0, 30, dtype=np.float32)[None], 1.0).astype(
+        float
+    )
     brightness = colors[0] @ [0.2126, 0.7152, 0.0722]
     assert (np.diff(brightness) > 0.0).all()
-    assert (colors[0, 0] == shots.heat_map(np.float32([[0.0]]), 0.3)[0, 0]).all()
-    assert (colors[0, -1] == shots.heat_map(np.float32([[0.7]]), 0.5)[0, 0]).all()
+    assert (colors[0, 0] == picture_crops.heat_map(np.float32([[0.0]]), 0.3)[0, 0]).all()
+    assert (colors[0, -1] == picture_crops.heat_map(np.float32([[0.7]]), 0.5)[0, 0]).all()
 
 
 def test_what_has_no_effect_is_said_once(study):

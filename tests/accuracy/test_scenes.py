@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.accuracy.scenes import MADE_FOR, SCENES, make
+from rasterjit.accuracy.test_scenes import MADE_FOR, SCENES, make
 from rasterjit.scene.quality import LEVELS
 
 SIZE = (96, 72)

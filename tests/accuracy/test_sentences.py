@@ -75,7 +75,7 @@ def test_where_nothing_is_more_accurate_the_fastest_worthwhile_level_is_told():
 
 
 def test_every_level_of_every_setting_has_words():
-    for setting, levels in rj.accuracy.knobs.LEVELS.items():
+    for setting, levels in rj.accuracy.settings_to_try.LEVELS.items():
         for level in levels:
             one = trial(f"{setting}={level}", quality=rj.Quality(**{setting: level}))
             text = said(one)

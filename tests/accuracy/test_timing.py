@@ -4,8 +4,8 @@ from made_trials import errors
 import rasterjit as rj
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.choice import is_timed
-from rasterjit.accuracy.knobs import Attempt
 from rasterjit.accuracy.results import PROCESSOR, WALL
+from rasterjit.accuracy.settings_to_try import Attempt
 from rasterjit.accuracy.timing import Allowance, Contestant, fits, rounds_between, take_turns
 
 

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.animation import playing as playing_module
+from rasterjit.animation import render_animation as playing_module
 from rasterjit.animation import tracks as animation
 from rasterjit.scene import transforms
 

@@ -103,7 +103,7 @@ def test_more_errors_of_mypy_than_a_room_may_have_are_told_and_no_others(monkeyp
 def test_mypy_reads_types_of_kernels_and_finds_errors_where_they_are_passed(read, tmp_path):
     files = read(
         runtime__state="float32, stored = 1, 2\n",
-        scene__a="from rasterjit.runtime.state import float32, stored\n"
+        scene__a="from rasterjit.runtime.state_block import float32, stored\n"
         "def kernel(rows: float32[:, ::1], depth: stored[::1], count: float32): ...\n"
         "def use(rows: 'float32[3, 4]') -> None:\n    kernel(rows, rows, 2.0)\n"
         "    kernel(1, rows, 2.0)\n",

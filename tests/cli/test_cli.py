@@ -19,18 +19,18 @@ from PIL import Image, ImageSequence
 
 import rasterjit as rj
 from rasterjit.cli import commands, help, report, warmup
+from rasterjit.cli.option_types import LIGHTS
 from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, CameraOptions
-from rasterjit.cli.values import LIGHTS
 from rasterjit.inspect import profile
-from rasterjit.outputs import table
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.runtime import ahead, jit, progress, store
-from rasterjit.scene.framing import zoom_camera
+from rasterjit.outputs import output_table
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.runtime import background_compile, jit, progress, store
+from rasterjit.scene.camera_fitting import zoom_camera
 
 MODELS = Path(__file__).parents[2] / "models"
 CUBE = str(MODELS / "cube.ply")
 KNOT = str(MODELS / "torus_knot.obj")
-OUTPUTS = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
+OUTPUTS = tuple(name for name in output_table.OUTPUTS if name not in output_table.MOTION_OUTPUTS)
 SIZE = (48, 36)
 SMALL = ("--size", "48x36", "--quiet")
 
@@ -1043,7 +1043,7 @@ def test_help_names_every_output():
     assert sorted(names) == sorted([*OUTPUTS, "attribute:NAME"])
 
 
-@pytest.mark.parametrize("name", table.MOTION_OUTPUTS)
+@pytest.mark.parametrize("name", output_table.MOTION_OUTPUTS)
 def test_motion_needs_an_earlier_view_which_the_command_line_does_not_have(tmp_path, name):
     for arguments in (("render", CUBE, "-o", tmp_path / "a.npz"), ("explain", CUBE)):
         result = run(*arguments, "--outputs", f"depth,{name}")
@@ -1332,7 +1332,7 @@ def test_advice_names_options_that_there_are():
 def test_another_name_for_a_choice_stands_for_one_where_it_is_none_itself():
     parameters = [one for command in commands.program.commands.values() for one in command.params]
     lists = [one.type.choices for one in parameters if isinstance(one.type, click.Choice)]
-    lists += [LIGHTS, tuple(table.OUTPUTS)]
+    lists += [LIGHTS, tuple(output_table.OUTPUTS)]
     for name, other in help.CHOICES_MEANT.items():
         assert any(other in choices and name not in choices for choices in lists), name
 
@@ -1454,7 +1454,7 @@ def test_explain_prints_the_plan():
     result = run("explain", CUBE, "--outputs", "depth", "--wireframe", "only")
     assert result.exit_code == 0
     assert "no output shows colour" in result.stdout
-    assert "nearest.draw_tiles" in result.stdout
+    assert "tile_rasterizer.draw_tiles" in result.stdout
     assert "output depth" in result.stdout
 
 
@@ -1530,8 +1530,8 @@ def impatient(monkeypatch):
 @pytest.mark.parametrize("is_kept", [True, False])
 def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_kept):
     monkeypatch.setattr(store, "folder", lambda: Path("/cache") if is_kept else None)
-    monkeypatch.setattr(ahead, "is_possible", lambda: False)
-    with report.progress_notice(quiet=False), ahead.beside(list):
+    monkeypatch.setattr(background_compile, "is_possible", lambda: False)
+    with report.progress_notice(quiet=False), background_compile.beside(list):
         say_that_something_compiles()
         say_that_something_compiles()
     said = capsys.readouterr()
@@ -1543,9 +1543,9 @@ def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_
 def test_a_line_on_a_terminal_says_how_far_the_compiler_is(impatient, monkeypatch, capsys):
     used, said = store.Used([], []), []
     monkeypatch.setattr(store, "USED", used)
-    monkeypatch.setattr(ahead, "is_possible", lambda: False)
+    monkeypatch.setattr(background_compile, "is_possible", lambda: False)
     line = SimpleNamespace(status="Rendering", update=said.append)
-    with report.progress_notice(quiet=False, shown=line), ahead.beside(list):
+    with report.progress_notice(quiet=False, shown=line), background_compile.beside(list):
         say_that_something_compiles()
         used.compiled.append("a.b")
         say_that_something_compiles()
@@ -1576,7 +1576,7 @@ def test_a_line_on_a_terminal_says_how_many_pictures_are_drawn(monkeypatch, tmp_
 
 
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
-    with report.progress_notice(quiet=False), ahead.beside(list):
+    with report.progress_notice(quiet=False), background_compile.beside(list):
         say_that_something_compiles()
     assert capsys.readouterr() == ("", "")
 

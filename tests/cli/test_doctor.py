@@ -30,7 +30,7 @@ def test_doctor_finds_this_installation_healthy():
 def entry(place, number, **changes):
     """Write an entry of a kernel that nobody calls; return its path."""
     triple, cpu, _ = store.host()
-    source = "rasterjit.pipeline.encode"
+    source = "rasterjit.pipeline.srgb_encoding"
     header = store.Header(
         "none", f"{source}.nothing", "()", store.sources_hash(source), store.versions(), triple, cpu
     )

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit.animation import playing, tracks
+from rasterjit.animation import render_animation, tracks
 from rasterjit.cli import commands
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -204,13 +204,13 @@ def test_frames_play_an_animation_and_put_everything_back():
     with rj.Renderer(SIZE, threads=1) as renderer:
         found = [
             frame.color.copy()
-            for frame in playing.frames(renderer, scene, times, animation="feelings")
+            for frame in render_animation.frames(renderer, scene, times, animation="feelings")
         ]
         again = [
             frame.color.copy()
-            for frame in playing.frames(renderer, scene, times, animation=0, loop=True)
+            for frame in render_animation.frames(renderer, scene, times, animation=0, loop=True)
         ]
-        still = [frame.color.copy() for frame in playing.frames(renderer, scene, times)]
+        still = [frame.color.copy() for frame in render_animation.frames(renderer, scene, times)]
     for time, color in zip(times, found, strict=True):
         assert (color == steadily_seen(scene.at(time, 0))).all()
     for time, color in zip(times, again, strict=True):
@@ -227,7 +227,7 @@ def test_tracks_act_after_the_animation():
     face = next(node for node in scene.every_node() if node.name == "face")
     place = rj.transforms.translate((0.5, 1.0, 0.0))
     with rj.Renderer(SIZE, threads=1) as renderer:
-        (frame,) = playing.frames(
+        (frame,) = render_animation.frames(
             renderer, scene, [0.8], animation=0, transforms={face: lambda time: place}
         )
         color = frame.color.copy()
@@ -243,7 +243,7 @@ def test_an_animation_that_there_is_not_is_refused_at_once(animation):
         rj.Renderer(SIZE, threads=1) as renderer,
         pytest.raises(ValueError, match="animation must"),
     ):
-        playing.frames(renderer, scene, [0.0], animation=animation)
+        render_animation.frames(renderer, scene, [0.0], animation=animation)
 
 
 def test_a_turntable_stays_away_from_all_that_an_animation_shows():

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from rasterjit.compat import pyrender
-from rasterjit.pipeline.fragments.plain_codes import mix_plain_codes
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.fragments.constant_colors import mix_plain_codes
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.survey.plan import RenderPlan
 
 SIZE = 90, 70
@@ -58,7 +58,7 @@ def test_nothing_is_drawn_at_centers(monkeypatch):
     def refuse(*arguments, **options):
         raise AssertionError("the tiles were drawn at the centres of pixels")
 
-    monkeypatch.setattr(draw, "draw", refuse)
+    monkeypatch.setattr(visibility_pass, "draw", refuse)
     _, depth = drawn(1.0, pyrender.RenderFlags.NONE)
 
     assert (depth > 0.0).any()

@@ -29,7 +29,7 @@ from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender import viewer as viewers
 from rasterjit.compat.pyrender.showing import Showing, same_scene
 from rasterjit.scene.camera import MatrixCamera, PerspectiveCamera
-from rasterjit.viewer import browser, notebook, show, tab, terminal, trial
+from rasterjit.viewer import browser, browser_session, notebook, show, terminal, window_probe
 
 PATIENCE = 60.0
 """Seconds for a picture on a loaded machine."""
@@ -350,7 +350,7 @@ def test_text_beside_pictures_says_the_keys_and_messages_of_pyrender(page):
     with viewing(scene) as viewer:
         showing = viewer._showing
         showing.writes_text = False
-        told = tab.welcome(showing)
+        told = browser_session.welcome(showing)
         assert (told["help_key"], told["has_usual_keys"]) == ("?", False)
         assert terminal.last_line(showing, 80) == " Q end  ? help"
         press(viewer, "?")
@@ -631,7 +631,7 @@ def test_thread_has_windows_of_glfw_alone(monkeypatch, toolkit, platform, expect
     ran = []
     monkeypatch.setattr(sys, "platform", platform)
     monkeypatch.setattr(show, "choose_backend", lambda backend: "window")
-    monkeypatch.setattr(trial, "find_toolkit", lambda: (toolkit, ""))
+    monkeypatch.setattr(window_probe, "find_toolkit", lambda: (toolkit, ""))
     monkeypatch.setattr(viewers, "_WINDOW", threading.Lock())
     monkeypatch.setattr(viewers.Viewer, "_run", lambda self, backend: ran.append(backend))
     for run_in_thread in (True, False):

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from made_meshes import BROKEN, GOOD, contents, make_meshes
 
-from rasterjit.dataset import making
+from rasterjit.dataset import dataset_builder
 from rasterjit.dataset.recipe import Recipe
 
 pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
@@ -32,7 +32,7 @@ def meshes(tmp_path_factory):
 def whole(meshes, tmp_path_factory):
     """What the data set holds that this process makes without interruption."""
     place = tmp_path_factory.mktemp("whole")
-    making.make(meshes, place, RECIPE)
+    dataset_builder.make(meshes, place, RECIPE)
     return contents(place)
 
 
@@ -107,7 +107,7 @@ def test_ctrl_c_ends_cleanly_and_the_next_run_goes_on(meshes, whole, tmp_path):
     assert 1 <= len(done) < len(GOOD)
     assert found.items() <= whole.items()
     assert not list(place.glob(".*"))
-    assert making.make(meshes, place, RECIPE).present == len(done)
+    assert dataset_builder.make(meshes, place, RECIPE).present == len(done)
     assert contents(place) == whole
 
 
@@ -161,7 +161,7 @@ def test_a_worker_that_dies_is_told_and_the_next_run_goes_on(meshes, whole, tmp_
     assert done.returncode == 1
     assert done.stderr.startswith("error: a worker process died")
     assert contents(place).items() <= whole.items()
-    making.make(meshes, place, RECIPE)
+    dataset_builder.make(meshes, place, RECIPE)
     assert contents(place) == whole
 
 
@@ -234,21 +234,21 @@ def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
         pytest.skip("the work was done before the scheduler was gone")
     assert running.returncode == 1
     assert "run again to go on" in said
-    making.make(meshes, place, RECIPE)
+    dataset_builder.make(meshes, place, RECIPE)
     assert contents(place) == whole
 
 
 @needs_dask
 def test_no_scheduler_is_an_error_that_names_the_address(meshes, tmp_path, monkeypatch):
-    monkeypatch.setattr("rasterjit.dataset.making.PATIENCE", 0.3)
-    with pytest.raises(making.LostWorkersError, match="no scheduler answers at tcp://127"):
-        making.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
+    monkeypatch.setattr("rasterjit.dataset.dataset_builder.PATIENCE", 0.3)
+    with pytest.raises(dataset_builder.LostWorkersError, match="no scheduler answers at tcp://127"):
+        dataset_builder.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
 
 
 def test_without_dask_the_extra_is_named(meshes, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(ImportError, match=r'pip install "rasterjit\[distributed\]"'):
-        making.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
+        dataset_builder.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
     assert not (tmp_path / "set").exists()
 
 

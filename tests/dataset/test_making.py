@@ -17,7 +17,7 @@ from ways import in_groups
 
 import rasterjit as rj
 from rasterjit.cli import commands
-from rasterjit.dataset import making
+from rasterjit.dataset import dataset_builder
 from rasterjit.dataset import recipe as recipes
 from rasterjit.dataset.recipe import Recipe, view_cameras
 from rasterjit.io.meshes import mesh_files, mesh_suffixes
@@ -42,7 +42,7 @@ def made(meshes, tmp_path_factory):
     """The data set, made without interruption."""
     place = tmp_path_factory.mktemp("made") / "set"
     reports = []
-    summary = making.make(meshes, place, RECIPE, report=lambda *what: reports.append(what))
+    summary = dataset_builder.make(meshes, place, RECIPE, report=lambda *what: reports.append(what))
     return place, summary, reports
 
 
@@ -224,7 +224,7 @@ def test_objects_without_a_name_are_called_by_their_number(tmp_path):
     (folder / "a.gltf").write_text(json.dumps(document))
     assert rj.load(folder / "a.gltf").nodes[0].name == ""
     recipe = Recipe(views=1, size=(8, 6), outputs=("color", "coco"))
-    assert making.make(folder, tmp_path / "set", recipe).failures == {}
+    assert dataset_builder.make(folder, tmp_path / "set", recipe).failures == {}
     annotation = json.loads((tmp_path / "set/a.gltf/coco.json").read_text())
     assert [one["name"] for one in annotation["categories"]] == ["object 0"]
 
@@ -238,7 +238,7 @@ def test_an_annotation_that_fails_is_the_failure_of_its_mesh(meshes, tmp_path, m
         return real(images, categories)
 
     monkeypatch.setattr(masks, "coco", coco)
-    summary = making.make(meshes, tmp_path / "set", RECIPE)
+    summary = dataset_builder.make(meshes, tmp_path / "set", RECIPE)
     assert summary.made > 0
     assert "not enough memory" in summary.failures.values()
 
@@ -405,8 +405,8 @@ def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
     monkeypatch.setattr(
         recipes, "render_views", lambda *a, **k: rendered.append(a) or real(*a, **k)
     )
-    again = making.make(meshes, place, RECIPE)
-    assert again == making.Summary(0, len(GOOD), summary.failures)
+    again = dataset_builder.make(meshes, place, RECIPE)
+    assert again == dataset_builder.Summary(0, len(GOOD), summary.failures)
     assert rendered == []
     assert contents(place) == before
 
@@ -428,11 +428,11 @@ def test_what_was_interrupted_is_gone_on_with(made, meshes, tmp_path, monkeypatc
     with monkeypatch.context() as patched:
         patched.setattr(rj.Frame, "save", save)
         with pytest.raises(type(error) if isinstance(error, OSError) else error):
-            making.make(meshes, tmp_path / "set", RECIPE)
+            dataset_builder.make(meshes, tmp_path / "set", RECIPE)
     whole = contents(made[0])
     assert contents(tmp_path / "set").items() <= whole.items()
     assert not list((tmp_path / "set").glob(".*"))
-    making.make(meshes, tmp_path / "set", RECIPE)
+    dataset_builder.make(meshes, tmp_path / "set", RECIPE)
     assert contents(tmp_path / "set") == whole
 
 
@@ -442,7 +442,7 @@ def test_a_full_disk_is_told_with_the_mesh_that_did_not_fit(meshes, tmp_path, mo
 
     monkeypatch.setattr(rj.Frame, "save", save)
     with pytest.raises(OSError, match="No space left on device") as caught:
-        making.make(meshes, tmp_path / "set", RECIPE)
+        dataset_builder.make(meshes, tmp_path / "set", RECIPE)
     assert caught.value.filename == str(tmp_path / "set/ball.ply/images/0000.png")
 
 
@@ -453,7 +453,7 @@ def test_leftovers_of_a_killed_run_are_cleared_away(made, meshes, tmp_path):
     (place / "box.stl/images/9999.png").write_bytes(b"half")
     (place / ".partial-0123").mkdir()
     (place / ".partial-0123/x.png").write_bytes(b"half")
-    summary = making.make(meshes, place, RECIPE)
+    summary = dataset_builder.make(meshes, place, RECIPE)
     assert summary.made == 1
     assert contents(place) == contents(made[0])
 
@@ -467,7 +467,7 @@ def test_a_mesh_that_fails_to_render_is_listed_and_leaves_nothing(meshes, tmp_pa
         return real(self, scene, *arguments, **options)
 
     monkeypatch.setattr(rj.Renderer, "render", render)
-    summary = making.make(meshes, tmp_path / "set", RECIPE)
+    summary = dataset_builder.make(meshes, tmp_path / "set", RECIPE)
     assert summary.failures["tri angle.obj"] == "not enough memory"
     assert not (tmp_path / "set/tri angle.obj").exists()
 
@@ -478,9 +478,11 @@ def test_failures_that_are_mended_are_no_longer_listed(tmp_path):
     (folder / "a.obj").write_text("")
     (folder / "b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
-    assert list(making.make(folder, tmp_path / "set", recipe).failures) == ["a.obj"]
+    assert list(dataset_builder.make(folder, tmp_path / "set", recipe).failures) == ["a.obj"]
     shutil.copy(folder / "b.obj", folder / "a.obj")
-    assert making.make(folder, tmp_path / "set", recipe) == making.Summary(1, 1, {})
+    assert dataset_builder.make(folder, tmp_path / "set", recipe) == dataset_builder.Summary(
+        1, 1, {}
+    )
     assert not (tmp_path / "set/failures.json").exists()
 
 
@@ -497,16 +499,16 @@ def damaged(tmp_path):
 
 def test_damage_leaves_out_a_mesh_or_is_passed_over(damaged, tmp_path):
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
-    summary = making.make(damaged, tmp_path / "set", recipe)
+    summary = dataset_builder.make(damaged, tmp_path / "set", recipe)
     assert list(summary.failures) == ["a.obj"]
     assert "line 5" in summary.failures["a.obj"]
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",), on_damage="warn")
-    summary = making.make(damaged, tmp_path / "other", recipe)
+    summary = dataset_builder.make(damaged, tmp_path / "other", recipe)
     assert (summary.made, summary.failures, list(summary.warnings)) == (2, {}, ["a.obj"])
     assert summary.warnings["a.obj"][0].startswith("a.obj: left out what is damaged, first line 5")
     assert np.asarray(Image.open(tmp_path / "other/a.obj/mask/0000.png")).any()
     with pytest.raises(ValueError, match="made otherwise: on_damage 'error', not 'warn'"):
-        making.make(damaged, tmp_path / "set", recipe)
+        dataset_builder.make(damaged, tmp_path / "set", recipe)
 
 
 def test_a_mesh_of_too_many_bytes_is_left_out_and_made_with_more(damaged, tmp_path):
@@ -514,9 +516,11 @@ def test_a_mesh_of_too_many_bytes_is_left_out_and_made_with_more(damaged, tmp_pa
     few, more = (
         Recipe(views=1, size=(8, 6), outputs=("mask",), max_bytes=most) for most in (1000, 1 << 20)
     )
-    summary = making.make(damaged, tmp_path / "set", few)
+    summary = dataset_builder.make(damaged, tmp_path / "set", few)
     assert "are left of max_bytes = 1,000" in summary.failures["b.obj"]
-    assert making.make(damaged, tmp_path / "set", more) == making.Summary(1, 0, {})
+    assert dataset_builder.make(damaged, tmp_path / "set", more) == dataset_builder.Summary(
+        1, 0, {}
+    )
 
 
 def test_the_command_line_takes_damage_and_a_budget(damaged, tmp_path):
@@ -549,14 +553,14 @@ def test_what_a_view_warns_of_names_it_once(tmp_path, monkeypatch):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     asked = Recipe(views=2, size=(8, 6), outputs=("mask",))
-    summary = making.make(tmp_path / "meshes", tmp_path / "set", asked)
+    summary = dataset_builder.make(tmp_path / "meshes", tmp_path / "set", asked)
     assert summary.warnings == {"a.obj": ("view 0: nothing is in view",)}
 
 
 def test_another_recipe_is_refused_and_named(made, meshes):
     before = contents(made[0])
     with pytest.raises(ValueError, match="made otherwise: views 3, not 4"):
-        making.make(meshes, made[0], Recipe(views=4, size=SIZE, outputs=RECIPE.outputs))
+        dataset_builder.make(meshes, made[0], Recipe(views=4, size=SIZE, outputs=RECIPE.outputs))
     assert contents(made[0]) == before
 
 
@@ -585,7 +589,7 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, o
     (tmp_path / "full").mkdir()
     (tmp_path / "full/file").write_text("mine")
     with pytest.raises(ValueError, match=message):
-        making.make(folder, output, **options)
+        dataset_builder.make(folder, output, **options)
     assert (tmp_path / "full/file").read_text() == "mine"
     assert not (tmp_path / "meshes/dataset.json").exists()
     assert not (tmp_path / "set").exists()
@@ -595,9 +599,11 @@ def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "set").mkdir()
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
-    assert making.make(tmp_path, tmp_path / "set", recipe).made == 1
+    assert dataset_builder.make(tmp_path, tmp_path / "set", recipe).made == 1
     shutil.copy(tmp_path / "a.obj", tmp_path / "set/b.obj")
-    assert making.make(tmp_path, tmp_path / "set", recipe) == making.Summary(0, 1, {})
+    assert dataset_builder.make(tmp_path, tmp_path / "set", recipe) == dataset_builder.Summary(
+        0, 1, {}
+    )
 
 
 def test_files_that_need_an_extra_are_not_passed_over():

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rasterjit.dataset import making
+from rasterjit.dataset import dataset_builder
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.runtime import locks
 
@@ -28,7 +28,7 @@ def meshes(tmp_path):
 HOLDING = """
 import sys
 from pathlib import Path
-from rasterjit.dataset.making import owned
+from rasterjit.dataset.dataset_builder import owned
 with owned(Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()
@@ -53,12 +53,12 @@ def test_a_second_run_is_refused_and_leaves_the_first_alone(meshes, tmp_path):
     def report(*_):
         (place / ".partial-of-the-first").mkdir(exist_ok=True)
         with pytest.raises(ValueError, match=f"another run, process {os.getpid()} on ") as caught:
-            making.make(meshes, place, RECIPE)
+            dataset_builder.make(meshes, place, RECIPE)
         assert str(place / ".lock") in str(caught.value)
         assert (place / ".partial-of-the-first").is_dir()
         refused.append(caught)
 
-    assert making.make(meshes, place, RECIPE, report=report).made == 2
+    assert dataset_builder.make(meshes, place, RECIPE, report=report).made == 2
     assert len(refused) == 2
     assert not (place / ".lock").exists()
 
@@ -72,26 +72,26 @@ def test_the_folder_is_given_back_whatever_is_raised(meshes, tmp_path, error):
         raise error
 
     with pytest.raises(error):
-        making.make(meshes, place, RECIPE, report=report)
+        dataset_builder.make(meshes, place, RECIPE, report=report)
     assert not list(place.glob(".*"))
-    assert making.make(meshes, place, RECIPE).made == 1
+    assert dataset_builder.make(meshes, place, RECIPE).made == 1
 
 
 def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, holder):
     place = tmp_path / "set"
     with pytest.raises(ValueError, match=f"another run, process {holder.pid} on "):
-        making.make(meshes, place, RECIPE)
+        dataset_builder.make(meshes, place, RECIPE)
     assert [file.name for file in place.iterdir()] == [".lock"]
     holder.kill()
     holder.wait()
     assert (place / ".lock").is_file()
-    assert making.make(meshes, place, RECIPE).made == 2
+    assert dataset_builder.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 
 
 def left_lock(place, change):
     """A lock file that a killed process left, with another content."""
-    content = json.loads(making._myself())
+    content = json.loads(dataset_builder._myself())
     change(content)
     place.mkdir()
     (place / ".lock").write_text(json.dumps(content))
@@ -101,21 +101,21 @@ def test_the_number_of_its_process_tells_nothing(meshes, tmp_path):
     """Containers that share a folder have processes of the same number: this one, for instance."""
     place = tmp_path / "set"
     left_lock(place, lambda content: None)
-    assert making.make(meshes, place, RECIPE).made == 2
+    assert dataset_builder.make(meshes, place, RECIPE).made == 2
 
 
 @pytest.mark.parametrize("shared", [0, 1])
 def test_a_lock_is_seen_on_the_same_host_or_the_same_system(meshes, tmp_path, shared):
     place = tmp_path / "set"
     left_lock(place, lambda content: content["machine"].__setitem__(1 - shared, "0"))
-    assert making.make(meshes, place, RECIPE).made == 2
+    assert dataset_builder.make(meshes, place, RECIPE).made == 2
 
 
 def test_the_lock_of_another_machine_is_kept(meshes, tmp_path):
     place = tmp_path / "set"
     left_lock(place, lambda it: it.update(machine=["0", "1"], pid=1, host="elsewhere"))
     with pytest.raises(ValueError, match="process 1 on elsewhere"):
-        making.make(meshes, place, RECIPE)
+        dataset_builder.make(meshes, place, RECIPE)
     assert (place / ".lock").is_file()
 
 
@@ -124,9 +124,9 @@ def test_a_lock_that_cannot_be_asked_is_kept(meshes, tmp_path, monkeypatch):
     monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
     left_lock(place, lambda content: None)
     with pytest.raises(ValueError, match="if there is none, remove"):
-        making.make(meshes, place, RECIPE)
+        dataset_builder.make(meshes, place, RECIPE)
     (place / ".lock").unlink()
-    assert making.make(meshes, place, RECIPE).made == 2
+    assert dataset_builder.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 
 
@@ -135,7 +135,7 @@ def test_a_lock_that_is_nobodys_is_taken_over(meshes, tmp_path, content):
     place = tmp_path / "set"
     place.mkdir()
     (place / ".lock").write_text(content)
-    assert making.make(meshes, place, RECIPE).made == 2
+    assert dataset_builder.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 
 
@@ -154,7 +154,7 @@ def test_the_next_run_goes_on_after_one_that_was_killed(meshes, tmp_path):
     done = subprocess.run([sys.executable, "-c", KILLED, meshes, place], check=False)
     assert done.returncode == -9
     assert (place / ".lock").is_file()
-    assert making.make(meshes, place, RECIPE) == making.Summary(1, 1, {})
+    assert dataset_builder.make(meshes, place, RECIPE) == dataset_builder.Summary(1, 1, {})
     assert not list(place.glob(".*"))
 
 
@@ -165,23 +165,23 @@ def forbid_by_path(monkeypatch):
         raise PermissionError(errno.EACCES, "Permission denied", str(self))
 
     for name in ("open", "read_bytes", "read_text", "write_text", "write_bytes"):
-        monkeypatch.setattr(making.Path, name, refuse)
+        monkeypatch.setattr(dataset_builder.Path, name, refuse)
 
 
 def test_where_locks_forbid_others_to_write_the_holder_does(tmp_path, monkeypatch):
-    (tmp_path / ".lock").write_text(making._myself() + " " * 99)
+    (tmp_path / ".lock").write_text(dataset_builder._myself() + " " * 99)
     with monkeypatch.context() as patch:
         forbid_by_path(patch)
-        with making.owned(tmp_path):
+        with dataset_builder.owned(tmp_path):
             patch.undo()
-            assert (tmp_path / ".lock").read_text() == making._myself()
+            assert (tmp_path / ".lock").read_text() == dataset_builder._myself()
 
 
 def test_the_lock_of_another_machine_is_read_by_who_holds_it(tmp_path, monkeypatch):
     other = json.dumps({"host": "elsewhere", "pid": 1, "machine": ["0", "1"]})
     (tmp_path / ".lock").write_text(other)
     forbid_by_path(monkeypatch)
-    with pytest.raises(ValueError, match="another run: wait"), making.owned(tmp_path):
+    with pytest.raises(ValueError, match="another run: wait"), dataset_builder.owned(tmp_path):
         pass
     monkeypatch.undo()
     assert (tmp_path / ".lock").read_text() == other
@@ -191,7 +191,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
     forbid_by_path(monkeypatch)
     with (
         pytest.raises(ValueError, match=r"another run: wait .*\.lock"),
-        making.owned(tmp_path / "set"),
+        dataset_builder.owned(tmp_path / "set"),
     ):
         pass
 
@@ -199,7 +199,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
 def test_a_lock_file_that_seems_to_be_another_is_refused(tmp_path, monkeypatch):
     """Some file systems give another number of a file by its path than when it is open."""
     monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
-    with pytest.raises(ValueError, match="another run"), making.owned(tmp_path):
+    with pytest.raises(ValueError, match="another run"), dataset_builder.owned(tmp_path):
         pass
 
 
@@ -209,12 +209,12 @@ def test_a_lock_file_that_another_takes_while_it_is_removed_is_its(tmp_path, mon
     def refuse(self, **_):
         raise PermissionError(errno.EACCES, "open", str(self))
 
-    monkeypatch.setattr(making.Path, "unlink", refuse)
-    with making.owned(tmp_path):
+    monkeypatch.setattr(dataset_builder.Path, "unlink", refuse)
+    with dataset_builder.owned(tmp_path):
         pass
     assert (tmp_path / ".lock").is_file()
     monkeypatch.undo()
-    with making.owned(tmp_path):
+    with dataset_builder.owned(tmp_path):
         pass
     assert not (tmp_path / ".lock").exists()
 
@@ -235,7 +235,7 @@ def test_what_windows_says_of_a_lock(tmp_path, monkeypatch, number, expected):
 
 @pytest.mark.parametrize("name", ["lock", "_created"])
 def test_an_interrupt_while_the_lock_is_made_leaves_no_file(tmp_path, monkeypatch, name):
-    original = getattr(making, name)
+    original = getattr(dataset_builder, name)
 
     def interrupt(file):
         monkeypatch.undo()
@@ -243,15 +243,17 @@ def test_an_interrupt_while_the_lock_is_made_leaves_no_file(tmp_path, monkeypatc
             original(file)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(making, name, interrupt)
-    with pytest.raises(KeyboardInterrupt), making.owned(tmp_path):
+    monkeypatch.setattr(dataset_builder, name, interrupt)
+    with pytest.raises(KeyboardInterrupt), dataset_builder.owned(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_leaves_the_lock_of_another_run_alone(tmp_path, monkeypatch):
-    with making.owned(tmp_path):
-        monkeypatch.setattr(making, "_taken", lambda file: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt), making.owned(tmp_path):
+    with dataset_builder.owned(tmp_path):
+        monkeypatch.setattr(
+            dataset_builder, "_taken", lambda file: (_ for _ in ()).throw(KeyboardInterrupt)
+        )
+        with pytest.raises(KeyboardInterrupt), dataset_builder.owned(tmp_path):
             pass
-        assert (tmp_path / making.LOCK).read_bytes()
+        assert (tmp_path / dataset_builder.LOCK).read_bytes()

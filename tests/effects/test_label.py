@@ -15,7 +15,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.distributed import render_partitions
 from rasterjit.effects.label import LABELS, box_of
-from rasterjit.io import fonts, lettering
+from rasterjit.io import fonts, text_layout
 from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
 from rasterjit.scene.label import ANCHORS
@@ -78,7 +78,7 @@ def test_outlines_are_those_of_freetype():
         mask = ImageFont.load_default(size).getmask(character)
         theirs = np.array(mask).reshape(mask.size[::-1])
         theirs = theirs[:, theirs.any(axis=0)]
-        own = lettering.cover_glyph(FONT, GLYPHS[ord(character)], float(size), 0).cover
+        own = text_layout.cover_glyph(FONT, GLYPHS[ord(character)], float(size), 0).cover
         assert np.abs(np.subtract(own.shape, theirs.shape)).max() <= 2
         assert own.sum() == pytest.approx(theirs.sum(), rel=0.02)
 
@@ -134,8 +134,8 @@ def test_neighbours_are_kerned(tmp_path, kern):
     numbers = [found.characters[ord(one)] for one in "ABC"]
     assert [found.kerning(numbers[0], one) for one in numbers[:2]] == [0, -250]
     assert found.kerning(numbers[1], numbers[0]) == 100
-    assert lettering.lay_out("AB", 100.0, font=place).width == 175
-    assert lettering.lay_out("BA", 100.0, font=place).width == 210
+    assert text_layout.lay_out("AB", 100.0, font=place).width == 175
+    assert text_layout.lay_out("BA", 100.0, font=place).width == 210
 
 
 def test_kerning_is_that_of_freetype():
@@ -164,44 +164,46 @@ def test_texts_that_run_from_right_to_left_are_warned_of(text):
 
 
 def test_every_kind_of_space_is_as_wide_as_a_space():
-    usual = lettering.lay_out("a b", 20.0)
-    assert lettering.lay_out("a\u00a0b", 20.0) == lettering.lay_out("a\u202fb", 20.0) == usual
+    usual = text_layout.lay_out("a b", 20.0)
+    assert text_layout.lay_out("a\u00a0b", 20.0) == text_layout.lay_out("a\u202fb", 20.0) == usual
 
 
 def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
     snow = write_font(tmp_path / "snow.ttf", {"\N{SNOWMAN}": 700}, names=("Snow", "Book"))
     monkeypatch.setattr(fonts, "font_files", lambda: (str(snow),))
     fonts.font_for.cache_clear()
-    lettering._lay_out.cache_clear()
+    text_layout._lay_out.cache_clear()
     try:
-        layout = lettering.lay_out("a\N{SNOWMAN}\N{COMET}\t\x00\u202e", 20.0)
+        layout = text_layout.lay_out("a\N{SNOWMAN}\N{COMET}\t\x00\u202e", 20.0)
         assert [one.font is FONT for one in layout.placed[:3]] == [True, False, True]
         assert layout.missing == "\N{COMET}"
         assert len(layout.placed) == 7
         pixels = np.full((40, 90, 3), 255, np.uint8)
         with pytest.warns(UserWarning, match=r"no font has '.' \(U\+2604\).*font="):
-            lettering.write(pixels, "\N{COMET}", (0, 0), 20.0, (0, 0, 0))
+            text_layout.write(pixels, "\N{COMET}", (0, 0), 20.0, (0, 0, 0))
         assert fonts.font_named("snow").characters == {0x2603: 1}
         with pytest.raises(ValueError, match=r"font must be .* got 'Rain'"):
             fonts.font_named("Rain")
     finally:
         fonts.font_for.cache_clear()
-        lettering._lay_out.cache_clear()
+        text_layout._lay_out.cache_clear()
 
 
 def test_whatever_is_no_control_is_shown_as_a_box_at_least():
     # One of each kind of characters that say nothing, of private ones and of ones without meaning.
     for shown in "\ue000\U000f0001\U0010fffd\ufffe\U0003fffd\udc80\u0378":
-        layout = lettering.lay_out(f"a{shown}b", 20.0)
+        layout = text_layout.lay_out(f"a{shown}b", 20.0)
         assert len(layout.placed) == 3
         assert layout.missing == shown * (fonts.font_for(shown, FONT) is None)
-    assert lettering.lay_out("\U000f0001", 20.0).missing
+    assert text_layout.lay_out("\U000f0001", 20.0).missing
     for silent in "\x00\x1b\x85\u00ad\u200d\u202e\ufeff\U000e0041":
-        assert lettering.lay_out(f"a{silent}b", 20.0).width == lettering.lay_out("ab", 20.0).width
+        assert (
+            text_layout.lay_out(f"a{silent}b", 20.0).width == text_layout.lay_out("ab", 20.0).width
+        )
 
 
 def test_accents_that_stand_alone_are_joined_with_their_letters():
-    assert lettering.lay_out("e\u0301", 20.0) == lettering.lay_out("\u00e9", 20.0)
+    assert text_layout.lay_out("e\u0301", 20.0) == text_layout.lay_out("\u00e9", 20.0)
 
 
 @pytest.mark.parametrize(
@@ -273,7 +275,7 @@ POLYGONS = [
 @pytest.mark.parametrize("turned", [1, -1])
 def test_areas_are_those_of_the_slow_twin(polygons, turned):
     polygons = [np.array(one, float)[::turned] for one in polygons]
-    found = lettering.cover_area(lines_of(polygons), (3, 4))
+    found = text_layout.cover_area(lines_of(polygons), (3, 4))
     for row in range(3):
         for column in range(4):
             area = sum(area_in_pixel(one.tolist(), column, row) for one in polygons)
@@ -284,7 +286,7 @@ def test_areas_are_those_of_the_slow_twin(polygons, turned):
 def test_a_glyph_covers_what_its_outlines_enclose(character):
     size, quarter = 13.0, 3
     number = GLYPHS[ord(character)]
-    glyph = lettering.cover_glyph(FONT, number, size, quarter)
+    glyph = text_layout.cover_glyph(FONT, number, size, quarter)
     pieces = math.ceil(math.sqrt(size))
     polygons = []
     for curves in FONT.outline(number):
@@ -324,7 +326,9 @@ def test_places_are_rounded_to_whole_pixels_half_up_and_moved_by_the_offset(cube
 
 
 def test_lines_lie_below_each_other_and_begin_or_end_together():
-    layouts = {align: lettering.lay_out("wide one\nI", 20.0, align) for align in ("left", "right")}
+    layouts = {
+        align: text_layout.lay_out("wide one\nI", 20.0, align) for align in ("left", "right")
+    }
     for layout in layouts.values():
         assert layout.height == 2 * 24 + 1
         assert [one.row for one in layout.placed] == [20] * 8 + [44]
@@ -345,9 +349,9 @@ def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
         plain = shown(LABELS.without(scene), camera, **options).color
         found = shown(scene, camera, **options).color
         box = box_of(label, camera.project(label.position, SIZE).pixels.tolist())
-        layout = lettering.lay_out(label.text, label.size, "left")
+        layout = text_layout.lay_out(label.text, label.size, "left")
         window = (-box.padding, -box.padding, box.width, box.height)
-        cover = lettering.cover_text(layout, label.size, window)
+        cover = text_layout.cover_text(layout, label.size, window)
         assert box.padding == 4
         wanted = plain.copy()
         for row in range(box.height):

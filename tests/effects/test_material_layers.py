@@ -18,10 +18,10 @@ import skies
 from naive_layered import Layered
 
 import rasterjit as rj
-from rasterjit.pipeline.lighting import blinn_phong, layered, light_stages, sheen
+from rasterjit.pipeline.lighting import blinn_phong, layered_materials, light_stages, sheen
 from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind, fixed
 from rasterjit.pipeline.records import Layers, Lighting, Microfacets, Surface
-from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.rendering import shading_passes
 from rasterjit.rendering.planning import list_passes
 from rasterjit.scene.material import LAYER_TEXTURES
@@ -487,11 +487,13 @@ def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
     normalize = fixed(light_stages.normalize_normals)
     around = Pass(light_stages.show_ambient_on_facets, lambda a: (a.lighting.ambient, a.viewer))
     passes = [
-        *layered.starting_passes(needs, normalize),
+        *layered_materials.starting_passes(needs, normalize),
         normalize,
-        *layered.around_passes(needs, around, shading_passes.ambient_pass(), is_first=True),
+        *layered_materials.around_passes(
+            needs, around, shading_passes.ambient_pass(), is_first=True
+        ),
         *shading_passes.add_passes(needs, 0, 1),
-        *layered.finishing_passes(needs),
+        *layered_materials.finishing_passes(needs),
     ]
     steps = bind(passes, arrays)
     blocks.run(samples, *((step.stage, *step.arguments) for step in steps))

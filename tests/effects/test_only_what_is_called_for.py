@@ -35,8 +35,9 @@ print(json.dumps(sorted((short_name(module), name) for module, _, name in names)
 """
 
 OF_EVERY_SCENE = {
-    "attributes", "binning", "driver", "encode", "light_stages", "listing",
-    "nearest", "packing", "projection", "setup", "tile_depths", "triangle_batches", "weights",
+    "attributes", "barycentric_weights", "binning", "gather_samples", "hierarchical_z",
+    "light_stages", "pack_arguments", "projection", "setup", "srgb_encoding", "stage_runner",
+    "tile_rasterizer", "triangle_batches",
 }  # fmt: skip
 """Kernel files that a lit mesh needs; all others belong to effects, buffers or edges."""
 
@@ -54,7 +55,7 @@ def used():
 
 
 def test_plain_scene_compiles_and_loads_nothing_of_an_effect(used):
-    assert {("nearest", "draw_tiles"), ("listing", "list_samples")} <= {*used}
+    assert {("tile_rasterizer", "draw_tiles"), ("gather_samples", "list_samples")} <= {*used}
     assert [row for row in used if row[0] not in OF_EVERY_SCENE] == []
 
 
@@ -64,8 +65,8 @@ def test_plain_scene_has_each_kernel_in_one_form(used):
 
 THROUGH = {"transmission.halve_picture", "transmission.hold_back", "transmission.transmit"}
 MAPS = {
-    "maps.bend_normals_by_maps", "maps.scale_emission_by_maps", "maps.scale_facets_by_maps",
-    "maps.scale_occlusion_by_maps",
+    "material_maps.bend_normals_by_maps", "material_maps.scale_emission_by_maps",
+    "material_maps.scale_facets_by_maps", "material_maps.scale_occlusion_by_maps",
 }  # fmt: skip
 FILTERED = {
     "prefilter_stage.add_ring", "prefilter_stage.average_columns", "prefilter_stage.project_rows",
@@ -80,39 +81,41 @@ LEANING = "sheen.lean_normals"
 VARNISH = {"clearcoat.lay_coats"}
 FIBRES = {"sheen.light_fibres", "sheen.show_around_on_fibres", LEANING}
 MIRRORS = {"dielectrics.light_own_mirrors", "dielectrics.show_around_on_own_mirrors"}
-SCALED = "layers.scale_rows_by_textures"
+SCALED = "layer_rows.scale_rows_by_textures"
 
 GONE = {
     "textures": {
-        *MAPS, "texture_gradients.find_coordinates", "texture_gradients.find_steps", BELOW,
+        *MAPS, "uv_derivatives.find_coordinates", "uv_derivatives.find_steps", BELOW,
         FACES_BELOW, "texture_lookup.read_textures", DULL, SCALED,
     },
     # Numbers of the textures, not code.
     "texture transforms": set(),
     "anisotropic filter": set(),
-    "maps and emission": {*MAPS, "maps.find_emission", "maps.show_emission", SCALED},
-    "normal maps": {"maps.bend_normals_by_maps"},
+    "maps and emission": {
+        *MAPS, "material_maps.find_emission", "material_maps.show_emission", SCALED,
+    },
+    "normal maps": {"material_maps.bend_normals_by_maps"},
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
     "vertex colors": {"attributes.show_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
     "scalar fields": {
-        "contours.draw_contours", "fields.multiply_alphas", "fields.show_scalars",
+        "isolines.draw_contours", "scalar_colors.multiply_alphas", "scalar_colors.show_scalars",
     },
     "highlights": {"light_stages.add_shiny_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
         "attributes.find_facets", "environment.mirror_environment",
         "light_stages.add_lights_on_facets", "light_stages.show_ambient_on_facets",
-        "maps.scale_facets_by_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED, *THROUGH,
-        "layers.copy_rows", "layers.exchange_rows", "layers.fill_rows",
+        "material_maps.scale_facets_by_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED, *THROUGH,
+        "layer_rows.copy_rows", "layer_rows.exchange_rows", "layer_rows.fill_rows",
     },
     "clearcoat": VARNISH,
     "sheen": FIBRES,
     "specular and ior": MIRRORS,
     "Gouraud": {
-        "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "vertices.list_vertices",
-        "vertices.write_vertices",
+        "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "gouraud.list_vertices",
+        "gouraud.write_vertices",
     },
     "flat": {"attributes.find_middles"},
     "shadows": {
@@ -140,7 +143,7 @@ GONE = {
     },
     "vignette": {"vignette.darken_rows"},
     "outline": {"outline.find_edges", "outline.draw_marks"},
-    "section": {"section_caps.fill_outlines", "section_caps.find_contacts"},
+    "section": {"cap_triangulation.fill_outlines", "cap_triangulation.find_contacts"},
     "wireframe": {
         "wireframe.draw_edges", "wireframe.fill_slack", "wireframe.find_pixels",
         "wireframe.project_edges",
@@ -149,12 +152,12 @@ GONE = {
     "labels": set(),
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.lay_under",
-        "compositing.start_sums", "encode.encode_rows", "fields.multiply_alphas",
-        "fragments.find_layers", "fragments.split_lists", "tone_map.show_over",
+        "compositing.start_sums", "srgb_encoding.encode_rows", "scalar_colors.multiply_alphas",
+        "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.show_over",
     },
     "anti-aliasing": {
-        "compositing.list_faces", "compositing.mix_samples", "weights.finish_mix",
-        "weights.mix_shares", "weights.share_samples",
+        "compositing.list_faces", "compositing.mix_samples", "coverage_resolve.finish_mix",
+        "coverage_resolve.mix_shares", "coverage_resolve.share_samples",
     },
 }  # fmt: skip
 """Kernels and stages that a scene of all effects calls for, and does not without each."""

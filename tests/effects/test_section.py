@@ -957,7 +957,7 @@ def test_a_scene_without_section_imports_nothing_of_it():
     program = (
         "import sys, numpy as np, rasterjit as rj\n"
         "rj.render(rj.Mesh(np.eye(3), [[0, 1, 2]]), size=(8, 8), threads=1)\n"
-        "own = 'rasterjit.survey.cross_sections', 'rasterjit.pipeline.geometry.section_caps'\n"
+        "own = 'rasterjit.survey.cross_sections', 'rasterjit.pipeline.geometry.cap_triangulation'\n"
         "print([name for name in own if name in sys.modules])"
     )
     done = subprocess.run(

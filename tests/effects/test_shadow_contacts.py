@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.shadows import contacts
+from rasterjit.effects.shadows import light_leaks
 from rasterjit.effects.shadows import stage as shadows_stage
 
 FLAT = rj.Material("flat", "white")
@@ -129,7 +129,7 @@ def test_contacts_are_those_of_the_slow_twin():
             here = (depth + across * u + down * v).astype(np.float32)
             right, below = np.full((2, 64), [[across], [down]], np.float32)
             share, unsure = np.full((2, 64), np.float32(0.5))
-            contacts.close_contacts(
+            light_leaks.close_contacts(
                 u, v, here, right, below, texels.ravel(), size, np.float32(1.0), unsure, share
             )
             for n in range(64):

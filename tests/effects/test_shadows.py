@@ -12,7 +12,7 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.effects import shadows as shadowing
-from rasterjit.effects.shadows import contacts, filters, visible_depth
+from rasterjit.effects.shadows import filters, light_leaks, visible_cells
 from rasterjit.effects.shadows import maps as shadow_maps
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.scene import transforms as tf
@@ -479,7 +479,7 @@ def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
 def test_scene_without_shadows_reads_no_maps(monkeypatch):
     scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
     monkeypatch.setattr(shadow_maps, "draw_shadows", None)
-    monkeypatch.setattr(visible_depth, "seen_cells", None)
+    monkeypatch.setattr(visible_cells, "seen_cells", None)
     rj.render(scene, camera, size=SIZE)
 
 
@@ -513,7 +513,7 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
                 np.float32(9.0), highest, around / 2, around, np.ones_like(share), found, nearer,
                 share,
             )  # fmt: skip
-            contacts.close_contacts(
+            light_leaks.close_contacts(
                 *(np.roll(one, beside) for one in placed[:5]), texels, size, np.float32(sides),
                 found, share,
             )  # fmt: skip

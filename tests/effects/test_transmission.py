@@ -17,7 +17,7 @@ import rasterjit as rj
 from rasterjit.effects.transmission import halve_again_and_again, level_table
 from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 
 SIZE = WIDTH, HEIGHT = (60, 44)
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)

@@ -10,9 +10,9 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.pipeline.visibility import nearest
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import tile_rasterizer
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
 EXACT_BITS = 14
@@ -99,7 +99,9 @@ def draw_tile(positions, faces, column, row, bits=8):
         drawn, objects, screen, viewport, workers
     )
     frame = np.empty(MAX, np.float32), np.empty(MAX, np.int32)
-    drawer = nearest.tile_drawer(binned, drawn, screen)
+    drawer = tile_rasterizer.tile_drawer(binned, drawn, screen)
     tiles = np.array([row * (MAX[0] // TILE) + column], np.int32)
-    nearest.draw_tiles(tiles, nearest.ALL, starts, tile_depths, viewport, frame, *drawer[:3])
+    tile_rasterizer.draw_tiles(
+        tiles, tile_rasterizer.ALL, starts, tile_depths, viewport, frame, *drawer[:3]
+    )
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

@@ -25,12 +25,12 @@ def main(folders):
     sys.meta_path.insert(0, NoNumba())
     import frames
 
-    from rasterjit.runtime import shipped, store
+    from rasterjit.runtime import prebuilt_kernels, store
 
     # Some are cut, out of view, or rounded off, on purpose.
     warnings.simplefilter("ignore")
     found, recorded = dict(frames.every_digest()), frames.recorded()
-    pack, problem = shipped.found()
+    pack, problem = prebuilt_kernels.found()
     wrong = sorted(name for name in recorded if found.get(name) != recorded[name])
     if wrong or store.USED.compiled or pack is None:
         sys.exit(f"other hashes: {wrong}; compiled: {store.USED.compiled}; {problem}")

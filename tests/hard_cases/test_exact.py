@@ -14,8 +14,8 @@ from screen_triangles import MAX, TILE, draw_tile, pixels_of
 import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import setup, triangle_batches
-from rasterjit.pipeline.visibility import draw, nearest
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 from rasterjit.scene.validation import MAX_SIZE
 
@@ -46,7 +46,9 @@ def largest_edge(vertex_box, sample_box):
 def test_vertices_reach_the_corners_of_the_guard_band(bits):
     corners = list(itertools.product((-2.0, 2.0), (-2.0, 2.0), (0.0,), (1.0,)))
     viewport = viewport_of(MAX, bits)
-    screen, seen = draw.project(np.array(corners), (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    screen, seen = visibility_pass.project(
+        np.array(corners), (0.0, -1.0, 0.0), viewport, threads.Workers(1)
+    )
     assert not seen & setup.GUARD
     reached = screen.xy[:4].astype(object)
     assert (reached.min(), reached.max()) == (
@@ -92,8 +94,10 @@ def test_quotients_of_spans_are_below_half_an_ulp_from_exact(grid):
 
 
 def test_spans_end_where_exact_arithmetic_says():
-    crossing_line = getattr(nearest.crossing_line, "function", nearest.crossing_line)
-    bound_span = getattr(nearest.bound_span, "function", nearest.bound_span)
+    crossing_line = getattr(
+        tile_rasterizer.crossing_line, "function", tile_rasterizer.crossing_line
+    )
+    bound_span = getattr(tile_rasterizer.bound_span, "function", tile_rasterizer.bound_span)
     rng = np.random.default_rng(1)
     for _ in range(4000):
         slope = int(2 ** rng.uniform(0, 27))

@@ -14,7 +14,7 @@ from clipped import clip_all
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
 tf = rj.transforms

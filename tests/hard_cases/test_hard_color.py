@@ -11,7 +11,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline import encode as resolve
+from rasterjit.pipeline import srgb_encoding as resolve
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
 
 CODES = np.arange(256, dtype=np.uint8)

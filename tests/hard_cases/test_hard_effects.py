@@ -21,11 +21,11 @@ import stages
 import rasterjit as rj
 from rasterjit.effects import wireframe
 from rasterjit.inspect import oracle
-from rasterjit.outputs import fill, motion, table
+from rasterjit.outputs import ground_truth, motion, output_table
 from rasterjit.pipeline.geometry import clipping
-from rasterjit.pipeline.surface import fields
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.rendering import planning, shade, supersample
+from rasterjit.pipeline.surface import scalar_colors
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.rendering import frame_shading, planning, supersample
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.texture import Pyramid
 from rasterjit.survey import packed_scene
@@ -642,7 +642,7 @@ def test_a_light_in_a_frame_without_colour_asks_for_nothing(sphere, camera, forb
     scene.wireframe = rj.Wireframe()
     wanted = draw(scene, camera, ("color", "depth", "face_id"))
     for name in ("shade_in_bands", "light_vertices"):
-        forbid(shade, name)
+        forbid(frame_shading, name)
     forbid(wireframe, "draw_edges")
     for name in ("join_normals", "join_surface"):
         forbid(packed_scene, name)
@@ -659,7 +659,7 @@ def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbi
     dark = draw(unlit, camera)
     forbid(planning, "lighting_of")
     forbid(packed_scene, "join_normals")
-    forbid(shade, "light_vertices")
+    forbid(frame_shading, "light_vertices")
     frame = draw(scene_of(unlit, lights=[SUN, rj.PointLight((0, 0, 3))]), camera)
     assert frame.plan.lighting is None
     assert same(frame, dark)
@@ -671,13 +671,13 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     mesh = rj.Mesh(
         sphere.vertices, sphere.faces, uv=uv, scalars=uv[:, 0], material=rj.Material("flat")
     )
-    wanted = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
+    wanted = tuple(name for name in output_table.OUTPUTS if name not in output_table.MOTION_OUTPUTS)
     everything = draw(mesh, camera, wanted)
     for module, name in (
-        (fill, "fill_rows"), (fill, "list_fills"), (packed_scene, "join_uv"),
-        (packed_scene, "join_normals"), (fill, "metric_depth"),
-        (fill, "box_matrices"), (fill, "material_numbers"),
-        (supersample, "cover_pixels"), (motion, "moment_of"), (fields, "fill_scalars"),
+        (ground_truth, "fill_rows"), (ground_truth, "list_fills"), (packed_scene, "join_uv"),
+        (packed_scene, "join_normals"), (ground_truth, "metric_depth"),
+        (ground_truth, "box_matrices"), (ground_truth, "material_numbers"),
+        (supersample, "cover_pixels"), (motion, "moment_of"), (scalar_colors, "fill_scalars"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
 SIZE = (16, 16)
@@ -178,7 +178,9 @@ def geometry_of(points, w, size):
     """Return what the kernels know of one face of screen points."""
     positions = screen.naive.clip_from_screen(points, size, 0.0, w)
     viewport = viewport_of(size, 8)
-    projected, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    projected, _ = visibility_pass.project(
+        positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1)
+    )
     return Geometry(
         np.array(FACE, np.int32), projected.xy, projected.codes, projected.w, positions, viewport
     )

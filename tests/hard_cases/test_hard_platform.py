@@ -16,7 +16,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime import threads as sharing
 
 ALL_OUTPUTS = ("color", "linear", "depth", "face_id", "object_id", "barycentric", "normal",
@@ -245,10 +245,10 @@ def test_twenty_renders_by_any_number_of_threads_have_one_hash(busy, threads):
 def test_size_and_order_of_tasks_change_no_hash(busy, monkeypatch, size, order):
     want = hash_of(busy, 1)
     # One worker, so that the order is the one that is set.
-    monkeypatch.setattr(draw, "TILES_PER_TASK", size)
+    monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", size)
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", size)
-    monkeypatch.setattr(draw, "FACES_PER_TASK", 97 * size)
-    monkeypatch.setattr(draw, "VERTICES_PER_TASK", 5 * size)
+    monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", 97 * size)
+    monkeypatch.setattr(visibility_pass, "VERTICES_PER_TASK", 5 * size)
     tasks = []
 
     def run(self, task, arguments):

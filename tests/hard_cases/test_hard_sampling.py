@@ -17,7 +17,7 @@ import pytest
 import screen
 
 import rasterjit as rj
-from rasterjit.pipeline.encode import encode_rows, encoding_table
+from rasterjit.pipeline.srgb_encoding import encode_rows, encoding_table
 
 SIXTEENTHS = {
     1: [(8, 8)],

@@ -12,7 +12,7 @@ import pytest
 from naive_textures import box, draw, probe, square
 
 import rasterjit as rj
-from rasterjit.pipeline.surface import textures
+from rasterjit.pipeline.surface import texture_filters
 from rasterjit.scene.mip_levels import level_sizes
 from rasterjit.scene.texture import FILTERS, WRAPS
 
@@ -20,9 +20,9 @@ from rasterjit.scene.texture import FILTERS, WRAPS
 pytestmark = pytest.mark.filterwarnings("ignore:image holds floats that are whole numbers")
 
 WRAP_NUMBERS = {
-    "repeat": textures.REPEAT,
-    "clamp": textures.CLAMP,
-    "mirror": textures.MIRROR,
+    "repeat": texture_filters.REPEAT,
+    "clamp": texture_filters.CLAMP,
+    "mirror": texture_filters.MIRROR,
 }
 
 WHOLE = box((0, 0), (1, 1))

@@ -22,7 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.outputs.table import OUTPUTS
+from rasterjit.outputs.output_table import OUTPUTS
 from rasterjit.scene.quality import LEVELS
 from rasterjit.scene.texture import FILTERS, WRAPS
 

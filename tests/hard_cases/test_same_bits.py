@@ -130,7 +130,7 @@ def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
     assert text.count("\nTILE_BITS = 6\n") == 1
     source.write_text(text.replace("\nTILE_BITS = 6\n", f"\nTILE_BITS = {bits}\n"))
     environment = {"PYTHONPATH": str(tmp_path), "RASTERJIT_CACHE_DIR": str(tmp_path / "cache")}
-    tiles = "from rasterjit.pipeline.visibility import nearest; print(nearest.TILE_SIZE)"
+    tiles = "from rasterjit.pipeline.geometry import setup; print(setup.TILE_SIZE)"
     done = subprocess.run(
         [sys.executable, "-c", tiles],
         cwd=tmp_path, env={**os.environ, **environment}, capture_output=True, text=True, check=True,
@@ -155,10 +155,10 @@ def test_no_kernel_that_makes_another_output_knows_of_tiles():
     # The lists of triangles, what they hide, drawing them, and counting what was drawn.
     lists = {
         "pipeline/geometry/setup.py", "pipeline/geometry/binning.py",
-        "pipeline/visibility/tile_depths.py",
+        "pipeline/visibility/hierarchical_z.py",
     }  # fmt: skip
     drawing = {
-        "pipeline/visibility/nearest.py", "pipeline/visibility/alpha_test.py",
-        "pipeline/fragments/fragments.py", "pipeline/fragments/areas.py",
+        "pipeline/visibility/tile_rasterizer.py", "pipeline/visibility/alpha_test.py",
+        "pipeline/fragments/a_buffer.py", "pipeline/fragments/area_coverage.py",
     }  # fmt: skip
     assert knows == lists | drawing | {"outputs/diagnostics_stage.py"}

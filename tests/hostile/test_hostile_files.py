@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 
 import rasterjit as rj
 from rasterjit.io.foreign import door
+from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.io.meshes import readable_formats
-from rasterjit.io.skipped import LoadWarning
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))

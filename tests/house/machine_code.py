@@ -132,7 +132,7 @@ def main(target, some, model, part, count):
     from kernel_files import kernel_modules
 
     import rasterjit as rj
-    from rasterjit.runtime import compiler, driver, jit, packing, store
+    from rasterjit.runtime import compiler, jit, pack_arguments, stage_runner, store
 
     target = store.Target(*target) if target else store.host()
     if model:
@@ -140,7 +140,7 @@ def main(target, some, model, part, count):
     used = {*store.USED.loaded, *store.USED.compiled, *some}
     for name in kernel_modules():
         import_module(name)
-    every = (driver.run_list, packing.pack, *jit.KERNELS, *jit.STAGES)
+    every = (stage_runner.run_list, pack_arguments.pack, *jit.KERNELS, *jit.STAGES)
     asked = [one for one in every if not used or store.full_name(one) in used][part::count]
     machine = compiler.machine_of(target)
     forms = []

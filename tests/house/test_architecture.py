@@ -32,9 +32,9 @@ BESIDE_KERNELS = {"__future__", "bisect", "functools", "math", "typing", "numpy"
 FOR_KERNELS = {
     "rasterjit.runtime.jit",
     "rasterjit.runtime.intrinsics",
-    "rasterjit.runtime.state",
+    "rasterjit.runtime.state_block",
     "rasterjit.pipeline.records",
-    "rasterjit.pipeline.surface.samples",
+    "rasterjit.pipeline.surface.sample_block",
 }
 """Files without kernels that they import: how to compile, instructions, types, records."""
 

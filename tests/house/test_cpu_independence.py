@@ -23,7 +23,7 @@ from machine_code import MATH, WIDTHS, cpu_dependent, look_at
 
 import rasterjit as rj
 from rasterjit.runtime import jit, store
-from rasterjit.runtime.numba_alone import compiler
+from rasterjit.runtime.isolated_numba import compiler
 
 PACKAGE = Path(rj.__file__).parent
 TEAPOT = PACKAGE.parent / "models" / "teapot.obj"
@@ -42,7 +42,7 @@ EVERY_KERNEL = bool(os.environ.get("EVERY_KERNEL"))
 """Look at all kernels, not at a few."""
 
 A_FEW = (
-    "rasterjit.pipeline.visibility.nearest.draw_tiles",
+    "rasterjit.pipeline.visibility.tile_rasterizer.draw_tiles",
     "rasterjit.pipeline.lighting.light_stages.add_shiny_lights",
 )
 """Kernels that are looked at in any case: with vectors, with powers."""
@@ -252,18 +252,18 @@ ALLOWED = {
     ("effects/tone_map/stage.py", "exp2"): "that of runtime/float_math.py",
     ("effects/transmission/stage.py", "log2"): "that of runtime/float_math.py",
     ("effects/transmission/stage.py", "power"): "that of runtime/float_math.py",
-    ("runtime/state.py", "sum"): "whole numbers: words of a block",
-    ("runtime/state.py", "prod"): "whole numbers: words of a block",
-    ("runtime/driver.py", "sum"): "whole numbers: words of a block",
+    ("runtime/state_block.py", "sum"): "whole numbers: words of a block",
+    ("runtime/state_block.py", "prod"): "whole numbers: words of a block",
+    ("runtime/stage_runner.py", "sum"): "whole numbers: words of a block",
     ("runtime/store.py", "sum"): "whole numbers: counts of files",
-    ("pipeline/surface/textures.py", "log2"): "that of runtime/float_math.py",
+    ("pipeline/surface/texture_filters.py", "log2"): "that of runtime/float_math.py",
     ("effects/environment/stage.py", "log2"): "that of runtime/float_math.py",
-    ("pipeline/encode.py", "**"): "whole numbers of Python, without bound",
-    ("pipeline/visibility/draw.py", "sum"): "whole numbers: counts of triangles",
-    ("pipeline/visibility/primitives.py", "sum"): "whole numbers: counts of pieces",
-    ("pipeline/visibility/primitives.py", "dot"): "our own, three terms of Python",
+    ("pipeline/srgb_encoding.py", "**"): "whole numbers of Python, without bound",
+    ("pipeline/visibility/visibility_pass.py", "sum"): "whole numbers: counts of triangles",
+    ("pipeline/visibility/primitive_expansion.py", "sum"): "whole numbers: counts of pieces",
+    ("pipeline/visibility/primitive_expansion.py", "dot"): "our own, three terms of Python",
     ("outputs/frame.py", "sum"): "seconds, for a text",
-    ("outputs/grid.py", "sum"): "whole numbers: codes of a colour",
+    ("outputs/contact_sheet.py", "sum"): "whole numbers: codes of a colour",
     ("survey/cross_sections.py", "fsum"): "rounded once, in whatever order",
     ("scene/points.py", "sum"): "whole numbers: counts for a message",
     ("classics/framebuffer.py", "sum"): "whole numbers: pixels of lines",
@@ -292,16 +292,16 @@ ALLOWED = {
     ("scene/mesh.py", "sum"): "whole numbers: counts for a message",
     ("scene/validation.py", "sum"): "whole numbers: counts for a message",
     ("scene/color.py", "sum"): "whole numbers: counts for a message",
-    ("scene/imitation.py", "**"): "whole numbers of Python, without bound",
+    ("scene/reference_shader.py", "**"): "whole numbers of Python, without bound",
     ("scene/color.py", "**"): "whole numbers and fractions",
-    ("scene/framing.py", "dot"): "our own, three terms of Python",
+    ("scene/camera_fitting.py", "dot"): "our own, three terms of Python",
     ("survey/clip_planes.py", "dot"): "our own, three terms of Python",
     ("scene/vectors.py", "dot"): "our own, three terms of Python",
     ("scene/transforms.py", "dot"): "our own, three terms of Python",
-    ("scene/trs.py", "dot"): "our own, three terms of Python",
+    ("scene/decomposed_transform.py", "dot"): "our own, three terms of Python",
     ("rendering/lens_views.py", "dot"): "our own, three terms of Python",
     ("styles/__init__.py", "dot"): "our own, three terms of Python",
-    ("styles/ground.py", "dot"): "our own, three terms of Python",
+    ("styles/shadow_catcher.py", "dot"): "our own, three terms of Python",
     ("styles/style.py", "dot"): "our own, three terms of Python",
     ("io/cameras.py", "dot"): "our own, three terms of Python",
     ("io/dxf.py", "sum"): "whole numbers: counts of entities and corners",
@@ -319,12 +319,12 @@ ALLOWED = {
     ("effects/shadows/__init__.py", "sum"): "whole numbers: counts of texels, and for a text",
     ("survey/packed_scene.py", "sum"): "whole numbers: counts of rows",
     ("scene/texture.py", "sum"): "whole numbers: counts of texels",
-    ("survey/placement.py", "sum"): "three terms: NumPy splits sums from eight terms on",
+    ("survey/object_transforms.py", "sum"): "three terms: NumPy splits sums from eight terms on",
     ("dataset/recipe.py", "random"): "Python's own numbers, the same for a text everywhere",
     ("io/trimesh/scene.py", "sum"): "three terms in a row, and counts",
     ("io/text/mtl.py", "mean"): "three terms: NumPy splits sums from eight terms on",
-    ("io/text/parts.py", "sum"): "whole numbers: counts of values",
-    ("io/text/lines.py", "sum"): "whole numbers: counts of words",
+    ("io/text/mesh_builder.py", "sum"): "whole numbers: counts of values",
+    ("io/text/number_parser.py", "sum"): "whole numbers: counts of words",
     ("io/text/obj.py", "sum"): "whole numbers: counts of corners and vertices",
     ("io/text/off.py", "sum"): "whole numbers: counts of corners",
     ("io/text/ply.py", "sum"): "whole numbers: counts of values and bytes",
@@ -338,7 +338,7 @@ ALLOWED = {
     ("compat/pyrender/viewer.py", "sum"): "whole numbers: keys; and three terms, for a yes or no",
     ("compat/pyrender/drawing.py", "dot"): "our own, three terms of Python",
     ("pipeline/lighting/pyrender.py", "power"): "that of runtime/float_math.py",
-    ("pipeline/visibility/mask_shares.py", "**"): "a power of two of a whole number",
+    ("pipeline/visibility/hashed_alpha.py", "**"): "a power of two of a whole number",
     ("rendering/view_warnings.py", "mean"): "whole numbers: a share of pixels",
     ("rendering/view_warnings.py", "log2"): "for a text",
     ("io/fonts.py", "sum"): "whole numbers: bytes and codes",
@@ -354,7 +354,7 @@ OFF_THE_PATH = {
     "viewer/viewer.py": "what a person clicks, and text",
     "viewer/overlay.py": "text",
     "viewer/terminal.py": "text for terminals",
-    "viewer/tab.py": "text about what a page shows",
+    "viewer/browser_session.py": "text about what a page shows",
     "compat/matplotlib.py": "works in the matrices of matplotlib, which come from BLAS",
     "compat/pyrender/showing.py": "follows a hand, as viewer/controls.py does; and text",
     "compat/pyrender/trackball.py": "follows a hand, as viewer/controls.py does",
@@ -371,7 +371,7 @@ OFF_THE_PATH = {
     "cli/info.py": "text",
     "__main__.py": "nothing but a call",
     "rendering/quality_selection.py": "compares pictures and times",
-    "accuracy/report/shots.py": "a page about pictures",
+    "accuracy/report/picture_crops.py": "a page about pictures",
     "accuracy/results.py": "compares pictures, makes none",
     "accuracy/report/files.py": "text",
     "accuracy/report/plots.py": "a page about pictures",
@@ -379,7 +379,7 @@ OFF_THE_PATH = {
     "accuracy/choice.py": "compares times and errors",
     "accuracy/effect_references.py": "pictures to compare with, which nobody keeps",
     "accuracy/effects.py": "compares times and errors",
-    "accuracy/together.py": "compares times and errors",
+    "accuracy/many_scenes.py": "compares times and errors",
     "accuracy/sentences.py": "text about times and errors",
     "accuracy/timing.py": "times",
 }

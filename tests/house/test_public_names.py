@@ -18,7 +18,7 @@ import pytest
 import rasterjit as rj
 from rasterjit import types
 from rasterjit.classics import framebuffer
-from rasterjit.outputs.table import LAYER_OUTPUTS, OUTPUTS, TABLE
+from rasterjit.outputs.output_table import LAYER_OUTPUTS, OUTPUTS, TABLE
 from rasterjit.scene.hooks import HOOKS
 
 FOLDER = Path(rj.__file__).parent

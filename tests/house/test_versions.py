@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rasterjit.runtime import numba_alone, versions
+from rasterjit.runtime import isolated_numba, versions
 
 ROOT = Path(__file__).parents[2]
 
@@ -76,8 +76,8 @@ def test_an_old_package_is_told_in_one_line(tmp_path):
 
 
 def test_a_compiler_that_is_too_new_is_warned_of(monkeypatch):
-    monkeypatch.delitem(sys.modules, numba_alone.COMPILER, raising=False)
-    monkeypatch.setattr(numba_alone, "too_new", lambda: "RasterJIT knows Numba up to")
-    monkeypatch.setattr(numba_alone.importlib, "import_module", lambda name: name)
+    monkeypatch.delitem(sys.modules, isolated_numba.COMPILER, raising=False)
+    monkeypatch.setattr(isolated_numba, "too_new", lambda: "RasterJIT knows Numba up to")
+    monkeypatch.setattr(isolated_numba.importlib, "import_module", lambda name: name)
     with pytest.warns(RuntimeWarning, match="RasterJIT knows Numba up to"):
-        assert numba_alone.compiler() == numba_alone.COMPILER
+        assert isolated_numba.compiler() == isolated_numba.COMPILER

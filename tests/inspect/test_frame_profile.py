@@ -17,7 +17,7 @@ from rasterjit.pipeline.passes import short_name
 from rasterjit.rendering import planning
 from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.runtime import jit
-from rasterjit.runtime.driver import StageList
+from rasterjit.runtime.stage_runner import StageList
 from rasterjit.scene.material import CORE_TEXTURES
 
 SIZE = (64, 48)
@@ -373,11 +373,12 @@ def test_kernels_are_told_with_the_form_that_is_called(cube):
         return {(kernel.name, kernel.variant) for kernel in planning.list_kernels(plan)}
 
     layered = told(rj.render_layers(scene, camera, k=2, size=SIZE, quality=fine).plan)
-    assert {("fragments.split_lists", ""), ("fragments.find_layers", "float64 depth")} <= layered
+    assert {("a_buffer.split_lists", ""), ("a_buffer.find_layers", "float64 depth")} <= layered
     assert told(rj.explain(scene, camera, fine, size=SIZE, diagnose=True)) >= {
         ("diagnostics_stage.count_samples", "float64 depth"),
-        ("tile_depths.find_tile_depths", "float64 depth"), ("tile_depths.find_tile_depths", ""),
-        ("nearest.draw_planned", "float64 depth"), ("nearest.draw_planned", ""),
+        ("hierarchical_z.find_tile_depths", "float64 depth"),
+        ("hierarchical_z.find_tile_depths", ""),
+        ("tile_rasterizer.draw_planned", "float64 depth"), ("tile_rasterizer.draw_planned", ""),
     }  # fmt: skip
     scene.lights, beside = [], rj.PerspectiveCamera(eye=(9, 1, 6), target=(9, 0, 0))
     options = {"outputs": ("motion_visible",), "size": SIZE}

@@ -16,7 +16,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 
 F = Fraction
 R09 = [(2.3, 1.7), (9.1, 3.2), (4.4, 10.6)]

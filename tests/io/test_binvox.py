@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.io.binvox import voxel_faces
-from rasterjit.io.skipped import MeshFileError
+from rasterjit.io.load_warnings import MeshFileError
 
 
 def save(path, full, head="translate 0 0 0\nscale 1\n"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.io.skipped import LeftOut
+from rasterjit.io.load_warnings import LeftOut
 from rasterjit.io.trimesh.resolver import trimesh_told
 
 pytest.importorskip("collada")

@@ -11,10 +11,10 @@ from sample_models import Model, quad
 from test_text_formats import CORNERS, XYZ, as_binary, ply, write
 
 import rasterjit as rj
+from rasterjit.io.load_warnings import LeftOut, LoadWarning
 from rasterjit.io.primitives import Reading
-from rasterjit.io.skipped import LeftOut, LoadWarning
-from rasterjit.io.text.parts import Part, scene_of_parts
-from rasterjit.scene.memory import FileSizeError, MemoryBudget
+from rasterjit.io.text.mesh_builder import Part, scene_of_parts
+from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 
 HEAT = [*XYZ, "float heat"]
 HOT = [f"{corner} {heat}" for corner, heat in zip(CORNERS, (0.5, 1.5, 2.5, 3.5), strict=True)]

@@ -13,8 +13,8 @@ import trimesh
 from PIL import Image
 
 import rasterjit as rj
+from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.io.meshes import from_trimesh, load
-from rasterjit.io.skipped import LoadWarning
 from rasterjit.scene.material import CORE_TEXTURES, Material
 
 CORNERS = np.array(

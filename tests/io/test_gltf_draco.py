@@ -13,7 +13,7 @@ from gltf_drafts import Draft, quad
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.gltf.compression import declared_counts, decode_draco
-from rasterjit.scene.memory import FileSizeError, MemoryBudget
+from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 
 DracoPy = pytest.importorskip("DracoPy")
 

@@ -17,11 +17,11 @@ from sample_models import QUAD_FACES, Model, blank_png, encode_png, quad
 
 import rasterjit as rj
 from rasterjit.cli.options import SceneOptions
-from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.meshes_materials import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.scene import parent_from_node
+from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 
 GREY = np.full((2, 2, 3), 128, np.uint8)
 

@@ -13,7 +13,7 @@ import pytest
 from sample_models import Model, ball_arrays, quad
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 
 COAT, SHEEN = "KHR_materials_clearcoat", "KHR_materials_sheen"
 SPECULAR, IOR = "KHR_materials_specular", "KHR_materials_ior"

@@ -12,7 +12,7 @@ from sample_models import encode_png
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.gltf.compression import decode_meshopt
-from rasterjit.scene.memory import FileSizeError, MemoryBudget
+from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 
 meshopt = pytest.importorskip("meshopt", reason="meshopt needs Python 3.11")
 

@@ -9,7 +9,7 @@ import pytest
 from moving_models import JOINTS, STRIP, STRIP_FACES, WEIGHTS, Gltf, animate, arm
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning, SaveWarning
+from rasterjit.io.load_warnings import LoadWarning, SaveWarning
 from rasterjit.scene.node import topmost
 
 TOLERANCE = 1e-12

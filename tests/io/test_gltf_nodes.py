@@ -10,7 +10,7 @@ from gltf_drafts import CORNERS, NORMAL, POSITION, TEXCOORD, Draft, quad
 import rasterjit as rj
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.resources import Resources
-from rasterjit.scene.memory import FileSizeError
+from rasterjit.scene.memory_limits import FileSizeError
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 SHIFTS = np.float32([[0, 0, 0], [3, 0, 0], [0, 4, 0]])

@@ -16,7 +16,7 @@ from PIL import Image, features
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.gltf.compression import ktx2_pixels
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 
 BASIS = "KHR_texture_basisu"
 GREY = np.full((8, 8, 3), 128, np.uint8)

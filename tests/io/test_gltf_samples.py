@@ -18,7 +18,7 @@ import pytest
 from sample_models import Model, ball_arrays, encode_png, quad
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 
 NEAREST, LINEAR = 9728, 9729
 REPEAT, CLAMP, MIRROR = 10497, 33071, 33648

@@ -14,7 +14,7 @@ import pytest
 from sample_models import Model, quad
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 
 TRANSMISSION, VOLUME, IOR = (f"KHR_materials_{name}" for name in ("transmission", "volume", "ior"))
 CAMERA = rj.OrthographicCamera(eye=(0, 0, 5), target=(0, 0, 0), height=3.0, near=0.5, far=20.0)

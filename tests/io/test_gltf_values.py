@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning, MeshFileError
+from rasterjit.io.load_warnings import LoadWarning, MeshFileError
 
 RAW = re.compile(
     r"object has no|not iterable|not subscriptable|not reversible|unhashable|unsupported operand"

@@ -18,7 +18,7 @@ from sample_models import Model, quad
 import rasterjit as rj
 from rasterjit.cli.commands import program
 from rasterjit.io.gltf.extensions import VARIANTS
-from rasterjit.io.skipped import LoadWarning, SaveWarning
+from rasterjit.io.load_warnings import LoadWarning, SaveWarning
 
 NAMES = ("Midnight", "Beach", "Street")
 COLORS = {None: (255, 255, 0), "Midnight": (0, 0, 255), "Beach": (255, 0, 0), "Street": (0, 255, 0)}

@@ -11,8 +11,8 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.io.gltf.writing import lasting_units, rounded_units
-from rasterjit.io.skipped import SaveWarning
-from rasterjit.styles.preview import SIZE
+from rasterjit.io.load_warnings import SaveWarning
+from rasterjit.styles.small_preview import SIZE
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
 
 GEOMETRY = (

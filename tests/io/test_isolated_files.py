@@ -21,10 +21,10 @@ import pytest
 from planted_files import PLANTED
 
 import rasterjit as rj
-from rasterjit.io.foreign import door, limits, wire
+from rasterjit.io.foreign import door, sandbox, wire
+from rasterjit.io.load_warnings import LeftOut
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 
 ROOT = Path(__file__).parents[2]
 HDF5 = "h5py"
@@ -273,7 +273,7 @@ def test_the_kernel_itself_opens_nothing_else(tmp_path):
     (tmp_path / "b").write_text("b")
     code = f"""
 import ctypes, os, socket
-from rasterjit.io.foreign.limits import keep_to_files, library_places, without_network
+from rasterjit.io.foreign.sandbox import keep_to_files, library_places, without_network
 libc = ctypes.CDLL(None, use_errno=True)
 without_network()
 kept = keep_to_files([{str(tmp_path / "in")!r}, *library_places()])
@@ -547,15 +547,15 @@ def test_a_file_cut_short_anywhere_is_not_read_for_ever(tmp_path, kind):
 def test_a_file_is_read_in_vain_only_so_often(tmp_path, mode):
     path = tmp_path / "a"
     path.write_text("one\ntwo\n")
-    with limits._open(path, mode) as file:
+    with sandbox._open(path, mode) as file:
         for _ in range(3):
             # What comes in between is no vain reading.
             file.seek(0)
             assert len(file.readlines()) == 2
-            for _ in range(limits._MAX_EMPTY_READS // 2):
+            for _ in range(sandbox._MAX_EMPTY_READS // 2):
                 assert not file.readline()
         with pytest.raises(EOFError, match="it ends where more is expected"):
-            all(not file.readline() for _ in range(limits._MAX_EMPTY_READS))
+            all(not file.readline() for _ in range(sandbox._MAX_EMPTY_READS))
 
 
 @pytest.mark.parametrize("options", [
@@ -575,4 +575,4 @@ def test_files_are_opened_as_python_opens_them(tmp_path, options):
         except Exception as error:
             return type(error), str(error)
 
-    assert read(limits._open) == read(open)
+    assert read(sandbox._open) == read(open)

@@ -12,8 +12,8 @@ from planted_files import PLANTED
 import rasterjit as rj
 from rasterjit.io.foreign.readers import CELL_FORMATS
 from rasterjit.io.gltf.scene import GLTF_FORMATS
+from rasterjit.io.load_warnings import LeftOut, LoadWarning
 from rasterjit.io.meshes import OWN_FORMATS
-from rasterjit.io.skipped import LeftOut, LoadWarning
 from rasterjit.io.text.xyz import ROW_FORMATS
 
 

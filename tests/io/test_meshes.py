@@ -16,8 +16,8 @@ from opengl import optional_module
 from PIL import Image
 
 import rasterjit as rj
+from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.meshes import as_scene, from_trimesh, load
-from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.trimesh.scene import material_from_trimesh
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear

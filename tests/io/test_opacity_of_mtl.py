@@ -7,7 +7,7 @@ import warnings
 import pytest
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 
 MESHLAB = "#\n# Wavefront material file\n# Converted by Meshlab Group\n#\n"
 

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
-from rasterjit.io.text.parts import strip_triangles
+from rasterjit.io.load_warnings import LoadWarning
+from rasterjit.io.text.mesh_builder import strip_triangles
 
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 CORNERS = "property list uchar int vertex_indices\n"

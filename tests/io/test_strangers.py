@@ -18,7 +18,7 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.cli import commands
-from rasterjit.io.skipped import LoadWarning, MeshFileError
+from rasterjit.io.load_warnings import LoadWarning, MeshFileError
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
 UV = np.array([[0, 0], [1, 0], [0, 1]], "<f4")

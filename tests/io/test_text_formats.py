@@ -17,13 +17,13 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.cli import commands
+from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.primitives import Reading
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.text.lines import Damage
+from rasterjit.io.text.mesh_builder import Names, joined, triangles
 from rasterjit.io.text.mtl import MtlLibrary
+from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
-from rasterjit.io.text.parts import Names, joined, triangles
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 

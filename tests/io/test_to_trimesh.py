@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
-from rasterjit.io.skipped import SaveWarning
+from rasterjit.io.load_warnings import SaveWarning
 from rasterjit.transforms import compose, rotate_x, rotate_z, scale, translate
 
 MODELS = Path(__file__).parents[2] / "models"

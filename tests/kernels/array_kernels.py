@@ -2,7 +2,7 @@
 
 from rasterjit.runtime.intrinsics import flat, part, spread
 from rasterjit.runtime.jit import kernel
-from rasterjit.runtime.state import float64, int32, int64, uint8
+from rasterjit.runtime.state_block import float64, int32, int64, uint8
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rasterjit.pipeline.fragments import weights
+from rasterjit.pipeline.fragments import coverage_resolve
 
 BEHIND = np.array([0.3, 0.2, 0.1, 0.0], np.float32)
 
@@ -13,9 +13,9 @@ BEHIND = np.array([0.3, 0.2, 0.1, 0.0], np.float32)
 def mean_of(pictures, behind=BEHIND):
     sums = np.zeros(pictures[0].shape, np.float64)
     for picture in pictures:
-        weights.add_picture(picture, sums)
+        coverage_resolve.add_picture(picture, sums)
     linear = np.full(pictures[0].shape, np.nan, np.float32)
-    weights.write_mean(sums, len(pictures), behind, linear)
+    coverage_resolve.write_mean(sums, len(pictures), behind, linear)
     return linear
 
 
@@ -51,10 +51,10 @@ def test_sums_go_on_where_they_were_left():
     pictures = pictures_of(5, 6)
     whole, parts = np.zeros((2, *pictures[0].shape))
     for picture in pictures:
-        weights.add_picture(picture, whole)
+        coverage_resolve.add_picture(picture, whole)
     for picture in pictures:
         for rows in (slice(0, 2), slice(2, None)):
-            weights.add_picture(picture[rows], parts[rows])
+            coverage_resolve.add_picture(picture[rows], parts[rows])
     assert parts.tobytes() == whole.tobytes()
 
 

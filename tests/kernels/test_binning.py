@@ -10,8 +10,8 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import binning
 from rasterjit.pipeline.records import Faces, Objects
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
 SIZE = (256, 128)
@@ -29,10 +29,12 @@ def bin_faces(points, faces):
     """Return the list of each tile."""
     viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
     positions = naive.clip_from_screen(points, SIZE)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    starts, binned, _, _ = draw.set_up_and_bin(everything, objects, screen, viewport, workers)
+    starts, binned, _, _ = visibility_pass.set_up_and_bin(
+        everything, objects, screen, viewport, workers
+    )
     return [binned[starts[k] : starts[k + 1]].tolist() for k in range(len(starts) - 1)]
 
 
@@ -40,7 +42,7 @@ def run_kernel(triangles, boxes, cursors, length):
     """Bin triangles of 4 tiles a row; face 0 is the half of 2 x 2 tiles at their top left."""
     viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
     positions = naive.clip_from_screen([(0, 0), (128, 0), (0, 128)], SIZE)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     faces = Faces(
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )
@@ -101,7 +103,7 @@ def test_lists_ascend_whatever_the_tasks(monkeypatch, per_task):
     rng = np.random.default_rng(2)
     points, faces = random_screen(rng, 60)
     expected = bin_faces(points, faces)
-    monkeypatch.setattr(draw, "FACES_PER_TASK", per_task)
+    monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", per_task)
     lists = bin_faces(points, faces)
     assert lists == expected
     for members in lists:

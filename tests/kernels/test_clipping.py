@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import clipping, setup
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
 SIZE = (64, 64)
@@ -123,7 +123,7 @@ def test_only_faces_that_cross_are_found():
     positions[::97, 1] = np.nan
     faces = rng.integers(0, 600, (900, 3)).astype(np.int32)
     viewport = viewport_of(SIZE, 8)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     codes = screen.codes[:600]
     want = []
     for n, (a, b, c) in enumerate(faces):
@@ -149,11 +149,11 @@ def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
     positions[:, 2:] = rng.uniform(-1, 1, (count, 2)) + [0.0, 0.7]
     faces = np.arange(count, dtype=np.int32).reshape(-1, 3)
     viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     # What is not written keeps this mark.
     mark = np.iinfo(np.int32).min
     screen.xy[count:], screen.depth[count:] = mark, np.nan
-    all_faces, screen, cut = draw.clip(
+    all_faces, screen, cut = visibility_pass.clip(
         positions, faces, (0.0, -1.0, 0.0), viewport, screen, workers
     )
     assert cut > 50
@@ -202,7 +202,7 @@ def test_piece_of_a_clipped_face_reports_its_face():
 @pytest.mark.needs_jit
 def test_many_more_clipped_faces_than_spare_room():
     # More new vertices than SPARE_VERTICES, so the arrays are copied to larger ones.
-    count = draw.SPARE_VERTICES
+    count = visibility_pass.SPARE_VERTICES
     one = from_d3d([[-0.5, 0, 0.5, 1], [0.5, 0, 0.5, 1], [0, -1, -0.5, -1]])
     positions = np.tile(one, (count, 1))
     faces = np.arange(3 * count).reshape(-1, 3)
@@ -223,12 +223,12 @@ def test_threads_cut_the_same_pieces_at_the_same_places():
     found = []
     for number in (1, 2, 5):
         workers = threads.Workers(number)
-        screen, _ = draw.project(positions, depth_coefficients, viewport, workers)
-        all_faces, screen, cut = draw.clip(
+        screen, _ = visibility_pass.project(positions, depth_coefficients, viewport, workers)
+        all_faces, screen, cut = visibility_pass.clip(
             positions, faces, depth_coefficients, viewport, screen, workers
         )
         made = slice(count, count + int(np.unique(all_faces.pieces).size))
         found.append((cut, all_faces.pieces, all_faces.piece_faces, screen.xy[made].copy()))
-    assert found[0][0] > 2 * draw.MIN_CUT
+    assert found[0][0] > 2 * visibility_pass.MIN_CUT
     for other in found[1:]:
         assert all(map(np.array_equal, found[0], other))

@@ -6,7 +6,7 @@ import naive_codes
 import numpy as np
 import pytest
 
-from rasterjit.pipeline.fragments import encoded
+from rasterjit.pipeline.fragments import srgb_compositing
 from rasterjit.scene.color import decoding_table
 
 
@@ -24,7 +24,7 @@ def lay(layers, background):
     """Lay rows of codes, (K, W, 4), the nearest first, over a row of them, (W, 4)."""
     stack = packed(np.concatenate([layers, [background]]))[:, np.newaxis]
     color = np.empty(stack.shape[1:], np.uint32)
-    encoded.lay_codes(stack, color)
+    srgb_compositing.lay_codes(stack, color)
     return unpacked(color)
 
 
@@ -77,15 +77,15 @@ def test_nothing_behind_alpha_255_is_shaded_and_nobody_sees_the_difference():
     layers, background = random_codes(rng, 4, 200), random_codes(rng, 200)
     stack = packed(np.concatenate([layers, [background]]))[:, np.newaxis]
     want, have = np.empty((2, 1, 200), np.uint32)
-    encoded.lay_codes(stack, want)
+    srgb_compositing.lay_codes(stack, want)
     hidden = np.zeros((4, 200), bool)
     for level in range(4):
         behind = np.zeros((1, 200), np.int32)
-        encoded.hide_behind(stack, level, behind)
+        srgb_compositing.hide_behind(stack, level, behind)
         hidden[level] = behind[0] < 0
     np.testing.assert_array_equal(hidden, np.cumsum(layers[..., 3] == 255, axis=0) > 0)
     # What is hidden is not shaded: anything may be there.
-    encoded.lay_codes(stack, have)
+    srgb_compositing.lay_codes(stack, have)
     np.testing.assert_array_equal(have, want)
 
 
@@ -100,7 +100,7 @@ def test_samples_are_averaged_and_rounded_half_up(samples):
     opaque[:, :, :20], transparent[:, :, :, :20] = opaque[:1, :, :20], transparent[:1, :, :, :20]
     colors[..., 3] = np.where(rng.random((faces, width)) < 0.5, 255, colors[..., 3])
     color = np.empty((1, width), np.uint32)
-    encoded.mix_codes(
+    srgb_compositing.mix_codes(
         opaque, transparent, packed(colors)[:, np.newaxis], packed(behind)[np.newaxis], color
     )
     for i, have in enumerate(unpacked(color)):
@@ -116,7 +116,7 @@ def test_codes_stand_for_light():
     codes = np.arange(256)
     pixels = packed(np.stack([codes, codes[::-1], codes, codes], axis=1))[np.newaxis]
     linear = np.empty((1, 256, 4), np.float32)
-    encoded.decode_rows(pixels, decoding_table().copy(), linear)
+    srgb_compositing.decode_rows(pixels, decoding_table().copy(), linear)
     np.testing.assert_array_equal(linear[0, :, 0], decoding_table())
     np.testing.assert_array_equal(linear[0, :, 1], decoding_table()[::-1])
     np.testing.assert_array_equal(linear[0, :, 3], (codes / 255.0).astype(np.float32))

@@ -15,12 +15,12 @@ from rasterjit.pipeline.geometry import barycentric, setup
 from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of
 from rasterjit.pipeline.records import Geometry, Objects
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.pipeline.visibility import nearest
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import tile_rasterizer
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 from rasterjit.runtime.jit import kernel
-from rasterjit.runtime.state import float64, int32, int64
+from rasterjit.runtime.state_block import float64, int32, int64
 
 SIZE = (24, 16)
 WIDE = (100, 70)
@@ -52,7 +52,7 @@ def count(coverage, geometry):
     lists = coverage.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
     side = setup.TILE_SIZE
-    drawer = nearest.tile_drawer(binned, faces, coverage.screen)
+    drawer = tile_rasterizer.tile_drawer(binned, faces, coverage.screen)
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     frame = coverage.depth, coverage.face_id

@@ -14,7 +14,7 @@ import rasterjit as rj
 from rasterjit.effects.environment import prefilter as maps
 from rasterjit.effects.environment import stage as environment_stage
 from rasterjit.pipeline.lighting.pbr import reflected_shares
-from rasterjit.pipeline.surface import samples as block
+from rasterjit.pipeline.surface import sample_block as block
 from rasterjit.runtime.threads import Workers
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)

@@ -14,8 +14,8 @@ from rasterjit.inspect import oracle
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
 from rasterjit.pipeline.surface.float32_colors import find_float32_colors
-from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.pipeline.surface.samples import (
+from rasterjit.pipeline.surface.gather_samples import list_samples
+from rasterjit.pipeline.surface.sample_block import (
     COUNTS,
     INTERVAL_COLUMN,
     INTERVAL_ROW,
@@ -24,15 +24,15 @@ from rasterjit.pipeline.surface.samples import (
     INTERVALS,
     Block,
 )
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.rendering.planning import list_passes
 from rasterjit.rendering.regions import Region, RegionRenderer
-from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.runtime import threads
-from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import float32
+from rasterjit.runtime.stage_runner import StageList, Step
+from rasterjit.runtime.state_block import float32
 from rasterjit.survey.facts import UNKNOWN_REASON, float64_reason
 
 BOUND = Fraction(float32_weights.WEIGHT_ERROR)
@@ -62,7 +62,7 @@ def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None):
         positions = naive.clip_from_screen(points, size, 0.0, w)
     faces = np.array([(0, 1, 2)], np.int32)
     viewport, workers = viewport_of(size, bits), threads.Workers(1)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     if face_id is None:
         quality = rj.Quality(subpixel_bits=bits)
         face_id = rj.rasterize(positions, faces, size, quality=quality, threads=1).face_id
@@ -387,7 +387,7 @@ def test_nothing_is_weighed_without_something_to_interpolate():
     scene.add(tinted)
     names = {told.name for told in list_passes(rj.explain(scene, CAMERAS[1], size=(64, 48)))}
     assert "attributes.multiply_face_colors" in names
-    assert "weights.find_weights" not in names
+    assert "barycentric_weights.find_weights" not in names
 
 
 def test_explain_names_it_and_the_stages():
@@ -395,9 +395,9 @@ def test_explain_names_it_and_the_stages():
     assert "colours in float32" in str(plan)
     names = [told.name for told in list_passes(plan)]
     assert f"float32_colors.{find_float32_colors.__name__}" in names
-    assert not {"weights.find_weights", "attributes.show_vertex_colors"} & {*names}
+    assert not {"barycentric_weights.find_weights", "attributes.show_vertex_colors"} & {*names}
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
     assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)
-    assert {"weights.find_weights", "attributes.show_vertex_colors"} <= {
+    assert {"barycentric_weights.find_weights", "attributes.show_vertex_colors"} <= {
         told.name for told in list_passes(plan)
     }

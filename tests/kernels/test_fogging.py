@@ -14,7 +14,7 @@ import rasterjit as rj
 from rasterjit.effects.fog import FOG, fog_record
 from rasterjit.effects.fog import stage as fog_stage
 from rasterjit.pipeline.passes import ShadingArrays, ShadingNeeds, bind
-from rasterjit.pipeline.surface import samples as block
+from rasterjit.pipeline.surface import sample_block as block
 
 FOGS = [
     rj.Fog("#8090a0", "linear", start=2.0, end=9.0),

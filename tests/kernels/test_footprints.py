@@ -21,7 +21,7 @@ from naive_textures import (
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.surface import textures as texturing
+from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.texture import ANISOTROPIES, FILTERS, turned_over
 from rasterjit.survey.packed_scene import join_textures

@@ -10,7 +10,7 @@ import pytest
 from kernel_files import kernel_files
 
 import rasterjit as rj
-from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility import tile_rasterizer
 from rasterjit.runtime import clocks, jit
 
 PACKAGE = Path(rj.__file__).parent
@@ -19,7 +19,7 @@ compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machi
 
 COMPILERS = {
     RUNTIME / f"{name}.py"
-    for name in ("compiler", "instructions", "numba_internals", "plain_arrays")
+    for name in ("array_type", "compiler", "intrinsics_ir", "numba_internals")
 }
 """The files that import Numba."""
 
@@ -123,4 +123,4 @@ def test_a_wrong_argument_is_named_by_the_form_that_the_others_suit():
     numbers = [np.zeros(1, kind) for kind in (np.int32, np.int64)]
     for depths in map(np.dtype, ("float32", "float64", "int32")):
         with pytest.raises(TypeError, match=r"draw_tiles\.4 must be Viewport\(.*\), got 3"):
-            nearest.draw_tiles(*numbers, numbers[1], np.zeros(1, depths), 3, 4, 5, 6, 7)
+            tile_rasterizer.draw_tiles(*numbers, numbers[1], np.zeros(1, depths), 3, 4, 5, 6, 7)

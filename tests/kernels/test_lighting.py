@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit.pipeline.lighting import blinn_phong, light_stages
 from rasterjit.pipeline.records import Lighting
-from rasterjit.pipeline.surface import samples as block
+from rasterjit.pipeline.surface import sample_block as block
 from rasterjit.runtime import float_math
 from rasterjit.scene.light import BRIGHTEST
-from rasterjit.survey.lights import lighting_of
+from rasterjit.survey.light_culling import lighting_of
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 
@@ -371,7 +371,7 @@ FIND_ROOTS = """
 import re, sys
 from rasterjit.effects.environment.stage import mirror_environment
 from rasterjit.pipeline.lighting import light_stages as lights
-from rasterjit.pipeline.surface.maps import bend_normals_by_maps
+from rasterjit.pipeline.surface.material_maps import bend_normals_by_maps
 from rasterjit.runtime import compiler, store
 
 for own in (

@@ -7,7 +7,7 @@ from test_lines import HIGH, LOW, draw, random_colors, visible_reference
 
 from rasterjit.classics.framebuffer import _bin_lines, _draw_band
 from rasterjit.classics.line_bands import CHUNK
-from rasterjit.pipeline.lines import SHORT_STEPS
+from rasterjit.pipeline.bresenham import SHORT_STEPS
 from rasterjit.runtime import jit
 
 JIT = not jit.DISABLED

@@ -15,9 +15,9 @@ import rasterjit as rj
 from rasterjit.effects import wireframe
 from rasterjit.effects.wireframe import coverage
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads as sharing
 from rasterjit.scene.color import decoding_table
 from rasterjit.survey import cache

@@ -5,7 +5,7 @@ import numpy as np
 
 from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.inspect import oracle
-from rasterjit.pipeline import lines
+from rasterjit.pipeline import bresenham
 from rasterjit.runtime import jit
 
 JIT = not jit.DISABLED
@@ -19,7 +19,7 @@ def draw(size, ends, colors=(WHITE, WHITE)):
     colors = np.broadcast_to(np.array(colors, np.uint8), (len(ends), 2, 4))
     image = np.zeros((size[1], size[0], 4), np.uint8)
     target = image.view(np.uint32).reshape(size[1], size[0])
-    lines.draw_lines(target, ends, np.ascontiguousarray(colors))
+    bresenham.draw_lines(target, ends, np.ascontiguousarray(colors))
     return image
 
 

@@ -314,12 +314,12 @@ def test_each_object_has_its_own_maps():
 
 
 def test_a_scene_without_maps_that_are_read_has_no_stages_nor_records(monkeypatch):
-    from rasterjit.rendering import shade
+    from rasterjit.rendering import frame_shading
 
     surfaces, ran = [], []
-    whole = shade.find_surface
+    whole = frame_shading.find_surface
     monkeypatch.setattr(
-        shade, "find_surface", lambda *given: surfaces.append(whole(*given)) or surfaces[-1]
+        frame_shading, "find_surface", lambda *given: surfaces.append(whole(*given)) or surfaces[-1]
     )
     plain = square(MATT)
     unread = square(replace(MATT, metallic_roughness_texture=texture(0.5, 0.5, 0.5)))

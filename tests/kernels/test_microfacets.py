@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rasterjit.pipeline.lighting import blinn_phong, light_stages, pbr
-from rasterjit.pipeline.surface import samples as block
+from rasterjit.pipeline.surface import sample_block as block
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 DARK = np.zeros(3, np.float32)

@@ -7,9 +7,9 @@ import pytest
 
 from rasterjit.pipeline.geometry import setup, triangle_batches
 from rasterjit.pipeline.records import Faces, Objects
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.pipeline.visibility import tile_depths
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import hierarchical_z
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 from rasterjit.runtime.threads import Memory
 
@@ -20,7 +20,7 @@ SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.needs_jit) for seed in range(
 
 
 def lists_of(points, depths, size=SIZE, bits=8):
-    """Return what `draw.draw` takes, of loose triangles on the screen."""
+    """Return what `visibility_pass.draw` takes, of loose triangles on the screen."""
     viewport, workers = viewport_of(size, bits), threads.Workers(1)
     positions = np.ones((len(points), 4))
     positions[:, 0] = 2.0 * points[:, 0] / size[0] - 1.0
@@ -209,10 +209,10 @@ def test_tile_depths_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bit
     screen = drawing.screen_arrays(corners.size // 2, Memory())
     screen.xy[:], screen.depth[:] = corners.reshape(-1, 2), depths.reshape(-1)
     for n in range(len(corners)):
-        order = list(tile_depths.clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
+        order = list(hierarchical_z.clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
         xy, turned = screen.xy[order].reshape(-1), screen.depth[order]
         assert xy.tolist() == drawn[0][n].tolist()
-        plane = tile_depths.depth_plane(*turned.tolist(), *xy.tolist(), bits)
+        plane = hierarchical_z.depth_plane(*turned.tolist(), *xy.tolist(), bits)
         found = np.array([*turned, plane[1], plane[2], plane[4], plane[5]])
         assert plane[0] == turned[2]
         assert found.tobytes() == drawn[1][n].tobytes()

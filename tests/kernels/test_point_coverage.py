@@ -8,9 +8,9 @@ from math import ceil
 import numpy as np
 import pytest
 
-from rasterjit.pipeline.visibility import nearest, point_coverage
-from rasterjit.pipeline.visibility import points as drawing
-from rasterjit.pipeline.visibility.draw import Region, viewport_of
+from rasterjit.pipeline.visibility import point_pass as drawing
+from rasterjit.pipeline.visibility import point_rasterizer, tile_rasterizer
+from rasterjit.pipeline.visibility.visibility_pass import Region, viewport_of
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.transforms import perspective, translate
 
@@ -20,12 +20,12 @@ FLAT = np.eye(4)
 """Clip positions are model positions: NDC, and sizes in units are of the picture's half height."""
 
 
-def rows_of(shape, sizes, unit=point_coverage.IN_PIXELS, count=None, scale=1.0):
+def rows_of(shape, sizes, unit=point_rasterizer.IN_PIXELS, count=None, scale=1.0):
     """Return the record of one object of points."""
     sizes = np.atleast_1d(np.array(sizes, float))
     count = len(sizes) if count is None else count
     starts = np.array([0, count])
-    return point_coverage.PointRows(
+    return point_rasterizer.PointRows(
         starts, starts.copy(), np.array([[shape, unit]]), np.array([[0, int(len(sizes) > 1)]]),
         sizes, np.array([scale]),
     )  # fmt: skip
@@ -45,7 +45,7 @@ def draw(cloud, viewport=None, kind=np.float32, threads=1):
     """Return depth, face numbers, and what became of the points."""
     viewport = viewport_of(SIZE, 8) if viewport is None else viewport
     shape = viewport.height, viewport.width
-    frame = np.full(shape, nearest.empty_depth(kind), kind), np.full(shape, -1, np.int32)
+    frame = np.full(shape, tile_rasterizer.empty_depth(kind), kind), np.full(shape, -1, np.int32)
     workers = Workers(threads)
     counts = drawing.draw_cloud(cloud, viewport, frame, workers)
     workers.close()
@@ -64,7 +64,7 @@ def exact_pixels(shape, x, y, size):
     for row in range(HEIGHT):
         for column in range(WIDTH):
             across, down = column + Fraction(1, 2) - x, row + Fraction(1, 2) - y
-            if shape == point_coverage.SQUARE:
+            if shape == point_rasterizer.SQUARE:
                 is_in = -half <= across < half and -half <= down < half
             else:
                 is_in = across * across + down * down <= half * half
@@ -73,7 +73,7 @@ def exact_pixels(shape, x, y, size):
     alone = ceil(x) - 1, ceil(y) - 1
     middle = [place + Fraction(1, 2) - own for place, own in zip(alone, (x, y), strict=True)]
     is_missed = middle[0] ** 2 + middle[1] ** 2 > half * half
-    if shape == point_coverage.DISC and size >= 1 and is_missed:
+    if shape == point_rasterizer.DISC and size >= 1 and is_missed:
         found = {alone} if 0 <= alone[0] < WIDTH and 0 <= alone[1] < HEIGHT else set()
     return found
 
@@ -83,7 +83,7 @@ def snapped(value, bits=8):
     return Fraction(round(Fraction(value) * 2**bits), 2**bits)
 
 
-@pytest.mark.parametrize("shape", [point_coverage.SQUARE, point_coverage.DISC])
+@pytest.mark.parametrize("shape", [point_rasterizer.SQUARE, point_rasterizer.DISC])
 def test_pixels_are_those_of_the_exact_rule(shape):
     rng = np.random.default_rng(3)
     for n in range(120):
@@ -97,7 +97,7 @@ def test_pixels_are_those_of_the_exact_rule(shape):
         exact = exact_pixels(shape, snapped(x), snapped(y), snapped(size))
         assert seen == exact, (x, y, size)
         assert np.isfinite(depth).sum() == len(exact)
-        is_drawn = counts[point_coverage.POINTS_DRAWN] == 1
+        is_drawn = counts[point_rasterizer.POINTS_DRAWN] == 1
         assert is_drawn == bool(exact)
         assert sum(counts) == 1
 
@@ -107,8 +107,8 @@ def test_squares_of_a_pixel_have_a_way_of_their_own():
     places = np.column_stack(
         [rng.uniform(-2, WIDTH + 2, 700), rng.uniform(-2, HEIGHT + 2, 700), rng.uniform(-1, 1, 700)]
     )
-    one = draw(cloud_of(at(places), rows_of(point_coverage.SQUARE, 1.0, count=700)))
-    each = draw(cloud_of(at(places), rows_of(point_coverage.SQUARE, np.ones(700))))
+    one = draw(cloud_of(at(places), rows_of(point_rasterizer.SQUARE, 1.0, count=700)))
+    each = draw(cloud_of(at(places), rows_of(point_rasterizer.SQUARE, np.ones(700))))
     np.testing.assert_array_equal(one[0], each[0])
     np.testing.assert_array_equal(one[1], each[1])
     assert one[2] == each[2]
@@ -129,9 +129,9 @@ def test_squares_side_by_side_share_no_pixel():
     places = [
         (3.25 + 2.5 * c, 4.75 + 2.5 * r, 0.0) for c, r in zip(columns.flat, rows.flat, strict=True)
     ]
-    _, faces, _ = draw(cloud_of(at(places), rows_of(point_coverage.SQUARE, 2.5, count=35)))
+    _, faces, _ = draw(cloud_of(at(places), rows_of(point_rasterizer.SQUARE, 2.5, count=35)))
     own = [
-        exact_pixels(point_coverage.SQUARE, *map(Fraction, place[:2]), Fraction(5, 2))
+        exact_pixels(point_rasterizer.SQUARE, *map(Fraction, place[:2]), Fraction(5, 2))
         for place in places
     ]
     assert sum(map(len, own)) == len(set().union(*own)) == (faces >= 0).sum()
@@ -140,7 +140,7 @@ def test_squares_side_by_side_share_no_pixel():
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
 def test_equal_depths_go_to_the_lower_number(kind):
     places = [(5.5, 5.5, 0.25), (5.5, 5.5, 0.25), (5.5, 5.5, 0.5), (9.5, 5.5, 0.5), (9.5, 5.5, 0.0)]
-    cloud = cloud_of(at(places), rows_of(point_coverage.SQUARE, 1.0, count=5))
+    cloud = cloud_of(at(places), rows_of(point_rasterizer.SQUARE, 1.0, count=5))
     cloud = cloud._replace(depth_coefficients=(0.0, -500.0, 1000.0))
     _, faces, _ = draw(cloud, kind=kind)
     assert faces[5, 5] == 0
@@ -152,7 +152,7 @@ def test_invalid_points_and_those_out_of_view_are_counted(precision):
     places = at([(5, 5, 0), (5, 5, -1.5), (5, 5, 1.5), (900, 5, 0), (1e9, 5, 0), (7, 7, 0)])
     places[0] = np.nan
     for sizes in (1.0, np.ones(6)):
-        points = rows_of(point_coverage.SQUARE, sizes, count=6)
+        points = rows_of(point_rasterizer.SQUARE, sizes, count=6)
         _, faces, counts = draw(cloud_of(places, points, kind=precision))
         assert counts == [4, 0, 1, 1]
         assert set(np.unique(faces)) == {-1, 5}
@@ -163,9 +163,9 @@ def test_parts_of_a_picture_have_the_pixels_of_the_whole():
     count = 60
     matrix = perspective(60.0, WIDTH / HEIGHT, 0.5, 20.0) @ translate((0.0, 0.0, -4.0))
     for shape, unit, size in (
-        (point_coverage.SQUARE, point_coverage.IN_PIXELS, rng.uniform(0.5, 6.0, count)),
-        (point_coverage.DISC, point_coverage.IN_UNITS, rng.uniform(0.05, 0.8, count)),
-        (point_coverage.SPHERE, point_coverage.IN_UNITS, rng.uniform(0.05, 1.5, count)),
+        (point_rasterizer.SQUARE, point_rasterizer.IN_PIXELS, rng.uniform(0.5, 6.0, count)),
+        (point_rasterizer.DISC, point_rasterizer.IN_UNITS, rng.uniform(0.05, 0.8, count)),
+        (point_rasterizer.SPHERE, point_rasterizer.IN_UNITS, rng.uniform(0.05, 1.5, count)),
     ):
         cloud = cloud_of(rng.uniform(-2, 2, (count, 3)), rows_of(shape, size, unit), matrix)
         depth, faces, _ = draw(cloud)
@@ -184,8 +184,8 @@ def test_threads_change_no_bit(monkeypatch):
     monkeypatch.setattr(drawing, "MIN_POINTS", 10)
     rng = np.random.default_rng(9)
     for shape, size in (
-        (point_coverage.SQUARE, 1.0),
-        (point_coverage.DISC, rng.uniform(0.5, 8.0, 1500)),
+        (point_rasterizer.SQUARE, 1.0),
+        (point_rasterizer.DISC, rng.uniform(0.5, 8.0, 1500)),
     ):
         places = np.column_stack([rng.uniform(0, WIDTH, 1500), rng.uniform(0, HEIGHT, 1500),
                                   rng.integers(-3, 3, 1500) / 4.0])  # fmt: skip
@@ -240,7 +240,7 @@ def test_spheres_are_where_lines_of_sight_meet_them(name):
         radius = rng.uniform(0.2, 2.5)
         if n == 0:
             centre, radius = np.zeros(3), 3.0
-        points = rows_of(point_coverage.SPHERE, 2.0 * radius, point_coverage.IN_UNITS)
+        points = rows_of(point_rasterizer.SPHERE, 2.0 * radius, point_rasterizer.IN_UNITS)
         depth, faces, _ = draw(cloud_of([centre], points, matrix), kind=np.float64)
         for row in range(HEIGHT):
             for column in range(WIDTH):
@@ -260,21 +260,21 @@ def test_spheres_are_where_lines_of_sight_meet_them(name):
 def test_a_sphere_of_a_pixel_covers_one():
     matrix = np.diag([2.0 / WIDTH, 2.0 / HEIGHT, -0.1, 1.0])
     for x, y in ((0.0, 0.0), (0.5, 0.25), (-3.5, 2.0), (0.49, -0.49)):
-        points = rows_of(point_coverage.SPHERE, 1.0, point_coverage.IN_UNITS)
+        points = rows_of(point_rasterizer.SPHERE, 1.0, point_rasterizer.IN_UNITS)
         depth, faces, counts = draw(cloud_of([(x, y, -2.0)], points, matrix))
         assert (faces == 0).sum() >= 1
-        assert counts[point_coverage.POINTS_DRAWN] == 1
+        assert counts[point_rasterizer.POINTS_DRAWN] == 1
         row, column = np.argwhere(faces == 0)[0]
         assert abs(column + 0.5 - WIDTH / 2 - x) <= 0.5
         assert abs(row + 0.5 - HEIGHT / 2 + y) <= 0.5
         assert depth[row, column] >= np.float32(-0.5 * 0.2 + 0.5 - 1e-6)
-    points = rows_of(point_coverage.SPHERE, 0.2, point_coverage.IN_UNITS)
+    points = rows_of(point_rasterizer.SPHERE, 0.2, point_rasterizer.IN_UNITS)
     _, faces, counts = draw(cloud_of([(0.0, 0.0, -2.0)], points, matrix))
     # 29 by 23 pixels: a centre is in the middle, and a speck there is seen.
     assert (faces == 0).sum() == 1
     _, faces, counts = draw(cloud_of([(0.5, 0.5, -2.0)], points, matrix))
     assert (faces == 0).sum() == 0
-    assert counts[point_coverage.POINTS_UNSAMPLED] == 1
+    assert counts[point_rasterizer.POINTS_UNSAMPLED] == 1
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
@@ -289,7 +289,7 @@ def test_spheres_may_be_drawn_in_any_order(kind, name):
     sizes = rng.uniform(0.1, 3.0, 60)
     seen = []
     for order in (np.arange(60), np.argsort(-centres[:, 2]), np.argsort(centres[:, 2])):
-        points = rows_of(point_coverage.SPHERE, sizes[order], point_coverage.IN_UNITS)
+        points = rows_of(point_rasterizer.SPHERE, sizes[order], point_rasterizer.IN_UNITS)
         cloud = cloud_of(centres[order], points, matrix)
         depth, faces, counts = draw(cloud._replace(depth_coefficients=coefficients), kind=kind)
         seen.append((depth.tolist(), counts))

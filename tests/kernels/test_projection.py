@@ -7,8 +7,8 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline.geometry import projection, setup
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads as sharing
 from rasterjit.scene.transforms import perspective, rotate, scale, transform_points, translate
 
@@ -96,7 +96,7 @@ def scene_of_vertices(counts, seed):
     relative_from_model = ways[rng.permutation(len(counts)) % len(ways)]
     starts = np.concatenate(([0], np.cumsum(counts)))
     positions = hard_positions(int(starts[-1]), rng)
-    return draw.ModelVertices(positions, starts, relative_from_model, CLIP_FROM_RELATIVE)
+    return visibility_pass.ModelVertices(positions, starts, relative_from_model, CLIP_FROM_RELATIVE)
 
 
 def by_hand(vertices):
@@ -118,14 +118,16 @@ def test_one_pass_equals_naive(size, bits):
     vertices = scene_of_vertices([300, 0, 1, 257, 60, 60, 0, 700, 3, 512, 255], bits)
     viewport, count = viewport_of(size, bits), len(vertices.positions)
     want = naive_project(by_hand(vertices), viewport)
-    screen, seen = draw.transform_and_project(vertices, COEFFICIENTS, viewport, sharing.Workers(1))
+    screen, seen = visibility_pass.transform_and_project(
+        vertices, COEFFICIENTS, viewport, sharing.Workers(1)
+    )
     assert listed(screen, count) == want
     assert seen == np.bitwise_or.reduce(want[0])
     assert seen == 255
     assert sum(place is not None for place in want[1]) > 300
     # So do the two stages, one after the other.
-    clip = draw.transform(*vertices[:4], sharing.Workers(1))
-    screen, seen = draw.project(clip, COEFFICIENTS, viewport, sharing.Workers(1))
+    clip = visibility_pass.transform(*vertices[:4], sharing.Workers(1))
+    screen, seen = visibility_pass.project(clip, COEFFICIENTS, viewport, sharing.Workers(1))
     assert listed(screen, count) == want
     assert seen == 255
 
@@ -135,17 +137,19 @@ def test_one_pass_equals_naive(size, bits):
 def test_tasks_and_threads_change_no_bit(step, threads, monkeypatch):
     vertices = scene_of_vertices([0, 5, 0, 0, 400, 1, 1, 1, 77, 300, 0], 5)
     want = naive_project(by_hand(vertices), IMAGE)
-    monkeypatch.setattr(draw, "VERTICES_PER_TASK", step)
+    monkeypatch.setattr(visibility_pass, "VERTICES_PER_TASK", step)
     workers = sharing.Workers(threads)
-    screen, _ = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, workers)
+    screen, _ = visibility_pass.transform_and_project(vertices, COEFFICIENTS, IMAGE, workers)
     workers.close()
     assert listed(screen, len(vertices.positions)) == want
 
 
 def test_nothing_else_is_written():
     vertices = scene_of_vertices([300, 20], 6)
-    screen, _ = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, sharing.Workers(1))
-    assert len(screen.codes) == 320 + draw.SPARE_VERTICES
+    screen, _ = visibility_pass.transform_and_project(
+        vertices, COEFFICIENTS, IMAGE, sharing.Workers(1)
+    )
+    assert len(screen.codes) == 320 + visibility_pass.SPARE_VERTICES
     packed = screen.xy.base.view(np.float64).reshape(-1, 2)
     packed[:] = screen.w[:, np.newaxis] = np.pi
     screen.codes[:] = setup.INVALID
@@ -163,23 +167,25 @@ def test_nothing_else_is_written():
 
 
 def test_no_vertices_are_nothing():
-    vertices = draw.ModelVertices(
+    vertices = visibility_pass.ModelVertices(
         np.empty((0, 3)), np.zeros(2, np.int64), np.eye(4)[np.newaxis], CLIP_FROM_RELATIVE
     )
-    screen, seen = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, sharing.Workers(1))
+    screen, seen = visibility_pass.transform_and_project(
+        vertices, COEFFICIENTS, IMAGE, sharing.Workers(1)
+    )
     assert seen == 0
-    assert len(screen.codes) == draw.SPARE_VERTICES
+    assert len(screen.codes) == visibility_pass.SPARE_VERTICES
 
 
 def test_clip_positions_are_made_only_where_they_are_read(cube, camera, monkeypatch):
     made = []
-    transform = draw.transform
+    transform = visibility_pass.transform
 
     def watched(*arguments):
         made.append(transform(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(draw, "transform", watched)
+    monkeypatch.setattr(visibility_pass, "transform", watched)
     size, outputs = (24, 16), ("color", "barycentric", "normal", "position")
     rj.render(cube, camera, size=size, outputs=outputs, threads=1)
     assert not made

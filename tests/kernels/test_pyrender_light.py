@@ -9,15 +9,15 @@ import naive_pyrender
 import numpy as np
 import pytest
 
-from rasterjit.pipeline import encode
+from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments.drawing_order import keep_drawn
 from rasterjit.pipeline.lighting import blinn_phong, light_stages, pyrender
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import int64
-from rasterjit.scene.imitation import DepthMap
-from rasterjit.survey.lights import view_of_light
+from rasterjit.runtime.state_block import int64
+from rasterjit.scene.reference_shader import DepthMap
+from rasterjit.survey.light_culling import view_of_light
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 COUNT = 200
@@ -138,15 +138,15 @@ def test_shadows_are_those_of_the_slow_twin(is_spot):
 
 @pytest.mark.parametrize("encoding", ["gamma 2.2", "as is"])
 def test_codes_are_rounded_half_up(encoding):
-    thresholds = encode.code_thresholds(encoding).astype(np.float64)
+    thresholds = srgb_encoding.code_thresholds(encoding).astype(np.float64)
     power = 2.2 if encoding == "gamma 2.2" else 1.0
     np.testing.assert_allclose(thresholds, ((np.arange(255) + 0.5) / 255.0) ** power, rtol=1e-6)
     rng = np.random.default_rng(8)
     light = np.concatenate([rng.random(3000), thresholds, [0.0, 1.0, 7.0, -1.0, np.nan]])
     light = np.float32(np.tile(light[:, None], (1, 4)))[None]
     codes = np.empty(light.shape[1:2], np.uint32)[None]
-    encode.encode_rows(light, encode.encoding_table(encoding), codes)
-    want = [encode.code_of(pixel, encoding) for pixel in light[0]]
+    srgb_encoding.encode_rows(light, srgb_encoding.encoding_table(encoding), codes)
+    want = [srgb_encoding.code_of(pixel, encoding) for pixel in light[0]]
     np.testing.assert_array_equal(codes[0], np.array(want, np.uint32))
     reds = [naive_pyrender.code(red) for red in light[0, :3000, 0].astype(float)]
     if encoding == "gamma 2.2":

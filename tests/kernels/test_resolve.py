@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rasterjit.pipeline import encode as resolve
+from rasterjit.pipeline import srgb_encoding as resolve
 from rasterjit.runtime.jit import helper
 from rasterjit.scene.color import linear_to_srgb
 

@@ -329,7 +329,7 @@ def test_checked_indices_find_boxes_beyond_the_tile():
 
 COUNT_MASKED_STORES = """
 import re, sys
-from rasterjit.pipeline.visibility.nearest import draw_planned
+from rasterjit.pipeline.visibility.tile_rasterizer import draw_planned
 from rasterjit.runtime import compiler, store
 
 for kind in draw_planned.declared[: int(sys.argv[1])]:

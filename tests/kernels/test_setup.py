@@ -15,15 +15,15 @@ from rasterjit.inspect import oracle
 from rasterjit.pipeline import records
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
 
 def project(positions, size=(64, 64), bits=8):
     """Return the screen vertices of clip positions, and the outcode bits seen."""
     positions = np.ascontiguousarray(positions, np.float64)
-    screen, seen = draw.project(
+    screen, seen = visibility_pass.project(
         positions, (0.0, -1.0, 0.0), viewport_of(size, bits), threads.Workers(1)
     )
     return records.ScreenVertices(*(array[: len(positions)] for array in screen)), seen
@@ -161,7 +161,7 @@ def test_a_batch_ends_where_an_object_does():
     screen, _ = project(corners)
     faces = np.tile(np.array([[0, 1, 2]], np.int32), (starts[-1], 1))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    _, binned, _, sums = draw.set_up_and_bin(
+    _, binned, _, sums = visibility_pass.set_up_and_bin(
         everything, Objects(starts, turns), screen, viewport_of((64, 64), 8), threads.Workers(1)
     )
     kept = np.repeat(turns, counts) != 1
@@ -181,7 +181,7 @@ def test_outcodes_are_not_read_if_no_vertex_has_any():
 
     def listed(screen, **seen):
         """Return the lists of the tiles and what became of the other faces."""
-        starts, binned, _, sums = draw.set_up_and_bin(
+        starts, binned, _, sums = visibility_pass.set_up_and_bin(
             everything, objects, screen, viewport_of(size, 8), threads.Workers(1), None,
             np.float32, **seen,
         )  # fmt: skip

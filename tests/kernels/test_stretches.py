@@ -7,8 +7,8 @@ import pytest
 import stages
 
 import rasterjit as rj
-from rasterjit.pipeline.surface.listing import LONG
-from rasterjit.pipeline.surface.samples import (
+from rasterjit.pipeline.surface.gather_samples import LONG
+from rasterjit.pipeline.surface.sample_block import (
     MIXED,
     ROOM,
     SAMPLES,
@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface.samples import (
     VECTOR,
     Block,
 )
-from rasterjit.rendering.shading import BLOCK, BLOCKS
+from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.runtime import intrinsics, jit
 
 SIZE = (200, 12)

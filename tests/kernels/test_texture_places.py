@@ -13,9 +13,9 @@ from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD, NEAR
 from rasterjit.pipeline.passes import Pass, ShadingNeeds
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.surface import texture_gradients, texture_places
-from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.pipeline.surface.samples import (
+from rasterjit.pipeline.surface import uv_derivatives, uv_interpolation
+from rasterjit.pipeline.surface.gather_samples import list_samples
+from rasterjit.pipeline.surface.sample_block import (
     COLUMN,
     COLUMN_OF,
     COUNTS,
@@ -38,18 +38,18 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
+from rasterjit.pipeline.surface.texture_filters import vertex_place
 from rasterjit.pipeline.surface.texture_lookup import U, V
-from rasterjit.pipeline.surface.textures import vertex_place
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.rendering import shading_passes
+from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.rendering.planning import list_passes
 from rasterjit.rendering.regions import Region, RegionRenderer
-from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.runtime import threads
-from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import float32, float64
+from rasterjit.runtime.stage_runner import StageList, Step
+from rasterjit.runtime.state_block import float32, float64
 
 ROUNDINGS = Fraction(2) ** -48
 """Error of a coordinate, as a share of the largest way between vertices."""
@@ -80,7 +80,7 @@ def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
             if segment[KIND] != SPAN:
                 column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
             ends = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
-            texture_places.place_exactly(
+            uv_interpolation.place_exactly(
                 first, end, (a, b, c), ends, column, row, block.places, geometry
             )
 
@@ -93,15 +93,15 @@ def step_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         if np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0:
             for n in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
-                texture_gradients.note_clipped_steps(
+                uv_derivatives.note_clipped_steps(
                     block.places, n, a, b, c, whole[COLUMN, n], whole[ROW, n], uv,
                     geometry.clip_positions, geometry.viewport,
                 )  # fmt: skip
 
 
-def take(positions, uv, face_id, viewport, by=texture_places.find_places):
+def take(positions, uv, face_id, viewport, by=uv_interpolation.find_places):
     """Return the coordinates where one triangle is seen, and its vertices on the screen."""
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     faces = np.array([(0, 1, 2)], np.int32)
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     taken = np.full((*face_id.shape, 2), np.nan)
@@ -302,9 +302,9 @@ def test_regions_and_threads_change_no_bit():
 def is_quick(scene, **quality):
     plan = rj.explain(scene, CAMERA, rj.Quality(**quality), size=(64, 48))
     names = {told.name for told in list_passes(plan)}
-    by_weights = {"weights.find_weights", "texture_gradients.find_coordinates"}
+    by_weights = {"barycentric_weights.find_weights", "uv_derivatives.find_coordinates"}
     assert by_weights <= names or not by_weights & names
-    return "texture_places.find_places" in names and not by_weights & names
+    return "uv_interpolation.find_places" in names and not by_weights & names
 
 
 def test_who_takes_no_weights():

@@ -24,8 +24,8 @@ from naive_textures import (
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
+from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.surface import texture_lookup
-from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.runtime.intrinsics import HALVES
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.texture import FILTERS

@@ -32,10 +32,10 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     order_triangles,
 )
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.pipeline.visibility import nearest
-from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.pipeline.visibility.nearest import FORGETTING_BITS, MIN_ORDERED, REMEMBERED
+from rasterjit.pipeline.visibility import tile_rasterizer
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility.tile_rasterizer import FORGETTING_BITS, MIN_ORDERED, REMEMBERED
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
 SCREEN = (128, 128)
@@ -222,8 +222,8 @@ def test_columns_of_a_row_are_those_of_whole_numbers(seed):
         row, column, beside = (int(n) for n in rng.integers([0, -2, -2], [64, 66, 3]))
         value = -across * column - down * row + beside
         edge = np.int64(value), np.int64(across), np.int64(down)
-        line = nearest.crossing_line(edge)
-        first, last = nearest.bound_span(0.0, 63.0, line, np.float64(row))
+        line = tile_rasterizer.crossing_line(edge)
+        first, last = tile_rasterizer.bound_span(0.0, 63.0, line, np.float64(row))
         covered = [i for i in range(64) if value + across * i + down * row >= 0]
         assert [*range(int(first), int(last) + 1)] == covered
 
@@ -231,15 +231,15 @@ def test_columns_of_a_row_are_those_of_whole_numbers(seed):
 @pytest.mark.parametrize("value", [0, -1, 2**47 - 1, -(2**47)])
 def test_an_edge_along_a_row_leaves_all_columns_or_none(value):
     zero = np.int64(0)
-    line = nearest.crossing_line((np.int64(value), zero, zero))
-    first, last = nearest.bound_span(0.0, 63.0, line, 0.0)
+    line = tile_rasterizer.crossing_line((np.int64(value), zero, zero))
+    first, last = tile_rasterizer.bound_span(0.0, 63.0, line, 0.0)
     assert (first, last) == (0.0, 63.0) if value >= 0 else last < first
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
 def test_a_tile_is_written_whatever_the_memory_held(kind):
     # One triangle in the first of four tiles; the last ones end where the picture does.
-    size, empty = (100, 90), nearest.empty_depth(kind)
+    size, empty = (100, 90), tile_rasterizer.empty_depth(kind)
     viewport, workers = viewport_of(size, 8), threads.Workers(1)
     points = np.array([(3, 4), (40, 9), (8, 50)]) * 2.0 / size - 1.0
     positions = np.column_stack([points * [1, -1], np.full(3, 0.5), np.ones(3)])
@@ -247,21 +247,25 @@ def test_a_tile_is_written_whatever_the_memory_held(kind):
     faces = Faces(
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )
-    drawer = nearest.tile_drawer(np.zeros(1, np.int32), faces, screen, kind)
+    drawer = tile_rasterizer.tile_drawer(np.zeros(1, np.int32), faces, screen, kind)
     starts, floors = np.array([0, 1, 1, 1, 1], np.int64), np.full(4, empty)
     frames = []
     for junk in (7, -3):
         drawer.scratch[0][:], drawer.scratch[1][:] = 1000 + junk, junk
         frame = np.full(size[::-1], junk, kind), np.full(size[::-1], junk, np.int32)
         tiles = np.arange(4, dtype=np.int32)
-        nearest.draw_tiles(tiles, nearest.ALL, starts, floors, viewport, frame, *drawer[:3])
+        tile_rasterizer.draw_tiles(
+            tiles, tile_rasterizer.ALL, starts, floors, viewport, frame, *drawer[:3]
+        )
         frames.append(frame)
         assert ((frame[1] == 0) | (frame[1] == -1)).all()
         assert (frame[0] == np.where(frame[1] == 0, kind(32), empty)).all()
         assert 0 < (frame[1] == 0).sum() < 1000
         # Tiles without a list are written to the frame alone.
         drawer.scratch[0][:] = junk
-        nearest.draw_tiles(tiles[1:], nearest.ALL, starts, floors, viewport, frame, *drawer[:3])
+        tile_rasterizer.draw_tiles(
+            tiles[1:], tile_rasterizer.ALL, starts, floors, viewport, frame, *drawer[:3]
+        )
         assert (drawer.scratch[0] == junk).all()
     for one, other in zip(*frames, strict=True):
         assert one.tobytes() == other.tobytes()
@@ -400,16 +404,18 @@ def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
         np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.empty((0, 3), np.int32),
         np.empty(0, np.int32),
     )  # fmt: skip
-    empty, only = nearest.empty_depth(kind), np.zeros(1, np.int32)
+    empty, only = tile_rasterizer.empty_depth(kind), np.zeros(1, np.int32)
 
     def drawn(first, end):
         """Return the tile with some of the triangles, and the depths of its cells at the end."""
         listed = np.arange(first, end, dtype=np.int32)
-        drawer = nearest.tile_drawer(listed, faces, screen, kind)
+        drawer = tile_rasterizer.tile_drawer(listed, faces, screen, kind)
         drawer.drawing.asked[SEEN_OF_THEM] = 1000  # So that they are not put in order.
         frame = np.empty(size[::-1], kind), np.empty(size[::-1], np.int32)
         starts, floor = np.array([0, len(listed)], np.int64), np.full(1, empty)
-        nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+        tile_rasterizer.draw_tiles(
+            only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+        )
         return frame, drawer.drawing.cell_depths
 
     (have, have_faces), cells = drawn(0, count)
@@ -462,13 +468,15 @@ def soup_in_a_tile(seed, count, kind):
 def test_order_changes_no_bit(kind, count):
     faces, screen, viewport = soup_in_a_tile(31, count, kind)
     listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
-    starts, floor = np.array([0, count], np.int64), np.full(1, nearest.empty_depth(kind))
+    starts, floor = np.array([0, count], np.int64), np.full(1, tile_rasterizer.empty_depth(kind))
     frames, asked = [], []
     for seen in (0, 10 * count):
-        drawer = nearest.tile_drawer(listed, faces, screen, kind)
+        drawer = tile_rasterizer.tile_drawer(listed, faces, screen, kind)
         drawer.drawing.asked[SEEN_OF_THEM] = seen
         frame = np.empty((64, 64), kind), np.empty((64, 64), np.int32)
-        nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+        tile_rasterizer.draw_tiles(
+            only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+        )
         frames.append(frame)
         asked.append(drawer.drawing.asked)
     assert frames[0][0].tobytes() == frames[1][0].tobytes()
@@ -485,19 +493,23 @@ def test_lists_are_put_in_order_again_after_a_while():
     faces, screen, viewport = soup_in_a_tile(31, count, np.float32)
     listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
     starts, floor = np.array([0, count], np.int64), np.full(1, -np.inf, np.float32)
-    drawer = nearest.tile_drawer(listed, faces, screen, np.float32)
+    drawer = tile_rasterizer.tile_drawer(listed, faces, screen, np.float32)
     asked = drawer.drawing.asked
     asked[PUT_IN_ORDER], asked[SEEN_OF_THEM] = 1000, 600
     frame = np.empty((64, 64), np.float32), np.empty((64, 64), np.int32)
     was_ordered = []
     for _ in range(6):
         before = asked[PUT_IN_ORDER]
-        nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+        tile_rasterizer.draw_tiles(
+            only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+        )
         was_ordered.append(asked[PUT_IN_ORDER] - before == count)
     assert was_ordered == [False] * 5 + [True]
     # Long ago counts less.
     asked[PUT_IN_ORDER], asked[SEEN_OF_THEM] = 8 * REMEMBERED, 2 * REMEMBERED
-    nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+    tile_rasterizer.draw_tiles(
+        only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+    )
     assert asked[PUT_IN_ORDER] == 4 * REMEMBERED + count
 
 
@@ -521,7 +533,7 @@ def test_triangles_are_put_in_order(shift, spread):
     asked, (order, surveyed) = np.zeros(ASKED, np.int64), order_memory()
     asked[[FIRST, COUNT, TO_COME]] = first, some, count - first - some
     asked[[LEFT_COLUMN, TOP_ROW, GRID_BITS, SHIFT_X, SHIFT_Y]] = *origin, bits, *shift
-    batch = nearest.scratch_memory()[2:4]
+    batch = tile_rasterizer.scratch_memory()[2:4]
     order_triangles(asked, listed, faces, screen, *batch, surveyed, order)
     entries, ends, bounds = order
     assert ends[WAYS * BUCKETS - 1] == some
@@ -534,7 +546,7 @@ def test_triangles_are_put_in_order(shift, spread):
     begin, end = (np.clip(pixels, 0, 63) // 8 for pixels in (begin, end))
     expected = begin[:, 0] + 8 * end[:, 0] + 64 * begin[:, 1] + 512 * end[:, 1]
     assert (boxes == expected).all()
-    columns, rows = nearest.cell_masks()
+    columns, rows = tile_rasterizer.cell_masks()
     for n in range(0, some, 10):
         cells = np.zeros((8, 8), bool)
         cells[begin[n, 1] : end[n, 1] + 1, begin[n, 0] : end[n, 0] + 1] = True

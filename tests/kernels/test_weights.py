@@ -7,8 +7,9 @@ import pytest
 
 from rasterjit.pipeline.geometry.barycentric import fill_barycentric
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.pipeline.surface.samples import (
+from rasterjit.pipeline.surface.barycentric_weights import find_weights
+from rasterjit.pipeline.surface.gather_samples import list_samples
+from rasterjit.pipeline.surface.sample_block import (
     BEHIND,
     COUNTS,
     INTERVAL_COLUMN,
@@ -18,14 +19,13 @@ from rasterjit.pipeline.surface.samples import (
     INTERVALS,
     Block,
 )
-from rasterjit.pipeline.surface.weights import find_weights
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.shading import BLOCK, BLOCKS
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.runtime import threads
-from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import float64
+from rasterjit.runtime.stage_runner import StageList, Step
+from rasterjit.runtime.state_block import float64
 
 SIZE = 64, 64
 TOWARD = np.array([0.0, 0.0, 1.0, 0.0])
@@ -58,7 +58,7 @@ def weigh(positions, face_id, mirrored=1.0):
     """Return the weights of the second and third vertex and the side seen, and all in float32."""
     faces = np.array([(0, 1, 2)], np.int32)
     viewport = viewport_of(SIZE, 8)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     assert screen.codes.any()
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     taken, slow = weigh_all(geometry, face_id, mirrored), np.empty((*SIZE, 3), np.float32)

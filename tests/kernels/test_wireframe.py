@@ -13,8 +13,8 @@ from rasterjit.effects import wireframe
 from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads as sharing
 from rasterjit.survey import cache
 

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import rasterjit as rj
-from rasterjit.accuracy.scenes import SCENES, MadeScene, make
+from rasterjit.accuracy.test_scenes import SCENES, MadeScene, make
 from rasterjit.rendering.quality_selection import light_of
 
 sys.path.append(str(Path(__file__).parents[2]))

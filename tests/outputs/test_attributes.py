@@ -13,7 +13,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.distributed import sort_last
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.planning import FrameRequest, describe
 from rasterjit.rendering.regions import RegionRenderer
 

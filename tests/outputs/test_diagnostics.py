@@ -11,11 +11,11 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs import diagnostics_stage
-from rasterjit.outputs.table import OUTPUTS
-from rasterjit.pipeline.visibility import draw
+from rasterjit.outputs.output_table import OUTPUTS
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime import threads as sharing
+from rasterjit.survey import object_transforms
 from rasterjit.survey import packed_scene as plan_arrays
-from rasterjit.survey import placement
 
 SIZE = (128, 64)
 CLIP = rj.MatrixCamera(np.eye(4), np.eye(4))
@@ -73,13 +73,13 @@ def test_without_diagnose_no_kernel_runs_and_no_list_is_kept(cube, camera, monke
     for name in ("count_samples", "find_fates", "largest_error"):
         monkeypatch.setattr(diagnostics_stage, name, forbidden)
     kept = []
-    find_visible = draw.find_visible
+    find_visible = visibility_pass.find_visible
 
     def watched(*arguments, **options):
         kept.append(find_visible(*arguments, **options))
         return kept[-1]
 
-    monkeypatch.setattr(draw, "find_visible", watched)
+    monkeypatch.setattr(visibility_pass, "find_visible", watched)
     frame = rj.render(cube, camera, size=(16, 8), threads=1)
     assert kept[0].lists is None
     assert "diagnostics" not in frame.stats.seconds
@@ -214,8 +214,8 @@ def test_stored_weights_are_within_the_bound(cube):
     size = (24, 16)
     frame = look(cube, camera, size, ("barycentric", "face_id"))
     arrays = plan_arrays.join_geometry([cube])
-    views = placement.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
-    clip = draw.transform(
+    views = object_transforms.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
+    clip = visibility_pass.transform(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative, sharing.Workers(1),
     )  # fmt: skip
@@ -238,7 +238,7 @@ def test_threads_and_tasks_change_no_number(soup, eye, monkeypatch):
     expected = look(soup, eye, (200, 150)).diagnostics
     for threads in (2, 8):
         assert look(soup, eye, (200, 150), threads=threads).diagnostics == expected
-    monkeypatch.setattr(draw, "TILES_PER_TASK", 1)
+    monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", 1)
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 3)
     assert look(soup, eye, (200, 150), threads=2).diagnostics == expected
 

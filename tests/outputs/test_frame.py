@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.outputs.table import OUTPUTS, TABLE
+from rasterjit.outputs.output_table import OUTPUTS, TABLE
 
 SIZE = (24, 16)
 TYPES = {

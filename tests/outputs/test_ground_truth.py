@@ -12,8 +12,8 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS
-from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.pipeline.fragments.fragment_bands import SAMPLE_POSITIONS
+from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene.material import SHADINGS
 

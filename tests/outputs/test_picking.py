@@ -11,7 +11,7 @@ import rasterjit as rj
 from rasterjit.distributed import sort_last
 from rasterjit.distributed.frames import FarFrame
 from rasterjit.outputs.frame import PICKED
-from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.planning import FrameRequest
 from rasterjit.rendering.regions import RegionRenderer
 

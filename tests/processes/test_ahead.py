@@ -18,10 +18,10 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.cli import warmup
-from rasterjit.pipeline import encode
+from rasterjit.pipeline import srgb_encoding
 from rasterjit.rendering.planning import list_tasks
-from rasterjit.runtime import ahead, driver, jit, store
-from rasterjit.runtime.ahead import Task
+from rasterjit.runtime import background_compile, jit, stage_runner, store
+from rasterjit.runtime.background_compile import Task
 
 pytestmark = pytest.mark.takes_long
 
@@ -37,14 +37,14 @@ def likely(monkeypatch):
         executable=sys.executable, path=[*sys.path, str(Path(__file__).parent)],
         flags=SimpleNamespace(isolated=0),
     )  # fmt: skip
-    monkeypatch.setattr(ahead, "sys", system)
-    monkeypatch.setattr(ahead, "available_processors", lambda: 2)
-    ahead._BESIDE.end()
+    monkeypatch.setattr(background_compile, "sys", system)
+    monkeypatch.setattr(background_compile, "available_processors", lambda: 2)
+    background_compile._BESIDE.end()
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
     monkeypatch.setattr(store, "folder", lambda: Path("cache"))
-    yield ahead
-    ahead._BESIDE.end()
+    yield background_compile
+    background_compile._BESIDE.end()
 
 
 def touch(path):
@@ -128,7 +128,7 @@ def note_starts(monkeypatch):
         started.append(1)
         raise OSError
 
-    monkeypatch.setattr(ahead, "_start", refuse)
+    monkeypatch.setattr(background_compile, "_start", refuse)
     return started
 
 
@@ -159,10 +159,10 @@ def test_another_process_works_beside_this_one_and_waits_for_more(likely, tmp_pa
 
 
 def test_another_process_ends_when_nothing_is_asked_of_it(likely, tmp_path, monkeypatch):
-    monkeypatch.setattr(ahead, "LINGER", 0.5)
+    monkeypatch.setattr(background_compile, "LINGER", 0.5)
     with likely.beside(lambda: tasks("touch", tmp_path / "a"), at_once=True):
         wait_for(tmp_path / "a")
-        assert ahead._BESIDE._process.wait(20) == 0
+        assert background_compile._BESIDE._process.wait(20) == 0
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
@@ -171,16 +171,16 @@ def test_a_forked_process_leaves_the_other_process_alone(likely, tmp_path):
     path, own = tmp_path / "a", tmp_path / "b"
     with likely.beside(lambda: tasks("touch", path), at_once=True):
         wait_for(path)
-        ahead._BESIDE._lock.acquire()  # As another thread may.
+        background_compile._BESIDE._lock.acquire()  # As another thread may.
         child = os.fork()
         if child == 0:
-            is_clean = ahead._BESIDE._process is None and store.BEFORE_COMPILING == []
+            is_clean = background_compile._BESIDE._process is None and store.BEFORE_COMPILING == []
             with suppress(BaseException), likely.beside(lambda: tasks("touch", own), at_once=True):
                 wait_for(own)
-                ahead._BESIDE.end()
+                background_compile._BESIDE.end()
                 os._exit(0 if is_clean else 1)
             os._exit(2)
-        ahead._BESIDE._lock.release()
+        background_compile._BESIDE._lock.release()
         for _ in range(300):
             done, status = os.waitpid(child, os.WNOHANG)
             if done:
@@ -192,13 +192,13 @@ def test_a_forked_process_leaves_the_other_process_alone(likely, tmp_path):
             pytest.fail("the forked process hangs")
         assert os.waitstatus_to_exitcode(status) == 0
         assert own.read_text() != path.read_text()
-        assert ahead._BESIDE._process.poll() is None
+        assert background_compile._BESIDE._process.poll() is None
 
 
 def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
     likely, tmp_path, monkeypatch
 ):
-    listed, paths = [], [tmp_path / str(n) for n in range(ahead.WORTH_A_PROCESS)]
+    listed, paths = [], [tmp_path / str(n) for n in range(background_compile.WORTH_A_PROCESS)]
 
     def list_many():
         listed.append(1)
@@ -212,7 +212,7 @@ def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
         say_that_something_compiles()
         wait_for(paths[-1])
     assert listed == [1]
-    ahead._BESIDE.end()
+    background_compile._BESIDE.end()
     started = note_starts(monkeypatch)
     with likely.beside(lambda: tasks("touch", *paths[1:])):
         say_that_something_compiles()
@@ -248,7 +248,7 @@ def test_what_is_asked_for_last_is_done_first(likely, tmp_path):
 @pytest.mark.skipif(not SEES_PROCESSES, reason="processes are seen in /proc")
 def test_one_that_ended_leaves_no_entry_in_the_table_of_processes(likely, tmp_path):
     with likely.beside(lambda: tasks("end", "a"), at_once=True):
-        pid = ahead._BESIDE._process.pid
+        pid = background_compile._BESIDE._process.pid
         for _ in range(200):
             if not Path(f"/proc/{pid}").exists():
                 break
@@ -261,7 +261,7 @@ def test_one_that_ended_is_replaced(likely, tmp_path):
     path = tmp_path / "a"
     with likely.beside(lambda: tasks("end", path), at_once=True):
         for _ in range(300):
-            if ahead._BESIDE._process.poll() is not None:
+            if background_compile._BESIDE._process.poll() is not None:
                 break
             time.sleep(0.05)
         else:
@@ -274,9 +274,9 @@ def test_a_system_that_starts_no_process_is_no_error(likely, monkeypatch):
     def refuse(*_, **options):
         raise OSError
 
-    monkeypatch.setattr(ahead.subprocess, "Popen", refuse)
+    monkeypatch.setattr(background_compile.subprocess, "Popen", refuse)
     with likely.beside(lambda: tasks("touch", "a"), at_once=True):
-        assert ahead._BESIDE._process is None
+        assert background_compile._BESIDE._process is None
 
 
 @compiled_only
@@ -284,10 +284,10 @@ def test_compiling_is_told_and_loading_is_not(tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(store, "BEFORE_COMPILING", [lambda: told.append(1)])
     monkeypatch.setattr(store, "folder", lambda: tmp_path)
-    store.load(driver.run_list, driver.run_list.kind)
+    store.load(stage_runner.run_list, stage_runner.run_list.kind)
     assert told
     told.clear()
-    store.load(driver.run_list, driver.run_list.kind)
+    store.load(stage_runner.run_list, stage_runner.run_list.kind)
     assert told == []
 
 
@@ -305,7 +305,7 @@ def test_the_compiler_tells_on_its_way_that_it_goes_on(tmp_path, monkeypatch, pa
     monkeypatch.setattr(store, "BEFORE_COMPILING", [tell])
     monkeypatch.setattr(store, "folder", lambda: tmp_path)
     # Before the kernel, at its helpers, and before what LLVM does.
-    store.load(encode.encode_rows, encode.encode_rows.declared[0])
+    store.load(srgb_encoding.encode_rows, srgb_encoding.encode_rows.declared[0])
     assert len(told) >= 4 if pause == 0.0 else len(told) == 1
 
 
@@ -345,11 +345,13 @@ def test_on_windows_a_worker_imports_the_compiler_before_a_thread_reads(
             raise SystemExit(code)
 
     system = SimpleNamespace(platform=platform, stdin=lines())
-    monkeypatch.setattr(ahead, "sys", system)
-    monkeypatch.setattr(ahead.os, "_exit", leave)
-    monkeypatch.setattr(ahead.numba_alone, "compiler", lambda: done.append("import"))
+    monkeypatch.setattr(background_compile, "sys", system)
+    monkeypatch.setattr(background_compile.os, "_exit", leave)
+    monkeypatch.setattr(
+        background_compile.isolated_numba, "compiler", lambda: done.append("import")
+    )
     with pytest.raises(SystemExit):
-        ahead.work(1.0)
+        background_compile.work(1.0)
     assert done == order
 
 
@@ -399,17 +401,18 @@ def test_an_error_here_leaves_nobody_who_asks(likely):
 
 STARTER = """
 import sys, time
-from rasterjit.runtime import ahead
-start = ahead._start
+from rasterjit.runtime import background_compile
+start = background_compile._start
 
 def noted(*options):
     other = start(*options)
     print(other.pid, flush=True)
     return other
 
-ahead._start = noted
-ahead.available_processors = lambda: 2
-with ahead.beside(lambda: [ahead.Task("time", "sleep", (60,))], at_once=True):
+background_compile._start = noted
+background_compile.available_processors = lambda: 2
+naps = lambda: [background_compile.Task("time", "sleep", (60,))]
+with background_compile.beside(naps, at_once=True):
     time.sleep(60)
 """
 
@@ -430,15 +433,15 @@ def test_another_process_ends_with_this_one_even_if_it_is_killed():
 COMPILE_TWO = """
 import importlib, json
 from rasterjit.cli import warmup
-from rasterjit.runtime import ahead, jit, store
+from rasterjit.runtime import background_compile, jit, store
 
 for module in {modules!r}:
     importlib.import_module(module)
 stages = [one for one in jit.STAGES if one.__name__ in {names!r}]
-tasks = ahead.compiling(stages)
+tasks = background_compile.compiling(stages)
 told = []
-failed = ahead.do_all(tasks, lambda: told.append(1), 2)
-left = len(ahead.compiling(stages))
+failed = background_compile.do_all(tasks, lambda: told.append(1), 2)
+left = len(background_compile.compiling(stages))
 for stage in stages:
     stage.address()
 print(json.dumps([len(tasks), failed, len(told), left, *store.USED]))
@@ -470,9 +473,11 @@ def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
             tell()
         return given[-1:]
 
-    monkeypatch.setattr(ahead, "is_possible", lambda: True)
-    monkeypatch.setattr(ahead, "do_all", do_all)
-    monkeypatch.setattr(ahead, "compile_one", lambda *arguments: here.append(arguments))
+    monkeypatch.setattr(background_compile, "is_possible", lambda: True)
+    monkeypatch.setattr(background_compile, "do_all", do_all)
+    monkeypatch.setattr(
+        background_compile, "compile_one", lambda *arguments: here.append(arguments)
+    )
     monkeypatch.setattr(store, "is_kept", lambda *_: False)
     warmup.compile_all(lambda *what: told.append(what))
     (given,) = done
@@ -490,9 +495,11 @@ def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_frame_that_compiles_asks_for_what_it_will_call(cube, monkeypatch, threads):
     taken = []
-    monkeypatch.setattr(ahead, "available_processors", lambda: 2)
-    monkeypatch.setattr(ahead, "is_possible", lambda: True)
-    monkeypatch.setattr(ahead._BESIDE, "take", lambda tasks, least: taken.append(tasks))
+    monkeypatch.setattr(background_compile, "available_processors", lambda: 2)
+    monkeypatch.setattr(background_compile, "is_possible", lambda: True)
+    monkeypatch.setattr(
+        background_compile._BESIDE, "take", lambda tasks, least: taken.append(tasks)
+    )
     monkeypatch.setattr(store, "is_kept", lambda *_: False)
     scene = rj.Scene()
     scene.add(cube)

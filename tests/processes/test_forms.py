@@ -14,7 +14,7 @@ from kernel_files import kernel_modules
 from strict import STRICT
 
 from rasterjit.runtime import jit, store
-from rasterjit.runtime.state import leaves
+from rasterjit.runtime.state_block import leaves
 
 TESTS = Path(__file__).parent.parent
 

@@ -21,8 +21,15 @@ from kernel_files import kernel_modules
 
 import rasterjit as rj
 from rasterjit.cli import commands, doctor, wheels
-from rasterjit.runtime import ahead, driver, jit, shipped, store, targets
-from rasterjit.runtime.shipped import UnfitError
+from rasterjit.runtime import (
+    background_compile,
+    jit,
+    prebuilt_kernels,
+    stage_runner,
+    store,
+    targets,
+)
+from rasterjit.runtime.prebuilt_kernels import UnfitError
 
 compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
 
@@ -35,20 +42,22 @@ FORMS = {"b_1": ("int", b"second"), "a_2": ("none", b"first")}
 def write_pack(place, forms, target=None):
     """Write a file of machine code, of this machine if no target is given; return its path."""
     target = target or store.host()
-    path = place / shipped.file_name(target)
-    path.write_bytes(shipped.content_of(path.name, target, "something", forms))
+    path = place / prebuilt_kernels.file_name(target)
+    path.write_bytes(prebuilt_kernels.content_of(path.name, target, "something", forms))
     return path
 
 
 def test_a_file_gives_what_was_written_in_any_order(tmp_path):
     path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
-    pack = shipped.read(path)
+    pack = prebuilt_kernels.read(path)
     assert (pack.target, pack.made_with, sorted(pack.forms)) == (
         PLATFORM.targets()[0], "something", sorted(FORMS)
     )  # fmt: skip
     assert {name: pack.code(name) for name in FORMS} == FORMS
     assert pack.damaged() == []
-    other = shipped.content_of(path.name, pack.target, "something", dict(sorted(FORMS.items())))
+    other = prebuilt_kernels.content_of(
+        path.name, pack.target, "something", dict(sorted(FORMS.items()))
+    )
     assert other == pack.content
     with pytest.raises(UnfitError, match="other sources"):
         pack.code("c_3")
@@ -57,7 +66,7 @@ def test_a_file_gives_what_was_written_in_any_order(tmp_path):
 def is_damaged(path):
     """Tell whether the damage of a file shows, in its table or in a form."""
     try:
-        return bool(shipped.read(path).damaged())
+        return bool(prebuilt_kernels.read(path).damaged())
     except UnfitError:
         return True
 
@@ -77,7 +86,7 @@ def test_every_damaged_byte_is_found(tmp_path):
 def test_a_file_under_another_s_name_is_damaged(tmp_path):
     path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
     with pytest.raises(UnfitError, match="damaged"):
-        shipped.read(path.rename(tmp_path / "x86-64-v2.kernels"))
+        prebuilt_kernels.read(path.rename(tmp_path / "x86-64-v2.kernels"))
 
 
 @pytest.mark.parametrize(
@@ -125,11 +134,11 @@ def test_an_empty_name_of_a_cpu_asks_for_none(monkeypatch):
 @pytest.fixture
 def code():
     """The name and the object code of a raw kernel, for this machine."""
-    target, (kind,) = store.host(), driver.run_list.declared
-    name = store.name_of(driver.run_list, kind, target)
+    target, (kind,) = store.host(), stage_runner.run_list.declared
+    name = store.name_of(stage_runner.run_list, kind, target)
     from rasterjit.runtime import compiler
 
-    return name, compiler.compile_form(driver.run_list, kind, name, target)
+    return name, compiler.compile_form(stage_runner.run_list, kind, name, target)
 
 
 @pytest.fixture
@@ -137,9 +146,9 @@ def come(tmp_path, monkeypatch):
     """A function that lets forms come with the installation; there is a store, and it is empty."""
     monkeypatch.setattr(store, "SAID", set())
     monkeypatch.setattr(store, "UNFIT", [])
-    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
-    monkeypatch.setattr(shipped, "shipped_target", store.host)
-    monkeypatch.setattr(shipped, "found", shipped.found.__wrapped__)
+    monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
+    monkeypatch.setattr(prebuilt_kernels, "shipped_target", store.host)
+    monkeypatch.setattr(prebuilt_kernels, "found", prebuilt_kernels.found.__wrapped__)
     place = tmp_path / "store"
     place.mkdir(mode=0o700)
     monkeypatch.setattr(store, "folder", lambda: place)
@@ -147,7 +156,7 @@ def come(tmp_path, monkeypatch):
 
 
 def load():
-    return store.load(driver.run_list, driver.run_list.declared[0]).is_loaded
+    return store.load(stage_runner.run_list, stage_runner.run_list.declared[0]).is_loaded
 
 
 @compiled_only
@@ -155,8 +164,8 @@ def test_what_came_is_loaded_and_no_folder_is_looked_for(come, code, monkeypatch
     come(dict([code]))
     monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
     assert load()
-    assert store.is_kept(driver.run_list, driver.run_list.declared[0])
-    assert ahead.compiling([driver.run_list]) == []
+    assert store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
+    assert background_compile.compiling([stage_runner.run_list]) == []
     assert capfd.readouterr().err == ""
     (finding,) = doctor._shipped()
     assert finding.passed
@@ -186,12 +195,12 @@ DAMAGES = {
 def test_what_is_of_no_use_is_named_and_compiled_anew(come, code, damage, capfd):
     path = come(dict([code]))
     DAMAGES[damage](path)
-    assert not store.is_kept(driver.run_list, driver.run_list.declared[0])
+    assert not store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
     assert [load(), load()] == [False, True]
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("rasterjit: compiling instead of loading: ")
     assert str(path) in line
-    assert shipped.REINSTALL in line
+    assert prebuilt_kernels.REINSTALL in line
     if damage != "other sources":
         assert any(finding.passed is False for finding in doctor._shipped())
 
@@ -206,7 +215,7 @@ def test_without_numba_an_error_names_what_is_of_no_use(come, code, damage, capf
     with pytest.raises(store.NoCompilerError, match="pip install numba") as caught:
         load()
     assert str(path) in str(caught.value)
-    assert shipped.REINSTALL in str(caught.value)
+    assert prebuilt_kernels.REINSTALL in str(caught.value)
     assert capfd.readouterr().err == ""
 
 
@@ -221,8 +230,8 @@ def test_code_that_cannot_be_linked_is_compiled_anew(come, code, capfd):
 @compiled_only
 def test_llvmlite_that_cannot_link_is_named(come, code, monkeypatch):
     come(dict([code]))
-    monkeypatch.setattr(shipped, "LINKING", ("no_such_function",))
-    pack, problem = shipped.found()
+    monkeypatch.setattr(prebuilt_kernels, "LINKING", ("no_such_function",))
+    pack, problem = prebuilt_kernels.found()
     assert pack is None
     assert "llvmlite" in problem
     assert "no_such_function" in problem
@@ -231,7 +240,7 @@ def test_llvmlite_that_cannot_link_is_named(come, code, monkeypatch):
 @compiled_only
 def test_where_all_came_warmup_compiles_nothing_and_needs_no_folder(come, code, monkeypatch):
     come(dict([code]))
-    monkeypatch.setattr(ahead, "every_kernel", lambda: [driver.run_list])
+    monkeypatch.setattr(background_compile, "every_kernel", lambda: [stage_runner.run_list])
     monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
     done = CliRunner().invoke(commands.program, ["warmup"])
     assert (done.exit_code, done.output.partition(":")[0]) == (0, "nothing to compile")
@@ -243,7 +252,7 @@ def test_doctor_asks_for_a_folder_only_where_something_is_compiled(come, monkeyp
     if has_come:
         come(FORMS)
     else:
-        monkeypatch.setattr(shipped, "found", lambda: shipped.Found(None, None))
+        monkeypatch.setattr(prebuilt_kernels, "found", lambda: prebuilt_kernels.Found(None, None))
     monkeypatch.setattr(store, "folder", lambda: None)
     monkeypatch.setattr(store, "USED", store.Used([], []))
     (finding,) = doctor._store()
@@ -251,16 +260,16 @@ def test_doctor_asks_for_a_folder_only_where_something_is_compiled(come, monkeyp
 
 
 def test_where_nothing_lacks_no_process_starts(monkeypatch):
-    monkeypatch.setattr(ahead, "available_processors", lambda: 2)
-    monkeypatch.setattr(ahead, "is_possible", lambda: pytest.fail("nobody need know"))
-    with ahead.beside(list, at_once=True):
+    monkeypatch.setattr(background_compile, "available_processors", lambda: 2)
+    monkeypatch.setattr(background_compile, "is_possible", lambda: pytest.fail("nobody need know"))
+    with background_compile.beside(list, at_once=True):
         pass
 
 
 IN_A_FRESH_PROCESS = """
 import json
-from rasterjit.runtime import ahead
-print(json.dumps([(one.__module__, one.__name__) for one in ahead.every_kernel()]))
+from rasterjit.runtime import background_compile
+print(json.dumps([(one.__module__, one.__name__) for one in background_compile.every_kernel()]))
 """
 
 
@@ -359,7 +368,7 @@ def test_all_frames_are_drawn_from_what_came_without_numba(tmp_path):
     target = PLATFORM.targets()[-1]
     (copy / "machine_code").mkdir()
     content = wheels.pack_of(target)
-    (copy / "machine_code" / shipped.file_name(target)).write_bytes(content)
+    (copy / "machine_code" / prebuilt_kernels.file_name(target)).write_bytes(content)
     assert len(content) < 2 << 20
     program = TESTS / "hard_cases" / "shipped_frames.py"
     done = subprocess.run(

@@ -18,8 +18,8 @@ import small_kernels
 from small import RESULTS, entries, start, use
 
 from rasterjit.runtime import jit, store
-from rasterjit.runtime import packing as packing  # Arguments are packed by it.
-from rasterjit.runtime.state import RecordType, type_of
+from rasterjit.runtime import pack_arguments as pack_arguments  # Arguments are packed by it.
+from rasterjit.runtime.state_block import RecordType, type_of
 
 pytestmark = [
     pytest.mark.takes_long,

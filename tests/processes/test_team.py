@@ -14,10 +14,10 @@ from small_kernels import count_up, note_scratch
 
 from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
-from rasterjit.runtime.numba_alone import compiler
-from rasterjit.runtime.state import LINE, WORD
+from rasterjit.runtime.isolated_numba import compiler
+from rasterjit.runtime.spinning_threads import DONE, Call, Team, make_calls
+from rasterjit.runtime.state_block import LINE, WORD
 from rasterjit.runtime.targets import Target
-from rasterjit.runtime.team import DONE, Call, Team, make_calls
 from rasterjit.runtime.threads import Workers
 
 pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")

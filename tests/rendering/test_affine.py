@@ -11,10 +11,10 @@ import pytest
 import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import barycentric
-from rasterjit.pipeline.surface import texture_gradients
+from rasterjit.pipeline.surface import uv_derivatives
 from rasterjit.pipeline.surface.texture_lookup import SCRATCH_ROWS, STEPS, U
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
 
@@ -203,8 +203,10 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
     points = np.array([[3.0, 5.0], [60.0, 11.0], [22.0, 58.0]])
     positions = naive.clip_from_screen(points, SIZE, 0.0, [1.0, 4.0, 16.0])
     viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
-    geometry = draw.geometry_of(np.array([[0, 1, 2]], np.int32), screen, positions, viewport, True)
+    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    geometry = visibility_pass.geometry_of(
+        np.array([[0, 1, 2]], np.int32), screen, positions, viewport, True
+    )
     assert len(geometry.w) == 0
     uv = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
     places = np.zeros((SCRATCH_ROWS, 4))
@@ -218,7 +220,7 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
         uv.reshape(6, 1),
         np.ascontiguousarray(geometry.xy[:3]).reshape(6, 1),
     )
-    texture_gradients.mix_steps(
+    uv_derivatives.mix_steps(
         *places[STEPS : STEPS + 4, :1], *places[U : U + 2, :1], *corner_places, *corner_points,
         *np.ones((3, 1)), *np.int32([[25], [20]]), viewport.grid_bits, 1.0, True,
     )  # fmt: skip

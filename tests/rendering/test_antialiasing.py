@@ -12,9 +12,9 @@ from naive_layers import CAMERA, mesh_of, scene_of
 from test_layered import BACKGROUNDS, colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
-from rasterjit.accuracy import scenes
-from rasterjit.pipeline import encode
-from rasterjit.pipeline.fragments import bands, fragments
+from rasterjit.accuracy import test_scenes
+from rasterjit.pipeline import srgb_encoding
+from rasterjit.pipeline.fragments import a_buffer, fragment_bands
 
 SIZE = (64, 32)
 SAMPLES = (2, 4, 8, 16)
@@ -101,7 +101,7 @@ def test_rows_of_several_parts_are_mixed_and_encoded_like_short_ones(samples):
     np.testing.assert_allclose(both.linear, want, rtol=0, atol=2e-6)
     mixed = np.abs(both.linear - np.float32(background)).max(axis=2) > 1e-4
     assert all(mixed[:, first : first + 128].sum() > 20 for first in range(0, 512, 128))
-    codes = np.searchsorted(encode.code_thresholds(), both.linear[:, :, :3], side="right")
+    codes = np.searchsorted(srgb_encoding.code_thresholds(), both.linear[:, :, :3], side="right")
     assert (both.color[:, :, :3] == codes).all()
     assert (both.color[:, :, 3] == np.floor(255.0 * both.linear[:, :, 3].astype(float) + 0.5)).all()
     alone = draw(meshes, samples, outputs=("color",), **options)
@@ -264,7 +264,7 @@ def test_edges_of_holes_are_as_soft_as_the_samples_and_hard_with_areas(samples, 
 
 
 def test_more_layers_than_fit_are_an_error(monkeypatch):
-    monkeypatch.setattr(bands, "MAX_LAYERS", 3)
+    monkeypatch.setattr(fragment_bands, "MAX_LAYERS", 3)
     veils = [mesh_of([(0, 0), (64, 0), (0, 64)], [0.1 * n] * 3, SIZE, base_color=(1, 0, 0, 0.5),
                      alpha_mode="blend") for n in range(4)]  # fmt: skip
     assert draw(veils[:3], 4).linear.any()
@@ -297,14 +297,14 @@ def test_plan_says_why_edges_are_smoothed(cube, camera, monkeypatch):
     def refuse(*_):
         raise AssertionError("there is nothing to smooth")
 
-    monkeypatch.setattr(fragments, "find_layers", refuse)
+    monkeypatch.setattr(a_buffer, "find_layers", refuse)
     options = dict(size=(20, 20), quality=four, outputs=("depth",))
     assert np.isfinite(rj.render(cube, camera, **options).depth).any()
 
 
 def test_slivers_are_shaded_near_the_pixels_that_show_them():
     """A sliver's ends are far from most of its pixels, and have another hue."""
-    made = scenes.make("slivers")
+    made = test_scenes.make("slivers")
     one, several, best = (
         rj.render(
             made.scene, made.camera, size=(96, 72), outputs=("linear",), quality=quality

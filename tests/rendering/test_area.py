@@ -11,7 +11,7 @@ from naive_layers import CAMERA, mesh_of, scene_of
 from test_layered import colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
-from rasterjit.pipeline.fragments import areas
+from rasterjit.pipeline.fragments import area_coverage
 
 SIZE = (32, 16)
 
@@ -161,7 +161,7 @@ def test_too_many_pieces_are_an_error_that_says_where(monkeypatch):
     def give_up(*arguments):
         arguments[-3][:] = -1, 7, 5
 
-    monkeypatch.setattr(areas, "find_areas", give_up)
+    monkeypatch.setattr(area_coverage, "find_areas", give_up)
     mesh = mesh_of([(3, 3), (20, 4), (5, 14)], [0.25] * 3, SIZE)
     with pytest.raises(ValueError, match=r"samples must be .* got 'area': .* column 7, row 5"):
         draw([mesh])

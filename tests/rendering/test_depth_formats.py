@@ -11,9 +11,9 @@ import pytest
 import rasterjit as rj
 from rasterjit.pipeline.geometry import projection
 from rasterjit.pipeline.records import Faces, Objects
-from rasterjit.pipeline.visibility import draw as stages
-from rasterjit.pipeline.visibility import nearest as visibility
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import tile_rasterizer as visibility
+from rasterjit.pipeline.visibility import visibility_pass as stages
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.rendering.planning import list_buffers, list_kernels
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
@@ -438,7 +438,9 @@ def test_the_plan_names_a_format_that_is_not_standard(name):
     buffers = {buffer.name: buffer.kind for buffer in list_buffers(plan)}
     assert buffers["stored depth"] == kinds.get(name, "float32")
     assert ("reversed depth" in buffers) == (name != "float32-reversed")
-    drawing = next(one for one in list_kernels(plan) if one.name.startswith("nearest.draw_tiles"))
+    drawing = next(
+        one for one in list_kernels(plan) if one.name.startswith("tile_rasterizer.draw_tiles")
+    )
     assert ("depth" in drawing.variant) == (name in kinds)
 
 

@@ -12,7 +12,7 @@ import ways
 from ways import ALL, MODELS, around, mixed_scene
 
 import rasterjit as rj
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.rendering import batch, batch_scheduler
 from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
@@ -300,7 +300,7 @@ ONE_BY_ONE = {
 def alone(monkeypatch):
     """Share small frames among threads, and return the views of batches drawn one by one."""
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
-    monkeypatch.setattr(draw, "TILES_PER_TASK", 1)
+    monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", 1)
     numbers, draw_alone = [], batch.SingleViews.__call__
 
     def noted(self, group):

@@ -12,11 +12,11 @@ import ways
 from changes import SIZE, changing_scene, material, placed, walk
 
 import rasterjit as rj
-from rasterjit.pipeline.visibility import draw, nearest
-from rasterjit.rendering import layers
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
+from rasterjit.rendering import resolve_layers
 from rasterjit.runtime.threads import Kept, Memory, are_same
 from rasterjit.scene.camera import planes_of
-from rasterjit.survey import clip_planes, placement
+from rasterjit.survey import clip_planes, object_transforms
 
 
 @pytest.fixture
@@ -86,9 +86,9 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
     scene = changing_scene()
     # Light on vertices is found anew for each camera.
     material(scene, 2, shading="phong", alpha_mode="opaque")
-    shadings = counted(monkeypatch, layers, "Shading")
-    drawers = counted(monkeypatch, nearest, "tile_drawer")
-    screens = counted(monkeypatch, draw, "screen_arrays")
+    shadings = counted(monkeypatch, resolve_layers, "Shading")
+    drawers = counted(monkeypatch, tile_rasterizer, "tile_drawer")
+    screens = counted(monkeypatch, visibility_pass, "screen_arrays")
     with rj.Renderer.timed(SIZE, rj.Quality(), 1) as renderer:
         for number in range(5):
             # All is in view, and no face is cut.
@@ -106,7 +106,7 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
 
 def test_large_scenes_leave_nothing(scene, monkeypatch):
     monkeypatch.setattr("rasterjit.rendering.renderer.MAX_KEPT", 10)
-    screens = counted(monkeypatch, draw, "screen_arrays")
+    screens = counted(monkeypatch, visibility_pass, "screen_arrays")
     with rj.Renderer(SIZE, threads=1) as renderer:
         for number in range(3):
             frame = renderer.render(scene, walk(number))
@@ -143,9 +143,9 @@ def test_close_lets_go_of_what_is_kept(scene):
 
 def test_things_are_the_same_if_they_are_one_or_plain_and_equal():
     one, other = np.zeros(2), np.zeros(2)
-    record = draw.Region(1, 2, 3, 4)
+    record = visibility_pass.Region(1, 2, 3, 4)
     assert are_same((one, 1, "a", (one, None)), (one, 1, "a", (one, None)))
-    assert are_same(record, draw.Region(1, 2, 3, 4))
+    assert are_same(record, visibility_pass.Region(1, 2, 3, 4))
     assert are_same(0.5, 0.5)
     assert not are_same(one, other)
     assert not are_same((one,), (one, one))
@@ -211,7 +211,7 @@ def found_of(extents):
     return [part.tolist() for part in found], extents.around, extents.boxes
 
 
-@pytest.mark.parametrize("most", [5, 3 * placement.FEW])
+@pytest.mark.parametrize("most", [5, 3 * object_transforms.FEW])
 def test_moved_objects_have_the_bits_of_all_placed_anew(most):
     rng, shifted = np.random.default_rng(3), 0
     for _ in range(300):
@@ -224,18 +224,18 @@ def test_moved_objects_have_the_bits_of_all_placed_anew(most):
             after[n][:3, :3][before[n][:3, :3] == 0.0] *= -1.0
         moved = np.flatnonzero(rng.integers(2, size=count)).tolist()
         mixed = [after[n] if n in moved else before[n] for n in range(count)]
-        known = placement.place_objects(before)
+        known = object_transforms.place_objects(before)
         was = [part.tobytes() for part in known]
-        found = placement.move_objects(known, mixed, moved)
-        for own, wanted in zip(found, placement.place_objects(mixed), strict=True):
+        found = object_transforms.move_objects(known, mixed, moved)
+        for own, wanted in zip(found, object_transforms.place_objects(mixed), strict=True):
             assert own.tobytes() == wanted.tobytes()
         assert [part.tobytes() for part in known] == was
         bounds = np.sort(rng.normal(size=(count, 2, 3)), axis=1)
-        extents = placement.Extents(bounds, known.world_from_model)
+        extents = object_transforms.Extents(bounds, known.world_from_model)
         before = found_of(extents)
         own = extents.moved(known, found)
         shifted += "reach" in vars(own)
-        assert found_of(own) == found_of(placement.Extents(bounds, found.world_from_model))
+        assert found_of(own) == found_of(object_transforms.Extents(bounds, found.world_from_model))
         assert extents.moved(known, known) is extents
         assert found_of(extents) == before
     assert 100 < shifted < 250
@@ -243,7 +243,7 @@ def test_moved_objects_have_the_bits_of_all_placed_anew(most):
 
 def random_boxes(rng):
     """Return boxes around some objects, some of them around nothing, and the camera's views."""
-    count = int(rng.integers(1, placement.FEW + 1))
+    count = int(rng.integers(1, object_transforms.FEW + 1))
     bounds = np.sort(rng.normal(size=(count, 2, 3)), axis=1)
     bounds[rng.integers(6, size=count) == 0] = np.nan
     matrices = [np.eye(4) for _ in range(count)]
@@ -253,12 +253,12 @@ def random_boxes(rng):
     camera = rj.PerspectiveCamera(rng.normal(size=3) * 9.0, rng.normal(size=3))
     if rng.integers(2):
         camera = rj.OrthographicCamera(camera.eye, camera.target, height=8.0, near=-3.0)
-    places = placement.place_objects(matrices)
-    views = placement.view_places(places, camera, SIZE)
+    places = object_transforms.place_objects(matrices)
+    views = object_transforms.view_places(places, camera, SIZE)
 
     def boxes():
-        extents = placement.Extents(bounds, places.world_from_model)
-        return placement.Boxes(
+        extents = object_transforms.Extents(bounds, places.world_from_model)
+        return object_transforms.Boxes(
             extents, camera.eye_position(), views.relative_from_model, views.clip_from_relative
         )
 
@@ -271,7 +271,7 @@ def test_what_is_found_fast_of_few_objects_is_what_numpy_finds_of_many(monkeypat
         _, _, boxes = random_boxes(rng)
         few = boxes()
         fast += few._are_surely_in_view()
-        monkeypatch.setattr(placement, "FEW", 0)
+        monkeypatch.setattr(object_transforms, "FEW", 0)
         many = boxes()
         assert few._are_surely_in_view() <= many._are_surely_in_view() <= many.in_view.all()
         assert few.in_view.tolist() == many.in_view.tolist() == many._measures.in_view.tolist()
@@ -304,21 +304,21 @@ def test_no_corner_in_view_is_beyond_what_is_found_fast():
 
 def test_planes_are_looked_at_with_the_same_result_at_once_or_box_by_box(scene, monkeypatch):
     rng, found = np.random.default_rng(9), []
-    cache = placement.place_objects([node.world_from_model for node in scene.nodes])
-    bounds = placement.mesh_boxes([node.mesh for node in scene.nodes])
+    cache = object_transforms.place_objects([node.world_from_model for node in scene.nodes])
+    bounds = object_transforms.mesh_boxes([node.mesh for node in scene.nodes])
     for _ in range(150):
         camera = rj.PerspectiveCamera(rng.normal(size=3) * 4.0, rng.normal(size=3))
         if rng.integers(3) == 0:
             near, far = np.sort(rng.uniform(0.1, 12.0, 2)).tolist()
             camera = dataclasses.replace(camera, near=near, far=far + 1.0)
-        views = placement.view_places(cache, camera, SIZE)
-        boxes = placement.Boxes(
-            placement.Extents(bounds, cache.world_from_model), camera.eye_position(),
+        views = object_transforms.view_places(cache, camera, SIZE)
+        boxes = object_transforms.Boxes(
+            object_transforms.Extents(bounds, cache.world_from_model), camera.eye_position(),
             views.relative_from_model, views.clip_from_relative,
         )  # fmt: skip
         known = boxes, scene.nodes, views.clip_from_relative, rj.Quality.standard()
         at_once = clip_planes.look_at_planes(camera, *known)
-        monkeypatch.setattr(placement.Boxes, "are_between", lambda *_: False)
+        monkeypatch.setattr(object_transforms.Boxes, "are_between", lambda *_: False)
         assert clip_planes.look_at_planes(camera, *known) == at_once
         monkeypatch.undo()
         planes = planes_of(camera)
@@ -329,7 +329,7 @@ def test_planes_are_looked_at_with_the_same_result_at_once_or_box_by_box(scene, 
 
 def test_projections_that_are_remembered_are_those_of_the_camera():
     rng = np.random.default_rng(2)
-    places = placement.place_objects([np.eye(4)])
+    places = object_transforms.place_objects([np.eye(4)])
     for _ in range(40):
         camera = rj.PerspectiveCamera(
             rng.normal(size=3), rng.normal(size=3), fov_y=float(rng.choice([20.0, 45.0, 90.0])),
@@ -339,7 +339,9 @@ def test_projections_that_are_remembered_are_those_of_the_camera():
         size = (int(rng.integers(1, 4)) * 20, 30)
         # What is known by its matrices alone is worked out each time.
         plain = rj.MatrixCamera(camera.view_matrix(), camera.projection_matrix(size))
-        views, wanted = (placement.view_places(places, each, size) for each in (camera, plain))
+        views, wanted = (
+            object_transforms.view_places(places, each, size) for each in (camera, plain)
+        )
         assert views.screen_turn == wanted.screen_turn
         assert np.allclose(views.clip_from_relative, wanted.clip_from_relative, 1e-12, 1e-12)
 

@@ -11,9 +11,9 @@ from naive_layers import CAMERA, mesh_of, scene_of
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.fragments import bands as band_finding
-from rasterjit.pipeline.fragments import fragments
-from rasterjit.rendering import layers
+from rasterjit.pipeline.fragments import a_buffer
+from rasterjit.pipeline.fragments import fragment_bands as band_finding
+from rasterjit.rendering import resolve_layers
 
 SIZE = (128, 64)
 BACKGROUNDS = [(0.1, 0.2, 0.3, 1.0), (0.3, 0.2, 0.1, 0.25), (0, 0, 0, 0)]
@@ -125,14 +125,14 @@ def test_layers_are_those_of_the_stored_depths_bit_by_bit(monkeypatch):
     # Some triangles are there twice: exact ties, that the lower face wins.
     triangles[20:30] = triangles[5:15]
     is_blended = np.arange(count) % 7 != 3
-    lay_layers = layers.lay_layers
+    lay_layers = resolve_layers.lay_layers
 
     def note(band, *others):
         opaque, transparent = band.opaque[0].copy(), band.transparent[0].copy()
         bands.append(band_finding.Band(band.first_row, opaque, transparent))
         return lay_layers(band, *others)
 
-    monkeypatch.setattr(layers, "lay_layers", note)
+    monkeypatch.setattr(resolve_layers, "lay_layers", note)
     draw(meshes_of(triangles, colors_of(rng, count), is_blended))
     want = naive_layers.rounded_surfaces(triangles, SIZE)
     rows = 0
@@ -431,7 +431,7 @@ def test_nothing_of_it_runs_where_nothing_is_transparent(monkeypatch, cube, came
         raise AssertionError("there is nothing transparent")
 
     for name in ("split_lists", "find_layers"):
-        monkeypatch.setattr(fragments, name, refuse)
+        monkeypatch.setattr(a_buffer, name, refuse)
     away = rj.Mesh(cube.vertices + [100.0, 0, 0], cube.faces, material=glass())
     scene = scene_of([cube, away])
     assert rj.render(scene, camera, size=(32, 24)).color.any()
@@ -537,10 +537,10 @@ def test_any_number_of_surfaces_lies_behind_those_that_are_seen(monkeypatch):
 
 def test_no_more_layers_are_held_or_shaded_than_are_seen(monkeypatch):
     shaded, rooms = [], []
-    shade, find = layers.Shading.shade, fragments.find_layers
-    monkeypatch.setattr(layers.Shading, "shade", lambda *a: shaded.append(1) or shade(*a))
+    shade, find = resolve_layers.Shading.shade, a_buffer.find_layers
+    monkeypatch.setattr(resolve_layers.Shading, "shade", lambda *a: shaded.append(1) or shade(*a))
     monkeypatch.setattr(
-        fragments, "find_layers",
+        a_buffer, "find_layers",
         lambda *a: rooms.append(a[8][1].shape[1]) or find(*a),
     )  # fmt: skip
     size = (16, 16)

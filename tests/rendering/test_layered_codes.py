@@ -11,7 +11,7 @@ from test_antialiasing import places
 from test_layered import colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
-from rasterjit.pipeline.fragments import bands, encoded
+from rasterjit.pipeline.fragments import fragment_bands, srgb_compositing
 from rasterjit.rendering import supersample
 from rasterjit.scene.color import srgb_to_linear
 
@@ -166,7 +166,7 @@ def test_order_of_insertion_threads_and_bands_change_no_bit(samples, monkeypatch
     order = rng.permutation(count)
     assert draw([meshes[n] for n in order], samples, size).color.tobytes() == first.color.tobytes()
     assert draw(meshes, samples, size, threads=3).color.tobytes() == first.color.tobytes()
-    monkeypatch.setattr(bands, "MAX_BYTES", size[0] * 8 * 40 * samples)
+    monkeypatch.setattr(fragment_bands, "MAX_BYTES", size[0] * 8 * 40 * samples)
     assert draw(meshes, samples, size).color.tobytes() == first.color.tobytes()
 
 
@@ -229,7 +229,7 @@ def test_where_nothing_is_mixed_codes_change_nothing(cube, camera, monkeypatch, 
         raise AssertionError("nothing is mixed")
 
     for name in ("lay_codes", "hide_behind", "mix_codes", "decode_rows"):
-        monkeypatch.setattr(encoded, name, refuse)
+        monkeypatch.setattr(srgb_compositing, name, refuse)
     scene = scene_of([cube])
     scene.tone_map = rj.ToneMap("aces")
     light, codes = (

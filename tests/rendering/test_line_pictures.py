@@ -186,9 +186,10 @@ def test_a_scene_of_triangles_compiles_nothing_of_lines():
         for what in (mesh, lines)
     ]
     assert {name for name in kernels[1] - kernels[0] if "line" in name} == {
-        "line_pieces.place_segments", "line_pieces.count_pieces", "line_pieces.write_pieces"
+        "line_tessellation.place_segments", "line_tessellation.count_pieces",
+        "line_tessellation.write_pieces",
     }  # fmt: skip
-    assert not any("line_pieces" in name for name in kernels[0])
+    assert not any("line_tessellation" in name for name in kernels[0])
 
 
 class Displaced(rj.Lines):

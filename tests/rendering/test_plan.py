@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, check_outputs
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.scene.material import SHADINGS
-from rasterjit.survey.placement import view_nodes
+from rasterjit.survey.object_transforms import view_nodes
 
 
 def scene_of(*materials, cube):
@@ -419,6 +419,6 @@ def test_wrong_arguments_are_told_before_skins_are_posed(cube, monkeypatch, wron
     def pose(scene):
         raise AssertionError("it runs kernels")
 
-    monkeypatch.setattr("rasterjit.survey.posing.posed_scene", pose)
+    monkeypatch.setattr("rasterjit.survey.deformation.posed_scene", pose)
     with pytest.raises(ValueError, match=next(iter(wrong))):
         rj.render(cube, size=(8, 8), **wrong)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.shadows import maps, visible_depth
+from rasterjit.effects.shadows import maps, visible_cells
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.rendering.planning import list_kernels
 from rasterjit.scene import transforms as tf
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.survey import facts
-from rasterjit.survey import lights as planned_lights
-from rasterjit.survey.placement import (
+from rasterjit.survey import light_culling as planned_lights
+from rasterjit.survey.object_transforms import (
     Boxes,
     Extents,
     mesh_boxes,
@@ -463,7 +463,7 @@ def test_least_values_of_rectangles_are_not_above_those_of_a_loop():
     for height, width in ((1, 1), (1, 7), (9, 5), (23, 40)):
         values = rng.normal(size=(height, width)).astype(np.float32)
         rows, columns = (np.sort(rng.integers(0, n, (2, 300)), axis=0) for n in (height, width))
-        found = visible_depth._least_within(values, *rows, *columns)
+        found = visible_cells._least_within(values, *rows, *columns)
         want = [
             values[top : bottom + 1, left : right + 1].min()
             for top, bottom, left, right in zip(*rows, *columns, strict=True)
@@ -481,7 +481,7 @@ def test_cells_of_what_is_open_hold_all_of_it_that_is_in_view():
         camera, matrix = random_camera(rng), np.eye(4)
         matrix[:3] = rng.normal(size=(3, 4)) * 2.0
         boxes = place_boxes(np.array([[[-1.0] * 3, [1.0] * 3]]), matrix[np.newaxis])
-        (cell,) = visible_depth.view_cells(camera, size, boxes - camera.eye_position())
+        (cell,) = visible_cells.view_cells(camera, size, boxes - camera.eye_position())
         clipped += not np.array_equal(cell, boxes[0] - camera.eye_position())
         points = rng.uniform(-1.0, 1.0, (2000, 3)) @ matrix[:3, :3].T + matrix[:3, 3]
         clip = (

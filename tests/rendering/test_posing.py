@@ -13,7 +13,7 @@ import rasterjit as rj
 from rasterjit.pipeline.geometry import skinning
 from rasterjit.rendering import planning
 from rasterjit.survey.cache import prepare
-from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.deformation import posed_scene
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
 
 SIZE = (80, 60)
@@ -232,7 +232,7 @@ def test_threads_change_no_bit(bent):
 
 
 def test_regions_have_the_bits_of_the_whole(bent):
-    from rasterjit.pipeline.visibility.draw import Region
+    from rasterjit.pipeline.visibility.visibility_pass import Region
     from rasterjit.rendering.regions import RegionRenderer
 
     whole = rj.render(bent, size=SIZE).color

@@ -7,12 +7,12 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline.geometry.setup import INVALID
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
-from rasterjit.survey import cache, placement
+from rasterjit.survey import cache, object_transforms
 
 SINGLE = rj.Quality(precision="float32")
 SIZE = (96, 64)
@@ -42,16 +42,16 @@ def scene_of(*meshes, **fields):
 def on_screen(scene, precision, size=SIZE):
     """Return the screen vertices, the matrices and the positions that they were found from."""
     known = cache.prepare(scene.nodes, None, rj.Quality())
-    views = placement.view_places(known.places, camera(), size)
+    views = object_transforms.view_places(known.places, camera(), size)
     arrays, positions = known.shapes.arrays, known.shapes.positions(precision)
-    vertices = draw.ModelVertices(
+    vertices = visibility_pass.ModelVertices(
         positions, arrays.vertex_starts, views.relative_from_model, views.clip_from_relative
     )
     workers = threads.Workers(1)
-    screen, _ = draw.transform_and_project(
+    screen, _ = visibility_pass.transform_and_project(
         vertices, camera().depth_coefficients(), viewport_of(size, 8), workers
     )
-    return screen, vertices, draw.transform(*vertices[:4], workers)
+    return screen, vertices, visibility_pass.transform(*vertices[:4], workers)
 
 
 def numpy_clip(vertices):

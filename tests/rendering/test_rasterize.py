@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime import threads as sharing
 
 SIZE = (96, 80)
@@ -43,14 +43,14 @@ def test_threads_change_no_bit():
 
 def test_several_set_up_tasks_change_no_bit(monkeypatch):
     # More faces than one task takes, some of them clipped.
-    positions, faces = soup(2, draw.FACES_PER_TASK + 9000, reach=0.02)
+    positions, faces = soup(2, visibility_pass.FACES_PER_TASK + 9000, reach=0.02)
     frames = [rj.rasterize(positions, faces, SIZE, threads=n) for n in (1, 2, 3, 8)]
-    monkeypatch.setattr(draw, "FACES_PER_TASK", 10**9)
+    monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", 10**9)
     frames.append(rj.rasterize(positions, faces, SIZE, threads=1))
-    monkeypatch.setattr(draw, "FACES_PER_TASK", 997)
+    monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", 997)
     frames.append(rj.rasterize(positions, faces, SIZE, threads=2))
     assert frames[0].totals.clipped > 1000
-    assert (frames[0].face_id > draw.FACES_PER_TASK).any()
+    assert (frames[0].face_id > visibility_pass.FACES_PER_TASK).any()
     for frame in frames[1:]:
         assert bits(frame) == bits(frames[0])
         assert frame.totals == frames[0].totals
@@ -67,9 +67,9 @@ def test_order_of_tasks_changes_no_bit(monkeypatch, per_task):
         return [task(*call) for call in calls[::-1]][::-1]
 
     monkeypatch.setattr(sharing.Workers, "run", run_backwards)
-    monkeypatch.setattr(draw, "TILES_PER_TASK", per_task)
-    monkeypatch.setattr(draw, "FACES_PER_TASK", 50)
-    monkeypatch.setattr(draw, "VERTICES_PER_TASK", 64)
+    monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", per_task)
+    monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", 50)
+    monkeypatch.setattr(visibility_pass, "VERTICES_PER_TASK", 64)
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 7)
     assert bits(rj.rasterize(positions, faces, size, threads=2)) == expected
 

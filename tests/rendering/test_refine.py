@@ -12,8 +12,8 @@ from test_supersampling import CAMERAS, GROUND, ROOF, SUN, averaged, rich_scene,
 
 import rasterjit as rj
 from rasterjit.effects.shadows import maps as shadow_maps
+from rasterjit.rendering import frame_shading as shade_passes
 from rasterjit.rendering import renderer as rendering
-from rasterjit.rendering import shade as shade_passes
 
 SIZE = (20, 14)
 CAMERA = CAMERAS["perspective"]

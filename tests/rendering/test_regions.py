@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.regions import RegionRenderer, check_region, regions_of
 from rasterjit.scene.validation import MAX_SIZE, MAX_UNITS, whole_size
 

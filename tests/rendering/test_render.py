@@ -20,8 +20,8 @@ import pytest
 from strict import STRICT
 
 import rasterjit as rj
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.runtime import threads as sharing
 
 ROOT = Path(rj.__file__).parent.parent
@@ -71,7 +71,7 @@ def test_threads_and_repeats_change_no_bit(busy, camera):
 def test_size_of_tasks_changes_no_bit(busy, camera, monkeypatch):
     expected = bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=1))
     for name, value in (("FACES_PER_TASK", 17), ("VERTICES_PER_TASK", 5), ("TILES_PER_TASK", 1)):
-        monkeypatch.setattr(draw, name, value)
+        monkeypatch.setattr(visibility_pass, name, value)
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 3)
     assert bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=2)) == expected
 
@@ -89,12 +89,12 @@ def wavy_grid(side):
 
 def test_many_faces_in_several_tasks_change_no_bit():
     mesh = wavy_grid(190)
-    assert len(mesh.faces) > draw.FACES_PER_TASK
+    assert len(mesh.faces) > visibility_pass.FACES_PER_TASK
     camera = rj.PerspectiveCamera((0.5, -2.0, 1.2), (0, 0, 0), near=1.7)
     outputs = ("color", "depth", "face_id", "normal")
     frames = [rj.render(mesh, camera, size=SIZE, outputs=outputs, threads=n) for n in (1, 2, 3, 8)]
     assert frames[0].stats.clipped > 0
-    assert frames[0].face_id.max() > draw.FACES_PER_TASK
+    assert frames[0].face_id.max() > visibility_pass.FACES_PER_TASK
     for frame in frames[1:]:
         assert bits(frame) == bits(frames[0])
 
@@ -151,13 +151,13 @@ def test_another_process_gives_the_same_bits():
 
 def test_depth_of_the_frame_is_kept_where_something_asks_for_it(busy, camera, monkeypatch):
     kept = []
-    find_visible = draw.find_visible
+    find_visible = visibility_pass.find_visible
 
     def watched(*arguments, **options):
         kept.append(find_visible(*arguments, **options).depth.shape)
         return find_visible(*arguments, **options)
 
-    monkeypatch.setattr(draw, "find_visible", watched)
+    monkeypatch.setattr(visibility_pass, "find_visible", watched)
     ways = ({}, {"diagnose": True}, {"outputs": ("color", "depth")})
     frames = [
         rj.render(busy, camera, size=(24, 16), **{"outputs": ("color",), **way}) for way in ways
@@ -234,13 +234,13 @@ def test_the_error_of_the_first_task_that_fails_is_raised_and_no_other_is_begun(
 
 
 def test_what_tiles_are_drawn_with_is_made_once_for_each_thread(cube, camera, monkeypatch):
-    real, made = nearest.tile_drawer, []
+    real, made = tile_rasterizer.tile_drawer, []
 
     def make(*arguments):
         made.append(arguments)
         return real(*arguments)
 
-    monkeypatch.setattr(nearest, "tile_drawer", make)
+    monkeypatch.setattr(tile_rasterizer, "tile_drawer", make)
     size = (900, 900)
     with rj.Renderer(size, threads=2) as renderer:
         for _ in range(3):

@@ -8,9 +8,9 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline.lighting import light_stages
-from rasterjit.pipeline.surface import samples as block
+from rasterjit.pipeline.surface import sample_block as block
 from rasterjit.scene import transforms as tf
-from rasterjit.survey.placement import are_even, place_objects, unit_matrices
+from rasterjit.survey.object_transforms import are_even, place_objects, unit_matrices
 
 AS_IT_IS = rj.Quality(renormalize=False)
 SIZE = (33, 33)

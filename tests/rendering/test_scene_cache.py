@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.outputs.table import OUTPUTS
-from rasterjit.survey import cache, placement
+from rasterjit.outputs.output_table import OUTPUTS
+from rasterjit.survey import cache, object_transforms
 from rasterjit.survey import packed_scene as plan_arrays
 from rasterjit.survey.object_counts import Inventory
 
@@ -70,7 +70,7 @@ def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
     modules = dict.fromkeys(
         ["join_geometry", "join_surface", "join_normals", "join_uv"], plan_arrays
     )
-    modules["place_objects"] = modules["move_objects"] = placement
+    modules["place_objects"] = modules["move_objects"] = object_transforms
     counts = dict.fromkeys(modules, 0)
 
     def counted(name):

@@ -13,7 +13,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import profile
-from rasterjit.outputs.table import OUTPUTS as ALL_OUTPUTS
+from rasterjit.outputs.output_table import OUTPUTS as ALL_OUTPUTS
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.quality import LEVELS

@@ -13,9 +13,9 @@ from test_plan_view import effects
 import rasterjit as rj
 from rasterjit.effects.shadows import maps
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.rendering import frame_shading as shade_passes
 from rasterjit.rendering import planning as plan_resources
-from rasterjit.rendering import shade as shade_passes
 from rasterjit.rendering import supersample
 from rasterjit.rendering.supersample import MovedCamera, sample_offsets, sample_spacing
 from rasterjit.runtime import threads as sharing
@@ -469,7 +469,7 @@ def test_measurement_switches_pictures_off(cube, camera):
     measured = rj.profile(cube, camera, MANY, size=SIZE, rounds=1)
     assert ("anti-aliasing", "off") in [(change.name, change.what) for change in measured.changes]
     assert measured.stages["average"] > 0.0
-    assert "weights.add_picture" in str(measured)
+    assert "coverage_resolve.add_picture" in str(measured)
 
 
 def test_pixel_is_explained_by_its_centre_and_what_else_it_shows(cube, camera):

@@ -12,7 +12,7 @@ from ways import around, check, in_groups, mixed_scene, random_cameras
 import rasterjit as rj
 from rasterjit.rendering import batch, batch_scheduler, command_buffer
 from rasterjit.scene import transforms
-from rasterjit.survey import placement
+from rasterjit.survey import object_transforms
 from rasterjit.survey.batched_views import place_many, view_many
 
 
@@ -140,32 +140,34 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         np.array([camera.view_matrix() for camera in cameras]),
         np.array([camera.projection_matrix((40, 28)) for camera in cameras]),
     )  # fmt: skip
-    bounds = placement.mesh_boxes([node.mesh for node in scene.nodes])
-    extents = placement.Extents(bounds, moved)
-    measures = placement.measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
+    bounds = object_transforms.mesh_boxes([node.mesh for node in scene.nodes])
+    extents = object_transforms.Extents(bounds, moved)
+    measures = object_transforms.measure_boxes(
+        extents, views.relative_from_model, views.clip_from_relative
+    )
     largest = measures.largest_w()
     near, far = rng.normal(0.0, 2.0, (2, 100, 1))
     crosses = measures.may_cross(near, far)
     for n, camera in enumerate(cameras):
-        own = placement.place_objects(list(moved[n]))
-        wanted = placement.view_places(own, camera, (40, 28))
+        own = object_transforms.place_objects(list(moved[n]))
+        wanted = object_transforms.view_places(own, camera, (40, 28))
         for name in ("relative_from_model", "clip_from_relative", "toward_viewer"):
             assert getattr(views, name)[n].tobytes() == getattr(wanted, name).tobytes(), name
         assert views.screen_turn[n] == wanted.screen_turn
         assert places.normal_matrices[n].tobytes() == wanted.normal_matrices.tobytes()
         assert places.mirrored[n].tobytes() == wanted.mirrored.tobytes()
-        extents = placement.Extents(bounds, moved[n])
-        boxes = placement.Boxes(extents, camera.eye_position(), *wanted[:2])
+        extents = object_transforms.Extents(bounds, moved[n])
+        boxes = object_transforms.Boxes(extents, camera.eye_position(), *wanted[:2])
         assert measures.in_view[n].tolist() == boxes.in_view.tolist()
         assert largest[n] == boxes.largest_w()
         assert crosses[n].tolist() == boxes.may_cross(near[n, 0], far[n, 0]).tolist()
         for cull in ("none", "back", "front"):
             single = np.array([False, True, False])
-            turns = placement.culled_turns(
+            turns = object_transforms.culled_turns(
                 cull, views.screen_turn[n : n + 1, np.newaxis], places.mirrored[n : n + 1], single
             )
             turned = wanted.screen_turn, wanted.mirrored
-            one = placement.cull_objects(cull, *turned, np.arange(4), single)
+            one = object_transforms.cull_objects(cull, *turned, np.arange(4), single)
             assert turns[0].tolist() == one.culled_turns.tolist()
     assert 0 < measures.in_view.sum() < measures.in_view.size
     assert 0 < crosses.sum() < crosses.size

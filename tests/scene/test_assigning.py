@@ -13,7 +13,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.animation import TransformTrack
-from rasterjit.scene.assigning import similar
+from rasterjit.scene.attribute_guard import similar
 from rasterjit.scene.environment import Panorama
 from rasterjit.scene.material import UnsaidMaterial
 from rasterjit.viewer.controls import Fly, Orbit

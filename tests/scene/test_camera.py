@@ -10,7 +10,7 @@ import trimesh
 import rasterjit as rj
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.camera_fitting import fit_camera, orbit_direction
 
 SIZE = (640, 480)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.scene import extents
+from rasterjit.scene import point_bounds
 from rasterjit.scene import transforms as tf
 
 MARGIN = 1.06
@@ -67,7 +67,7 @@ def check_fit(camera, points, aspect, margin=MARGIN, tolerance=1e-9):
     assert (np.abs(ndc[:, 2]) <= 1.0).all(), "cut by the near or far plane"
     low, high = ndc[:, :2].min(axis=0), ndc[:, :2].max(axis=0)
     assert np.abs(low + high).max() <= tolerance, "not in the middle"
-    if clip[:, 3].min() < 1.01 * extents.MIN_CLEARANCE * radius_of(points):
+    if clip[:, 3].min() < 1.01 * point_bounds.MIN_CLEARANCE * radius_of(points):
         assert high.max() <= 1.0 / margin + tolerance
         return
     assert high.max() == pytest.approx(1.0 / margin, abs=tolerance)
@@ -290,7 +290,7 @@ def test_the_fit_is_the_best_one_there_is():
 def test_many_points_are_transformed_again_with_the_same_bits(monkeypatch):
     scene = scene_of(cloud(14, 5000))
     expected = rj.fit_camera(scene, aspect=1.7)
-    monkeypatch.setattr(extents, "_MAX_KEPT", 100)
+    monkeypatch.setattr(point_bounds, "_MAX_KEPT", 100)
     assert rj.fit_camera(scene, aspect=1.7) == expected
 
 

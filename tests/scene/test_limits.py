@@ -11,7 +11,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.io.images import picture_pixels
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.scene.fog import SHORTEST_RAMP
 from rasterjit.scene.texture import MAX_TEXELS
 

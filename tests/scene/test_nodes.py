@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.scene.node import tops_of
 from rasterjit.transforms import compose, rotate_x, rotate_z, scale, translate
 

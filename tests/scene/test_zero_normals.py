@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
-from rasterjit.io.skipped import LoadWarning
+from rasterjit.io.load_warnings import LoadWarning
 
 BALL = trimesh.creation.icosphere(2)
 PLACES, FACES = np.array(BALL.vertices), np.array(BALL.faces)

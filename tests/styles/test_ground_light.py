@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.pipeline import encode
+from rasterjit.pipeline import srgb_encoding
 from rasterjit.scene.color import decoding_table
-from rasterjit.styles import ground, ground_light
+from rasterjit.styles import ground_light, shadow_catcher
 
 
 @pytest.mark.parametrize(("shape", "radius"), [((1, 1), 2), ((3, 40), 5), ((50, 7), 10)])
@@ -23,14 +23,14 @@ def test_blurred_counts_are_sums_over_squares_of_sums_over_squares(shape, radius
 
 
 def test_a_part_is_blurred_as_the_whole():
-    whole = np.zeros((ground.SIDE, ground.SIDE), np.int32)
+    whole = np.zeros((shadow_catcher.SIDE, shadow_catcher.SIDE), np.int32)
     whole[3:9, 200:380] = np.random.default_rng(0).integers(0, 32, (6, 180))
     everywhere = whole.copy()
     everywhere[-1, 0] = 1
-    parts = [ground._blurred(one, 5, np.float32(0.5)) for one in (whole, everywhere)]
+    parts = [shadow_catcher._blurred(one, 5, np.float32(0.5)) for one in (whole, everywhere)]
     assert np.array_equal(parts[0][:300, 150:], parts[1][:300, 150:])
     assert parts[0][:30, 150:].any()
-    assert not ground._blurred(np.zeros_like(whole), 5, np.float32(1.0)).any()
+    assert not shadow_catcher._blurred(np.zeros_like(whole), 5, np.float32(1.0)).any()
 
 
 def shaded_slowly(placed, camera, palette, codes):
@@ -48,7 +48,7 @@ def shaded_slowly(placed, camera, palette, codes):
             u, v, w = to_map @ (x, y, 1.0)
             if w <= 0.0 or not (0.0 < u / w < 1.0 and 0.0 < v / w < 1.0):
                 continue
-            side = ground.SIDE
+            side = shadow_catcher.SIDE
             at = np.clip(np.array([v / w, u / w]) * side - 0.5, 0.0, side - 1.0)
             top, left = np.minimum(at.astype(int), side - 2)
             down, right = at - (top, left)
@@ -57,7 +57,9 @@ def shaded_slowly(placed, camera, palette, codes):
             light = palette[codes[row, column] & 255].copy()
             light[:3] *= 1.0 - missing
             code = np.empty((1, 1), np.uint32)
-            encode.encode_rows(light[None, None].astype(np.float32), encode.encoding_table(), code)
+            srgb_encoding.encode_rows(
+                light[None, None].astype(np.float32), srgb_encoding.encoding_table(), code
+            )
             shown[row, column] = code[0, 0]
     return shown
 
@@ -66,8 +68,8 @@ def shaded_slowly(placed, camera, palette, codes):
 def test_pixels_lack_the_light_of_their_place_on_the_map(is_parallel):
     scene = rj.Scene()
     scene.add(rj.Mesh([[0, 0, 0], [2, 1, 0], [0, 2, 1]], [[0, 1, 2]]))
-    placed = ground.place_ground(scene, (0.5, 0.7, 0.5))
-    placed = ground.cast_shadow(placed, scene, (0.45, 0.5), 1)
+    placed = shadow_catcher.place_ground(scene, (0.5, 0.7, 0.5))
+    placed = shadow_catcher.cast_shadow(placed, scene, (0.45, 0.5), 1)
     eye, target = (4.0, 3.0, 5.0), (0.5, 0.0, 0.0)
     camera = rj.PerspectiveCamera(eye, target)
     if is_parallel:
@@ -75,7 +77,7 @@ def test_pixels_lack_the_light_of_their_place_on_the_map(is_parallel):
     palette = np.ones((256, 4), np.float32)
     palette[:, :3] = decoding_table()[:, None]
     greys = rj.styles.GREYS.picture((40, 30)).image.view(np.uint32)[..., 0]
-    found = ground.in_shade(placed, camera, palette, greys)
+    found = shadow_catcher.in_shade(placed, camera, palette, greys)
     wanted = shaded_slowly(placed, camera, palette, greys)
     difference = np.abs(found.view(np.uint8).astype(int) - wanted.view(np.uint8))
     # The twin's matrix is another's inverse: a code may be one off.
@@ -89,5 +91,5 @@ def test_colours_are_the_same_after_a_way_through_light():
     palette = np.ones((1, 256, 4), np.float32)
     palette[..., :3] = decoding_table()[:, None]
     codes = np.empty((1, 256), np.uint32)
-    encode.encode_rows(palette, encode.encoding_table(), codes)
+    srgb_encoding.encode_rows(palette, srgb_encoding.encoding_table(), codes)
     assert np.array_equal(codes[0] & 255, np.arange(256))

@@ -8,7 +8,7 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.scene.camera import MatrixCamera
-from rasterjit.styles import ground, silhouettes
+from rasterjit.styles import shadow_catcher, silhouettes
 
 KEY = (-0.5, 0.7, 0.5)
 
@@ -36,14 +36,18 @@ def grid():
 
 
 def cameras(scene):
-    placed = ground.place_ground(scene, KEY)
-    slopes = [*ground.sky_slopes(6), *ground.key_slopes(placed.slope, 4), (0.0, 0.0)]
-    return ground._cameras(placed, slopes)
+    placed = shadow_catcher.place_ground(scene, KEY)
+    slopes = [
+        *shadow_catcher.sky_slopes(6),
+        *shadow_catcher.key_slopes(placed.slope, 4),
+        (0.0, 0.0),
+    ]
+    return shadow_catcher._cameras(placed, slopes)
 
 
 def drawn(scene, view, clips):
     """The slow twin: how many pictures show a face."""
-    with rj.Renderer((ground.SIDE, ground.SIDE), threads=1) as renderer:
+    with rj.Renderer((shadow_catcher.SIDE, shadow_catcher.SIDE), threads=1) as renderer:
         return sum(
             (renderer.render(scene, MatrixCamera(view, clip), outputs=("face_id",)).face_id >= 0)
             for clip in clips
@@ -71,7 +75,7 @@ def test_texels_are_counted_that_pictures_show(name, meshes):
         scene.add(mesh, np.diag([(-1.0) ** n, 1.0, 1.0, 1.0]))
     one = cameras(scene)
     for threads in (1, 2):
-        (found,) = ground._count_hidden(scene, [one], threads)
+        (found,) = shadow_catcher._count_hidden(scene, [one], threads)
         assert np.array_equal(found, drawn(scene, *one))
     assert found.any()
 
@@ -82,7 +86,7 @@ def test_a_face_beyond_the_guard_band_is_drawn():
     small = rj.Scene()
     small.add(rj.Mesh([[0, 0, 0], [1, 1, 0], [0, 0, 1]], [[0, 1, 2]]))
     view, clips = cameras(small)
-    (found,) = ground._count_hidden(scene, [(view, clips)], 1)
+    (found,) = shadow_catcher._count_hidden(scene, [(view, clips)], 1)
     assert np.array_equal(found, drawn(scene, view, clips))
     assert found.any()
 

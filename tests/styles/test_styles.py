@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import rasterjit as rj
 from rasterjit.cli import commands
 from rasterjit.cli import options as cli_options
-from rasterjit.styles.ground import SIDE, cast_shadow, place_ground
+from rasterjit.styles.shadow_catcher import SIDE, cast_shadow, place_ground
 
 MODELS = Path(__file__).parents[2] / "models"
 SIZE = (96, 72)

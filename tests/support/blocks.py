@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.surface.samples import COUNTS, NEXT_COLUMN, SAMPLES, Block
-from rasterjit.rendering.shading import BLOCK, BLOCKS
-from rasterjit.runtime.driver import StageList, Step
+from rasterjit.pipeline.surface.sample_block import COUNTS, NEXT_COLUMN, SAMPLES, Block
+from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import float32
+from rasterjit.runtime.stage_runner import StageList, Step
+from rasterjit.runtime.state_block import float32
 
 
 @stage

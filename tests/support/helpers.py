@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rasterjit.runtime import ahead, store
+from rasterjit.runtime import background_compile, store
 from rasterjit.runtime.jit import Helper, Kernel
 
 MAX_WORDS = 256
@@ -47,7 +47,9 @@ class Called(Kernel):
         if all(form.kind != kind for form in self.forms) and not store.is_kept(self, kind):
             packed = base64.b85encode(pickle.dumps(kind)).decode()
             own = self.helper.__module__, self.helper.__name__, packed
-            error = ahead._do(compiler(), ahead.Task(__name__, "compile_one", own))
+            error = background_compile._do(
+                compiler(), background_compile.Task(__name__, "compile_one", own)
+            )
             assert error is None, error
         return super().form_for(kind)
 
@@ -68,13 +70,13 @@ def call(helper: Helper, *arguments):
 @functools.cache
 def compiler():
     """Return the process that compiles for this one."""
-    return ahead._start()
+    return background_compile._start()
 
 
 def end() -> None:
     """End the process that compiles, if there is one."""
     if compiler.cache_info().currsize:
-        ahead._end(compiler())
+        background_compile._end(compiler())
         compiler.cache_clear()
 
 

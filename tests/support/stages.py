@@ -7,12 +7,12 @@ from unittest import mock
 
 import numpy as np
 
-from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.pipeline.surface.samples import COUNTS, KIND, SEGMENTS, START, STOP, Block
-from rasterjit.rendering.shading import BLOCK, BLOCKS, Shading
-from rasterjit.runtime.driver import StageList, Step
+from rasterjit.pipeline.surface.gather_samples import list_samples
+from rasterjit.pipeline.surface.sample_block import COUNTS, KIND, SEGMENTS, START, STOP, Block
+from rasterjit.rendering.pass_runner import BLOCK, BLOCKS, Shading
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import arrays_of_block, int64
+from rasterjit.runtime.stage_runner import StageList, Step
+from rasterjit.runtime.state_block import arrays_of_block, int64
 
 
 def name_of(stage):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.rendering import bound_frames
 from rasterjit.rendering.batch_scheduler import COUNTED
 from rasterjit.rendering.regions import Region, RegionRenderer

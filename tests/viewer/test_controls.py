@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.scene.framing import Ball
+from rasterjit.scene.camera_fitting import Ball
 from rasterjit.viewer.controls import Fly, Orbit
 
 SIZE = (64, 48)

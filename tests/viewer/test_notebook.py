@@ -18,7 +18,7 @@ from PIL import Image, ImageShow
 
 import rasterjit as rj
 from rasterjit.runtime import progress
-from rasterjit.styles.preview import SIZE
+from rasterjit.styles.small_preview import SIZE
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = pytest.mark.takes_long

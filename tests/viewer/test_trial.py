@@ -14,7 +14,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.runtime import progress
-from rasterjit.viewer import canvas, show, trial
+from rasterjit.viewer import canvas, show, window_probe
 from rasterjit.viewer.viewer import Viewer
 
 PATIENCE = 120
@@ -45,18 +45,18 @@ NO_DRIVER = {"VK_ICD_FILENAMES": "/nothing/there.json", "VK_DRIVER_FILES": "/not
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """Return where trials are remembered, and forget what this process knows."""
-    monkeypatch.setattr(trial, "cache_folder", lambda: tmp_path)
-    trial._try_once.cache_clear()
-    yield trial.kept_file()
-    trial._try_once.cache_clear()
+    monkeypatch.setattr(window_probe, "cache_folder", lambda: tmp_path)
+    window_probe._try_once.cache_clear()
+    yield window_probe.kept_file()
+    window_probe._try_once.cache_clear()
 
 
 @pytest.fixture
 def display(monkeypatch, kept):
     """Say that there is a display that answers, and GLFW alone."""
-    monkeypatch.setattr(trial, "has_display", lambda: True)
-    monkeypatch.setattr(trial, "display_answers", lambda: True)
-    monkeypatch.setattr(trial, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(window_probe, "has_display", lambda: True)
+    monkeypatch.setattr(window_probe, "display_answers", lambda: True)
+    monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
     monkeypatch.setattr(progress, "in_notebook", lambda: False)
 
 
@@ -126,8 +126,8 @@ def test_window_asked_for_by_name_is_an_error_of_status_1(tmp_path, under_xvfb):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="X servers listen so on Linux")
 def test_display_that_does_not_answer_is_said_before_anything_is_tried(kept, monkeypatch, capsys):
-    monkeypatch.setattr(trial, "toolkits", lambda: ["glfw"])
-    monkeypatch.setattr(trial, "try_now", lambda name: pytest.fail("tried"))
+    monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(window_probe, "try_now", lambda name: pytest.fail("tried"))
     monkeypatch.setattr(progress, "in_notebook", lambda: False)
     place = free_display()
     monkeypatch.setenv("DISPLAY", place)
@@ -143,7 +143,7 @@ def test_display_that_is_none_does_not_answer(monkeypatch, display):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", display)
-    assert not trial.display_answers()
+    assert not window_probe.display_answers()
 
 
 def test_qt_without_its_libraries_is_said_and_the_next_is_taken(
@@ -154,12 +154,14 @@ def test_qt_without_its_libraries_is_said_and_the_next_is_taken(
     place.mkdir(parents=True)
     (place / "__init__.py").write_text(ABORTING.format(words=QT_WORDS))
     monkeypatch.syspath_prepend(place.parent)
-    monkeypatch.setattr(trial, "toolkits", lambda: ["PySide6", "glfw"])
-    real = trial.try_now
-    monkeypatch.setattr(trial, "try_now", lambda name: real(name) if name == "PySide6" else "")
-    assert "libxcb-cursor0" in trial.try_toolkit("PySide6")
-    assert trial.find_toolkit() == ("glfw", "")
-    monkeypatch.setattr(trial, "toolkits", lambda: ["PySide6"])
+    monkeypatch.setattr(window_probe, "toolkits", lambda: ["PySide6", "glfw"])
+    real = window_probe.try_now
+    monkeypatch.setattr(
+        window_probe, "try_now", lambda name: real(name) if name == "PySide6" else ""
+    )
+    assert "libxcb-cursor0" in window_probe.try_toolkit("PySide6")
+    assert window_probe.find_toolkit() == ("glfw", "")
+    monkeypatch.setattr(window_probe, "toolkits", lambda: ["PySide6"])
     with pytest.raises(ValueError, match="PySide6: it misses libraries of the system: apt install"):
         show.choose_backend("window")
 
@@ -189,7 +191,7 @@ def test_qt_itself_is_tried(tmp_path, is_whole):
         variables = {
             "PYTHONPATH": os.pathsep.join([str(packages), os.environ.get("PYTHONPATH", "")])
         }
-    script = "from rasterjit.viewer import trial; print(trial.try_now('PySide6'))"
+    script = "from rasterjit.viewer import window_probe; print(window_probe.try_now('PySide6'))"
     done = run(["-c", script], tmp_path, **variables)
     assert done.returncode == 0, done.stderr
     if not is_whole:
@@ -199,59 +201,59 @@ def test_qt_itself_is_tried(tmp_path, is_whole):
 
 
 def test_qt_that_shows_nothing_opens_no_window():
-    said = trial.explain_output("PySide6", "its platform shows nothing: offscreen")
+    said = window_probe.explain_output("PySide6", "its platform shows nothing: offscreen")
     assert said == "leave QT_QPA_PLATFORM out"
 
 
 def test_trial_is_made_once_and_remembered(kept, display, monkeypatch):
     tried = []
-    monkeypatch.setattr(trial, "try_now", lambda name: tried.append(name) or "")
+    monkeypatch.setattr(window_probe, "try_now", lambda name: tried.append(name) or "")
     for _ in range(3):
-        trial._try_once.cache_clear()
-        assert trial.find_toolkit() == ("glfw", "")
+        window_probe._try_once.cache_clear()
+        assert window_probe.find_toolkit() == ("glfw", "")
     assert tried == ["glfw"]
     # Another display may tell something else.
     monkeypatch.setenv("DISPLAY", ":4711")
-    trial.find_toolkit()
+    window_probe.find_toolkit()
     assert tried == ["glfw", "glfw"]
 
 
 def test_failure_is_remembered_for_a_day(kept, display, monkeypatch):
     tried = []
-    monkeypatch.setattr(trial, "try_now", lambda name: tried.append(name) or "no")
-    now = trial.time.time()
+    monkeypatch.setattr(window_probe, "try_now", lambda name: tried.append(name) or "no")
+    now = window_probe.time.time()
     for hours, count in ((0, 1), (23, 1), (25, 2)):
-        monkeypatch.setattr(trial.time, "time", lambda hours=hours: now + 3600 * hours)
-        trial._try_once.cache_clear()
-        assert trial.find_toolkit() == ("", "GLFW: no")
+        monkeypatch.setattr(window_probe.time, "time", lambda hours=hours: now + 3600 * hours)
+        window_probe._try_once.cache_clear()
+        assert window_probe.find_toolkit() == ("", "GLFW: no")
         assert len(tried) == count
 
 
 def test_trial_that_takes_long_is_not_remembered(kept, display, monkeypatch):
-    monkeypatch.setattr(trial, "LONGEST_TRIAL", 0.2)
-    monkeypatch.setattr(trial, "TRIAL", "import time; time.sleep(60)")
-    assert trial.find_toolkit() == ("", "GLFW: it did not show a picture in 0 s")
+    monkeypatch.setattr(window_probe, "LONGEST_TRIAL", 0.2)
+    monkeypatch.setattr(window_probe, "TRIAL", "import time; time.sleep(60)")
+    assert window_probe.find_toolkit() == ("", "GLFW: it did not show a picture in 0 s")
     assert not kept.exists()
 
 
 @pytest.mark.parametrize("content", ["", "[]", '{"a": 3}', '{"a": ["", "x"]}', "null", "\x00"])
 def test_damaged_memory_is_passed_over(kept, display, monkeypatch, content):
     kept.write_text(content)
-    monkeypatch.setattr(trial, "try_now", lambda name: "")
-    assert trial.find_toolkit() == ("glfw", "")
+    monkeypatch.setattr(window_probe, "try_now", lambda name: "")
+    assert window_probe.find_toolkit() == ("glfw", "")
     assert [problem for problem, _ in json.loads(kept.read_text()).values()] == [""]
 
 
 def test_memory_that_cannot_be_written_is_no_matter(display, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(trial, "cache_folder", lambda: tmp_path / "file")
-    trial._try_once.cache_clear()
-    monkeypatch.setattr(trial, "try_now", lambda name: "")
-    assert trial.find_toolkit() == ("glfw", "")
+    monkeypatch.setattr(window_probe, "cache_folder", lambda: tmp_path / "file")
+    window_probe._try_once.cache_clear()
+    monkeypatch.setattr(window_probe, "try_now", lambda name: "")
+    assert window_probe.find_toolkit() == ("glfw", "")
 
 
 def test_without_window_and_server_it_is_the_terminal(display, monkeypatch, capsys):
-    monkeypatch.setattr(trial, "toolkits", list)
+    monkeypatch.setattr(window_probe, "toolkits", list)
     monkeypatch.setattr(show, "SERVER", ("no_such_server",))
     monkeypatch.setattr(canvas, "has_terminal", lambda: True)
     assert show.choose_backend("auto") == "terminal"
@@ -265,7 +267,7 @@ def test_without_window_and_server_it_is_the_terminal(display, monkeypatch, caps
 
 
 def test_nothing_is_drawn_where_no_window_opens(cube, display, monkeypatch):
-    monkeypatch.setattr(trial, "try_now", lambda name: "it is broken")
+    monkeypatch.setattr(window_probe, "try_now", lambda name: "it is broken")
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     with pytest.raises(ValueError, match="got 'window': GLFW: it is broken"):
         rj.show(cube, backend="window", size=(8, 6))

@@ -21,7 +21,7 @@ from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.rendering.quality_selection import LADDER
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.clocks import COMPILE_CLOCK
-from rasterjit.viewer import switches
+from rasterjit.viewer import effect_switches
 from rasterjit.viewer import viewer as viewing
 from rasterjit.viewer.controls import Fly
 from rasterjit.viewer.overlay import mark_pixel, picture_of, rows_of, write_panel
@@ -215,17 +215,17 @@ def test_view_of_an_address_returns_to_where_the_scene_fits(cube):
 
 
 def test_costs_of_a_scene_that_is_gone_are_not_shown(viewer, monkeypatch):
-    measure = switches.costs
+    measure = effect_switches.costs
 
     def slow(*arguments):
-        monkeypatch.setattr(switches, "costs", measure)
+        monkeypatch.setattr(effect_switches, "costs", measure)
         found = measure(*arguments)
         key(viewer, "k")
         return found
 
     key(viewer, "m")
-    monkeypatch.setattr(switches, "costs", slow)
-    while switches.costs is slow:
+    monkeypatch.setattr(effect_switches, "costs", slow)
+    while effect_switches.costs is slow:
         assert viewer.step()
     assert viewer.costs is None
     while viewer.step():
@@ -675,20 +675,20 @@ def test_help_fits_into_any_picture(cube, size):
 
 def test_every_effect_key_is_known_and_told():
     names = {effect.name for effect in EFFECTS}
-    assert switches.KEYS == {
+    assert effect_switches.KEYS == {
         "o": "ambient occlusion", "k": "outline", "t": "tone mapping", "l": "shadows",
         "b": "environment background", "v": "environment light", "n": "fog", "x": "textures",
         "z": "vignette", "j": "labels", "y": "eye-dome lighting",
     }  # fmt: skip
-    assert set(switches.KEYS.values()) <= names
-    assert {key: effect.name for key, effect in switches.MODED.items()} == {
+    assert set(effect_switches.KEYS.values()) <= names
+    assert {key: effect.name for key, effect in effect_switches.MODED.items()} == {
         "g": "wireframe", "p": "section",
     }  # fmt: skip
     assert ("G", "wireframe: over the faces, alone, off") in HELP
     assert ("P", "section: the scene's own, or across z, across x, across y, off") in HELP
     rows = [(row[0].split(), row[1].split(", ")) for row in HELP]
     told = [pair for keys, words in rows for pair in zip(keys, words, strict=False)]
-    for one, name in switches.KEYS.items():
+    for one, name in effect_switches.KEYS.items():
         assert (one.upper(), name) in told
         assert [keys.count(one.upper()) for keys, _ in rows].count(1) == 1
 

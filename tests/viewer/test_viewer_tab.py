@@ -20,9 +20,9 @@ from viewing import PATIENCE
 
 import rasterjit as rj
 from rasterjit.io.images import encode_png
-from rasterjit.viewer import protocol, tab
+from rasterjit.viewer import browser_session, protocol
+from rasterjit.viewer.browser_session import MAX_ON_WAY, MAX_WAITING, Tab, add_event
 from rasterjit.viewer.protocol import camera_code
-from rasterjit.viewer.tab import MAX_ON_WAY, MAX_WAITING, Tab, add_event
 from rasterjit.viewer.viewer import Viewer
 
 pytest.importorskip("simplejpeg")
@@ -166,7 +166,7 @@ def test_a_picture_is_coded_while_the_next_is_drawn(pair, monkeypatch):
         assert release.wait(PATIENCE)
         return encode_png(picture)
 
-    monkeypatch.setattr(tab, "encode_jpeg", encode)
+    monkeypatch.setattr(browser_session, "encode_jpeg", encode)
     viewer, drawn = Viewer(pair, size=(8, 6)), threading.Event()
     page = Page(viewer)
     draw = viewer.draw
@@ -299,7 +299,7 @@ def test_picture_that_cannot_be_coded_is_told_and_not_waited_for(page, monkeypat
     def fail(picture):
         raise MemoryError("no room")
 
-    monkeypatch.setattr(tab, "encode_jpeg", fail)
+    monkeypatch.setattr(browser_session, "encode_jpeg", fail)
     for key in "+-" * MAX_ON_WAY:
         sent = page.tab.sent
         page.say("key_down", key=key, modifiers=[])
@@ -409,7 +409,7 @@ def drag(page, is_enough):
         number += 1
         page.say("pointer_move", x=10.0 + number % 60, **place)
         page.say("shown", number=min(number, page.tab.sent))
-        time.sleep(2.0 * tab.SLOW)
+        time.sleep(2.0 * browser_session.SLOW)
     page.say("pointer_up", x=10.0, **place)
 
 
@@ -418,7 +418,7 @@ def sides_of(pictures):
 
 
 def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch):
-    monkeypatch.setattr(tab, "SMALL_FOR", 1000.0)
+    monkeypatch.setattr(browser_session, "SMALL_FOR", 1000.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
     drag(page, lambda page: (40, 30) in sides_of(page.pictures))
@@ -430,10 +430,10 @@ def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch
 
 
 def test_page_is_tried_with_larger_pictures_again(pair, monkeypatch):
-    monkeypatch.setattr(tab, "SMALL_FOR", 0.0)
+    monkeypatch.setattr(browser_session, "SMALL_FOR", 0.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
-    drag(page, lambda page: len(page.pictures) > 4 * tab.MAX_SLOW)
+    drag(page, lambda page: len(page.pictures) > 4 * browser_session.MAX_SLOW)
     assert sides_of(page.pictures) == {(80, 60)}
     page.tab.close()
 

@@ -16,7 +16,7 @@ from PIL import Image
 from viewing import PATIENCE
 
 import rasterjit as rj
-from rasterjit.viewer import show, trial
+from rasterjit.viewer import show, window_probe
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = pytest.mark.takes_long
@@ -80,7 +80,7 @@ def found_in(screen, picture):
 @pytest.mark.needs_jit
 def test_window_shows_what_the_controls_foretell(tmp_path):
     missing = [name for name in ("Xvfb", "xvfb-run") if shutil.which(name) is None]
-    if missing or not trial.toolkits():
+    if missing or not window_probe.toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist(), str(tmp_path)])
@@ -109,16 +109,16 @@ def test_no_display_is_said(cube, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(trial, "toolkits", lambda: ["glfw"])
-    monkeypatch.setattr(trial, "display_answers", lambda: True)
-    monkeypatch.setattr(trial, "try_toolkit", lambda name: "")
+    monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(window_probe, "display_answers", lambda: True)
+    monkeypatch.setattr(window_probe, "try_toolkit", lambda name: "")
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     with pytest.raises(ValueError, match="neither DISPLAY nor WAYLAND_DISPLAY is set"):
         rj.show(cube, backend="window", size=(8, 6))
     assert show.choose_backend("auto") == "browser"
     monkeypatch.setenv("DISPLAY", ":7")
     assert show.choose_backend("auto") == "window"
-    monkeypatch.setattr(trial, "toolkits", list)
+    monkeypatch.setattr(window_probe, "toolkits", list)
     assert show.choose_backend("auto") == "browser"
 
 
@@ -222,7 +222,7 @@ print(json.dumps([[kind.__name__ for kind in kinds], seen]))
 @pytest.mark.needs_jit
 def test_window_that_is_resized_shows_the_same_view():
     missing = [name for name in ("Xvfb", "xvfb-run", "xdotool") if shutil.which(name) is None]
-    if missing or not trial.toolkits():
+    if missing or not window_probe.toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist()])

@@ -16,7 +16,7 @@ from rasterjit.accuracy.choice import choose, is_measured
 from rasterjit.accuracy.report.plots import PAGE_MODULES
 from rasterjit.accuracy.results import EffectCost, Study, Trial
 from rasterjit.accuracy.sentences import answer, options_of, sentences
-from rasterjit.io.whole import replacing, write_text
+from rasterjit.io.atomic_write import replacing, write_text
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
 

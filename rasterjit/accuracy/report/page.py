@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rasterjit.accuracy.choice import choose, is_measured, is_slower
+from rasterjit.accuracy.report.picture_crops import make_album, thumbnail, webp_uri
 from rasterjit.accuracy.report.plots import (
     DARK,
     LIGHT,
@@ -25,7 +26,6 @@ from rasterjit.accuracy.report.plots import (
     plot_front,
     require_extra,
 )
-from rasterjit.accuracy.report.shots import make_album, thumbnail, webp_uri
 from rasterjit.accuracy.results import (
     COMBINATIONS,
     PROCESSOR,
@@ -48,7 +48,7 @@ from rasterjit.accuracy.sentences import (
     options_of,
     recommendation,
 )
-from rasterjit.io.whole import write_text
+from rasterjit.io.atomic_write import write_text
 
 PAGE_NAME = "index.html"
 

@@ -21,13 +21,13 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
-from rasterjit.scene.imitation import DepthMap, Imitation, shown_by_codes
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.mesh import Mesh as SceneMesh
 from rasterjit.scene.normals import dot_rows, unit_rows
+from rasterjit.scene.reference_shader import DepthMap, Imitation, shown_by_codes
 from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross, dot, length
 
@@ -348,7 +348,7 @@ class LightView(NamedTuple):
 
     camera: MatrixCamera
     depths: NDArray[np.float32]
-    """(S, S): as ``scene.imitation.DepthMap`` has them."""
+    """(S, S): as ``scene.reference_shader.DepthMap`` has them."""
 
 
 class Drawing(NamedTuple):

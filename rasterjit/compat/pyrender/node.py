@@ -12,7 +12,7 @@ from rasterjit.compat.pyrender.camera import Camera
 from rasterjit.compat.pyrender.fields import Field, OwnedField, anything, named, text_or_none
 from rasterjit.compat.pyrender.light import Light
 from rasterjit.compat.pyrender.mesh import Mesh
-from rasterjit.scene.trs import TRS, matrix_of, rotation_of
+from rasterjit.scene.decomposed_transform import TRS, matrix_of, rotation_of
 from rasterjit.scene.validation import in_short
 from rasterjit.scene.vectors import cross, dot
 

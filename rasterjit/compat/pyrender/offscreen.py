@@ -28,8 +28,8 @@ from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
-from rasterjit.outputs.table import TABLE
-from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS, STEPS
+from rasterjit.outputs.output_table import TABLE
+from rasterjit.pipeline.fragments.fragment_bands import SAMPLE_POSITIONS, STEPS
 from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.quality import Quality

@@ -14,8 +14,8 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.viewer import viewer
 from rasterjit.viewer.controls import Event
+from rasterjit.viewer.effect_switches import MODED
 from rasterjit.viewer.overlay import Row, write_panel
-from rasterjit.viewer.switches import MODED
 
 
 class Window:

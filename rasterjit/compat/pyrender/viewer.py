@@ -50,7 +50,7 @@ from rasterjit.scene.mesh import Mesh as DrawnMesh
 from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.scene.validation import image_size, in_short
 from rasterjit.scene.vectors import length
-from rasterjit.viewer import browser, canvas, notebook, show, terminal, trial
+from rasterjit.viewer import browser, canvas, notebook, show, terminal, window_probe
 from rasterjit.viewer.controls import Event
 
 DEFAULT_SIZE = 640, 480
@@ -935,7 +935,7 @@ def movable_camera(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | No
 
 def _may_open_in_a_thread() -> bool:
     """Tell whether a window may be another thread's than the main one: of GLFW, but on macOS."""
-    return sys.platform != "darwin" and trial.find_toolkit()[0] == "glfw"
+    return sys.platform != "darwin" and window_probe.find_toolkit()[0] == "glfw"
 
 
 def _free_port() -> int:

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.ambient_occlusion import stage as ambient_occlusion_stage
-from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
+from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, fixed, rows_where
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
@@ -35,7 +35,7 @@ def find_occlusion(
     camera: Camera,
     geometry: Geometry,
     placement: Placement,
-    coverage: draw.Coverage,
+    coverage: visibility_pass.Coverage,
     workers: Workers,
 ) -> NDArray[np.float32]:
     """

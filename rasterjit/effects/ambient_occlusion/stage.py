@@ -31,12 +31,12 @@ from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.surface import samples as entry
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as entry
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import call_bound, flat, part
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel, stage
-from rasterjit.runtime.state import float32, float64, int32, int64
+from rasterjit.runtime.state_block import float32, float64, int32, int64
 
 BLOCK_COLUMNS = 128
 """Columns of a block: their scratch memory stays in a core's own cache."""

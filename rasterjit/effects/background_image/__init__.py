@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline import encode
-from rasterjit.pipeline.fragments import encoded
+from rasterjit.pipeline import srgb_encoding
+from rasterjit.pipeline.fragments import srgb_compositing
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
@@ -70,7 +70,7 @@ def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
     if part.dtype == np.uint8:
         return part.view(np.uint32)[..., 0]
     codes = np.empty(part.shape[:2], np.uint32)
-    encode.encode_rows(part, encode.encoding_table(), codes)
+    srgb_encoding.encode_rows(part, srgb_encoding.encoding_table(), codes)
     return codes
 
 
@@ -79,7 +79,7 @@ def _light(part: NDArray[Any]) -> NDArray[np.float32]:
     if part.dtype == np.float32:
         return part
     light = np.empty(part.shape, np.float32)
-    encoded.decode_rows(_codes(part), decoding_table().copy(), light)
+    srgb_compositing.decode_rows(_codes(part), decoding_table().copy(), light)
     return light
 
 
@@ -110,7 +110,7 @@ class PictureBehind(Backdrop):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that turn codes into light, or light into codes."""
         is_of_codes = plan.data(self.name).image.dtype == np.uint8
-        kernel = encoded.decode_rows if is_of_codes else encode.encode_rows
+        kernel = srgb_compositing.decode_rows if is_of_codes else srgb_encoding.encode_rows
         wanted = "light is mixed or asked for" if is_of_codes else "codes are mixed or asked for"
         return {"background": rows_where(wanted, kernel)}
 

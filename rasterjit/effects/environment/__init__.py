@@ -22,12 +22,12 @@ from rasterjit.effects.environment.prefilter import backdrop_record, environment
 from rasterjit.effects.environment.stage import EnvironmentRecord
 from rasterjit.effects.tone_map import tone_of
 from rasterjit.effects.tone_map.stage import ToneRecord
-from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, rows_where
+from rasterjit.pipeline.srgb_encoding import encoding_table
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import Group
 from rasterjit.survey.effect import BatchedEffect, Calls, Field, FrameContext, Planning, with_field
@@ -186,9 +186,9 @@ class EnvironmentLight(BatchedEffect):
         mirrored = Pass(environment_stage.mirror_environment, lambda a: (around, a.viewer))
         if not needs.layers:
             return [shed, mirrored]
-        from rasterjit.pipeline.lighting import layered
+        from rasterjit.pipeline.lighting import layered_materials
 
-        return [shed, *layered.around_passes(needs, mirrored, shed)]
+        return [shed, *layered_materials.around_passes(needs, mirrored, shed)]
 
     places: ClassVar = {"around": shed}
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float32, float64, int64
+from rasterjit.runtime.state_block import float32, float64, int64
 
 
 @kernel

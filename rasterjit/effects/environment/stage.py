@@ -35,16 +35,16 @@ from typing import NamedTuple
 import numpy as np
 
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
-from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting import pbr
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import three_rows
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.srgb_encoding import encode_pixel
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped, log2
 from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
-from rasterjit.runtime.state import float32, float64, int32, int64, uint32
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 IRRADIANCE_TERMS = 9
 """Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
@@ -545,7 +545,7 @@ def show_environment(
     environment : EnvironmentRecord
     tone : ToneRecord
     table : (65536,) int32
-        `encode.encoding_table`.
+        `srgb_encoding.encoding_table`.
     linear : (R, W, 4) float32
         Written: linear red, green, blue, and alpha 1. Or W is 0.
     color : (R, W) uint32

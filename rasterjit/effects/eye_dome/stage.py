@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.light_stages import interval_of
-from rasterjit.pipeline.surface.samples import INTERVAL_FRAME_ROW, INTERVALS, Block
+from rasterjit.pipeline.surface.sample_block import INTERVAL_FRAME_ROW, INTERVALS, Block
 from rasterjit.runtime.float_math import MIN_NORMAL, exp2, log2
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, kernel, stage
-from rasterjit.runtime.state import float32, int64
+from rasterjit.runtime.state_block import float32, int64
 
 
 @disjoint_helper

@@ -15,12 +15,12 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.surface import samples as row
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import exp2
 from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32
+from rasterjit.runtime.state_block import float32
 
 NEARLY_LEVEL = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""

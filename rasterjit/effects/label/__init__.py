@@ -15,12 +15,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.lettering import PADDING, Float64, cover_text, lay_out, warn_of_missing
-from rasterjit.pipeline.encode import BUCKET_BITS, encoding_table
+from rasterjit.io.text_layout import PADDING, Float64, cover_text, lay_out, warn_of_missing
+from rasterjit.pipeline.srgb_encoding import BUCKET_BITS, encoding_table
 from rasterjit.scene.camera import planes_of
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.label import Label
-from rasterjit.scene.pixels import clip_from_relative, project
+from rasterjit.scene.pixel_projection import clip_from_relative, project
 from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.survey.effect import (
     Absent,

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.outline import stage as outline_stage
-from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
+from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
@@ -43,7 +43,7 @@ def draw_outlines(
     camera: Camera,
     geometry: Geometry,
     placement: Placement,
-    coverage: draw.Coverage,
+    coverage: visibility_pass.Coverage,
     color: NDArray[np.uint8],
     workers: Workers,
 ) -> None:

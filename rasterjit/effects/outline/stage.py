@@ -19,7 +19,7 @@ from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, uint8, uint32
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8, uint32
 
 SILHOUETTE, OBJECT, CREASE = 1, 2, 4
 """Kinds of edges, as bits of a whole number."""

@@ -65,7 +65,7 @@ class Sections(LooksAround, HasModes):
         if not any(plane.cap for plane in planes_of(plan.facts.asked[self.field])):
             return {}
         anew = "a closed mesh is cut anew"
-        from rasterjit.pipeline.geometry.section_caps import fill_outlines, find_contacts
+        from rasterjit.pipeline.geometry.cap_triangulation import fill_outlines, find_contacts
 
         return {"prepare": rows_where(anew, find_contacts, fill_outlines)}
 

@@ -16,20 +16,20 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from rasterjit.effects.shadows import filters, maps, receivers, visible_depth
+from rasterjit.effects.shadows import filters, maps, receivers, visible_cells
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows, ShadingArrays, ShadingNeeds, fixed
-from rasterjit.pipeline.surface import point_shapes
-from rasterjit.pipeline.surface.samples import MOVED, POINT
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.surface import point_normals
+from rasterjit.pipeline.surface.sample_block import MOVED, POINT
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts, settings_asked
-from rasterjit.survey.lights import TEXEL_BYTES, CastingLight, has_cube
-from rasterjit.survey.placement import place_boxes
+from rasterjit.survey.light_culling import TEXEL_BYTES, CastingLight, has_cube
+from rasterjit.survey.object_transforms import place_boxes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.quality_overrides import shadow_under
 
@@ -41,7 +41,7 @@ NO_LIGHT = np.empty(0, np.float32)
 
 Shadows: TypeAlias = maps.ShadowRecord | maps.PlannedShadows
 
-Seen = Sequence[tuple[Camera, visible_depth.SeenDepth]]
+Seen = Sequence[tuple[Camera, visible_cells.SeenDepth]]
 
 
 def describe_shadows(lights: Sequence[Light]) -> str:
@@ -73,7 +73,7 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
     passes = [Pass(receivers.find_receivers, found)]
     if needs.points:
         passes.append(
-            Pass(point_shapes.find_point_receivers, lambda a: (*a.surface.points, a.placement))
+            Pass(point_normals.find_point_receivers, lambda a: (*a.surface.points, a.placement))
         )
     return passes
 
@@ -114,20 +114,20 @@ class ShadowMaps(LooksAround):
         """Tell that maps are fitted to what is seen."""
         return True
 
-    def see(self, context: FrameContext) -> visible_depth.SeenDepth:
+    def see(self, context: FrameContext) -> visible_cells.SeenDepth:
         """Return what maps are fitted to, as far as the depth of a picture tells."""
         layers = context.plan.layers
         is_open = layers is not None and not layers.has_blended
         faces = int(context.placement.face_starts[-1]) if is_open else None
-        return visible_depth.see_depth(context.seen.coverage, context.workers, faces)
+        return visible_cells.see_depth(context.seen.coverage, context.workers, faces)
 
     def join(
         self,
         size: tuple[int, int],
-        parts: Sequence[tuple[tuple[int, int], visible_depth.SeenDepth]],
-    ) -> visible_depth.SeenDepth:
+        parts: Sequence[tuple[tuple[int, int], visible_cells.SeenDepth]],
+    ) -> visible_cells.SeenDepth:
         """Return what the depth of a picture tells, from that of its parts."""
-        return visible_depth.join_depths(size, parts)
+        return visible_cells.join_depths(size, parts)
 
     def prepare(self, context: FrameContext, data: Any, seen: Seen) -> maps.ShadowRecord | None:
         """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
@@ -139,16 +139,16 @@ class ShadowMaps(LooksAround):
         is_open = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
             boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
-            is_open &= visible_depth.missed_objects(
+            is_open &= visible_cells.missed_objects(
                 plan.camera, boxes, placement.face_starts, seen[0][1]
             )
-        vertices = draw.ModelVertices(
+        vertices = visibility_pass.ModelVertices(
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
         )
         alpha_tests = None
         if facts.shades_through_holes:
             alpha_tests = cache.tables.alpha_tests(facts.contents.textured_holes > 0)
-        cells = [visible_depth.seen_cells(*one) for one in seen]
+        cells = [visible_cells.seen_cells(*one) for one in seen]
         casters = maps.Casters(
             vertices, arrays.faces, placement, cache.shapes.boxes, facts.inventory.casts_shadows,
             alpha_tests, arrays.primitives,
@@ -164,8 +164,8 @@ class ShadowMaps(LooksAround):
         """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
         cast = "something casts a shadow on what is seen"
         facts = plan.facts
-        drawn = draw.kernels_of(
-            draw.Wanted(), facts.shades_through_holes, facts.contents.primitives
+        drawn = visibility_pass.kernels_of(
+            visibility_pass.Wanted(), facts.shades_through_holes, facts.contents.primitives
         )
         rows = [
             row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)

@@ -31,17 +31,17 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.shadows import filters
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.effects.shadows.visible_depth import view_cells
+from rasterjit.effects.shadows.visible_cells import view_cells
 from rasterjit.pipeline.records import AlphaTests, Objects, Placement
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.pipeline.visibility.primitives import Primitive, primitives_of
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility.primitive_expansion import Primitive, primitives_of
+from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import DirectionalLight, Shadow
-from rasterjit.survey.lights import CastingLight, along, axes_of, half_tangent, has_cube
-from rasterjit.survey.placement import place_boxes
+from rasterjit.survey.light_culling import CastingLight, along, axes_of, half_tangent, has_cube
+from rasterjit.survey.object_transforms import place_boxes
 
 Float64 = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ GOLDEN_TURN = 137.50776405003785
 class Scenery(NamedTuple):
     """What there is to cast shadows, and what they fall on; in world axes, relative to the eye."""
 
-    vertices: draw.ModelVertices
+    vertices: visibility_pass.ModelVertices
     """The camera's; a light's takes another matrix to clip space."""
     faces: NDArray[np.int32]
     """(F, 3), of what casts shadows."""
@@ -219,7 +219,7 @@ def _draw(
     coefficients = (
         (0.5, -0.5, 0.0) if row[shadows_stage.PARALLEL] else (row[shadows_stage.NEAR], 0.0, 0.0)
     )
-    drawable = draw.Drawable(
+    drawable = visibility_pass.Drawable(
         scenery.vertices._replace(clip_from_relative=matrix), scenery.faces,
         Objects(scenery.face_starts, nobody), tuple(map(float, coefficients)),
         viewport_of((size, size), SUBPIXEL_BITS), scenery.alpha_tests,
@@ -228,7 +228,9 @@ def _draw(
             matrix, (size, size),
         ),
     )  # fmt: skip
-    draw.find_visible(drawable, draw.Wanted(faces=False), workers, lambda _: None, depth=texels)
+    visibility_pass.find_visible(
+        drawable, visibility_pass.Wanted(faces=False), workers, lambda _: None, depth=texels
+    )
 
 
 def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
@@ -459,7 +461,7 @@ def _clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
 class Casters(NamedTuple):
     """The objects of a scene, as things that cast shadows."""
 
-    vertices: draw.ModelVertices
+    vertices: visibility_pass.ModelVertices
     faces: NDArray[np.int32]
     """(F, 3)."""
     placement: Placement
@@ -492,7 +494,7 @@ def scenery_of(
     is_open : (O,) bool
         Which of the others may be seen where the depth of the frame does not tell.
     cells : (N, 8, 3) float64
-        What the depth of the frame says is seen, see ``visible_depth``.
+        What the depth of the frame says is seen, see ``visible_cells``.
     camera : Camera
     size : (int, int)
         Width and height of the picture, pixels.

@@ -19,12 +19,12 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import matrix_of
 from rasterjit.pipeline.lighting.pbr import is_any_above_zero
-from rasterjit.pipeline.surface import samples as at
-from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import LANES, nine_parts, part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
-from rasterjit.runtime.state import float32, float64, int64
+from rasterjit.runtime.state_block import float32, float64, int64
 
 EDGEWISE = 1.0 / 16.0
 """A face turns away from a light if it faces it by less than this share of what its shading normal

@@ -13,7 +13,7 @@ this has a unit, so it holds at any scale.
 A sample is taken to the light in three steps, each a stage: its point and the normal of its face
 are found (``receivers``); for each light the point becomes texels and a depth, and the normal the
 gain in depth by a texel right and down; then texels are compared (``filters``), and where surfaces
-touch, the light that several comparisons let in is taken away (``contacts``).
+touch, the light that several comparisons let in is taken away (``light_leaks``).
 
 References
 ----------
@@ -24,11 +24,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.shadows.contacts import SNAPPING, close_contacts
 from rasterjit.effects.shadows.filters import read_hard, read_pcf, read_soft
+from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
 from rasterjit.pipeline.lighting.blinn_phong import light_at
 from rasterjit.pipeline.surface.attributes import fill_row
-from rasterjit.pipeline.surface.samples import (
+from rasterjit.pipeline.surface.sample_block import (
     ACROSS,
     DOWN,
     FOUND,
@@ -44,7 +44,7 @@ from rasterjit.pipeline.surface.samples import (
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import part, six_parts, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, float64, int64
+from rasterjit.runtime.state_block import float32, float64, int64
 
 ORIGIN, FOCAL, CENTER = 9, 12, 14
 """

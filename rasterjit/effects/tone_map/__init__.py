@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rasterjit.effects.tone_map import stage as tone_map_stage
 from rasterjit.effects.tone_map.stage import NO_TONES, ToneRecord
 from rasterjit.pipeline.passes import Pass, Rows, fixed, rows_where
-from rasterjit.pipeline.surface.samples import NORMAL_X
+from rasterjit.pipeline.surface.sample_block import NORMAL_X
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap

@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.encode import over
-from rasterjit.pipeline.surface.samples import NORMAL_X, Block
+from rasterjit.pipeline.srgb_encoding import over
+from rasterjit.pipeline.surface.sample_block import NORMAL_X, Block
 from rasterjit.runtime.float_math import clamped, exp2
 from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
-from rasterjit.runtime.state import float32, int64
+from rasterjit.runtime.state_block import float32, int64
 
 NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
 """Curves, as ``ToneRecord.curve`` numbers them."""

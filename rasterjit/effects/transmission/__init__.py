@@ -5,7 +5,8 @@ A frame has it where a metallic-roughness material in view transmits light. Then
 comes first, without transmitting and blended objects, in linear light; transmitting samples read it
 where the refracted ray leaves the volume (``stage``). So other glass, and blended objects, are not
 visible through glass.
-``rendering.shade.look_behind`` draws the first picture, and hands it to `Transmission.prepare`.
+``rendering.frame_shading.look_behind`` draws the first picture, and hands it to
+`Transmission.prepare`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rasterjit.effects.transmission import stage as transmission_stage
 from rasterjit.pipeline.passes import Pass, Rows, ShadingArrays, ShadingNeeds, rows_where
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, SeesThrough
 from rasterjit.survey.facts import Facts, unlit_reason

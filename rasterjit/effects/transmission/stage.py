@@ -24,12 +24,12 @@ import numpy as np
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.lighting.pbr import bounces, reflected_shares
 from rasterjit.pipeline.records import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.layers import MIST_RED
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.layer_rows import MIST_RED
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped, log2, power
 from rasterjit.runtime.jit import helper, kernel, stage
-from rasterjit.runtime.state import float32, float64, int64
+from rasterjit.runtime.state_block import float32, float64, int64
 
 FIRST_TEXEL, WIDTH, HEIGHT = 0, 1, 2
 """Columns of ``levels``."""

@@ -2,7 +2,7 @@
 Order-independent transparency of blended objects.
 
 A frame has it where a blended object in view has an alpha below 1. The transparent faces of each
-sample are sorted, shaded and composited; see ``rendering.layers``.
+sample are sorted, shaded and composited; see ``rendering.resolve_layers``.
 """
 
 from __future__ import annotations

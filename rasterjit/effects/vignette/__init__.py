@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.vignette.stage import darken_rows
-from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.passes import Rows, rows_where
+from rasterjit.pipeline.srgb_encoding import encoding_table
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import Quality

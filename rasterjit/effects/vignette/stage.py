@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.encode import encode
+from rasterjit.pipeline.srgb_encoding import encode
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, uint32
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 
 @helper
@@ -40,7 +40,7 @@ def darken_rows(
     light : (256,) float32
         Linear light of each code.
     table : (65536,) int32
-        `encode.encoding_table`.
+        `srgb_encoding.encoding_table`.
     """
     width, height = np.float64(size[0]), np.float64(size[1])
     reach = 0.5 * np.sqrt(width * width + height * height)

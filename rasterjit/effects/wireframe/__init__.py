@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from rasterjit.effects.wireframe import coverage as line_coverage
 from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.effects.wireframe.coverage import BAND_ROWS
-from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.geometry import binning
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
@@ -86,12 +86,12 @@ def draw_edges(
         wireframe_stage.find_pixels,
         [
             (
-                (n, min(n + draw.VERTICES_PER_TASK, count)),
+                (n, min(n + visibility_pass.VERTICES_PER_TASK, count)),
                 *vertices[:2],
                 geometry.viewport,
                 pixels,
             )
-            for n in range(0, count, draw.VERTICES_PER_TASK)
+            for n in range(0, count, visibility_pass.VERTICES_PER_TASK)
         ],
     )
     target = color.view(np.uint32)[:, :, 0]

@@ -32,13 +32,13 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.effects.wireframe.stage import cut_segment, divided, put_depths
-from rasterjit.pipeline.encode import encode_alpha, encode_pixel, over
-from rasterjit.pipeline.fragments.encoded import over as over_codes
+from rasterjit.pipeline.fragments.srgb_compositing import over as over_codes
 from rasterjit.pipeline.geometry.projection import snap_vertex
 from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, whole_size
 from rasterjit.pipeline.records import Geometry, Viewport
+from rasterjit.pipeline.srgb_encoding import encode_alpha, encode_pixel, over
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, uint32
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 HALF_WIDTH = 0.5
 """Of a line, pixels; and how far it goes on beyond what it joins."""
@@ -372,7 +372,7 @@ def lay_lines(
         Opaque; red in the lowest byte.
     light : (256,) float32, or (0,): codes are mixed, not light
         Linear light of each code.
-    table : (65536,) int32, `encode.encoding_table`
+    table : (65536,) int32, `srgb_encoding.encoding_table`
     color : (R, W) uint32
         Changed where lines are.
     """

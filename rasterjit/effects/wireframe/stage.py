@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.pipeline.bresenham import enter_line, packed_channels, walk_plain, walk_seen
 from rasterjit.pipeline.geometry.clipping import PLANES, plane_distance
 from rasterjit.pipeline.geometry.projection import stored_depth
 from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, whole_size
-from rasterjit.pipeline.lines import enter_line, packed_channels, walk_plain, walk_seen
 from rasterjit.pipeline.records import Geometry, Viewport
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, uint8, uint32
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8, uint32
 
 DEPTH_ROUNDING = np.float32(1e-6)
 """Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""

@@ -23,7 +23,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from rasterjit.io.foreign import limits
+from rasterjit.io.foreign import sandbox
 
 _OURS = ("rasterjit.io.foreign.readers", "rasterjit.io.foreign.wire")
 """Modules of this package that a copy needs."""
@@ -47,9 +47,9 @@ def serve(file: int) -> None:
         # What libraries print is nobody's answer.
         os.dup2(silent, number)
     sys.dont_write_bytecode = True
-    limits.without_network()
-    limits.refuse_endless_reads()
-    guard = limits.Guard()
+    sandbox.without_network()
+    sandbox.refuse_endless_reads()
+    guard = sandbox.Guard()
     _answer(answers, {"ready": True})
     for line in requests:
         request = json.loads(line)
@@ -60,7 +60,7 @@ def serve(file: int) -> None:
                 continue
             if "hidden" in request:
                 _hold(request, guard)
-            _do(request, file, guard, limits.seconds_used())
+            _do(request, file, guard, sandbox.seconds_used())
         _answer(answers, {"status": 0})
 
 
@@ -77,11 +77,11 @@ def _import_for(request: dict[str, Any]) -> None:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
     # Found here, it is known to the copies.
-    limits.library_places()
+    sandbox.library_places()
 
 
 def _serve_by_copy(
-    request: dict[str, Any], file: int, guard: limits.Guard, requests: Any, answers: Any
+    request: dict[str, Any], file: int, guard: sandbox.Guard, requests: Any, answers: Any
 ) -> None:
     """Have a copy of this process do a request and those that follow, until it ends."""
     asked, asks = os.pipe()
@@ -90,7 +90,7 @@ def _serve_by_copy(
     process = os.fork()
     if process == 0:
         try:
-            limits.die_with_parent()
+            sandbox.die_with_parent()
             for one in (requests, answers):
                 one.close()
             for number in (asks, done):
@@ -121,10 +121,10 @@ def _serve_by_copy(
 
 
 def _be_copy(
-    request: dict[str, Any], file: int, guard: limits.Guard, asked: int, says: int
+    request: dict[str, Any], file: int, guard: sandbox.Guard, asked: int, says: int
 ) -> None:
     """Do one request after the other, within limits, and end after the last one."""
-    start = limits.seconds_used()
+    start = sandbox.seconds_used()
     _hold(request, guard)
     with os.fdopen(asked, "rb") as following:
         while True:
@@ -170,23 +170,23 @@ def _state(process: int) -> bytes:
     return b" ".join([fields[0], *fields[11:13]])
 
 
-def _hold(request: dict[str, Any], guard: limits.Guard) -> None:
+def _hold(request: dict[str, Any], guard: sandbox.Guard) -> None:
     """Keep this process to the files that a request allows, for good where it can."""
     root, path = os.path.realpath(request["root"]), os.path.realpath(request["path"])
-    places = [root, path, *limits.library_places()]
+    places = [root, path, *sandbox.library_places()]
     # What a program hides from itself it hides from its readers.
     sys.modules.update(dict.fromkeys(request["hidden"]))
     os.chdir(request["folder"])
-    limits.hold_to_memory(request["memory"])
-    limits.keep_to_files(places)
+    sandbox.hold_to_memory(request["memory"])
+    sandbox.keep_to_files(places)
     guard.keep_to(root, places)
 
 
-def _do(request: dict[str, Any], file: int, guard: limits.Guard, start: int) -> None:
+def _do(request: dict[str, Any], file: int, guard: sandbox.Guard, start: int) -> None:
     """Do what a request asks for; leave in a file what was found, or why not."""
     from rasterjit.io.foreign.wire import read_found, write_found
 
-    limits.hold_to_seconds(start + request["seconds"])
+    sandbox.hold_to_seconds(start + request["seconds"])
     arguments = read_found(file) if request["is_given"] else ()
     os.truncate(file, 0)
     guard.is_armed = True
@@ -205,9 +205,9 @@ def _result(request: dict[str, Any], arguments: Any) -> dict[str, Any]:
     """Return what a reader found or a codec made, and what was said about it."""
     from rasterjit.io.foreign.codecs import CODECS
     from rasterjit.io.foreign.readers import read_file
+    from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
     from rasterjit.io.resources import Resources
-    from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-    from rasterjit.scene.memory import FileSizeError, MemoryBudget
+    from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 
     path, codec = Path(request["path"]), request.get("codec")
     budget = MemoryBudget(request["source"], request["max_bytes"])

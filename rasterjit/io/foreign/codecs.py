@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 from rasterjit.io.gltf.compression import transcoded, unpacked_mesh, unpacked_rows
 from rasterjit.io.gltf.extensions import BASIS, DRACO, LIBRARIES, MESHOPT
 from rasterjit.io.images import picture_pixels
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 
 if TYPE_CHECKING:
     from rasterjit.io.foreign.door import Session

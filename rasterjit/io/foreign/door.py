@@ -27,9 +27,9 @@ from rasterjit import forks
 from rasterjit.io.foreign.codecs import CODECS
 from rasterjit.io.foreign.readers import modules_for
 from rasterjit.io.foreign.wire import read_found, write_found
+from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources, extension_of
-from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.scene.memory import FileSizeError, MemoryBudget
+from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.warning import warn_caller
 

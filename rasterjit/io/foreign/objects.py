@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LONGEST_REASON, LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud, LineDrawing, Reading
 from rasterjit.io.resources import LONGEST_NAME
-from rasterjit.io.skipped import LONGEST_REASON, LeftOut, MeshFileError
-from rasterjit.io.text.parts import (
+from rasterjit.io.text.mesh_builder import (
     Part,
     Thing,
     linear_rgba,

@@ -16,10 +16,7 @@ import numpy as np
 
 from rasterjit.io.dxf import note_entities, read_dxf
 from rasterjit.io.foreign.objects import noting_what_vtk_says, things_of_cells, things_of_pyvista
-from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
-from rasterjit.io.primitives import Reading
-from rasterjit.io.resources import Resources, extension_of, take_members
-from rasterjit.io.skipped import (
+from rasterjit.io.load_warnings import (
     DAMAGED,
     LONGEST_REASON,
     LeftOut,
@@ -27,8 +24,11 @@ from rasterjit.io.skipped import (
     as_mesh_file_error,
     reason_of,
 )
-from rasterjit.io.text.lines import Damage
-from rasterjit.io.text.parts import Assembly, Thing
+from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
+from rasterjit.io.primitives import Reading
+from rasterjit.io.resources import Resources, extension_of, take_members
+from rasterjit.io.text.mesh_builder import Assembly, Thing
+from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.threemf.package import XML_BYTES
 from rasterjit.io.trimesh.resolver import resolver_of, trimesh_told
 from rasterjit.io.trimesh.scene import TrimeshAdapter

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from rasterjit.io.primitives import Cloud, LineDrawing
-from rasterjit.io.text.parts import Assembly, Part, Place
+from rasterjit.io.text.mesh_builder import Assembly, Part, Place
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material

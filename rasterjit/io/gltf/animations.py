@@ -21,14 +21,21 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.io.gltf.file import GltfFile
-from rasterjit.io.gltf.values import finite_numbers_of, list_of, needed, object_of, shown, whole_of
-from rasterjit.io.skipped import LeftOut, reason_of
+from rasterjit.io.gltf.json_checks import (
+    finite_numbers_of,
+    list_of,
+    needed,
+    object_of,
+    shown,
+    whole_of,
+)
+from rasterjit.io.load_warnings import LeftOut, reason_of
+from rasterjit.scene.decomposed_transform import TRS, matrix_of
 from rasterjit.scene.keyframes import INTERPOLATIONS, PATHS, WIDTHS, Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.skin import WEIGHT_ROUNDING, MorphTargets, Skin, sum_rows
-from rasterjit.scene.trs import TRS, matrix_of
 from rasterjit.scene.validation import in_short, one_of
 
 

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.gltf.extensions import BASIS, DRACO, check_library
-from rasterjit.io.gltf.values import needed, shown, whole_of
+from rasterjit.io.gltf.json_checks import needed, shown, whole_of
 from rasterjit.io.images import take_texels
-from rasterjit.io.skipped import reason_of
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.io.load_warnings import reason_of
+from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.texture import check_extent
 
 if TYPE_CHECKING:

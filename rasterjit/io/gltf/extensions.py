@@ -21,8 +21,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from rasterjit.io.gltf.values import list_of, number_of, object_of, shown, whole_of
-from rasterjit.io.skipped import LeftOut
+from rasterjit.io.gltf.json_checks import list_of, number_of, object_of, shown, whole_of
+from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.material import BRIGHTEST_TINT, MAX_IOR, MAX_THICKNESS, Material
 from rasterjit.scene.texture import ColorSpace
 from rasterjit.scene.validation import in_short

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.compression import decode_meshopt
 from rasterjit.io.gltf.extensions import MESHOPT
-from rasterjit.io.gltf.values import (
+from rasterjit.io.gltf.json_checks import (
     LONGEST_SHOWN,
     list_of,
     needed,

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.gltf.animations import MovingReader, parent_from_node, trs_of
-from rasterjit.io.gltf.content import MaterialReader, MeshReader
 from rasterjit.io.gltf.extensions import (
     INSTANCING,
     LIGHTS,
@@ -34,7 +33,7 @@ from rasterjit.io.gltf.extensions import (
     check_library,
 )
 from rasterjit.io.gltf.file import ONE_OF, GltfFile
-from rasterjit.io.gltf.values import (
+from rasterjit.io.gltf.json_checks import (
     finite_numbers_of,
     finite_of,
     list_of,
@@ -43,9 +42,10 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
+from rasterjit.io.gltf.meshes_materials import MaterialReader, MeshReader
+from rasterjit.io.load_warnings import MeshFileError, reason_of
 from rasterjit.io.primitives import Reading
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node

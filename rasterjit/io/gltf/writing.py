@@ -24,7 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.content import (
+from rasterjit.io.atomic_write import replacing
+from rasterjit.io.gltf.extensions import LAYER_TEXTURES, LIGHTS, VARIANTS, told_by, written_mappings
+from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
+from rasterjit.io.gltf.meshes_materials import (
     LINEAR,
     LINES,
     MODE_NAMES,
@@ -35,13 +38,11 @@ from rasterjit.io.gltf.content import (
     UNLIT,
     WRAPS,
 )
-from rasterjit.io.gltf.extensions import LAYER_TEXTURES, LIGHTS, VARIANTS, told_by, written_mappings
-from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.images import checked_path, nearest_codes
+from rasterjit.io.load_warnings import NotSaved
 from rasterjit.io.primitives import USUAL_SIZE, default_size
-from rasterjit.io.skipped import NotSaved
-from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.decomposed_transform import matrix_of
 from rasterjit.scene.keyframes import WIDTHS as CHANNEL_WIDTHS
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.lines import Lines
@@ -53,7 +54,6 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture, turned_over
-from rasterjit.scene.trs import matrix_of
 from rasterjit.scene.validation import VectorLike
 
 FORMATS = (".glb", ".gltf")

@@ -15,10 +15,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import LONGEST_NAME, Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.lines import Damage
+from rasterjit.io.text.number_parser import Damage
 from rasterjit.scene.color import srgb_to_linear
 
 LAS_FORMATS = ("las", "laz")

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, line_end, number_rows
-from rasterjit.io.text.parts import meant_names
+from rasterjit.io.text.mesh_builder import meant_names
+from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
 from rasterjit.scene.color import srgb_to_linear
 
 _LITERALS = 32

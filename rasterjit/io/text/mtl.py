@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.images import in_16_bits, resized
+from rasterjit.io.load_warnings import LeftOut, MissingFileError, reason_of
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
-from rasterjit.io.skipped import LeftOut, MissingFileError, reason_of
-from rasterjit.io.text.parts import srgb_bytes
+from rasterjit.io.text.mesh_builder import srgb_bytes
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
-from rasterjit.scene.memory import FileSizeError
+from rasterjit.scene.memory_limits import FileSizeError
 from rasterjit.scene.texture import FARTHEST_MOVE, Texture
 from rasterjit.scene.validation import in_short
 

@@ -14,21 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud, LineDrawing
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import (
-    CORNER_BYTES,
-    ROW_BYTES,
-    Damage,
-    TextLines,
-    columns,
-    number_rows,
-    parse,
-    word_starts,
-)
-from rasterjit.io.text.mtl import MtlLibrary
-from rasterjit.io.text.parts import (
+from rasterjit.io.text.mesh_builder import (
     COLORS_BESIDE,
     Names,
     Part,
@@ -37,6 +26,17 @@ from rasterjit.io.text.parts import (
     linear_rgba,
     srgb_bytes,
     triangles,
+)
+from rasterjit.io.text.mtl import MtlLibrary
+from rasterjit.io.text.number_parser import (
+    CORNER_BYTES,
+    ROW_BYTES,
+    Damage,
+    TextLines,
+    columns,
+    number_rows,
+    parse,
+    word_starts,
 )
 from rasterjit.scene.material import Material
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text import parts
-from rasterjit.io.text.lines import Damage, TextLines, columns, number_rows
+from rasterjit.io.text import mesh_builder
+from rasterjit.io.text.number_parser import Damage, TextLines, columns, number_rows
 from rasterjit.scene.material import Material
 
 _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
@@ -34,7 +34,7 @@ _A_FACE = "a face: how many vertices it has, and their numbers, below"
 
 def read_off(
     path: Path, resources: Resources, damage: Damage, left_out: LeftOut
-) -> list[parts.Part]:
+) -> list[mesh_builder.Part]:
     """Return the mesh of an OFF file, or raise `MeshFileError`."""
     data = resources.read_itself(path)
     if b"#" in data:
@@ -87,14 +87,16 @@ def read_off(
     behind, ends = found[good] - counts - 1, begins + counts
     shift = begins - (np.cumsum(counts) - counts)
     corners = values[np.arange(int(counts.sum())) + np.repeat(shift, counts)]
-    resources.budget.take("the corners of its faces", len(corners) * parts.POLYGON_CORNER_BYTES)
-    corners, counts, kept = parts.sound_polygons(
+    resources.budget.take(
+        "the corners of its faces", len(corners) * mesh_builder.POLYGON_CORNER_BYTES
+    )
+    corners, counts, kept = mesh_builder.sound_polygons(
         corners, counts, there,
         lambda face: damage.line(lines, int(rows[face]), f"{_A_FACE} {len(there)}"), left_out,
     )  # fmt: skip
     if not len(counts):
         raise MeshFileError(f"{path} holds a mesh of {len(vertices)} vertices, no faces")
-    faces, polygons = parts.triangles(counts, by_size=True)
+    faces, polygons = mesh_builder.triangles(counts, by_size=True)
     face_colors, is_colored = None, behind > 0
     width = behind.max(initial=0)
     if vertex_colors is None and (behind[is_colored] == width).all() and width:
@@ -110,7 +112,7 @@ def read_off(
     if not there.all():
         vertices = np.where(there[:, np.newaxis], vertices, 0.0)
     colors = vertex_colors if face_colors is None else face_colors
-    return [parts.Part(path.name, vertices, corners[faces], colors=colors)]
+    return [mesh_builder.Part(path.name, vertices, corners[faces], colors=colors)]
 
 
 def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32] | None:
@@ -118,4 +120,6 @@ def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32] | None:
     if codes.shape[1] not in (3, 4) or not np.isfinite(codes).all():
         return None
     is_bytes = bool((codes == np.floor(codes)).all() and codes.max() > 1.0)
-    return parts.linear_rgba(parts.srgb_bytes(codes / 255.0 if is_bytes else codes), False)
+    return mesh_builder.linear_rgba(
+        mesh_builder.srgb_bytes(codes / 255.0 if is_bytes else codes), False
+    )

@@ -17,12 +17,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, LineDrawing
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, line_end, number_rows
-from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
-from rasterjit.io.text.parts import (
+from rasterjit.io.text.mesh_builder import (
     COLORS_BESIDE,
     POLYGON_CORNER_BYTES,
     Names,
@@ -36,7 +34,9 @@ from rasterjit.io.text.parts import (
     strip_triangles,
     triangles,
 )
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
+from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
+from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.texture import Texture
 
 _TYPES = {

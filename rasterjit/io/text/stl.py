@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, columns, number_rows
-from rasterjit.io.text.parts import Names, Part
+from rasterjit.io.text.mesh_builder import Names, Part
+from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, columns, number_rows
 
 _HEAD = 84
 """Bytes of a binary file before its triangles: a text of 80, and their number."""

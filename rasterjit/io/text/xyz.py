@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import INTENSITY, Cloud
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import ROW_BYTES, Damage, TextLines, number_rows
-from rasterjit.io.text.parts import linear_rgba, srgb_bytes
+from rasterjit.io.text.mesh_builder import linear_rgba, srgb_bytes
+from rasterjit.io.text.number_parser import ROW_BYTES, Damage, TextLines, number_rows
 
 ROW_FORMATS = ("xyz", "xyzn", "xyzrgb", "pts", "asc", "txt", "csv")
 

@@ -14,9 +14,9 @@ from urllib.parse import unquote
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from rasterjit.io.load_warnings import MissingFileError
 from rasterjit.io.resources import shown_name, take_members
-from rasterjit.io.skipped import MissingFileError
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 
 _ROOT_RELATIONS = "_rels/.rels"
 _MODEL_RELATION = "/3dmodel"

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.skipped import LeftOut, reason_of
-from rasterjit.io.text.parts import Part, joined, linear_rgba
+from rasterjit.io.load_warnings import LeftOut, reason_of
+from rasterjit.io.text.mesh_builder import Part, joined, linear_rgba
 from rasterjit.io.threemf.package import Package, children, local_name
-from rasterjit.scene.angles import sine_cosine
 from rasterjit.scene.material import Material
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
+from rasterjit.scene.portable_trig import sine_cosine
 from rasterjit.scene.texture import Filter, Texture, Wrap
 
 _MATERIALS = ("basematerials", "compositematerials")

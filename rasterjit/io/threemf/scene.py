@@ -16,10 +16,10 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Reading
 from rasterjit.io.resources import Resources, shown_name
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.parts import Part, mesh_of_part
+from rasterjit.io.text.mesh_builder import Part, mesh_of_part
 from rasterjit.io.threemf.package import Package, attribute, children, local_name
 from rasterjit.io.threemf.parts import GROUPS, Properties, beam_part, surface_parts
 from rasterjit.scene.mesh import Mesh

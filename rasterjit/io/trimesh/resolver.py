@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.io.images import check_picture
+from rasterjit.io.load_warnings import LeftOut, reason_of
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
-from rasterjit.io.skipped import LeftOut, reason_of
 
 
 @contextmanager

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io import cameras
-from rasterjit.io.gltf.content import TEXTURES
+from rasterjit.io.gltf.meshes_materials import TEXTURES
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.images import image_pixels, take_texels
+from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, Reading, drawing_of_path
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text import parts
+from rasterjit.io.text import mesh_builder
 from rasterjit.io.text.mtl import MAX_SHININESS, MtlMaterial, material_from_mtl
 from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.color import srgb_to_linear
@@ -30,7 +30,7 @@ from rasterjit.scene.light import (
     SpotLight,
 )
 from rasterjit.scene.material import AlphaMode, Material
-from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import ColorSpace, Texture
 from rasterjit.scene.transforms import compose
@@ -119,7 +119,7 @@ def colors_from_trimesh(
     if colors.ndim != 2 or colors.shape[0] != rows or colors.shape[1] not in (3, 4):
         left_out.note("colours that fit neither vertices nor faces")
         return None
-    return parts.linear_rgba(colors, linear_bytes)
+    return mesh_builder.linear_rgba(colors, linear_bytes)
 
 
 def _from_gltf(material: Any, textures: dict[str, Any]) -> Material:
@@ -273,15 +273,15 @@ class TrimeshAdapter:
 
     def scene(self, loaded: Any) -> Scene:
         """Return a trimesh geometry or scene as a `Scene`, or raise `MeshFileError`."""
-        return parts.scene_of_assembly(self.assembly(loaded), self.reading)
+        return mesh_builder.scene_of_assembly(self.assembly(loaded), self.reading)
 
-    def assembly(self, loaded: Any) -> parts.Assembly:
+    def assembly(self, loaded: Any) -> mesh_builder.Assembly:
         """Return what a trimesh geometry or scene holds, or raise `MeshFileError`."""
         import trimesh
 
         if not isinstance(loaded, trimesh.Scene):
             return self.assembly(trimesh.Scene(loaded))
-        things: list[parts.Thing] = []
+        things: list[mesh_builder.Thing] = []
         numbers: dict[str, int] = {}
         left: Counter[str] = Counter()
         for name, geometry in loaded.geometry.items():
@@ -300,9 +300,11 @@ class TrimeshAdapter:
         places, drawn = self._places(loaded.graph, numbers)
         if not drawn:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
-        return parts.Assembly(things, places, drawn, self._camera(loaded), self._lights(loaded))
+        return mesh_builder.Assembly(
+            things, places, drawn, self._camera(loaded), self._lights(loaded)
+        )
 
-    def _thing(self, name: str, geometry: Any) -> parts.Thing | None:
+    def _thing(self, name: str, geometry: Any) -> mesh_builder.Thing | None:
         """Return a geometry as a mesh, lines or points; None if there is nothing in it."""
         import trimesh
 
@@ -319,13 +321,15 @@ class TrimeshAdapter:
         colors = getattr(geometry, "colors", None)
         rgba = None
         if colors is not None and np.shape(colors) == (len(geometry.vertices), 4):
-            rgba = parts.linear_rgba(parts.srgb_bytes(np.asarray(colors)), False)
+            rgba = mesh_builder.linear_rgba(mesh_builder.srgb_bytes(np.asarray(colors)), False)
         attributes = getattr(geometry, "vertex_attributes", None) or {}
         return Cloud(name, np.asarray(geometry.vertices), rgba, None, dict(attributes))
 
-    def _places(self, graph: Any, numbers: dict[str, int]) -> tuple[list[parts.Place], list[int]]:
+    def _places(
+        self, graph: Any, numbers: dict[str, int]
+    ) -> tuple[list[mesh_builder.Place], list[int]]:
         """Return where meshes stand and what they hang below, and which places have one."""
-        places: list[parts.Place] = []
+        places: list[mesh_builder.Place] = []
         made: dict[Any, int] = {}
         drawn = []
         for key in graph.nodes_geometry:
@@ -342,7 +346,7 @@ class TrimeshAdapter:
 
     def _place(
         self, graph: Any, key: Any, rough: NDArray[np.float64], made: dict[Any, int],
-        places: list[parts.Place],
+        places: list[mesh_builder.Place],
     ) -> int:  # fmt: skip
         """
         Return the number of a key's place; it and those above are made unless they are.
@@ -367,11 +371,11 @@ class TrimeshAdapter:
         for name, step in zip(path[-len(steps) :], steps, strict=True):
             if name not in made:
                 made[name] = len(places)
-                places.append(parts.Place(str(name), np.asarray(step), number))
+                places.append(mesh_builder.Place(str(name), np.asarray(step), number))
             number = made[name]
         return made[key]
 
-    def _mesh(self, name: str, geometry: Any) -> parts.Part:
+    def _mesh(self, name: str, geometry: Any) -> mesh_builder.Part:
         """Return one trimesh.Trimesh as a `Part`."""
         source = getattr(geometry.source, "file_type", None)
         colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
@@ -380,7 +384,7 @@ class TrimeshAdapter:
             # A PBR material made in memory is glTF's, as trimesh documents it.
             material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
-        return parts.Part(
+        return mesh_builder.Part(
             str(name), np.asarray(geometry.vertices), np.asarray(geometry.faces),
             self._own_normals(geometry), uv, colors, material,
             dict(geometry.vertex_attributes), dict(geometry.face_attributes),

@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.load_warnings import LeftOut
 from rasterjit.io.resources import shown_name
-from rasterjit.io.skipped import LeftOut
 from rasterjit.scene.transforms import compose, rotate, scale, translate
 
 SKINNED = "skinned or morphed geometry"

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.cameras import to_trimesh as camera_to_trimesh
-from rasterjit.io.gltf.content import MODE_NAMES, TEXTURES
+from rasterjit.io.gltf.meshes_materials import MODE_NAMES, TEXTURES
 from rasterjit.io.gltf.writing import lasting_units, looking_along
 from rasterjit.io.images import nearest_codes
-from rasterjit.io.skipped import NotSaved
+from rasterjit.io.load_warnings import NotSaved
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.lines import Lines

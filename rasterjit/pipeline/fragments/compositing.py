@@ -6,7 +6,7 @@ behind one with alpha 1, and the mean of equal samples.
 
 With several samples a pixel has several faces, each shaded once. With transparency, the weight of a
 face depends on the alpha of those in front, so `list_faces` keeps the faces of each sample;
-``weights`` handles opaque ones.
+``coverage_resolve`` handles opaque ones.
 
 References
 ----------
@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.visibility.nearest import NOTHING
+from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float32, int32
+from rasterjit.runtime.state_block import float32, int32
 
 THROUGH = 3
 """Column of a sum: transmittance, the share of light from behind."""

@@ -7,9 +7,9 @@ another is visible through it only if it was drawn first. Faces are drawn in ord
 
 from __future__ import annotations
 
-from rasterjit.pipeline.visibility.nearest import NOTHING
+from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING
 from rasterjit.runtime.jit import kernel
-from rasterjit.runtime.state import int32
+from rasterjit.runtime.state_block import int32
 
 
 @kernel

@@ -27,7 +27,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of, edge, last_at_most, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, uint8
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8
 
 UNDERFLOW = 2.0**-900
 """

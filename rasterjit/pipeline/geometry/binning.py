@@ -19,7 +19,7 @@ from rasterjit.pipeline.geometry.setup import (
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import int32, int64, uint8
+from rasterjit.runtime.state_block import int32, int64, uint8
 
 
 @kernel

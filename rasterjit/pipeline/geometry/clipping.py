@@ -21,7 +21,7 @@ from __future__ import annotations
 from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID
 from rasterjit.pipeline.records import Viewport
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float64, int32, int64, uint8
+from rasterjit.runtime.state_block import float64, int32, int64, uint8
 
 PLANES = 6
 """Near, far, and the four sides of the guard band."""

@@ -22,7 +22,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float64, int32, int64, real
+from rasterjit.runtime.state_block import float64, int32, int64, real
 
 MAX_SINGLE = 1e18
 """`MAX_COORDINATE` of float32: products of two stay finite there."""

@@ -14,7 +14,7 @@ most 2**27 units, a product of two at most 2**54, and an edge function, the diff
 products, at most 2**55: int64 holds all of them with 8 bits to spare. (Twice the area of a triangle
 inside a square is at most the square, so no edge function really exceeds 2**54.)
 ``E >> grid_bits`` is at most 2**43, so a float64 division finds its quotients exactly (see
-``nearest``).
+``tile_rasterizer``).
 
 A part of a larger picture keeps to the same 2**27 units: the whole is at most 2**17 pixels wide and
 high, and smaller where the grid is so fine that it and its guard band would leave them (see
@@ -29,7 +29,7 @@ import numpy as np
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices, Viewport
 from rasterjit.runtime.intrinsics import copy_pair, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import int32, int64, uint8
+from rasterjit.runtime.state_block import int32, int64, uint8
 
 GUARD_PIXELS = 8192
 """Width of the guard band around the image, pixels: inside it nothing is clipped in x or y."""

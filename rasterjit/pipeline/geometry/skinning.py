@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64
+from rasterjit.runtime.state_block import float32, float64, int32, int64
 
 
 @helper

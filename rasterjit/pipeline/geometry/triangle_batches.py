@@ -19,7 +19,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, ScreenVertices
 from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float64, int32, int64
+from rasterjit.runtime.state_block import float64, int32, int64
 
 SMALL_PIXELS = 8
 """Triangles with a bounding box up to this many pixels wide are tested sample by sample."""

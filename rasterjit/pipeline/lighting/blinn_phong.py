@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.surface import samples as row
+from rasterjit.pipeline.surface import sample_block as row
 from rasterjit.runtime.float_math import power
 from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper

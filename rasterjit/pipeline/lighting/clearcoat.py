@@ -18,11 +18,11 @@ import numpy as np
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import three_rows
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC, grazing
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
-from rasterjit.runtime.state import float32, int64
+from rasterjit.runtime.state_block import float32, int64
 
 
 @disjoint_helper

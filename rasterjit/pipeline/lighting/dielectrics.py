@@ -19,12 +19,12 @@ import numpy as np
 
 from rasterjit.pipeline.lighting.light_stages import BOUNCED, LIGHT, directions_of, three_rows
 from rasterjit.pipeline.lighting.pbr import bounces, find_shares, is_any_above_zero
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
-from rasterjit.runtime.state import float32, int64
+from rasterjit.runtime.state_block import float32, int64
 
 MIN_ALBEDO = np.float32(0.05)
 """Least albedo of the white mirror's single scattering, against division by small numbers."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.encode import encode_channels, encode_span
 from rasterjit.pipeline.lighting import blinn_phong, pbr
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.srgb_encoding import encode_channels, encode_span
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import helper, stage
-from rasterjit.runtime.state import float32, int32, int64, uint32
+from rasterjit.runtime.state_block import float32, int32, int64, uint32
 
 SHARES, SHOWN = 0, 2
 """Rows of ``single``, two and three: what `find_shares` and `find_ambient` write."""

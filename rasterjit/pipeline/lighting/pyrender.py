@@ -35,14 +35,14 @@ from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
 from rasterjit.pipeline.records import Placement
-from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import owner_end
-from rasterjit.pipeline.surface.samples import OWNER, SEGMENTS, START, STOP, Block
+from rasterjit.pipeline.surface.sample_block import OWNER, SEGMENTS, START, STOP, Block
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
 from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, int32, int64, uint8
+from rasterjit.runtime.state_block import float32, int32, int64, uint8
 
 COLOR_RED = rows.TINT_RED
 """Rows, three: vertex colours. They reuse the rows of transmission, which this model lacks."""
@@ -270,7 +270,7 @@ def find_shadow(
     light : (13,) float32
         As ``Lighting.lights`` has it.
     view : (20,) float32
-        ``survey.lights.view_of_light``.
+        ``survey.light_culling.view_of_light``.
     depths : (S, S) float32
         As ``DepthMap`` has them.
     """

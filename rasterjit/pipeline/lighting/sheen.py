@@ -25,12 +25,12 @@ import numpy as np
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
 from rasterjit.pipeline.lighting.pbr import MIN_COSINE, is_any_above_zero
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped, exp2, power
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, int64
+from rasterjit.runtime.state_block import float32, int64
 
 MIN_ROUGHNESS = np.float32(0.07)
 """Least roughness; lower ones are clamped to it."""

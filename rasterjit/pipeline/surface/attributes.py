@@ -25,9 +25,9 @@ from rasterjit.pipeline.records import (
     PHONG,
     Placement,
 )
-from rasterjit.pipeline.surface import samples as row
-from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import (
+from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.sample_block import (
     BEHIND,
     END_PATCH,
     FACE,
@@ -48,7 +48,7 @@ from rasterjit.pipeline.surface.samples import (
 from rasterjit.pipeline.surface.texture_lookup import SHOWN, absorb
 from rasterjit.runtime.intrinsics import nine_parts, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, float64, int64, uint8
+from rasterjit.runtime.state_block import float32, float64, int64, uint8
 
 SHOWN_ALPHA = SHOWN + 3
 """Row of colours: a texture's alpha."""

@@ -15,7 +15,7 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
-from rasterjit.pipeline.surface import samples as at
+from rasterjit.pipeline.surface import sample_block as at
 from rasterjit.pipeline.surface.attributes import (
     color_of,
     gather_values,
@@ -23,9 +23,9 @@ from rasterjit.pipeline.surface.attributes import (
     multiply_float32_colors,
     show_colors_of,
 )
-from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import Block
-from rasterjit.pipeline.surface.weights import may_be_wide
+from rasterjit.pipeline.surface.barycentric_weights import may_be_wide
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import (
     LANES,
     blend_clipped_run,
@@ -35,7 +35,7 @@ from rasterjit.runtime.intrinsics import (
     three_parts,
 )
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, uint8
+from rasterjit.runtime.state_block import float32, uint8
 
 LONG_RUN = 4
 """Least average length of patches, samples, for processing run by run."""

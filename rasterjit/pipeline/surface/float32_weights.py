@@ -19,9 +19,9 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED
-from rasterjit.pipeline.surface import samples as at
-from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.weights import WIDE, span_start
+from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface.barycentric_weights import WIDE, span_start
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
 

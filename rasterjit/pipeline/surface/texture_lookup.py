@@ -1,7 +1,7 @@
 """
 Look up textures for a part of a row, in vectorized passes over rows of scratch memory.
 
-``textures`` has the formulas; here they are branchless. Wrap modes are numbers (`axis_rule`,
+``texture_filters`` has the formulas; here they are branchless. Wrap modes are numbers (`axis_rule`,
 `texel_rule`), and every sample has the size of its own mip level. Positions are float64, texel
 indices int32, from the texture's first. Only the texel fetch goes sample by sample, four channels
 at once; colours come out as one row per channel.
@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Textures
-from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface import textures as texturing
-from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import OWNER as OF
-from rasterjit.pipeline.surface.samples import PLACE_OWNER, SEGMENTS, START, STOP, Block
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface import texture_filters as texturing
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.sample_block import OWNER as OF
+from rasterjit.pipeline.surface.sample_block import PLACE_OWNER, SEGMENTS, START, STOP, Block
 from rasterjit.runtime.intrinsics import CHANNELS, HALVES, copy_texels, mix_texels, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, int64
+from rasterjit.runtime.state_block import float32, int64
 
 U, V = 0, 1
 """Rows of places: texture coordinates."""

@@ -28,11 +28,11 @@ from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, corners_of, la
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
-from rasterjit.pipeline.surface import samples as at
-from rasterjit.pipeline.surface import texture_gradients, texture_lookup
-from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.texture_lookup import SHOWN, STEPS, U, V, show_textures
-from rasterjit.pipeline.surface.textures import (
+from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface import texture_lookup, uv_derivatives
+from rasterjit.pipeline.surface.barycentric_weights import weigh
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.texture_filters import (
     ALPHA_USE,
     BASE_COLOR,
     FILTER,
@@ -40,8 +40,8 @@ from rasterjit.pipeline.surface.textures import (
     MASK,
     TRILINEAR,
 )
-from rasterjit.pipeline.surface.weights import weigh
-from rasterjit.pipeline.visibility.mask_shares import keep_share
+from rasterjit.pipeline.surface.texture_lookup import SHOWN, STEPS, U, V, show_textures
+from rasterjit.pipeline.visibility.hashed_alpha import keep_share
 from rasterjit.runtime.intrinsics import (
     LANES,
     call_bound,
@@ -52,7 +52,7 @@ from rasterjit.runtime.intrinsics import (
     three_parts,
 )
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float32, float64, int32, int64, stored
+from rasterjit.runtime.state_block import float32, float64, int32, int64, stored
 
 ALPHA = 3
 """Column of colours and of materials."""
@@ -205,14 +205,14 @@ def find_coordinates(
             vertex = np.uintp(whole[at.A + k, r])
             spread(single[2 * k], n, uv[vertex, 0])
             spread(single[2 * k + 1], n, uv[vertex, 1])
-    texture_gradients.mix_places(
+    uv_derivatives.mix_places(
         *three_parts(places, U, 0, size), *six_parts(single, 0, 0, size), part(weights, 0, 0, size),
         part(weights, 1, 0, size), np.float64(owner),
     )  # fmt: skip
-    if not texture_gradients.wants_steps(owner, textures.table):
+    if not uv_derivatives.wants_steps(owner, textures.table):
         return
     viewport = geometry.viewport
-    texture_gradients.mix_steps(
+    uv_derivatives.mix_steps(
         *three_parts(places, STEPS, 0, size), part(places, STEPS + 3, 0, size),
         part(places, U, 0, size), part(places, V, 0, size), *six_parts(single, 0, 0, size),
         *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
@@ -226,7 +226,7 @@ def find_coordinates(
         if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
             for i in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)]):
                 column, row = whole[at.COLUMN, i], whole[at.ROW, i]
-                texture_gradients.note_clipped_steps(
+                uv_derivatives.note_clipped_steps(
                     places, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
 

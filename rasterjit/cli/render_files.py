@@ -1,0 +1,282 @@
+"""Pictures of files: what ``rasterjit render`` does with each."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rasterjit.cli import report
+from rasterjit.cli.option_types import FiniteType, file_type, lens_type, outputs_type
+from rasterjit.cli.options import (
+    OUTPUTS_HELP,
+    Described,
+    checked_place,
+    flag,
+    in_style,
+    is_picture,
+    option,
+    refuse_idle,
+    refuse_picture,
+    refuse_without_color,
+)
+from rasterjit.cli.program import (
+    DEPTH_SCALE,
+    MASKS,
+    MIN_CODES,
+    is_opaque,
+    load_scene,
+    plan_files,
+    reason,
+    refuse_idle_scale,
+    size_behind,
+    told_codes,
+    write_files,
+)
+from rasterjit.interrupts import raise_if_interrupted
+
+if TYPE_CHECKING:
+    from rasterjit.scene.background import BackgroundImage
+    from rasterjit.scene.lens import Lens
+
+PNG = ".png"
+
+
+@dataclasses.dataclass(frozen=True)
+class PictureOptions:
+    """
+    What is asked for of the picture of a file, by the names of the options.
+
+    Parameters
+    ----------
+    lens : Lens, optional
+        opencv:K1,K2,P1,P2,K3,... or fisheye:K1,K2,K3,K4, OpenCV's coefficients of a calibrated
+        camera's lens; or panorama, of a --size twice as wide as high.
+    outputs : tuple of str
+    depth_file : Path, optional
+        Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.
+    scale : float, optional
+    mask_file : Path, optional
+        Write a mask of the objects as .png: 255 where they cover the whole pixel, less where they
+        cover a part of its --samples.
+    mask_of : str
+        What --mask holds; numbers are stored plus one, in 16 bits, and 0 is nothing.
+    colorbar : bool
+        Put a colour bar of --scalars to the right of the picture.
+    diagnose : bool
+        Print exactly what happened to every face, and how precise the numbers are.
+    stats : bool
+        Print what happened to the triangles, and where the time went.
+    size, background, cull, threads, quiet
+        As all commands have them.
+    """
+
+    size: tuple[int, int]
+    background: str | BackgroundImage | None
+    cull: str
+    threads: int | None
+    quiet: bool
+    lens: Lens | None = option(lens_type, metavar="LENS")
+    outputs: tuple[str, ...] = option(
+        outputs_type, default="color", metavar="NAMES",
+        help=f"{OUTPUTS_HELP} Beside a picture, other outputs go to OUT with the suffix .npz. A "
+        "single one that is not the colour becomes a 16-bit .png if OUT is a .png.",
+    )  # fmt: skip
+    depth_file: Path | None = option(file_type("depth"), "--depth", metavar="FILE")
+    scale: float | None = option(
+        FiniteType(0.0, min_open=True), metavar="UNITS",
+        help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. Default: for "
+        f"--depth, {DEPTH_SCALE} if that fits and keeps {MIN_CODES} codes, else the smallest "
+        "power of ten that fits; for other outputs, what fits the values best.",
+    )  # fmt: skip
+    mask_file: Path | None = option(file_type("mask"), "--mask", metavar="FILE")
+    mask_of: str = option(click.Choice(MASKS), default="coverage")
+    colorbar: bool = flag()
+    diagnose: bool = flag()
+    stats: bool = flag()
+
+
+def places_of(
+    files: tuple[Path, ...], output: Path | None, suffix: str, force: bool
+) -> dict[Path, Path]:
+    """
+    Return where the picture of each file goes, or raise click's usage error.
+
+    Parameters
+    ----------
+    files : tuple of Path
+    output : Path or None
+        Of one file the name of the picture or a folder, of several a folder, which is made.
+    suffix : str
+        Of pictures whose names are not given, ``".png"``.
+    force : bool
+        Whether pictures whose names are not given replace files.
+    """
+    folders = [file for file in files if file.is_dir()]
+    if folders:
+        raise click.UsageError(f"{folders[0]} is a folder: give it alone")
+    pictures = [file for file in files if is_picture(file)]
+    if pictures:
+        raise click.UsageError(
+            f"{pictures[0]} is the name of a picture, not of a mesh file: -o {pictures[0]} names "
+            "what is written"
+        )
+    if len(files) == 1 and output is not None and not output.is_dir():
+        return {files[0]: checked_place("output", output, "image")}
+    if output is not None and output.exists() and not output.is_dir():
+        raise click.BadOptionUsage(
+            "--output", f"--output: {output} is a file, and the pictures of several go to a folder"
+        )
+    if output is not None:
+        refuse_picture("several files", output)
+    folder = Path() if output is None else output
+    places = {file: folder / name for file, name in names_of(files, suffix).items()}
+    if output is None and any(place.parent != folder for place in places.values()):
+        names = [file.with_suffix(suffix).name for file in files]
+        name = next(one for one in names if names.count(one) > 1)
+        raise click.UsageError(
+            f"several pictures would have the same name, {name}: -o DIR keeps the files' folders"
+        )
+    for place in places.values():
+        if place.exists() and not force:
+            raise click.UsageError(f"{place} exists: --force replaces it, -o OUT names another")
+    if output is not None:
+        output.mkdir(exist_ok=True)
+    return places
+
+
+def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
+    """
+    Return the names of the pictures of several files, each another.
+
+    ``a/b.obj`` becomes ``b.png``; where that would be two pictures, files keep the folders in which
+    they differ, and where that is not enough, their suffix: ``a/b.obj.png``.
+    """
+    places = {file: Path(os.path.abspath(file)) for file in files}
+    known: set[Path] = set()
+    for file, place in places.items():
+        if place in known:
+            raise click.UsageError(f"{file} is given twice")
+        known.add(place)
+    root = Path(os.path.commonpath([place.parent for place in places.values()]))
+    below = {file: place.relative_to(root) for file, place in places.items()}
+    choices = (
+        lambda file: Path(file.with_suffix(suffix).name),
+        lambda file: below[file].with_suffix(suffix),
+        lambda file: below[file].with_name(file.name + suffix),
+    )
+    for choose in choices:
+        named = {file: choose(file) for file in files}
+        if len(set(named.values())) == len(files):
+            break
+    return named
+
+
+def to_standard_output(
+    files: tuple[Path, ...],
+    asked: PictureOptions,
+    shown: Described,
+) -> None:
+    """Write the picture of a file to standard output, and nothing else."""
+    if len(files) > 1:
+        raise click.UsageError("--output - takes the picture of one FILE")
+    if asked.stats or asked.diagnose:
+        raise click.UsageError("--output - is the picture alone: leave --stats, --diagnose out")
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / f"picture{PNG}"
+        if len(plan_files(place, asked.outputs, {})[1]) > 1:
+            raise click.UsageError("--output - is one picture: name one of --outputs")
+        render_file(files[0], place, dataclasses.replace(asked, quiet=True), shown)
+        content = place.read_bytes()
+    sys.stdout.buffer.write(content)
+    sys.stdout.buffer.flush()
+
+
+def render_files(
+    places: dict[Path, Path],
+    asked: PictureOptions,
+    shown: Described,
+) -> None:
+    """Draw several files; those that fail are named, and at the end the command."""
+    failed = 0
+    for file, place in places.items():
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            render_file(file, place, asked, shown)
+        except (click.UsageError, click.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            raise_if_interrupted()
+            failed += 1
+            report.warn(f"left out {file}: {reason(error)}", asked.quiet)
+    if failed:
+        raise click.ClickException(f"{failed} of {len(places)} files could not be drawn")
+
+
+def render_file(file: Path, output: Path, asked: PictureOptions, shown: Described) -> None:
+    """Draw a file, write what is asked for, and say so."""
+    from rasterjit.io.images import OPAQUE_FORMATS
+
+    view, look, effects, moment = shown
+    size, background = size_behind(asked.background, asked.size), asked.background
+    if output.suffix.lower() in OPAQUE_FORMATS and not is_opaque(background):
+        raise click.BadOptionUsage(
+            "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
+        )
+    if asked.mask_file is None:
+        refuse_idle(["mask_of"], "it is for --mask")
+    besides = {"--depth": (asked.depth_file, "depth"), "--mask": (asked.mask_file, asked.mask_of)}
+    wanted, places = plan_files(output, asked.outputs, besides)
+    refuse_idle_scale(places)
+    if "picture" not in places.values():
+        refuse_idle(["colorbar"], f"{output} is no picture of the colour")
+    title = look.scalars if asked.colorbar else None
+    refuse_without_color(wanted)
+    from rasterjit.cli.warmup import first_tasks
+    from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
+    from rasterjit.runtime.background_compile import beside
+
+    quiet, start = asked.quiet, time.perf_counter()
+    options: dict[str, Any] = {
+        "outputs": wanted, "background": background, "cull": asked.cull, "lens": asked.lens,
+    }  # fmt: skip
+    effects.quality()
+    with (
+        report.status(f"Rendering {file.name}", quiet) as line,
+        report.progress_notice(quiet, line),
+        beside(first_tasks, asked.threads, at_once=True),
+        warnings.catch_warnings(),
+    ):
+        # Said below, as lines.
+        warnings.simplefilter("ignore", ViewWarning)
+        scene = moment.apply(load_scene(file, look, effects, quiet), file)
+        camera = view.camera(scene, size)
+        loaded = time.perf_counter()
+        style = in_style(scene, camera, look, effects)
+        exposure = report.told_exposure(scene, style)
+        frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
+        rendered = time.perf_counter()
+        chosen = write_files(frame, places, asked.scale, title)
+    saved = time.perf_counter()
+    for notice in warnings_of_frame(frame).values():
+        report.warn(notice, quiet)
+    if quiet:
+        return
+    if exposure:
+        report.say(exposure)
+    if asked.stats:
+        seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
+        report.print_stats(frame, seconds, saved - start)
+    if asked.diagnose:
+        report.print_diagnostics(frame.diagnostics)
+    for number, place in enumerate(places):
+        told = report.told_frame(frame, saved - start) if number == 0 else ""
+        told += told_codes(place, places[place], chosen.get(place))
+        report.say(f"wrote {place}{told}")

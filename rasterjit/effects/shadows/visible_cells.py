@@ -1,0 +1,250 @@
+"""
+Bound all visible surfaces by cells of space, to which shadow maps are fitted.
+
+Cells come from the depth buffer; where more is visible, behind glass and between pixel centres,
+from the boxes of objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.shadows import receivers
+from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.pixel_projection import clip_from_relative, screen_from_relative
+from rasterjit.survey.object_transforms import CORNERS
+
+Float64 = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+
+class SeenDepth(NamedTuple):
+    """What the depth of a picture tells of where its faces are, a value for each of R x C cells."""
+
+    size: tuple[int, int]
+    """Width and height of the picture, pixels."""
+    lowest: NDArray[np.float32]
+    """(R, C), stored depth of the farthest face; inf for none."""
+    highest: NDArray[np.float32]
+    """(R, C), of the nearest face; -inf for none."""
+    farthest: NDArray[np.float32] | None = None
+    """(R, C), the same as ``lowest``, but -inf where any pixel is empty; ``None``: nobody asks."""
+    is_shown: NDArray[np.bool_] | None = None
+    """(F+1,), whether a pixel shows a face; the last is for empty pixels. ``None``: nobody asks."""
+
+
+def see_depth(
+    coverage: visibility_pass.Coverage, workers: Workers, faces: int | None = None
+) -> SeenDepth:
+    """
+    Return what the depth of a picture tells.
+
+    ``faces`` is their number in the scene, where objects that no pixel shows are looked for.
+    """
+    depth = coverage.reversed_depth
+    height, width = depth.shape
+    lowest, highest = find_depth_ranges(depth, workers)
+    if faces is None:
+        return SeenDepth((width, height), lowest, highest)
+    is_shown = np.zeros(faces + 1, bool)
+    # What is -1 marks the place behind the last face.
+    is_shown[coverage.face_id] = True
+    side = receivers.CELL
+    rows, columns = np.arange(0, height, side), np.arange(0, width, side)
+    farthest = np.minimum.reduceat(np.minimum.reduceat(depth, rows, axis=0), columns, axis=1)
+    return SeenDepth((width, height), lowest, highest, farthest, is_shown)
+
+
+def join_depths(
+    size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], SeenDepth]]
+) -> SeenDepth:
+    """
+    Return what the depth of a picture tells from that of its parts.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height of the whole, pixels.
+    parts : sequence of ((int, int), SeenDepth)
+        Column and row of the first pixel of each, multiples of ``receivers.CELL``, and what
+        it tells. Together they are the whole.
+    """
+    side = receivers.CELL
+    shape = -(-size[1] // side), -(-size[0] // side)
+    first = parts[0][1]
+    joined = {
+        name: np.empty(shape, np.float32)
+        for name in ("lowest", "highest", "farthest")
+        if getattr(first, name) is not None
+    }
+    for (left, top), part in parts:
+        column, row = left // side, top // side
+        for name, values in joined.items():
+            own = getattr(part, name)
+            values[row : row + own.shape[0], column : column + own.shape[1]] = own
+    is_shown = first.is_shown
+    if is_shown is not None:
+        is_shown = np.logical_or.reduce([part.is_shown for _, part in parts])
+    return SeenDepth(size, **joined, is_shown=is_shown)
+
+
+def seen_cells(camera: Camera, seen: SeenDepth) -> Float64:
+    """
+    Return the corners, (N, 8, 3), of cells that hold all that is seen.
+
+    In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
+    """
+    (width, height), lowest, highest = seen[:3]
+    screen = screen_from_relative(camera, (width, height))
+    rows, columns = np.nonzero(lowest <= highest)
+    try:
+        relative_from_screen = transforms.inverse(screen)
+    except ValueError:
+        # A camera that flattens space: no point follows from its picture.
+        return np.empty((0, 8, 3))
+    side = receivers.CELL
+    right, down, is_near = CORNERS.T
+    corners = np.empty((len(rows), 8, 3))
+    x = np.minimum((columns[:, np.newaxis] + right) * side, width)
+    y = np.minimum((rows[:, np.newaxis] + down) * side, height)
+    corners[:, :, 0] = 2.0 * x / width - 1.0
+    corners[:, :, 1] = 1.0 - 2.0 * y / height
+    depths = (depth[rows, columns][:, np.newaxis] for depth in (highest, lowest))
+    corners[:, :, 2] = np.where(is_near, *depths)
+    points = _projected(relative_from_screen, corners)
+    return points[np.isfinite(points).all(axis=(1, 2))]
+
+
+def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64:
+    """
+    Return the corners, (B, 8, 3), of cells that hold what may be seen of boxes (B, 8, 3).
+
+    In world axes, relative to the eye. Around a box is a part of the view, between its nearest and
+    its farthest corner. The cell is what that and the box have in common along the world's axes, or
+    the box itself if that is not larger.
+    """
+    if not len(boxes):
+        return boxes
+    screen = screen_from_relative(camera, size)
+    try:
+        relative_from_screen = transforms.inverse(screen)
+        nearest = _nearest_depth(camera, size, screen)
+    except ValueError:
+        return boxes
+    if not np.isfinite(nearest):
+        return boxes
+    points, ahead = _projected(screen, boxes), _times(screen[3:], boxes)[..., 0] > 0.0
+    depth, is_ahead = points[..., 2], ahead.all(axis=1)[:, np.newaxis, np.newaxis]
+    # What reaches behind the eye may be anywhere on the screen.
+    low = np.where(is_ahead, np.maximum(points.min(axis=1, keepdims=True), -1.0), -1.0)
+    high = np.where(is_ahead, np.minimum(points.max(axis=1, keepdims=True), 1.0), 1.0)
+    low[:, 0, 2] = depth.min(axis=1, where=ahead, initial=nearest)
+    high[:, 0, 2] = np.where(is_ahead[:, 0, 0], np.minimum(depth.max(axis=1), nearest), nearest)
+    parts = _projected(relative_from_screen, np.where(CORNERS, high, low))
+    low = np.maximum(parts.min(axis=1), boxes.min(axis=1))[:, np.newaxis]
+    high = np.minimum(parts.max(axis=1), boxes.max(axis=1))[:, np.newaxis]
+    cells = np.where(CORNERS, np.maximum(low, high), low)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
+
+
+def missed_objects(
+    camera: Camera, boxes: Float64, face_starts: NDArray[np.int64], seen: SeenDepth
+) -> NDArray[np.bool_]:
+    """
+    Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
+
+    An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
+    the eye, and the first face of each object.
+    """
+    (width, height), farthest = seen.size, seen.farthest
+    counts = np.concatenate(([0], np.cumsum(seen.is_shown[:-1])))
+    is_missed = counts[face_starts[1:]] == counts[face_starts[:-1]]
+    screen, some = screen_from_relative(camera, (width, height)), np.flatnonzero(is_missed)
+    points = _projected(screen, boxes[some])
+    is_ahead = (_times(screen[3:], boxes[some])[..., 0] > 0.0).all(axis=1)
+    side, (rows, columns) = receivers.CELL, farthest.shape
+    with np.errstate(invalid="ignore"):
+        x = (points[..., 0] + 1.0) * (width / 2.0)
+        y = (1.0 - points[..., 1]) * (height / 2.0)
+        # With a pixel around: what is seen between centres may be hidden at each of them.
+        ends = [
+            np.clip(np.nan_to_num((place + by) // side), 0, count - 1).astype(np.int64)
+            for place, by, count in (
+                (y.min(axis=1), -1.0, rows), (y.max(axis=1), 1.0, rows),
+                (x.min(axis=1), -1.0, columns), (x.max(axis=1), 1.0, columns),
+            )
+        ]  # fmt: skip
+        # Around the eye lies what is large: what of it no centre shows is not worth its size.
+        is_hidden = ~is_ahead | (points[..., 2].max(axis=1) < _least_within(farthest, *ends))
+    is_missed[some[is_hidden]] = False
+    return is_missed
+
+
+def _least_within(
+    values: NDArray[np.float32], top: Counts, bottom: Counts, left: Counts, right: Counts
+) -> NDArray[np.float32]:
+    """Return the least value, or less, of rectangles of an image, (B,), ends included."""
+    least = np.empty(len(top), np.float32)
+    span = np.maximum(bottom - top, right - left)
+    for level in range((int(span.max(initial=1)) - 1).bit_length() + 1):
+        # Of entries that stand for 2**level values each way, a rectangle has two by two at most.
+        at = np.flatnonzero((span <= 1 << level) & ((span > 1 << level >> 1) | (level == 0)))
+        ends = [[end[at] >> level for end in pair] for pair in ((top, bottom), (left, right))]
+        least[at] = np.minimum.reduce(
+            [values[row, column] for row in ends[0] for column in ends[1]]
+        )
+        rows, columns = np.arange(0, values.shape[0], 2), np.arange(0, values.shape[1], 2)
+        values = np.minimum.reduceat(np.minimum.reduceat(values, rows, axis=0), columns, axis=1)
+    return least
+
+
+def _extent(corners: Float64) -> Float64:
+    """Return the square of the diagonal of the box around eight corners, (B,)."""
+    x, y, z = (corners.max(axis=1) - corners.min(axis=1)).T
+    return (x * x + y * y) + z * z
+
+
+def _nearest_depth(camera: Camera, size: tuple[int, int], screen: Float64) -> float:
+    """Return the largest stored depth on the near plane of the view."""
+    relative_from_clip = transforms.inverse(clip_from_relative(camera, size))
+    corners = np.array([[x, y, -1.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
+    return float(_projected(screen, _projected(relative_from_clip, corners))[:, 2].max())
+
+
+def _times(rows: Float64, points: Float64) -> Float64:
+    """Return rows of a 4x4 matrix times the points (..., 3) and 1."""
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    return np.stack([m[0] * x + m[1] * y + m[2] * z + m[3] for m in rows], axis=-1)
+
+
+def _projected(matrix: Float64, points: Float64) -> Float64:
+    """Return points (..., 3) taken through a 4x4 matrix, divided by w."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        homogeneous = _times(matrix, points)
+        return homogeneous[..., :3] / homogeneous[..., 3:]
+
+
+def find_depth_ranges(
+    depth: NDArray[np.float32], workers: Workers
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
+    height, width = depth.shape
+    side = receivers.CELL
+    rows, columns = -(-height // side), -(-width // side)
+    lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
+    per_task = -(-rows_per_task(depth.shape, workers) // side)
+
+    def find_some(first: int) -> None:
+        cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
+        receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
+
+    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
+    return lowest, highest

@@ -1,0 +1,137 @@
+"""Contact sheets: pictures side by side, with a line of text under each."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.text_layout import write
+from rasterjit.outputs.frame import Frame, LayeredFrame
+from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
+from rasterjit.scene.validation import (
+    in_short,
+    index_below,
+    items,
+    words,
+)
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+FONT_SIZE, LINE = 13, 20
+"""Height of text, and of its line; pixels."""
+
+MAX = 1 << 16
+"""Pixels and columns are fewer."""
+
+LIGHT = 128
+"""Mean of a background's codes from which on text is black."""
+
+
+def grid(
+    pictures: Iterable[Any],
+    columns: int | None = None,
+    *,
+    labels: Sequence[str] | None = None,
+    gap: int = 8,
+    background: ColorLike = "white",
+    font: str | os.PathLike[str] | None = None,
+) -> Image.Image:
+    """
+    Lay pictures out in rows, as a contact sheet.
+
+    Parameters
+    ----------
+    pictures : iterable of Frame, (H, W, 4), (H, W, 3) or (H, W) uint8, or Image
+        Frames, arrays of sRGB codes with or without alpha or of grey levels, pictures of Pillow.
+        Each keeps its size and stands in the middle of a cell; cells are as large as the largest.
+    columns : int, optional
+        Pictures in a row. Default: as many as make the sheet nearly square.
+    labels : sequence of str, optional
+        A line of text under each picture; too long ones are cut off.
+    gap : int
+        Pixels between cells and around them.
+    background : color
+        Of the sheet; also what transparent pixels show.
+    font : str or path, optional
+        Of the labels, as `Label` takes it.
+
+    Returns
+    -------
+    PIL.Image.Image
+        RGB. A notebook shows it; ``.save("sheet.png")`` writes it, ``.show()`` opens it.
+
+    Raises
+    ------
+    ValueError
+        If there is no picture, one is something else, or there are not as many labels.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.load("models/teapot.obj")
+    >>> views = [rj.render(scene, rj.fit_camera(scene, rj.orbit_direction(a, 20)), size=(160, 120))
+    ...          for a in range(0, 360, 60)]
+    >>> rj.grid(views, columns=3, labels=[f"{a}°" for a in range(0, 360, 60)]).save("around.png")
+    """
+    from PIL import Image
+
+    if isinstance(pictures, (Frame, Image.Image)):
+        raise ValueError(f"pictures must be a sequence of pictures, got one, {in_short(pictures)}")
+    images = [_image(picture, number) for number, picture in enumerate(items("pictures", pictures))]
+    if not images:
+        raise ValueError("pictures must hold at least one, got none")
+    if labels is not None:
+        labels = words("labels", labels)
+        if len(labels) != len(images):
+            raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
+    gap = index_below("gap", gap, MAX)
+    width, height = (max(image.size[axis] for image in images) for axis in (0, 1))
+    text = LINE if labels is not None else 0
+    if columns is None:
+        columns = math.ceil(math.sqrt(len(images) * (height + text) / width))
+        columns = min(max(columns, 1), len(images))
+    if index_below("columns", columns, MAX) == 0:
+        raise ValueError("columns must be at least 1, got 0")
+    rows = math.ceil(len(images) / columns)
+    paper = tuple(int(code) for code in opaque_codes(linear_color("background", background))[:3])
+    sheet = Image.new(
+        "RGB",
+        (columns * (width + gap) + gap, rows * (height + text + gap) + gap),
+        paper,
+    )
+    ink = (0, 0, 0) if sum(paper) / 3 >= LIGHT else (255, 255, 255)
+    for number, image in enumerate(images):
+        row, column = divmod(number, columns)
+        left, top = gap + column * (width + gap), gap + row * (height + text + gap)
+        place = left + (width - image.width) // 2, top + (height - image.height) // 2
+        sheet.paste(image, place, image)
+        if labels is not None:
+            strip = np.full((LINE, width, 3), paper, np.uint8)
+            middle = width / 2, LINE / 2
+            write(strip, labels[number], middle, FONT_SIZE, ink, anchor=(0.5, 0.5), font=font)
+            sheet.paste(Image.fromarray(strip), (left, top + height))
+    return sheet
+
+
+def _image(picture: Any, number: int) -> Image.Image:
+    """Return a picture with alpha."""
+    from PIL import Image
+
+    if isinstance(picture, Image.Image):
+        return picture.convert("RGBA")
+    if isinstance(picture, Frame) and not isinstance(picture, LayeredFrame):
+        picture = picture.color
+    codes: NDArray[np.uint8] | Any = picture
+    is_codes = isinstance(codes, np.ndarray) and codes.dtype == np.uint8 and codes.size > 0
+    if not is_codes or not (codes.ndim == 2 or (codes.ndim == 3 and codes.shape[2] in (3, 4))):
+        raise ValueError(
+            f"pictures[{number}] must be a frame, a picture of Pillow, or uint8 codes (H, W), "
+            f"(H, W, 3) or (H, W, 4), got {in_short(picture)}"
+        )
+    return Image.fromarray(np.ascontiguousarray(codes)).convert("RGBA")

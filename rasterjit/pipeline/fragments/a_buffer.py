@@ -1,0 +1,399 @@
+"""
+Build the sorted layers of transparent fragments (an A-buffer [1]_) in front of the opaque surface.
+
+Triangles are rasterized as by ``visibility``, with the same coverage and bits of depth, so that
+transparent and opaque surfaces tie as opaque ones do: the lower face is nearer. Each transparent
+triangle is rasterized into a scratch tile; its rows are then inserted into the layers: the first
+holds the nearest surface of every sample, the next the second nearest, and so on. A row of samples
+is compared with a layer at once, and farther fragments go on to the next layer: an insertion sort
+without branches, per sample, so intersecting triangles are right.
+
+A tile gets a layer once a sample needs it. Fragments beyond the last available layer are counted
+and dropped; the caller sees the count and tries again with more.
+
+`drop_holes` removes fragments that fail the alpha test.
+
+References
+----------
+.. [1] L. Carpenter, "The A-buffer, an Antialiased Hidden Surface Method", SIGGRAPH 1984.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE
+from rasterjit.pipeline.geometry.triangle_batches import (
+    BATCH,
+    BOTTOM,
+    FACE,
+    LEFT,
+    RIGHT,
+    SMALL_PIXELS,
+    TOP,
+)
+from rasterjit.pipeline.records import AlphaTests, Faces, Viewport
+from rasterjit.pipeline.visibility import alpha_test, tile_rasterizer
+from rasterjit.pipeline.visibility.alpha_test import AlphaTest, Holes, Question
+from rasterjit.pipeline.visibility.point_rasterizer import put
+from rasterjit.pipeline.visibility.tile_rasterizer import Drawing, TileDrawer
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state_block import int32, int64, stored, uint8
+
+
+@kernel
+def split_lists(
+    starts: int64[::1], binned: int32[::1], faces: Faces, face_starts: int64[::1],
+    is_blended: uint8[::1], parted: int32[::1], middles: int64[::1],
+):  # fmt: skip
+    """
+    Partition each tile's list: opaque triangles first, then transparent ones.
+
+    Parameters
+    ----------
+    starts : (tiles + 1,) int64
+    binned : (M,) int32
+        As ``visibility_pass.TileLists`` has them.
+    faces : Faces
+    face_starts : (O+1,) int64
+    is_blended : (O,) uint8
+        1 for each object that is transparent.
+    parted : (M,) int32
+        Written: the lists, each in the old order within its two parts.
+    middles : (tiles,) int64
+        Written: where the transparent triangles of each tile begin.
+    """
+    face_count = np.int64(faces.faces.shape[0])
+    for tile in range(middles.shape[0]):
+        place, middle = starts[tile], starts[tile]
+        for wanted in range(2):
+            owner = np.int64(0)
+            for n in range(starts[tile], starts[tile + 1]):
+                triangle = np.int64(binned[n])
+                face = triangle
+                if triangle >= face_count:
+                    face = np.int64(faces.piece_faces[triangle - face_count])
+                while face >= face_starts[owner + 1]:
+                    owner += 1
+                if np.int64(is_blended[owner]) == wanted:
+                    parted[place] = binned[n]
+                    place += 1
+            if wanted == 0:
+                middle = place
+        middles[tile] = middle
+
+
+@disjoint_helper
+def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
+    """
+    Move a triangle's row out of the scratch tile, where nothing opaque hides it; clear the row.
+
+    Returns whether any sample is left; counts the samples.
+    """
+    found = np.int32(0)
+    for i in range(drawn.shape[0]):
+        depth = drawn[i]
+        is_seen = (depth > hiding_depth[i]) | ((depth == hiding_depth[i]) & (face < hiding_face[i]))
+        drawn[i] = empty
+        depths[i] = depth if is_seen else empty
+        faces[i] = face
+        counts[i] += np.int32(is_seen)
+        found |= np.int32(is_seen)
+    return found
+
+
+@helper
+def clear_beside(drawn, empty, row, first):
+    """Clear the columns beside a box, to which whole groups of columns were drawn."""
+    for k in range(SMALL_PIXELS):
+        drawn[row, np.uintp(first + k)] = empty
+
+
+@disjoint_helper
+def exchange_row(layer_depths, layer_faces, depths, empty, faces):
+    """Keep the nearer fragments in the layer, and carry the others on; return if any is left."""
+    found = np.int32(0)
+    for i in range(depths.shape[0]):
+        here, there = layer_depths[i], depths[i]
+        face_here, face_there = layer_faces[i], faces[i]
+        # Empty samples are deepest and are never exchanged: in a layer their face is -1.
+        is_nearer = (there > here) | ((there == here) & (face_there < face_here))
+        layer_depths[i] = there if is_nearer else here
+        layer_faces[i] = face_there if is_nearer else face_here
+        left = here if is_nearer else there
+        depths[i] = left
+        faces[i] = face_here if is_nearer else face_there
+        found |= np.int32(left > empty)
+    return found
+
+
+@helper
+def clear_layer(layers, empty, sample, level, left, right):
+    """Empty some columns of a layer."""
+    depths, faces = layers
+    for row in range(depths.shape[2]):
+        # Slice rows from the whole array: from a view, Numba forgets that they are contiguous.
+        depth_row = depths[sample, level, row, left:right]
+        face_row = faces[sample, level, row, left:right]
+        for i in range(depth_row.shape[0]):
+            depth_row[i] = empty
+        for i in range(face_row.shape[0]):
+            face_row[i] = tile_rasterizer.NOTHING
+
+
+@helper
+def insert_triangle(
+    n, whole, window, drawn, empty, hiding, counts, layers, sample, used, carried
+):  # fmt: skip
+    """Insert the fragments of one triangle into a tile's layers; return how many are in use."""
+    # A wide triangle's box begins where its block of columns does, which may be left of the tile.
+    left = max(np.int64(whole[LEFT, n]) - window[0], np.int64(0))
+    right = np.int64(whole[RIGHT, n]) - window[0]
+    top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
+    face, count = np.int32(whole[FACE, n]), right + 1 - left
+    layer_depths, layer_faces = layers
+    if count <= 0:
+        return used
+    depths, faces = carried[0][:count], carried[1][:count]
+    first, end = window[0] + left, window[0] + right + 1
+    for row in range(top, bottom + 1):
+        found = take_row(
+            drawn[row, left : right + 1], empty, face, hiding[0][row, left : right + 1],
+            hiding[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
+        )  # fmt: skip
+        clear_beside(drawn, empty, row, right + 1)
+        level = np.int64(0)
+        while found != 0 and level < layer_depths.shape[1]:
+            if level == used:
+                clear_layer(layers, empty, sample, level, window[0], window[2] + 1)
+                used += 1
+            found = exchange_row(
+                layer_depths[sample, level, row, first:end],
+                layer_faces[sample, level, row, first:end], depths, empty, faces,
+            )  # fmt: skip
+            level += 1
+    return used
+
+
+@helper
+def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
+    """
+    Insert transparent triangles ``first`` to ``end`` of the lists, of one tile, into the layers.
+
+    Returns how many layers are in use.
+    """
+    whole, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY][0], np.int64(0)
+    for begin in range(first, end, BATCH):
+        count = min(BATCH, end - begin)
+        tile_rasterizer.plan_listed(drawing, begin, count)
+        for n in range(np.uintp(count)):
+            tile_rasterizer.draw_some(drawing, spare.draw, n, n + np.uintp(1))
+            used = insert_triangle(
+                n, whole, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
+                used, (spare.carried_depths, spare.carried_faces),
+            )  # fmt: skip
+    return used
+
+
+@helper
+def deepest_of(counts, window, most):
+    """Return the larger of ``most`` and the largest count of a tile, with its pixel."""
+    for row in range(window[3] + 1 - window[1]):
+        for column in range(window[2] + 1 - window[0]):
+            if counts[row, column] > most[0]:
+                most = np.int64(counts[row, column]), window[0] + column, window[1] + row
+    return most
+
+
+@disjoint_helper
+def copy_row(source, target):
+    """Copy a row."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+class Alone(NamedTuple):
+    """Memory to rasterize a triangle into a scratch tile, and to insert it into layers."""
+
+    depths: stored[:, ::1]
+    """The scratch tile, cleared."""
+    numbers: int32[:, ::1]
+    counts: int32[:, ::1]
+    """(64, 64): the transparent surfaces of each sample."""
+    carried_depths: stored[::1]
+    """(64,): the row being carried through the layers."""
+    carried_faces: int32[::1]
+    draw: int64[::1]
+    """How to call ``tile_rasterizer.draw_planned`` for that tile."""
+
+
+def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
+    """
+    Return a thread's state for building layers, given its `TileDrawer`.
+
+    Keep both results alive while they are in use: machine code holds addresses of their memory.
+    """
+    depth_type = drawer.scratch[0].dtype
+    tile = (
+        np.full(tile_rasterizer.SCRATCH_SHAPE, tile_rasterizer.empty_depth(depth_type)),
+        np.empty(tile_rasterizer.SCRATCH_SHAPE, np.int32),
+    )
+    asked, cell_depths = drawer.drawing.asked, drawer.drawing.cell_depths
+    bound = tile_rasterizer.drawn_into(tile, asked, cell_depths, drawer.scratch)
+    alone = Alone(
+        *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
+        np.empty(TILE_SIZE, np.int32), bound.words,
+    )  # fmt: skip
+    return drawer._replace(called=(*drawer.called, bound)), alone
+
+
+@helper
+def put_points(points, window, scratch):
+    """Depth-test discs and spheres into a tile."""
+    depth, face_id = points
+    left, top, right, bottom = window
+    if depth.shape[0] == 0:
+        return
+    for row in range(top, bottom + 1):
+        depths, faces = scratch[0][row - top], scratch[1][row - top]
+        for column in range(left, right + 1):
+            face = face_id[row, column]
+            if face >= 0:
+                put(np.uintp(column - left), depth[row, column], face, depths, faces)
+
+
+@helper
+def keep_first(depths, layers, levels, window, first_depth):
+    """Write the depth of the nearest surface of a tile, opaque or transparent, at one sample."""
+    left, top, right, bottom = window
+    for row in range(bottom + 1 - top):
+        copy_row(depths[row, : right + 1 - left], first_depth[row, left : right + 1])
+        if levels == 0 or layers[1].shape[1] == 0:
+            continue
+        for column in range(left, right + 1):
+            if layers[1][0, 0, row, column] >= 0:
+                first_depth[row, column] = layers[0][0, 0, row, column]
+
+
+@kernel
+def find_layers(
+    rows: (int64, int64), starts: int64[::1], middles: int64[::1],
+    points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
+    opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
+    layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
+    scratch: tile_rasterizer.SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
+):  # fmt: skip
+    """
+    Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
+
+    Parameters
+    ----------
+    rows : (int, int)
+        The first, and one past the last, of one row of tiles.
+    starts, middles : arrays
+        Of the lists of the tiles, as `split_lists` takes and writes them.
+    points : (depth (H, W), face_id (H, W) int32)
+        The opaque surfaces of the picture that are no triangles, of which one sample of a pixel is
+        known; (0, 0) without any.
+    viewport : Viewport
+    shifts : (N, 2) int32
+        Of each sample, what is added to the vertices: its way to the pixel's centre, in units of
+        the sub-pixel grid.
+    opaque : (N, R, W) int32
+        Written: the nearest opaque face at each sample, -1 where there is none.
+    first_depth : (R, W)
+        Written: the stored depth of the nearest surface at the first sample; (0, 0) if unwanted.
+    layers : (depths (N, K, R, W), faces (N, K, R, W) int32)
+        Written: the transparent surfaces in front of it, nearest first: stored depth, of the type
+        of the scratch memory's, and face number, of as many layers as the samples have; -1 where a
+        sample has fewer.
+    used : (N, tiles in a row) int64
+        Scratch memory.
+    deepest : (3,) int64
+        Written: the most transparent surfaces that a sample has, and its pixel's column and row. If
+        they are more than K, some are missing.
+    scratch, drawing, holes, spare
+        Those of this thread's `layer_drawer`.
+    """
+    columns = used.shape[1]
+    most = np.int64(0), np.int64(0), np.int64(0)
+    counts, empty = spare.counts, scratch[tile_rasterizer.EMPTY][0]
+    for sample in range(shifts.shape[0]):
+        shift = shifts[sample, 0], shifts[sample, 1]
+        for column in range(columns):
+            tile = (rows[0] >> TILE_BITS) * columns + column
+            left, _, right, _ = tile_rasterizer.tile_window(tile, columns, viewport)
+            window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
+            tile_rasterizer.clear_tile(scratch[0], scratch[1], empty)
+            tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, shift, empty)
+            start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
+            tile_rasterizer.draw_list(start, middle, scratch, drawing, holes)
+            put_points(points, window, scratch)
+            used[sample, column] = 0
+            if middle < stop:
+                for row in range(TILE_SIZE):
+                    for i in range(TILE_SIZE):
+                        counts[row, i] = 0
+                used[sample, column] = insert_listed(
+                    middle, stop, window, layers, sample, scratch, spare, drawing
+                )
+                most = deepest_of(counts, window, most)
+            for row in range(rows[1] - rows[0]):
+                copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
+            if sample == 0 and first_depth.shape[0] != 0:
+                keep_first(scratch[0], layers, used[sample, column], window, first_depth)
+    # Empty the layers that only other tiles use.
+    needed = min(most[0], np.int64(layers[1].shape[1]))
+    for sample in range(shifts.shape[0]):
+        for column in range(columns):
+            left, right = column << TILE_BITS, min((column + 1) << TILE_BITS, layers[1].shape[3])
+            for level in range(used[sample, column], needed):
+                clear_layer(layers, empty, sample, level, left, right)
+    deepest[0], deepest[1], deepest[2] = most
+
+
+@kernel
+def drop_holes(
+    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], question: Question,
+):  # fmt: skip
+    """
+    Remove from each pixel the layers that fail the alpha test, keeping their order.
+
+    Parameters
+    ----------
+    first_row : int
+        Of the frame: row 0 of the arrays.
+    faces : (K, R, W) int32
+        The faces of each pixel, nearest first; -1 behind the last. Changed.
+    kept : (K, R, W) int64
+        Written: which layer each of the layers that are left was; behind the last as it is.
+    question : Question
+        Of an ``alpha_test.AlphaTest``.
+    """
+    levels, rows, columns = faces.shape
+    for row in range(rows):
+        for column in range(columns):
+            count = np.int64(0)
+            for level in range(levels):
+                face = np.int64(faces[level, row, column])
+                kept[level, row, column] = level
+                if face < 0 or alpha_test.is_hole(face, column, first_row + row, question):
+                    continue
+                faces[count, row, column] = face
+                kept[count, row, column] = level
+                count += 1
+            for level in range(count, levels):
+                faces[level, row, column] = -1
+
+
+def without_holes(
+    first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], alpha_tests: AlphaTests
+) -> tuple[NDArray[np.int32], NDArray[Any]]:
+    """Return the layers of some rows, (K, R, W), without fragments that fail the alpha test."""
+    kept = np.empty(faces.shape, np.int64)
+    test = AlphaTest(alpha_tests)
+    drop_holes(first_row, faces, kept, test.question)
+    return faces, np.take_along_axis(depths, kept, axis=0)

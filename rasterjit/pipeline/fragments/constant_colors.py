@@ -1,0 +1,110 @@
+"""
+Average samples of objects with one constant colour each, as 8-bit codes, without shading.
+
+The bits are those of ``coverage_resolve``: means of at most 16 codes are exact in float32, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state_block import int32, int64, uint32
+
+COLUMNS = 16
+"""Pixels of a row tested together: mostly all their samples are equal."""
+
+
+@disjoint_helper
+def widen(least, most, faces):
+    """Extend a range of face numbers by some faces."""
+    for i in range(faces.shape[0]):
+        least = min(least, faces[i])
+        most = max(most, faces[i])
+    return least, most
+
+
+@disjoint_helper
+def fill_codes(color, code):
+    """Write a code to a part of a row."""
+    for i in range(color.shape[0]):
+        color[i] = code
+
+
+@helper
+def owner_of(face, face_starts):
+    """Return the object that a face belongs to."""
+    first, end = np.int64(0), np.int64(face_starts.shape[0] - 1)
+    while end - first > 1:
+        middle = (first + end) >> 1
+        if face >= face_starts[middle]:
+            first = middle
+        else:
+            end = middle
+    return first
+
+
+@helper
+def mean_code(opaque, row, column, codes, behind, face_starts, owner):
+    """Return the mean code of a pixel's samples, half up, and the last object in it."""
+    count = np.uint32(opaque.shape[0])
+    red = green = blue = count >> np.uint32(1)
+    code = behind
+    for sample in range(opaque.shape[0]):
+        face = np.int64(opaque[sample, row, column])
+        if face < 0:
+            code = behind
+        else:
+            if face < face_starts[owner] or face >= face_starts[owner + 1]:
+                owner = owner_of(face, face_starts)
+            code = codes[owner]
+        red += code & np.uint32(255)
+        green += (code >> np.uint32(8)) & np.uint32(255)
+        blue += (code >> np.uint32(16)) & np.uint32(255)
+    opacity = code & np.uint32(0xFF000000)
+    return (
+        red // count | (green // count) << np.uint32(8) | (blue // count) << np.uint32(16) | opacity
+    ), owner
+
+
+@kernel
+def mix_plain_codes(
+    opaque: int32[:, :, ::1], codes: uint32[::1], behind: int64, face_starts: int64[::1],
+    color: uint32[:, ::1],
+):  # fmt: skip
+    """
+    Write the mean code of each pixel of some rows.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+        The face at each sample, -1 where there is none.
+    codes : (O,) uint32
+        The colour of each object, RGBA bytes from the lowest up; alpha 255.
+    behind : int
+        The same where no face is.
+    face_starts : (O+1,) int64
+        Object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``.
+    color : (R, W) uint32
+        Written.
+    """
+    owner, nothing, width = np.int64(0), np.uint32(behind), color.shape[1]
+    for row in range(color.shape[0]):
+        for left in range(0, width, COLUMNS):
+            right = min(left + COLUMNS, width)
+            least = most = opaque[0, row, left]
+            for sample in range(opaque.shape[0]):
+                least, most = widen(least, most, opaque[sample, row, left:right])
+            if most < 0:
+                fill_codes(color[row, left:right], nothing)
+                continue
+            if least >= 0:
+                if least < face_starts[owner] or least >= face_starts[owner + 1]:
+                    owner = owner_of(np.int64(least), face_starts)
+                if most < face_starts[owner + 1]:
+                    fill_codes(color[row, left:right], codes[owner])
+                    continue
+            for column in range(left, right):
+                color[row, column], owner = mean_code(
+                    opaque, row, column, codes, nothing, face_starts, owner
+                )

@@ -1,0 +1,283 @@
+"""
+Composite or average colours as 8-bit sRGB codes, in integers.
+
+A colour is a packed pixel: red, green, blue and alpha from the lowest byte up, alpha straight.
+Codes are blended as if they were linear, and rounded half up after each blend. No-ops keep every
+bit: a colour with alpha 0, anything behind alpha 255, the mean of equal samples.
+
+References
+----------
+.. [1] T. Porter and T. Duff, "Compositing Digital Images", SIGGRAPH 1984: the over operator.
+.. [2] J. Blinn, "Three Wrongs Make a Right", IEEE CG&A 15(6), 1995: dividing by 255 exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.fragments.a_buffer import copy_row
+from rasterjit.pipeline.fragments.compositing import are_alike
+from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
+
+FULL = 255
+"""Largest code; alpha of opaque colours."""
+
+ALPHA = 24
+"""Bit shift of alpha in a pixel."""
+
+
+@helper
+def channel(color, k):
+    """Return a channel of a pixel, 0 for red to 3 for alpha."""
+    return np.int64(color >> np.uint32(8 * k)) & FULL
+
+
+@helper
+def packed(red, green, blue, alpha):
+    """Return four channels as a pixel."""
+    return np.uint32(red | green << 8 | blue << 16 | alpha << ALPHA)
+
+
+@helper
+def rounded(numerator, denominator):
+    """Return a quotient of whole numbers rounded half up."""
+    return (2 * numerator + denominator) // (2 * denominator)
+
+
+@helper
+def over(front, behind):
+    """Return a pixel with straight alpha over another one."""
+    alpha, under = channel(front, 3), channel(behind, 3)
+    if alpha == FULL or (under == 0 and alpha > 0):
+        return front
+    if alpha == 0:
+        return behind
+    own, through = FULL * alpha, (FULL - alpha) * under
+    total = own + through
+    return packed(
+        rounded(own * channel(front, 0) + through * channel(behind, 0), total),
+        rounded(own * channel(front, 1) + through * channel(behind, 1), total),
+        rounded(own * channel(front, 2) + through * channel(behind, 2), total),
+        rounded(total, FULL),
+    )
+
+
+@helper
+def mixed_channel(front, behind, shift, alpha):
+    """Return one channel of a pixel over an opaque one, shifted into place."""
+    own = np.uint32(np.uint32(front >> shift) & np.uint32(FULL))
+    other = np.uint32(np.uint32(behind >> shift) & np.uint32(FULL))
+    through = np.uint32(np.uint32(FULL) - alpha)
+    # x / 255 rounded half up is (x + 128) 257 / 65536, exactly, for the sums of two products.
+    total = np.uint32(np.uint32(own * alpha) + np.uint32(other * through))
+    total = np.uint32(total + np.uint32(128))
+    code = np.uint32(np.uint32(total + np.uint32(total >> np.uint32(8))) >> np.uint32(8))
+    return np.uint32(code << shift)
+
+
+@disjoint_helper
+def lay_over_opaque(front, behind):
+    """Composite a row of pixels over opaque ones, in place; branchless."""
+    for i in range(behind.shape[0]):
+        alpha = np.uint32(front[i] >> np.uint32(ALPHA))
+        behind[i] = (
+            mixed_channel(front[i], behind[i], np.uint32(0), alpha)
+            | mixed_channel(front[i], behind[i], np.uint32(8), alpha)
+            | mixed_channel(front[i], behind[i], np.uint32(16), alpha)
+            | np.uint32(0xFF000000)
+        )
+
+
+@helper
+def lay_over(front, behind):
+    """Composite a row of pixels over others, in place."""
+    for i in range(np.uintp(behind.shape[0])):
+        behind[i] = over(front[i], behind[i])
+
+
+@disjoint_helper
+def is_opaque(color):
+    """Return whether a row of pixels is opaque."""
+    found = np.uint32(0xFFFFFFFF)
+    for i in range(color.shape[0]):
+        found = np.uint32(found & color[i])
+    return np.uint32(found >> np.uint32(ALPHA)) == np.uint32(FULL)
+
+
+@kernel
+def hide_behind(stack: uint32[:, :, ::1], level: int64, behind: int32[:, :]):
+    """
+    Mark the pixels that are hidden by a layer or by those before it.
+
+    Parameters
+    ----------
+    stack : (K+1, R, W) uint32
+        Pixels of the layers, the nearest first. Where a layer before hides this one, this one
+        becomes opaque, so that it hides what is behind in its turn; nobody sees it.
+    level : int
+        Number of the layer.
+    behind : (R, W) int32
+        Faces of the next one; -1 is written where they are hidden.
+    """
+    before = max(level - 1, 0)
+    for row in range(behind.shape[0]):
+        for i in range(np.uintp(behind.shape[1])):
+            is_hidden = channel(stack[before, row, i], 3) == FULL
+            color = stack[before, row, i] if is_hidden else stack[level, row, i]
+            stack[level, row, i] = color
+            if channel(color, 3) == FULL:
+                behind[row, i] = NOTHING
+
+
+@kernel
+def lay_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
+    """
+    Composite layers back to front.
+
+    Parameters
+    ----------
+    stack : (K+1, R, W) uint32
+        Pixels of the layers, the nearest first; 0 where there is none. The last is what lies behind
+        all of them.
+    color : (R, W) uint32
+        Written.
+    """
+    last = stack.shape[0] - 1
+    for row in range(color.shape[0]):
+        copy_row(stack[last, row], color[row])
+        if is_opaque(color[row]):
+            for level in range(last - 1, -1, -1):
+                lay_over_opaque(stack[level, row], color[row])
+        else:
+            for level in range(last - 1, -1, -1):
+                lay_over(stack[level, row], color[row])
+
+
+@helper
+def sample_code(sample, opaque, transparent, colors, behind, row, i):
+    """Return the colour of a sample, as a pixel."""
+    layer = opaque[sample, row, i]
+    color = colors[layer, row, i] if layer >= 0 else behind[row, i]
+    for level in range(transparent.shape[1] - 1, -1, -1):
+        layer = transparent[sample, level, row, i]
+        if layer >= 0:
+            color = over(colors[layer, row, i], color)
+    return color
+
+
+@kernel
+def mix_codes(
+    opaque: int32[:, :, ::1],
+    transparent: int32[:, :, :, ::1],
+    colors: uint32[:, :, ::1],
+    behind: uint32[:, ::1],
+    color: uint32[:, ::1],
+):
+    """
+    Write the mean of the codes of each pixel's samples.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+    transparent : (N, K, R, W) int32
+        Numbers of faces, from ``compositing.list_faces``.
+    colors : (J, R, W) uint32
+        The pixels of these faces.
+    behind : (R, W) uint32
+        What is seen where no face is.
+    color : (R, W) uint32
+        Written.
+    """
+    samples = np.int64(opaque.shape[0])
+    for row in range(color.shape[0]):
+        for i in range(np.uintp(color.shape[1])):
+            shown = sample_code(0, opaque, transparent, colors, behind, row, i)
+            if not are_alike(opaque, transparent, row, i):
+                red, green, blue, total = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+                for sample in range(samples):
+                    shown = sample_code(sample, opaque, transparent, colors, behind, row, i)
+                    alpha = channel(shown, 3)
+                    red += alpha * channel(shown, 0)
+                    green += alpha * channel(shown, 1)
+                    blue += alpha * channel(shown, 2)
+                    total += alpha
+                some = max(total, np.int64(1))
+                shown = packed(
+                    rounded(red, some), rounded(green, some), rounded(blue, some),
+                    rounded(total, samples),
+                )  # fmt: skip
+            color[row, i] = shown
+
+
+@kernel
+def add_codes(color: uint32[:, :], sums: float64[:, :, ::1]):
+    """
+    Add rows of pixels to their sums.
+
+    Parameters
+    ----------
+    color : (R, W) uint32
+    sums : (R, W, 4) float64
+        Changed: the sums of codes times alpha, and of alpha; whole numbers below 2**53.
+    """
+    for row in range(color.shape[0]):
+        for i in range(np.uintp(color.shape[1])):
+            alpha = channel(color[row, i], 3)
+            for k in range(3):
+                sums[row, i, k] += np.float64(alpha * channel(color[row, i], k))
+            sums[row, i, 3] += np.float64(alpha)
+
+
+@kernel
+def write_mean_codes(
+    sums: float64[:, :, ::1], count: int64, behind: uint32[:, ::1], color: uint32[:, :]
+):
+    """
+    Write the mean of pictures, each code rounded half up.
+
+    Parameters
+    ----------
+    sums : (R, W, 4) float64
+        Of `add_codes`.
+    count : int
+        Number of pictures.
+    behind : (1, 1) uint32
+        Their background: its colour is kept where alpha is 0 in all of them.
+    color : (R, W) uint32
+        Written.
+    """
+    for row in range(color.shape[0]):
+        for i in range(np.uintp(color.shape[1])):
+            total = np.int64(sums[row, i, 3])
+            if total == 0:
+                color[row, i] = np.uint32(behind[0, 0] & np.uint32(0xFFFFFF))
+                continue
+            color[row, i] = packed(
+                rounded(np.int64(sums[row, i, 0]), total),
+                rounded(np.int64(sums[row, i, 1]), total),
+                rounded(np.int64(sums[row, i, 2]), total),
+                rounded(total, np.int64(count)),
+            )
+
+
+@kernel
+def decode_rows(color: uint32[:, :], light: float32[::1], linear: float32[:, :, ::1]):
+    """
+    Decode codes to linear light, by a table.
+
+    Parameters
+    ----------
+    color : (R, W) uint32
+    light : (256,) float32
+        Linear light of each code.
+    linear : (R, W, 4) float32
+        Written; alpha, which is linear, is divided by 255.
+    """
+    for row in range(color.shape[0]):
+        for i in range(np.uintp(color.shape[1])):
+            for k in range(3):
+                linear[row, i, k] = light[np.uintp(channel(color[row, i], k))]
+            alpha = np.float32(channel(color[row, i], 3))
+            linear[row, i, 3] = alpha / np.float32(FULL)

@@ -1,0 +1,205 @@
+"""
+Find the depth range of the visible parts of faces, to choose near and far planes.
+
+The part of a face inside the four sides of the frustum has its extreme depths at its vertices,
+where its edges cross sides, or where the frustum's own edges pierce it. Segments and points are
+faces with two and one distinct vertices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state_block import float64, int32, int64
+
+BLOCK = 256
+"""Faces in a box."""
+
+DEPTH = 4
+"""Row of depths; the rows before it are the sides of the frustum, in an order around it."""
+
+MIN, MAX, BEFORE, BEHIND = 0, 1, 2, 3
+"""Results: least and greatest visible depth; how many faces reach before the near plane, and beyond
+the far one."""
+
+SURE = 2.0**-30
+"""Relative error allowed for: far more than the rounding of float64."""
+
+
+@helper
+def along(rows, row, point):
+    """Return the product of a matrix row and a point."""
+    x, y, z = rows[row, 0] * point[0], rows[row, 1] * point[1], rows[row, 2] * point[2]
+    return x + y + z + rows[row, 3]
+
+
+@helper
+def is_seen(values, doubts, at):
+    """Tell whether the point of a face with the given weights is inside all frustum sides."""
+    for side in range(DEPTH):
+        value = at[0] * values[side, 0] + at[1] * values[side, 1] + at[2] * values[side, 2]
+        if not value >= -doubts[side]:
+            return False
+    return True
+
+
+@helper
+def reach(values, doubts, at, ends):
+    """Extend the depth range by the point of a face with three given weights, if it is visible."""
+    if is_seen(values, doubts, at):
+        depth = at[0] * values[DEPTH, 0] + at[1] * values[DEPTH, 1] + at[2] * values[DEPTH, 2]
+        ends[0] = min(ends[0], depth)
+        ends[1] = max(ends[1], depth)
+
+
+@helper
+def may_be_seen(values, doubts, corners):
+    """Tell whether a face is neither outside the frustum nor edge-on; write error bounds."""
+    all_terms = 0.0
+    for side in range(DEPTH):
+        a, b, c = values[side, 0], values[side, 1], values[side, 2]
+        if not (a >= 0.0 or b >= 0.0 or c >= 0.0):
+            return False
+        doubts[side] = SURE * (abs(a) + abs(b) + abs(c))
+        all_terms += doubts[side]
+    if corners < 3:
+        return all_terms < np.inf
+    volume, terms = 0.0, 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ahead = values[0, i] * (values[1, j] * values[2, k])
+        back = values[0, i] * (values[1, k] * values[2, j])
+        volume += ahead - back
+        terms += abs(ahead) + abs(back)
+    # NaN is not drawn.
+    return abs(volume) > SURE * terms
+
+
+@helper
+def may_skip(rows, vertices, vertex, near, far):
+    """Tell whether to skip a vertex: between the planes, behind the eye or beside the view."""
+    x, y, z = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
+    depth = rows[DEPTH, 0] * x + rows[DEPTH, 1] * y + rows[DEPTH, 2] * z + rows[DEPTH, 3]
+    # One branch, well predicted.
+    if not ((depth > 0.0) & ((depth < near) | (depth > far))):
+        return True
+    is_in = True
+    for side in range(DEPTH):
+        inside = rows[side, 0] * x + rows[side, 1] * y + rows[side, 2] * z + rows[side, 3]
+        is_in &= inside >= 0.0
+    return not is_in
+
+
+@helper
+def find_ends(values, doubts, at, ends):
+    """Write the range of visible depths of a face: inf and -inf if none is."""
+    ends[0], ends[1] = np.inf, -np.inf
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # Vertices.
+        at[i], at[j], at[k] = 1.0, 0.0, 0.0
+        reach(values, doubts, at, ends)
+        # Edges crossing sides of the frustum.
+        for side in range(DEPTH):
+            here, there = values[side, i], values[side, j]
+            if (here < 0.0) != (there < 0.0):
+                share = here / (here - there)
+                at[i], at[j] = 1.0 - share, share
+                reach(values, doubts, at, ends)
+    # Edges of the frustum piercing the face.
+    for one in range(DEPTH):
+        other = (one + 1) % DEPTH
+        total = 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            at[i] = values[one, j] * values[other, k] - values[one, k] * values[other, j]
+            total += at[i]
+        if total != 0.0:
+            for i in range(3):
+                at[i] /= total
+            if at[0] >= 0.0 and at[1] >= 0.0 and at[2] >= 0.0:
+                reach(values, doubts, at, ends)
+
+
+@kernel
+def box_faces(
+    vertices: float64[:, ::1], faces: int32[:, ::1], lows: float64[:, ::1], highs: float64[:, ::1]
+):  # fmt: skip
+    """
+    Compute bounding boxes, each of ``BLOCK`` consecutive faces.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64, model space
+    faces : (F, 3) int32
+    lows, highs : (3, B) float64
+        Writes their corners; what is not a number is left out, as no such face is drawn.
+    """
+    for block in range(lows.shape[1]):
+        for axis in range(3):
+            low, high = np.inf, -np.inf
+            for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+                for i in range(3):
+                    value = vertices[faces[face, i], axis]
+                    low = value if value < low else low
+                    high = value if value > high else high
+            lows[axis, block], highs[axis, block] = low, high
+
+
+@kernel
+def find_seen_depths(
+    vertices: float64[:, ::1], faces: int32[:, ::1], blocks: int64[::1], rows: float64[:, ::1],
+    planes: (float64, float64), corners: int64, found: float64[::1], scratch: float64[:, ::1],
+):  # fmt: skip
+    """
+    Find the visible depth range of the faces that reach before a near or beyond a far plane.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64, model space
+    faces : (F, 3) int32
+    blocks : (N,) int64
+        Which boxes of faces are looked at.
+    rows : (5, 4) float64
+        What x, y, z and 1 in model space are multiplied by to give how far inside of each side of
+        the view a point is, and its depth along the viewing axis.
+    planes : (float, float)
+        Depths of the near and the far plane.
+    corners : int
+        How many a face has: 3, of segments 2, of points 1. Then face ``n`` is vertex ``n``.
+    found : (4,) float64
+        Changed by these faces: see ``MIN`` and those after it.
+    scratch : (8, 4) float64
+        This call's own.
+    """
+    values, doubts, at, ends = scratch[:5], scratch[5], scratch[6], scratch[7]
+    near, far = planes
+    for n in range(blocks.shape[0]):
+        block = blocks[n]
+        for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+            if corners == 1 and may_skip(rows, vertices, np.uintp(face), near, far):
+                continue
+            a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
+            first, second, third = (
+                along(rows, DEPTH, a),
+                along(rows, DEPTH, b),
+                along(rows, DEPTH, c),
+            )
+            low, high = min(first, second, third), max(first, second, third)
+            if not high > 0.0 or not (low < near or high > far):
+                continue
+            for row in range(DEPTH + 1):
+                values[row, 0] = along(rows, row, a)
+                values[row, 1] = along(rows, row, b)
+                values[row, 2] = along(rows, row, c)
+            if not may_be_seen(values, doubts, corners):
+                continue
+            find_ends(values, doubts, at, ends)
+            least, most = ends[0], ends[1]
+            if most > 0.0:
+                least = max(least, 0.0)
+                found[MIN] = min(found[MIN], least)
+                found[MAX] = max(found[MAX], most)
+                found[BEFORE] += 1.0 if least < near else 0.0
+                found[BEHIND] += 1.0 if most > far else 0.0

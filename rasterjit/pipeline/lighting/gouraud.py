@@ -1,0 +1,113 @@
+"""
+Gouraud shading: gather vertices into blocks, light them like samples, and store the result.
+
+The lighting stages are those of pixels. A vertex is lit twice: front and back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline import records
+from rasterjit.pipeline.geometry.barycentric import place_vertex, smooth_normal
+from rasterjit.pipeline.geometry.setup import last_at_most
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.sample_block import (
+    COLUMN,
+    IS_LIT,
+    NEXT_COLUMN,
+    NEXT_ROW,
+    SAMPLES,
+    Block,
+)
+from rasterjit.runtime.jit import stage
+from rasterjit.runtime.state_block import float32, int64
+
+
+@stage
+def list_vertices(
+    block: Block, count, first: int64, stop: int64, vertex_starts: int64[::1],
+    placement: records.Placement, materials: float32[:, ::1], vertex_colors: float32[:, ::1],
+    normals: float32[:, ::1],
+):  # fmt: skip
+    """
+    Gather the next vertices of Gouraud-shaded objects into a block, as samples.
+
+    Parameters
+    ----------
+    block : Block
+        ``counts`` is 0 at first. Writes everything that light on a plain sample depends on, points
+        and normals of receivers of shadows included: a vertex lies in the plane of its normal.
+        COLUMN of ``whole`` is the vertex, element NEXT_ROW of ``counts`` the side: 0 is the front.
+    count : int
+        Not read.
+    first, stop : int
+        The first vertex, and one past the last.
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    placement : Placement
+    materials : (O, 7) float32
+    vertex_colors : (V, 4) float32, linear, or (0, 4)
+    normals : (V, 3) float32, model space
+
+    Returns
+    -------
+    int
+        How many samples there are; -1 behind the last one.
+    """
+    counts, samples, receivers, whole = block.counts, block.samples, block.receivers, block.whole
+    side, vertex, one = counts[NEXT_ROW], first + counts[NEXT_COLUMN], np.float32(1.0)
+    # The back, after the last vertex of the front.
+    if vertex >= stop:
+        side, vertex = side + 1, first
+    n = np.int64(0)
+    while n == 0 and side < 2:
+        # Run by run of vertices of one object.
+        owner = last_at_most(vertex_starts, vertex)
+        toward = 1.0 - 2.0 * side
+        while vertex < stop and n < SAMPLES:
+            while vertex >= vertex_starts[owner + 1]:
+                owner += 1
+            end = min(stop, vertex_starts[owner + 1])
+            if np.int64(materials[owner, records.MATERIAL_MODEL]) != records.GOURAUD:
+                vertex = end
+                continue
+            red, green, blue = materials[owner, 0], materials[owner, 1], materials[owner, 2]
+            specular = materials[owner, records.MATERIAL_SPECULAR]
+            shininess = materials[owner, records.MATERIAL_SHININESS]
+            for at in range(vertex, min(end, vertex + SAMPLES - n)):
+                v = np.uintp(at)
+                point = place_vertex(v, owner, placement)
+                normal = smooth_normal(
+                    (1.0, 0.0, 0.0), v, v, v, normals, placement.normal_matrices, owner
+                )
+                r, g, b = red, green, blue
+                if vertex_colors.shape[0] > 0:
+                    r, g = r * vertex_colors[v, 0], g * vertex_colors[v, 1]
+                    b = b * vertex_colors[v, 2]
+                samples[rows.RED, n], samples[rows.GREEN, n], samples[rows.BLUE, n] = r, g, b
+                for k in range(3):
+                    samples[rows.NORMAL_X + k, n] = np.float32(toward * normal[k])
+                    samples[rows.POINT_X + k, n] = np.float32(point[k])
+                    receivers[rows.POINT + k, n] = point[k]
+                    receivers[rows.NORMAL + k, n] = normal[k]
+                samples[rows.SPECULAR, n], samples[rows.SHININESS, n] = specular, shininess
+                samples[rows.LIT, n], samples[rows.OCCLUSION, n] = one, one
+                samples[rows.SHADOW, n] = one
+                whole[COLUMN, n] = np.int32(at)
+                n += 1
+                vertex = at + 1
+        if n == 0:
+            side, vertex = side + 1, first
+    counts[NEXT_ROW], counts[NEXT_COLUMN], counts[IS_LIT] = side, vertex - first, 1
+    return n if n > 0 else np.int64(-1)
+
+
+@stage
+def write_vertices(block: Block, count, lit_vertices: float32[:, :, ::1]):
+    """Write the lit colours to the vertices listed: (V, 2, 3), linear, front and back."""
+    samples, side = block.samples, np.uintp(block.counts[NEXT_ROW])
+    for n in range(np.uintp(count)):
+        vertex = np.uintp(block.whole[COLUMN, n])
+        for k in range(3):
+            lit_vertices[vertex, side, k] = samples[rows.OUT_RED + k, n]

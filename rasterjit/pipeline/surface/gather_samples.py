@@ -1,0 +1,194 @@
+"""Gather the covered samples of a band of rows into blocks: the first stage of shading."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import last_at_most
+from rasterjit.pipeline.surface import sample_block as entry
+from rasterjit.pipeline.surface.sample_block import Block
+from rasterjit.runtime.intrinsics import LANES, part, range_end
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state_block import float32, int32, int64, uint32
+
+LONG = 16
+"""
+Fewest columns of a span, a run of one face: face numbers in a 512-bit register.
+
+After shorter runs a span may begin at multiples of this only.
+"""
+
+
+@helper
+def whole_vectors(count):
+    """Return a count rounded up to whole vectors."""
+    return (np.int64(count) + (entry.VECTOR - 1)) & -entry.VECTOR
+
+
+@helper
+def run_end(faces, column):
+    """Return the first column that shows another face than this one."""
+    face = faces[np.uintp(column)]
+    return range_end(faces, column, face, np.int32(face + 1))
+
+
+@helper
+def mixed_end(faces, column, first, end):
+    """Return where a mixed segment of faces first..end - 1 ends, or where a span begins."""
+    stop = range_end(faces, column, np.int32(first), np.int32(end))
+    for start in range((column | (LONG - 1)) + 1, stop - LONG + 1, LONG):
+        # Mostly one comparison rules a span out.
+        is_same = faces[np.uintp(start)] == faces[np.uintp(start + LONG - 1)]
+        if is_same and run_end(faces, start) >= start + LONG:
+            return start
+    return stop
+
+
+@helper
+def list_patches(faces, n, r, whole):
+    """List the patches of some neighbours from sample ``n`` on; return the number of the next."""
+    before = np.int32(-1)
+    for i in range(np.uintp(faces.shape[0])):
+        # Branchless: the next sample overwrites one that starts no patch.
+        face = faces[i]
+        whole[entry.FIRST, r], whole[entry.FACE, r] = n + i, face
+        r += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
+        before = face
+    return r
+
+
+@disjoint_helper
+def number_pixels(columns, rows, column, row):
+    """Write the pixels of neighbouring samples, given the first."""
+    for n in range(columns.shape[0]):
+        columns[n], rows[n] = column + n, row
+
+
+@helper
+def gather_corners(patches, faces, whole):
+    """Gather the vertex numbers of each patch."""
+    for r in range(np.uintp(patches)):
+        face = np.uintp(whole[entry.FACE, r])
+        whole[entry.A, r], whole[entry.B, r], whole[entry.C, r] = (
+            faces[face, 0],
+            faces[face, 1],
+            faces[face, 2],
+        )
+
+
+@helper
+def paint_background(background, code, linear, color):
+    """Write the background to a part of a row."""
+    for i in range(color.shape[0]):
+        color[i] = code
+    for i in range(linear.shape[0]):
+        for k in range(4):
+            linear[i, k] = background[k]
+
+
+@stage
+def list_samples(
+    block: Block, count, face_id: int32[:, ::1], first_row: int64, height: int64,
+    faces: int32[:, ::1], face_starts: int64[::1], background: float32[::1], code: int64,
+    linear: float32[:, :, ::1], color: uint32[:, ::1],
+):  # fmt: skip
+    """
+    Gather the next samples of a band of rows, and write the background between them.
+
+    Parameters
+    ----------
+    block : Block
+        ``counts`` is 0 where a band begins, and behind its end. Writes everything about segments,
+        patches, intervals.
+    face_id : (R, W) int32
+        The visible faces of the band, -1 where nothing is; or several images of it, one below the
+        other.
+    first_row : int
+        Where the band lies in the frame.
+    height : int
+        Rows of the band.
+    faces : (F, 3) int32, vertex numbers
+    face_starts : (O+1,) int64
+        Object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``.
+    background : (4,) float32, linear
+    code : int
+        The same as it is shown: RGBA bytes from the lowest up.
+    linear : (R, W, 4) float32, or (R, 0, 4)
+    color : (R, W) uint32, or (R, 0)
+        May lie where the faces do: of these, none is looked at once something was written there.
+
+    Returns
+    -------
+    int
+        How many samples there are; -1 behind the last one.
+    """
+    counts, segments, intervals, whole = block.counts, block.segments, block.intervals, block.whole
+    row, at, owner = counts[entry.NEXT_ROW], counts[entry.NEXT_COLUMN], counts[entry.OWNER_AT_HAND]
+    lowest, end_face = face_starts[owner], face_starts[owner + 1]
+    rows, columns = face_id.shape
+    n, r, k, last = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
+    is_open, reached = False, np.int64(-1)
+    while row < rows and n < entry.SAMPLES:
+        numbers, frame_row = face_id[row], first_row + row % height
+        while at < columns and n < entry.SAMPLES:
+            face = np.int64(numbers[np.uintp(at)])
+            if face < 0:
+                end = run_end(numbers, at)
+                paint_background(
+                    background, np.uint32(code), linear[row, at:end], color[row, at:end]
+                )
+                at = end
+                continue
+            if not lowest <= face < end_face:
+                owner = last_at_most(face_starts, face)
+                lowest, end_face = face_starts[owner], face_starts[owner + 1]
+                is_open = False
+            # A block may be full before the row ends.
+            wanted = numbers[: min(columns, at + entry.SAMPLES - n)]
+            end = run_end(wanted, at)
+            if end >= at + LONG:
+                whole[entry.FIRST, r], whole[entry.FACE, r] = n, face
+                segments[k, entry.KIND], segments[k, entry.OWNER] = entry.SPAN, owner
+                segments[k, entry.START], segments[k, entry.FIRST_PATCH] = n, r
+                segments[k, entry.COLUMN_OF], segments[k, entry.ROW_OF] = at, frame_row
+                r += np.uintp(1)
+                k += 1
+                is_open = False
+            else:
+                end = mixed_end(wanted, at, lowest, end_face)
+                if not is_open:
+                    segments[k, entry.KIND], segments[k, entry.OWNER] = entry.MIXED, owner
+                    segments[k, entry.START], segments[k, entry.FIRST_PATCH] = n, r
+                    k += 1
+                    is_open = True
+                stop = n + whole_vectors(end - at)
+                number_pixels(
+                    part(whole, entry.COLUMN, n, stop), part(whole, entry.ROW, n, stop),
+                    np.int32(at), np.int32(frame_row),
+                )  # fmt: skip
+                r = list_patches(wanted[at:end], n, r, whole)
+            if reached != at:
+                last += 1
+                intervals[last, entry.INTERVAL_ROW], intervals[last, entry.INTERVAL_COLUMN] = (
+                    row,
+                    at,
+                )
+                intervals[last, entry.INTERVAL_START], intervals[last, entry.INTERVAL_FRAME_ROW] = (
+                    n,
+                    frame_row,
+                )
+            n += end - at
+            segments[k - 1, entry.STOP], segments[k - 1, entry.END_PATCH] = n, r
+            intervals[last, entry.INTERVAL_STOP] = n
+            at = reached = end
+        if at >= columns:
+            row, at, reached = row + 1, np.int64(0), np.int64(-1)
+    counts[entry.NEXT_ROW], counts[entry.NEXT_COLUMN], counts[entry.OWNER_AT_HAND] = row, at, owner
+    counts[entry.SEGMENTS], counts[entry.PATCHES], counts[entry.INTERVALS] = k, r, last + 1
+    if n == 0:
+        for number in range(entry.COUNTS):
+            counts[number] = 0
+        return np.int64(-1)
+    whole[entry.FIRST, r] = n
+    gather_corners(r, faces, whole)
+    return n

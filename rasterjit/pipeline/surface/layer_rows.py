@@ -1,0 +1,61 @@
+"""
+Fill and swap the rows of material layers: clearcoat, sheen, dielectric specular, transmission.
+
+A layer is lit by the same stages as the base material: its rows are swapped with those of the
+surface, the stages run, and the rows are swapped back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.pipeline.surface.sample_block import Block
+from rasterjit.runtime.jit import stage
+from rasterjit.runtime.state_block import float32, int64
+
+MIST_RED = rows.BEFORE_RED
+"""
+Rows, three: in-scattered light of the fog in front of a surface; reused after lighting.
+
+The background is seen through all of the fog, including that in front of the surface.
+"""
+
+
+@stage
+def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
+    """Write per-object factors, (O, N), to N rows of samples from ``first`` on."""
+    for k in range(block.counts[rows.SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[rows.OWNER])
+        for n in range(factors.shape[1]):
+            for i in range(segment[rows.START], segment[rows.STOP]):
+                block.samples[first + n, i] = factors[owner, n]
+
+
+@stage
+def copy_rows(block: Block, count, source: int64, target: int64, number: int64):
+    """Copy some rows of samples, from ``source`` on, to those from ``target`` on."""
+    for k in range(number):
+        for n in range(count):
+            block.samples[target + k, n] = block.samples[source + k, n]
+
+
+@stage
+def exchange_rows(block: Block, count, one: int64, other: int64, number: int64):
+    """Swap some rows of samples, from ``one`` on, with those from ``other`` on."""
+    for k in range(number):
+        for n in range(count):
+            kept = block.samples[one + k, n]
+            block.samples[one + k, n] = block.samples[other + k, n]
+            block.samples[other + k, n] = kept
+
+
+@stage
+def scale_rows_by_textures(block: Block, count, first: int64, channel: int64, number: int64):
+    """Multiply rows of samples by the textures' channels, from ``channel`` on."""
+    for k in range(number):
+        for n in range(count):
+            shown = block.colors[texture_lookup.SHOWN + channel + k, n]
+            block.samples[first + k, n] *= shown

@@ -1,0 +1,279 @@
+"""
+Compute positions and normals of samples on points: squares, discs and spheres.
+
+A sphere is intersected again with the pixel's ray, as in ``point_rasterizer``. Other points have
+the normals that they were given, flipped to the visible side; without any they face the viewer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import find_object, place_vertex
+from rasterjit.pipeline.records import Placement, Viewport
+from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface.sample_block import Block
+from rasterjit.pipeline.visibility import point_rasterizer
+from rasterjit.pipeline.visibility.point_rasterizer import PointRows, Sight
+from rasterjit.runtime.jit import helper, kernel, stage
+from rasterjit.runtime.state_block import float32, float64, int32, int64
+
+
+@helper
+def pixel_of(n, segment, whole):
+    """Return the column and the row of a sample."""
+    if segment[row.KIND] == row.SPAN:
+        return np.int64(segment[row.COLUMN_OF]) + (n - segment[row.START]), np.int64(
+            segment[row.ROW_OF]
+        )
+    return np.int64(whole[row.COLUMN, n]), np.int64(whole[row.ROW, n])
+
+
+@helper
+def way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
+    """Return a sphere's centre, relative to the eye, and the offset from it to a pixel's hit."""
+    centre = place_vertex(vertex, owner, placement)
+    radius = point_rasterizer.radius_of(points, owner, face - placement.face_starts[owner])
+    ndc = point_rasterizer.ndc_of(pixel[0], pixel[1], viewport)
+    offset, _ = point_rasterizer.meet_sphere(centre, radius, ndc, sight)
+    return centre, offset
+
+
+@helper
+def point_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
+    """Return the point of a sphere that a pixel hits, relative to the eye, and the normal there."""
+    c, way = way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport)
+    return (c[0] + way[0], c[1] + way[1], c[2] + way[2]), way
+
+
+@helper
+def toward_viewer(point, placement):
+    """Return the direction from a point to the viewer, any length."""
+    v = placement.toward_viewer
+    return v[0] - v[3] * point[0], v[1] - v[3] * point[1], v[2] - v[3] * point[2]
+
+
+@helper
+def turned_to(normal, way):
+    """Return a normal flipped to the side of a direction; the direction if there is no normal."""
+    side = normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2]
+    if normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0:
+        return way
+    if side < 0.0:
+        return -normal[0], -normal[1], -normal[2]
+    return normal
+
+
+@helper
+def unit(x, y, z):
+    """Return a vector of length one; scaled first, so that no square overflows or vanishes."""
+    largest = max(abs(x), max(abs(y), abs(z)))
+    shrink = 1.0 / largest if largest > 0.0 else 0.0
+    x, y, z = x * shrink, y * shrink, z * shrink
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = 1.0 / length if length > 0.0 else 0.0
+    return x * scale, y * scale, z * scale
+
+
+@helper
+def get_three(rows, first, n):
+    """Return three numbers of a sample."""
+    x, y, z = rows[first, n], rows[first + 1, n], rows[first + 2, n]
+    return np.float64(x), np.float64(y), np.float64(z)
+
+
+@helper
+def put_three(rows, first, n, values):
+    """Write three numbers of a sample."""
+    for k in range(3):
+        rows[first + k, n] = rows.dtype.type(values[k])
+
+
+@stage
+def find_point_shapes(
+    block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
+):
+    """Write points and normals of the samples of spheres, and normals of other points."""
+    samples, whole = block.samples, block.whole
+    for k in range(block.counts[row.SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.int64(segment[row.OWNER])
+        shape = points.shapes[owner, 0]
+        if shape == point_rasterizer.NOT_POINTS:
+            continue
+        for r in range(np.uintp(segment[row.FIRST_PATCH]), np.uintp(segment[row.END_PATCH])):
+            face, vertex = np.int64(whole[row.FACE, r]), np.uintp(whole[row.A, r])
+            for n in range(
+                np.uintp(whole[row.FIRST, r]), np.uintp(whole[row.FIRST, r + np.uintp(1)])
+            ):
+                point = get_three(samples, row.POINT_X, n)
+                normal = get_three(samples, row.NORMAL_X, n)
+                if shape == point_rasterizer.SPHERE:
+                    pixel = pixel_of(n, segment, whole)
+                    point, normal = point_on_sphere(
+                        face, vertex, owner, pixel, points, sight, placement, viewport
+                    )
+                    put_three(samples, row.POINT_X, n, point)
+                seen = turned_to(normal, toward_viewer(point, placement))
+                put_three(samples, row.NORMAL_X, n, unit(seen[0], seen[1], seen[2]))
+
+
+@stage
+def find_point_receivers(
+    block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
+):
+    """
+    Write shadow receivers on points: their normals, and positions of samples on spheres.
+
+    Right behind `receivers.find_receivers`.
+    """
+    samples, whole, r = block.samples, block.whole, block.receivers
+    if block.counts[row.IS_LIT] == 0:
+        return
+    for k in range(block.counts[row.SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.int64(segment[row.OWNER])
+        shape = points.shapes[owner, 0]
+        if shape == point_rasterizer.NOT_POINTS:
+            continue
+        for p in range(np.uintp(segment[row.FIRST_PATCH]), np.uintp(segment[row.END_PATCH])):
+            face, vertex = np.int64(whole[row.FACE, p]), np.uintp(whole[row.A, p])
+            for n in range(
+                np.uintp(whole[row.FIRST, p]), np.uintp(whole[row.FIRST, p + np.uintp(1)])
+            ):
+                normal = get_three(samples, row.NORMAL_X, n)
+                if shape == point_rasterizer.SPHERE:
+                    pixel = pixel_of(n, segment, whole)
+                    point, normal = point_on_sphere(
+                        face, vertex, owner, pixel, points, sight, placement, viewport
+                    )
+                    put_three(r, row.POINT, n, point)
+                put_three(r, row.NORMAL, n, normal)
+
+
+@kernel
+def fill_sphere_positions(
+    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    sight: Sight, viewport: Viewport, placement: Placement, matrices: float64[:, :, ::1],
+    from_world: float64[:, :, ::1], position: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the position of each sample of a sphere.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        First row, and one past the last.
+    faces : (F, 3) int32, vertex numbers
+    points, sight, viewport, placement : records
+    matrices : (O, 3, 4) float64
+        What takes centres, model space, to the space of the positions.
+    from_world : (O, 3, 3) float64
+        What takes ways in world axes there.
+    position : (H, W, 3) float32
+        Written where spheres are.
+    """
+    p, m, t = placement.positions, matrices, from_world
+    owner = np.int64(0)
+    for y in range(rows[0], rows[1]):
+        for x in range(face_id.shape[1]):
+            face = np.int64(face_id[y, x])
+            if face < 0:
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            if points.shapes[owner, 0] != point_rasterizer.SPHERE:
+                continue
+            v = np.uintp(faces[face, 0])
+            _, way = way_on_sphere(face, v, owner, (x, y), points, sight, placement, viewport)
+            for k in range(3):
+                centre = (
+                    m[owner, k, 0] * p[v, 0] + m[owner, k, 1] * p[v, 1] + m[owner, k, 2] * p[v, 2]
+                    + m[owner, k, 3]
+                )  # fmt: skip
+                position[y, x, k] = centre + (
+                    t[owner, k, 0] * way[0] + t[owner, k, 1] * way[1] + t[owner, k, 2] * way[2]
+                )
+
+
+@kernel
+def fill_point_depths(
+    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    sight: Sight, viewport: Viewport, placement: Placement,
+    depth_coefficients: (float64, float64, float64), depth: float32[:, ::1],
+):  # fmt: skip
+    """
+    Write the stored depth of each sample of a point.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    faces : (F, 3) int32, vertex numbers
+    points, sight, viewport, placement : records
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    depth : (H, W) float32
+        Written where points are.
+    """
+    owner = np.int64(0)
+    for y in range(rows[0], rows[1]):
+        for x in range(face_id.shape[1]):
+            face = np.int64(face_id[y, x])
+            if face < 0:
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            shape = points.shapes[owner, 0]
+            if shape == point_rasterizer.NOT_POINTS:
+                continue
+            v = np.uintp(faces[face, 0])
+            centre, way = place_vertex(v, owner, placement), (0.0, 0.0, 0.0)
+            if shape == point_rasterizer.SPHERE:
+                centre, way = way_on_sphere(
+                    face, v, owner, (x, y), points, sight, placement, viewport
+                )
+            depth[y, x] = point_rasterizer.depth_on_sphere(centre, way, sight, depth_coefficients)
+
+
+@kernel
+def fill_point_normals(
+    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    sight: Sight, viewport: Viewport, placement: Placement, normal: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the unit normal of each sample of a point: see `find_point_shapes`.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    faces : (F, 3) int32, vertex numbers
+    points, sight, viewport, placement : records
+    normal : (H, W, 3) float32, world axes
+        Changed where points are: read where they have normals, which are not zero.
+    """
+    owner = np.int64(0)
+    for y in range(rows[0], rows[1]):
+        for x in range(face_id.shape[1]):
+            face = np.int64(face_id[y, x])
+            if face < 0:
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            shape = points.shapes[owner, 0]
+            if shape == point_rasterizer.NOT_POINTS:
+                continue
+            v = np.uintp(faces[face, 0])
+            if shape == point_rasterizer.SPHERE:
+                point, own = point_on_sphere(
+                    face, v, owner, (x, y), points, sight, placement, viewport
+                )
+            else:
+                point = place_vertex(v, owner, placement)
+                own = (
+                    np.float64(normal[y, x, 0]), np.float64(normal[y, x, 1]),
+                    np.float64(normal[y, x, 2]),
+                )  # fmt: skip
+            seen = turned_to(own, toward_viewer(point, placement))
+            seen = unit(seen[0], seen[1], seen[2])
+            for k in range(3):
+                normal[y, x, k] = seen[k]

@@ -1,0 +1,136 @@
+"""
+Hashed alpha test for minified masks: preserve a mask's coverage where texels are below a pixel.
+
+There mip levels of a mask hold coverage (``mip_levels``), but a sample is opaque or discarded. With
+one cutoff, thin leaves would vanish and dense ones grow together [1]_. So the cutoff varies over
+the texture, uniformly distributed in 0..1: the expected coverage is the texels' own, with any
+filter [2]_.
+
+Cutoffs belong to cells of a lattice on the texture, two per texel of the finer level: stable for
+any division of the picture, and different for the samples of a pixel. They are stratified: of each
+2 x 2 texels each has a cutoff from another quarter of 0..1, in an order hashed from the block; so
+do blocks of blocks, and the four cells of a texel. That keeps coverage accurate over few pixels,
+with one or several samples in each [3]_.
+
+References
+----------
+.. [1] I. Castaño, "Computing Alpha Mipmaps", 2010.
+.. [2] C. Wyman and M. McGuire, "Hashed Alpha Testing", I3D 2017.
+.. [3] A. Ahmed and P. Wonka, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via
+   Hierarchical Ordering of Pixels", SIGGRAPH Asia 2020.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.texture_filters import FIRST_LEVEL, LEVEL_COUNT
+from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.jit import disjoint_helper, helper
+
+ALPHA = 3
+"""The channel of colours."""
+
+CELLS = 2.0
+"""Cells of the lattice along a texel of the finer mip level; `cutoff_of_cell` relies on it."""
+
+FARTHEST_CELL = float(1 << 30)
+"""Coordinates beyond this cell use cell 0."""
+
+BLOCKS = 3
+"""Levels of 2 x 2 blocks over which cutoffs are stratified: 64 strata."""
+
+LOW_BITS = 0x7FFFFFFF
+"""Mask for the low bits of a product, so that the next fits int64."""
+
+MIN_SHARE = np.float32(1.0 / 256.0)
+"""Coverage below this counts as 0, and within this of 1 as 1: rounding errors."""
+
+
+@helper
+def hashed(column, row, salt):
+    """Hash a block's column and row, each below 2**31, to 31 bits, int64."""
+    mixed = (column * 0x2545F491 + row * 0x1B873593 + salt * 0x3C6EF372) & LOW_BITS
+    mixed = ((mixed ^ (mixed >> 15)) * 0x2C1B3C6D) & LOW_BITS
+    mixed = ((mixed ^ (mixed >> 12)) * 0x297A2D39) & LOW_BITS
+    return mixed ^ (mixed >> 15)
+
+
+@helper
+def quarter_of(column, row):
+    """Return the index 0..3 of a cell in its 2 x 2 block; 0 and 1, 2 and 3 are diagonal."""
+    right, up = column & 1, row & 1
+    return ((right ^ up) << 1) | up
+
+
+@helper
+def cutoff_of_cell(column, row):
+    """Return the cutoff of a cell of the lattice, float32, between 0 and 1."""
+    strata, own = np.int64(0), quarter_of(column, row)
+    for n in range(1, BLOCKS + 1):
+        turned = hashed(column >> (n + 1), row >> (n + 1), np.int64(n)) >> 8
+        strata = (strata << 2) | (quarter_of(column >> n, row >> n) ^ own ^ (turned & 3))
+        own = np.int64(0)
+    rest = hashed(column, row, np.int64(0)) >> 15
+    exact = np.float32((strata << 16) | rest) * np.float32(2.0 ** -(2 * BLOCKS + 16))
+    return MIN_SHARE + (np.float32(1.0) - MIN_SHARE - MIN_SHARE) * exact
+
+
+@helper
+def cell_on_axis(u, size):
+    """Return the cell of the lattice that holds a coordinate, int64."""
+    cell = np.floor(CELLS * u * np.float64(size))
+    return np.int64(np.int32(cell if abs(cell) < FARTHEST_CELL else 0.0))
+
+
+@disjoint_helper
+def compare_with_share(alphas, u, v, widths, heights, levels, coarser, first, cutoff):
+    """
+    Replace a mask's filtered alphas by alphas above or below the cutoff, by the hashed test.
+
+    On level 0, where texels are as large as pixels, they stay, and the cutoff is the material's.
+    Towards level 1 cutoffs spread over 0..1.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
+    for n in range(alphas.shape[0]):
+        way = min(np.float32(levels[n] - first) + coarser[n], one)
+        # Squared, edges of large leaves stay smooth longest.
+        far = way * way
+        own = cutoff_of_cell(cell_on_axis(u[n], widths[n]), cell_on_axis(v[n], heights[n]))
+        alpha = alphas[n]
+        is_there = alpha >= cutoff + far * (own - cutoff)
+        shown = max(alpha, cutoff) if is_there else min(alpha, cutoff)
+        alphas[n] = shown + far * ((one if is_there else none) - shown)
+
+
+@helper
+def keep_share(count, cutoff, textures, owner, kind, places, lookup):
+    """
+    Apply `compare_with_share` to samples of one object, right after the texture lookup.
+
+    Parameters
+    ----------
+    count : int
+    cutoff : float32
+        Of the texture's alpha alone.
+    textures : Textures
+    owner, kind : int
+        Row of its table.
+    places, lookup : arrays
+        As `texture_lookup.show_textures` takes them.
+    """
+    numbers, shares, colors = lookup
+    row, size = textures.table[owner, kind], whole_vectors(count)
+    first = row[FIRST_LEVEL]
+    texture_lookup.take_levels(
+        size, 0, (first, first + row[LEVEL_COUNT] - 1), textures.levels, numbers
+    )
+    u, v = texture_lookup.places_seen(0, size, owner, kind, textures, places)
+    compare_with_share(
+        part(colors, SHOWN + ALPHA, 0, size), u, v, part(numbers, texture_lookup.WIDTH, 0, size),
+        part(numbers, texture_lookup.HEIGHT, 0, size), part(numbers, texture_lookup.LEVEL, 0, size),
+        part(shares, texture_lookup.COARSER, 0, size), np.int32(first), cutoff,
+    )  # fmt: skip

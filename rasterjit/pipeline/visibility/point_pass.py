@@ -1,0 +1,293 @@
+"""
+Run the rasterization of points: split them among threads, or expand squares to triangles.
+
+See ``point_rasterizer`` for which pixels they cover. With one sample a pixel, all points are drawn
+as such, after all triangles. For transparency or several samples, which draw triangles again,
+squares are two triangles each; discs and spheres have none, and are a picture that is depth-tested
+with the triangles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry.projection import scratch_memory
+from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
+from rasterjit.pipeline.records import AlphaTests, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility.point_rasterizer import (
+    DISC,
+    IN_PIXELS,
+    IN_UNITS,
+    MAX_SIZE,
+    NOT_POINTS,
+    SPHERE,
+    SQUARE,
+    UNSEEN,
+    PointRows,
+    Sight,
+    draw_points,
+    merge_pictures,
+)
+from rasterjit.pipeline.visibility.primitive_expansion import (
+    Expansion,
+    PointRule,
+    Primitive,
+    Primitives,
+    Projected,
+    lengths_across,
+)
+from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING, empty_depth
+from rasterjit.runtime.threads import Workers, rows_per_task
+
+MIN_POINTS = 1 << 16
+"""Fewest points per thread: each draws a picture of its own."""
+
+SHAPE_WEIGHT = 16
+"""Cost of a point of another shape, in points of one pixel."""
+
+MAX_MERGED = 1 << 29
+"""Most memory for the threads' pictures, bytes."""
+
+
+SHAPES = {"square": SQUARE, "disc": DISC, "sphere": SPHERE}
+
+
+class PointsSeen(NamedTuple):
+    """The points of a picture, for passes that need positions and normals on them."""
+
+    rows: PointRows
+    sight: Sight
+    viewport: Viewport
+    picture: tuple[NDArray[Any], NDArray[np.int32]] | None = None
+    """Depth and face number, (H, W), of points that are not triangles; ``None`` if no transparency
+    or multisampling needs them."""
+
+    @property
+    def read(self) -> tuple[PointRows, Sight, Viewport]:
+        """What stages and kernels read."""
+        return self.rows, self.sight, self.viewport
+
+    @property
+    def has_spheres(self) -> bool:
+        """Whether any of them are spheres."""
+        return bool((self.rows.shapes[:, 0] == SPHERE).any())
+
+
+class DrawnPoints(NamedTuple):
+    """All points of a picture, and their transforms."""
+
+    positions: NDArray[np.float64] | NDArray[np.float32]
+    """(V, 3), model space; projected in float64 for both types."""
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): to world axes with the origin at the eye."""
+    points: PointRows
+    sight: Sight
+    depth_coefficients: tuple[float, float, float]
+
+
+def sight_of(
+    clip_from_relative: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+) -> Sight:
+    """Return the camera's rays through a picture, or through a part of one."""
+    right, up, deeper, further = (row[:3] for row in clip_from_relative.tolist())
+    # Away from the eye w grows, or, where w is constant, the stored depth falls.
+    if any(further):
+        away = _turn(right, up, further)
+    else:
+        away = -_turn(right, up, deeper) * math.copysign(1.0, depth_coefficients[1])
+    width = viewport.left + viewport.width + viewport.right
+    height = viewport.top + viewport.height + viewport.bottom
+    across, down = lengths_across(clip_from_relative, (width, height))
+    return Sight(np.ascontiguousarray(clip_from_relative), away, across, down)
+
+
+def _turn(a: list[float], b: list[float], c: list[float]) -> float:
+    """Return the sign of the determinant of three rows."""
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.copysign(1.0, x * c[0] + y * c[1] + z * c[2])
+
+
+def draw_cloud(
+    cloud: DrawnPoints, viewport: Viewport, frame: tuple[NDArray[Any], NDArray[np.int32]],
+    workers: Workers,
+) -> NDArray[np.int64]:  # fmt: skip
+    """
+    Draw all points into a picture, with the same bits for any number of threads.
+
+    Parameters
+    ----------
+    cloud : DrawnPoints
+    viewport : Viewport
+    frame : (depth (H, W), face_id (H, W) int32)
+        Changed where points are nearer.
+    workers : Workers
+
+    Returns
+    -------
+    (4,) int64
+        What became of the points: see ``POINTS_OUTSIDE``.
+    """
+    points = cloud.points
+    starts = points.vertex_starts
+    owners = np.flatnonzero(points.shapes[:, 0] != NOT_POINTS)
+    first, end = int(starts[owners[0]]), int(starts[owners[-1] + 1])
+    is_square = points.shapes[owners, 0] == SQUARE
+    weights = np.where(is_square & (points.size_places[owners, 1] == 0), 1, SHAPE_WEIGHT)
+    load = int(np.add.reduce((starts[owners + 1] - starts[owners]) * weights))
+    size = frame[0].nbytes + frame[1].nbytes
+    least = max(MIN_POINTS, frame[1].size // 4)
+    chunks = max(min(workers.threads, load // least, MAX_MERGED // size + 1), 1)
+    edges = [first + (end - first) * n // chunks for n in range(chunks + 1)]
+    height, width = frame[1].shape
+    drawn = (
+        workers.memory.empty((chunks - 1, height, width), frame[0].dtype),
+        workers.memory.empty((chunks - 1, height, width), np.int32),
+    )
+    clear(drawn)
+    counts = np.zeros((chunks, 4), np.int64)
+    own = (
+        np.ascontiguousarray(cloud.positions, np.float64),
+        np.ascontiguousarray(cloud.relative_from_model), points, cloud.sight,
+        cloud.depth_coefficients, viewport,
+    )  # fmt: skip
+    workers.call(
+        draw_points,
+        [
+            (
+                (edges[n], edges[n + 1]), *own,
+                frame if n == 0 else (drawn[0][n - 1], drawn[1][n - 1]), counts[n],
+                scratch_memory(),
+            )
+            for n in range(chunks)
+        ],
+    )  # fmt: skip
+    if chunks > 1:
+        merge(drawn, frame, workers)
+    return np.add.reduce(counts, axis=0)
+
+
+def clear(frame: tuple[NDArray[Any], NDArray[np.int32]]) -> None:
+    """Clear a picture, or several."""
+    frame[0].fill(empty_depth(frame[0].dtype))
+    frame[1].fill(NOTHING)
+
+
+def merge(
+    drawn: tuple[NDArray[Any], NDArray[np.int32]],
+    frame: tuple[NDArray[Any], NDArray[np.int32]],
+    workers: Workers,
+) -> None:
+    """Merge pictures (N, H, W) into the frame, keeping the nearest of each pixel."""
+    height, per_task = len(frame[1]), rows_per_task(frame[1].shape, workers)
+    workers.call(
+        merge_pictures,
+        [((row, min(row + per_task, height)), drawn, frame) for row in range(0, height, per_task)],
+    )
+
+
+def is_painted(one: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
+    """
+    Tell whether an object consists of points that are drawn as points.
+
+    Squares become two triangles where lists of triangles are kept, to draw these again, and for
+    hit tests.
+    """
+    if not isinstance(one.rule, PointRule):
+        return False
+    is_tested = hit_tests is not None and hit_tests.cutoffs[one.number] > 0.0
+    return not ((keeps_lists or is_tested) and one.rule.shape == "square")
+
+
+def points_of(
+    primitives: Primitives,
+    face_starts: NDArray[np.int64],
+    vertex_starts: NDArray[np.int64],
+    clip_from_relative: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+) -> PointsSeen:
+    """Return the points among the objects of a picture, and the camera's rays."""
+    count = len(vertex_starts) - 1
+    shapes, places = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
+    scales, sizes, first = np.zeros(count), [], 0
+    for one in primitives.objects:
+        if not isinstance(one.rule, PointRule):
+            continue
+        shapes[one.number] = SHAPES[one.rule.shape], IN_UNITS if one.is_world else IN_PIXELS
+        places[one.number] = first, int(len(one.sizes) > 1)
+        is_scaled = one.is_world
+        scales[one.number] = primitives.scales[one.number] if is_scaled else primitives.pixels
+        sizes.append(one.sizes)
+        first += len(one.sizes)
+    joined = sizes[0] if len(sizes) == 1 else np.concatenate(sizes)
+    rows = PointRows(vertex_starts, face_starts, shapes, places, joined, scales)
+    sight = sight_of(clip_from_relative, depth_coefficients, viewport)
+    return PointsSeen(rows, sight, viewport)
+
+
+def only(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
+    """Return the points of some objects alone."""
+    shapes = np.zeros_like(rows.shapes)
+    for one in objects:
+        shapes[one.number] = rows.shapes[one.number]
+    return rows._replace(shapes=shapes)
+
+
+def sums_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the counts of points not drawn, by outcome, (5,), as `set_up_triangles` has them."""
+    outside, unsampled, invalid, _ = counts.tolist()
+    return np.array([outside, 0, 0, unsampled, invalid], np.int64)
+
+
+def expand_squares(
+    one: Primitive, primitives: Primitives, projected: Projected, workers: Workers
+) -> Expansion:
+    """
+    Count the pieces of squares: two triangles each, which cover what `draw_points` does.
+
+    Takes what `primitive_expansion.Expand` does.
+    """
+    viewport, (first, end) = projected.viewport, one.vertices
+    numbers = np.flatnonzero((projected.codes[first:end] & UNSEEN) == 0)
+    w = projected.clip_positions[first:end, 3][numbers]
+    sizes = one.sizes[numbers] if len(one.sizes) > 1 else np.broadcast_to(one.sizes, numbers.shape)
+    if one.is_world:
+        across, down = primitives.lengths
+        over = sizes * float(primitives.scales[one.number]) / w
+        sides = over * across, over * down
+    else:
+        sides = (sizes * primitives.pixels,) * 2
+    unit = float(1 << viewport.grid_bits)
+    wide, high = (np.rint(np.minimum(side * unit, MAX_SIZE)).astype(np.int64) for side in sides)
+    is_any = (wide > 0) & (high > 0)
+    numbers, wide, high = numbers[is_any], wide[is_any], high[is_any]
+
+    def write(
+        place: int, screen: ScreenVertices, pieces: NDArray[np.int32], faces: NDArray[np.int32]
+    ) -> None:
+        """Write the corners, and the triangles between them."""
+        rows = slice(place, place + 4 * len(numbers))
+        centres = screen.xy[first:end][numbers].astype(np.int64)
+        xy = np.empty((len(numbers), 2, 2, 2), np.int64)
+        for k, (side, length) in enumerate(((wide, viewport.width), (high, viewport.height))):
+            low, high_end = ((2 * centres[:, k] + sign * side + 1) >> 1 for sign in (-1, 1))
+            ends = np.stack([low, high_end], axis=1)
+            most = GUARD_PIXELS << viewport.grid_bits
+            ends = np.clip(ends, -most, (length << viewport.grid_bits) + most)
+            xy[..., k] = ends[:, np.newaxis, :] if k == 0 else ends[:, :, np.newaxis]
+        screen.xy[rows] = xy.reshape(-1, 2)
+        screen.depth[rows] = np.repeat(screen.depth[first:end][numbers], 4)
+        screen.w[rows] = np.repeat(screen.w[first:end][numbers], 4)
+        corners = place + 4 * np.arange(len(numbers), dtype=np.int32)[:, np.newaxis]
+        pieces[0::2] = corners + np.array([0, 1, 2], np.int32)
+        pieces[1::2] = corners + np.array([1, 3, 2], np.int32)
+        faces[:] = np.repeat(one.faces[0] + numbers, 2)
+
+    return Expansion(4 * len(numbers), 2 * len(numbers), write)

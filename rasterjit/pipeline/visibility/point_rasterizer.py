@@ -1,0 +1,612 @@
+"""
+Rasterize points as squares, discs and spheres into the visibility buffer.
+
+A pixel keeps the nearest depth, and the lowest face number of equal depths, in any drawing order.
+So points are drawn in memory order, without binning. Each thread draws into its own picture; these
+are merged by the same rule.
+
+Which pixels a point covers, with the snapped centre (X, Y) and the size D in units of the sub-pixel
+grid, both rounded once, and pixels' centres (x, y):
+
+- Square: ``X - D/2 <= x < X + D/2``, the same in y. That is the top-left rule of triangles:
+  squares side by side share no pixel. One of a pixel or more always covers a pixel's centre.
+- Disc: ``(x - X)^2 + (y - Y)^2 <= (D/2)^2``. One of a pixel or more may hold no pixel's centre;
+  then it covers the pixel that a square of one pixel there would.
+- Sphere: where the ray through the pixel's centre hits it, in float64, not rounded to the grid; one
+  of a pixel or more covers at least one pixel, as a disc does.
+
+Squares and discs have the depth of their centre. A sphere has the depth of the ray's first hit
+beyond the near plane: if that plane cuts the sphere, its inside is seen, as of a closed mesh.
+
+References
+----------
+Haines, Guenther, Akenine-Moeller, "Precision Improvements for Ray/Sphere Intersection", Ray Tracing
+Gems, 2019: the distance of the centre from the ray is found as the length of a vector. Lengyel,
+"Mathematics for 3D Game Programming", 2012, 10.3.4: where planes through the eye touch a sphere.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rasterjit.pipeline.geometry import projection, setup
+from rasterjit.pipeline.records import Viewport
+from rasterjit.runtime.intrinsics import fetch, flat, part, three_parts
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state_block import float64, int32, int64, stored
+
+NOT_POINTS, SQUARE, DISC, SPHERE = range(4)
+"""Shapes, as ``PointRows.shapes`` numbers them."""
+
+IN_PIXELS, IN_UNITS = range(2)
+"""Units of sizes: pixels, or scene units, which shrink with distance."""
+
+UNSEEN = setup.NEAR | setup.FAR | setup.GUARD | setup.INVALID
+"""A point with one of these outcodes is not drawn, unless it is a sphere."""
+
+POINTS_OUTSIDE, POINTS_UNSAMPLED, POINTS_INVALID, POINTS_DRAWN = range(4)
+"""Elements of the counts."""
+
+MAX_SIZE = float(1 << 29)
+"""Largest size in units of the sub-pixel grid: larger ones cover no pixel more. Squares of twice
+that, and of distances between coordinates, fit int64."""
+
+
+class PointRows(NamedTuple):
+    """The points among the objects of a scene, and how large they are."""
+
+    vertex_starts: int64[::1]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    face_starts: int64[::1]
+    """(O+1,): and faces, one for each vertex if it is of points."""
+    shapes: int64[:, ::1]
+    """(O, 2): shape, `NOT_POINTS` for other objects; unit of the sizes."""
+    size_places: int64[:, ::1]
+    """(O, 2): index of the first size in ``sizes``, and stride between points."""
+    sizes: float64[::1]
+    """(S,): sides and diameters, in pixels or in units of the model."""
+    scales: float64[::1]
+    """(O,): factors that turn sizes into pixels of this picture or scene units."""
+
+
+class Sight(NamedTuple):
+    """The camera's rays: how they run through pixels."""
+
+    matrix: float64[:, ::1]
+    """(4, 4): ``clip_from_relative``."""
+    away: float64
+    """1 or -1: sign of the ray direction that leads away from the eye."""
+    across: float64
+    """How many pixels wide a scene unit is in the picture where w is 1."""
+    down: float64
+    """How many pixels high."""
+
+
+@helper
+def holding_pixel(coordinate, grid_bits):
+    """Return the column, or row, of the pixel that a square of one pixel around a point covers."""
+    return (coordinate - 1) >> grid_bits
+
+
+@helper
+def first_centre(twice, half_and_unit):
+    """Return the first column whose centre, doubled, is not below a doubled coordinate."""
+    unit, bits = half_and_unit
+    # Centres lie at (c + 1/2) units: 2 c unit + unit >= twice.
+    return -((unit - twice) >> (bits + 1))
+
+
+@helper
+def put(place, depth, face, depths, faces):
+    """Depth-test a face at a pixel: nearer wins, and the lower face number at equal depth."""
+    at = depths[place]
+    if depth >= at and (depth > at or face < faces[place]):
+        depths[place] = depth
+        faces[place] = face
+
+
+@helper
+def in_grid(pixels, viewport):
+    """Return a number of pixels in units of the sub-pixel grid, rounded."""
+    units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), MAX_SIZE)
+    return np.int64((units + projection.ROUNDER) - projection.ROUNDER)
+
+
+@helper
+def sizes_in_grid(size, unit, scale, w, sight, viewport):
+    """Return the width and the height of a point in units of the sub-pixel grid, rounded."""
+    if unit == IN_PIXELS:
+        side = in_grid(size * scale, viewport)
+        return side, side
+    over = size * scale / w
+    return in_grid(over * sight.across, viewport), in_grid(over * sight.down, viewport)
+
+
+@helper
+def draw_square(x, y, sizes, depth, face, frame, viewport):
+    """Draw a square; return its outcome."""
+    (depths, faces), (wide, high) = frame, sizes
+    bits = viewport.grid_bits
+    grid = np.int64(1) << bits, bits
+    left, right = first_centre(2 * x - wide, grid), first_centre(2 * x + wide, grid) - 1
+    top, bottom = first_centre(2 * y - high, grid), first_centre(2 * y + high, grid) - 1
+    is_empty = left > right or top > bottom
+    left, right = max(left, np.int64(0)), min(right, viewport.width - 1)
+    top, bottom = max(top, np.int64(0)), min(bottom, viewport.height - 1)
+    if left > right or top > bottom:
+        return POINTS_UNSAMPLED if is_empty else POINTS_OUTSIDE
+    for row in range(top, bottom + 1):
+        start = row * viewport.width
+        for place in range(start + left, start + right + 1):
+            put(np.uintp(place), depth, face, depths, faces)
+    return POINTS_DRAWN
+
+
+@helper
+def whole_root(number):
+    """Return the largest whole number whose square is not above a number below 2**61."""
+    root = np.int64(np.sqrt(np.float64(number)))
+    while root * root > number:
+        root -= 1
+    while (root + 1) * (root + 1) <= number:
+        root += 1
+    return root
+
+
+@helper
+def draw_one_pixel(column, row, depth, face, frame, viewport):
+    """Draw the only pixel of a point."""
+    if not (0 <= column < viewport.width and 0 <= row < viewport.height):
+        return POINTS_OUTSIDE
+    put(np.uintp(row * viewport.width + column), depth, face, frame[0], frame[1])
+    return POINTS_DRAWN
+
+
+@helper
+def is_in_disc(across, down, wide, high):
+    """Return whether a doubled offset from the centre lies in a disc of this width and height."""
+    if wide == high:
+        return across * across + down * down <= wide * wide
+    x, y = np.float64(across) / np.float64(wide), np.float64(down) / np.float64(high)
+    return x * x + y * y <= 1.0
+
+
+@helper
+def reach_in_row(down, wide, high):
+    """Return a disc's doubled half width in the row at a doubled offset ``down``."""
+    if wide == high:
+        return whole_root(wide * wide - down * down)
+    y = np.float64(down) / np.float64(high)
+    return np.int64(np.float64(wide) * np.sqrt(max(1.0 - y * y, 0.0)))
+
+
+@helper
+def draw_disc(x, y, sizes, depth, face, frame, viewport):
+    """Draw a disc; return its outcome."""
+    (depths, faces), (wide, high) = frame, sizes
+    bits = viewport.grid_bits
+    unit = np.int64(1) << bits
+    grid = unit, bits
+    column, row = holding_pixel(x, bits), holding_pixel(y, bits)
+    # The pixel that holds the disc's centre has the nearest pixel centre.
+    across, down = 2 * (column * unit - x) + unit, 2 * (row * unit - y) + unit
+    if min(wide, high) < 1 or not is_in_disc(across, down, wide, high):
+        if min(wide, high) >= unit:
+            return draw_one_pixel(column, row, depth, face, frame, viewport)
+        return POINTS_UNSAMPLED
+    top = max(first_centre(2 * y - high, grid), np.int64(0))
+    bottom = min(first_centre(2 * y + high + 1, grid) - 1, viewport.height - 1)
+    outcome = POINTS_OUTSIDE
+    for row in range(top, bottom + 1):
+        reach = reach_in_row(2 * (row * unit - y) + unit, wide, high)
+        left = max(first_centre(2 * x - reach, grid), np.int64(0))
+        right = min(first_centre(2 * x + reach + 1, grid) - 1, viewport.width - 1)
+        start = row * viewport.width
+        for place in range(start + left, start + right + 1):
+            put(np.uintp(place), depth, face, depths, faces)
+            outcome = POINTS_DRAWN
+    return outcome
+
+
+@helper
+def scalar(ax, ay, az, bx, by, bz):
+    """Return the dot product of two vectors."""
+    return ax * bx + ay * by + az * bz
+
+
+@helper
+def clip_row(matrix, row, point):
+    """Return one clip coordinate of a point relative to the eye."""
+    x, y, z = point
+    return scalar(matrix[row, 0], matrix[row, 1], matrix[row, 2], x, y, z) + matrix[row, 3]
+
+
+@helper
+def ndc_of(column, row, viewport):
+    """Return NDC x and y of a pixel's centre."""
+    width, height = setup.whole_size(viewport)
+    return (
+        (2.0 * (viewport.left + column) + 1.0) / width - 1.0,
+        1.0 - (2.0 * (viewport.top + row) + 1.0) / height,
+    )
+
+
+@helper
+def nearest_to_centre(centre, ndc, sight):
+    """
+    Return the offset from a sphere's centre to the nearest point of a ray, and its direction.
+
+    The ray is the intersection of two planes, ``r0 p = x r3 p`` and ``r1 p = y r3 p`` with rows r
+    of the matrix; the centre's distances from them are differences of its clip coordinates.
+    """
+    m, (x, y) = sight.matrix, ndc
+    ax, ay, az = m[0, 0] - x * m[3, 0], m[0, 1] - x * m[3, 1], m[0, 2] - x * m[3, 2]
+    bx, by, bz = m[1, 0] - y * m[3, 0], m[1, 1] - y * m[3, 1], m[1, 2] - y * m[3, 2]
+    w = clip_row(m, 3, centre)
+    beside_a, beside_b = clip_row(m, 0, centre) - x * w, clip_row(m, 1, centre) - y * w
+    dx, dy, dz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    shrink = -1.0 / scalar(dx, dy, dz, dx, dy, dz)
+    to_a, to_b = shrink * beside_a, shrink * beside_b
+    way = (
+        to_a * (by * dz - bz * dy) + to_b * (dy * az - dz * ay),
+        to_a * (bz * dx - bx * dz) + to_b * (dz * ax - dx * az),
+        to_a * (bx * dy - by * dx) + to_b * (dx * ay - dy * ax),
+    )
+    along = sight.away * np.sqrt(-shrink)
+    return way, (dx * along, dy * along, dz * along)
+
+
+@helper
+def is_between_planes(centre, offset, sight):
+    """Return whether a point is beyond the near plane, and whether before the far one."""
+    m = sight.matrix
+    point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
+    z, w = clip_row(m, 2, point), clip_row(m, 3, point)
+    return w > 0.0 and z >= -w, z <= w
+
+
+@helper
+def meet_sphere(centre, radius, ndc, sight):
+    """
+    Intersect a ray with a sphere: return the offset from its centre to the visible hit, and a code.
+
+    0: no visible hit; 1: hit; 2: the ray misses, and the offset leads to its nearest point.
+    """
+    way, along = nearest_to_centre(centre, ndc, sight)
+    left = radius * radius - scalar(way[0], way[1], way[2], way[0], way[1], way[2])
+    half = np.sqrt(max(left, 0.0))
+    offset = way[0] - half * along[0], way[1] - half * along[1], way[2] - half * along[2]
+    is_in_front, is_before_far = is_between_planes(centre, offset, sight)
+    if not is_in_front:
+        offset = way[0] + half * along[0], way[1] + half * along[1], way[2] + half * along[2]
+        is_in_front, is_before_far = is_between_planes(centre, offset, sight)
+    if not (is_in_front and is_before_far):
+        return offset, 0
+    return offset, 1 if left >= 0.0 else 2
+
+
+@helper
+def depth_on_sphere(centre, offset, sight, depth_coefficients):
+    """Return the stored depth of a point of a sphere."""
+    m = sight.matrix
+    point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
+    return projection.stored_depth(clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients)
+
+
+@helper
+def touching_planes(centre, radius, row, sight):
+    """
+    Return a sphere's bounds in NDC x (row 0) or y (row 1), from tangent planes through the eye.
+
+    Unbounded unless the whole sphere is in front of the eye.
+    """
+    m = sight.matrix
+    a, w = clip_row(m, row, centre), clip_row(m, 3, centre)
+    aa = scalar(m[row, 0], m[row, 1], m[row, 2], m[row, 0], m[row, 1], m[row, 2])
+    ww = scalar(m[3, 0], m[3, 1], m[3, 2], m[3, 0], m[3, 1], m[3, 2])
+    aw = scalar(m[row, 0], m[row, 1], m[row, 2], m[3, 0], m[3, 1], m[3, 2])
+    square = radius * radius
+    below = w * w - square * ww
+    if not (w > 0.0 and below > 0.0):
+        return -np.inf, np.inf
+    within = square * (w * w * aa - 2.0 * a * w * aw + a * a * ww)
+    within -= square * square * (aa * ww - aw * aw)
+    middle, reach = a * w - square * aw, np.sqrt(max(within, 0.0))
+    return (middle - reach) / below, (middle + reach) / below
+
+
+@helper
+def pixels_between(low, high, length, before, count):
+    """Return the first and the last pixel of a part whose centre may lie between two NDC bounds."""
+    first = np.floor(min(max((low + 1.0) * 0.5 * length - before - 1.5, 0.0), np.float64(count)))
+    last = np.ceil(min(max((high + 1.0) * 0.5 * length - before + 0.5, -1.0), count - 1.0))
+    return np.int64(first), np.int64(last)
+
+
+@helper
+def is_out_of_sight(centre, radius, sight):
+    """Return whether a sphere is wholly behind the near plane, or beyond the far one."""
+    m = sight.matrix
+    z, w = clip_row(m, 2, centre), clip_row(m, 3, centre)
+    nx, ny, nz = m[3, 0] + m[2, 0], m[3, 1] + m[2, 1], m[3, 2] + m[2, 2]
+    fx, fy, fz = m[3, 0] - m[2, 0], m[3, 1] - m[2, 1], m[3, 2] - m[2, 2]
+    near = radius * np.sqrt(scalar(nx, ny, nz, nx, ny, nz))
+    far = radius * np.sqrt(scalar(fx, fy, fz, fx, fy, fz))
+    # Twice as far, for rounding.
+    return z + w < -2.0 * near or w - z < -2.0 * far
+
+
+@helper
+def nearest_depth(centre, radius, sight, depth_coefficients):
+    """
+    Return a stored depth nearer than every point of a sphere; inf where there is no simple bound.
+
+    A pixel whose stored depth is nearer hides the sphere.
+    """
+    m = sight.matrix
+    x, y, z = m[3, 0], m[3, 1], m[3, 2]
+    sign = -1.0
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        x, y, z = m[2, 0], m[2, 1], m[2, 2]
+        sign = 1.0 if depth_coefficients[1] > 0.0 else -1.0
+    elif depth_coefficients[1] != 0.0:
+        return np.inf
+    # With a margin for rounding, to float32 as well.
+    reach = sign * radius * (1.0 + 2.0**-20) / np.sqrt(scalar(x, y, z, x, y, z))
+    point = centre[0] + reach * x, centre[1] + reach * y, centre[2] + reach * z
+    w = clip_row(m, 3, point)
+    if not w > 0.0:
+        return np.inf
+    depth = projection.stored_depth(clip_row(m, 2, point), w, depth_coefficients)
+    return depth + 2.0**-20 * abs(depth)
+
+
+@helper
+def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport):
+    """Draw the pixels whose rays hit a sphere; return its outcome."""
+    depths, faces = frame
+    kind = depths.dtype.type
+    if is_out_of_sight(centre, radius, sight):
+        return POINTS_OUTSIDE
+    width, height = setup.whole_size(viewport)
+    low_x, high_x = touching_planes(centre, radius, 0, sight)
+    low_y, high_y = touching_planes(centre, radius, 1, sight)
+    left, right = pixels_between(low_x, high_x, width, viewport.left, viewport.width)
+    top, bottom = pixels_between(-high_y, -low_y, height, viewport.top, viewport.height)
+    outcome = POINTS_UNSAMPLED if left <= right and top <= bottom else POINTS_OUTSIDE
+    bound = nearest_depth(centre, radius, sight, depth_coefficients)
+    for row in range(top, bottom + 1):
+        start = row * viewport.width
+        for column in range(left, right + 1):
+            # Only once it is known to cover a pixel: hidden spheres count as drawn.
+            if outcome == POINTS_DRAWN and depths[np.uintp(start + column)] > bound:
+                continue
+            ndc = ndc_of(column, row, viewport)
+            offset, is_seen = meet_sphere(centre, radius, ndc, sight)
+            if is_seen == 1:
+                depth = depth_on_sphere(centre, offset, sight, depth_coefficients)
+                put(np.uintp(start + column), kind(depth), face, depths, faces)
+                outcome = POINTS_DRAWN
+    return outcome
+
+
+@helper
+def draw_sphere_pixel(x, y, centre, radius, face, frame, sight, depth_coefficients, viewport):
+    """Draw the pixel that holds a sphere's centre, if its ray misses the sphere."""
+    column, row = holding_pixel(x, viewport.grid_bits), holding_pixel(y, viewport.grid_bits)
+    offset, is_seen = meet_sphere(centre, radius, ndc_of(column, row, viewport), sight)
+    if is_seen != 2:
+        return POINTS_UNSAMPLED
+    depth = depth_on_sphere(centre, offset, sight, depth_coefficients)
+    return draw_one_pixel(column, row, frame[0].dtype.type(depth), face, frame, viewport)
+
+
+@helper
+def centre_of(positions, vertex, matrices, owner):
+    """Return a point's position in world axes, relative to the eye, float64."""
+    m = matrices
+    x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
+    return (
+        m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
+        m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
+        m[owner, 2, 0] * x + m[owner, 2, 1] * y + m[owner, 2, 2] * z + m[owner, 2, 3],
+    )
+
+
+@helper
+def radius_of(points, owner, number):
+    """Return the radius of a sphere, scene units, by its number in its object."""
+    first, step = points.size_places[owner, 0], points.size_places[owner, 1]
+    return 0.5 * (points.sizes[np.uintp(first + step * number)] * points.scales[owner])
+
+
+@disjoint_helper
+def find_places(snapped_x, snapped_y, codes, viewport):
+    """
+    Write the pixel of each point of one pixel over its outcode, -1 for none.
+
+    Returns how many have one, and how many are invalid.
+    """
+    bits = np.int32(viewport.grid_bits)
+    width, height = np.int32(viewport.width), np.int32(viewport.height)
+    drawn, invalid = np.int32(0), np.int32(0)
+    for i in range(codes.shape[0]):
+        column = (snapped_x[i] - np.int32(1)) >> bits
+        row = (snapped_y[i] - np.int32(1)) >> bits
+        is_seen = (
+            ((codes[i] & np.int32(UNSEEN)) == 0) & (column >= 0) & (column < width) & (row >= 0)
+            & (row < height)
+        )  # fmt: skip
+        drawn += np.int32(is_seen)
+        invalid += np.int32((codes[i] & np.int32(setup.INVALID)) != 0)
+        codes[i] = row * width + column if is_seen else np.int32(-1)
+    return drawn, invalid
+
+
+@helper
+def draw_pixels(first_face, count, frame, viewport, scratch, counts):
+    """Draw a block of points of one pixel each."""
+    numbers, whole, _ = scratch
+    depths, faces = frame
+    kind = depths.dtype.type
+    drawn, invalid = find_places(*three_parts(whole, projection.SNAPPED_X, 0, count), viewport)
+    counts[POINTS_DRAWN] += drawn
+    counts[POINTS_INVALID] += invalid
+    counts[POINTS_OUTSIDE] += count - drawn - invalid
+    # Prefetch all pixels first.
+    for i in range(count):
+        place = whole[projection.CODE, np.uintp(i)]
+        if place >= 0:
+            fetch(depths, np.uintp(place))
+    for i in range(count):
+        place = whole[projection.CODE, np.uintp(i)]
+        if place >= 0:
+            depth = kind(numbers[projection.DEPTH, np.uintp(i)])
+            put(np.uintp(place), depth, np.int32(first_face + i), depths, faces)
+
+
+@helper
+def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, scratch, counts):
+    """Draw a block of points of any size and shape, of one object."""
+    sight, depth_coefficients, viewport = lens
+    numbers, whole, _ = scratch
+    kind = frame[0].dtype.type
+    shape, unit = points.shapes[owner, 0], points.shapes[owner, 1]
+    place, step = points.size_places[owner, 0], points.size_places[owner, 1]
+    first_number = first - points.vertex_starts[owner]
+    first_face = points.face_starts[owner] + first_number
+    scale = points.scales[owner]
+    for i in range(count):
+        n = np.uintp(i)
+        code, w = whole[projection.CODE, n], numbers[projection.W, n]
+        face = np.int32(first_face + i)
+        x, y = np.int64(whole[projection.SNAPPED_X, n]), np.int64(whole[projection.SNAPPED_Y, n])
+        if code & setup.INVALID:
+            counts[POINTS_INVALID] += 1
+            continue
+        if shape != SPHERE and (code & UNSEEN):
+            counts[POINTS_OUTSIDE] += 1
+            continue
+        size = points.sizes[np.uintp(place + step * (first_number + i))]
+        depth = kind(numbers[projection.DEPTH, n])
+        is_ahead = (code & setup.GUARD) == 0
+        sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, sight, viewport)
+        if shape == SPHERE:
+            centre = centre_of(positions, np.uintp(first + i), matrices, owner)
+            radius = 0.5 * (size * scale)
+            outcome = draw_sphere(
+                centre, radius, face, frame, sight, depth_coefficients, viewport
+            )  # fmt: skip
+            is_large = min(sizes[0], sizes[1]) >= np.int64(1) << viewport.grid_bits
+            if is_ahead and is_large and outcome != POINTS_DRAWN:
+                outcome = draw_sphere_pixel(
+                    x, y, centre, radius, face, frame, sight, depth_coefficients, viewport
+                )
+        elif shape == SQUARE:
+            outcome = draw_square(x, y, sizes, depth, face, frame, viewport)
+        else:
+            outcome = draw_disc(x, y, sizes, depth, face, frame, viewport)
+        counts[outcome] += 1
+
+
+@helper
+def are_pixels(owner, points):
+    """Return whether all points of an object are squares of one pixel."""
+    return (
+        points.shapes[owner, 0] == SQUARE and points.shapes[owner, 1] == IN_PIXELS
+        and points.size_places[owner, 1] == 0
+        and points.sizes[np.uintp(points.size_places[owner, 0])] * points.scales[owner] == 1.0
+    )  # fmt: skip
+
+
+@kernel
+def draw_points(
+    vertices: (int64, int64), positions: float64[:, ::1], relative_from_model: float64[:, :, ::1],
+    points: PointRows, sight: Sight, depth_coefficients: (float64, float64, float64),
+    viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), counts: int64[::1],
+    scratch: (float64[:, ::1], int32[:, ::1], float64[::1]),
+):  # fmt: skip
+    """
+    Draw the points among some vertices into a picture.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last; they may belong to several objects, of any kind.
+    positions : (V, 3) float64, model space
+    relative_from_model : (O, 4, 4) float64
+        To world axes with the origin at the eye.
+    points : PointRows
+    sight : Sight
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    viewport : Viewport
+    frame : (depth (H, W), face_id (H, W) int32)
+        Changed where points are nearer.
+    counts : (4,) int64
+        What became of the points is added: see ``POINTS_OUTSIDE``.
+    scratch : tuple
+        This call's own, from `projection.scratch_memory`.
+    """
+    numbers, whole, largest = scratch
+    pixels = flat(frame[0]), flat(frame[1])
+    objects = points.vertex_starts, relative_from_model
+    owner, first = setup.last_at_most(points.vertex_starts, vertices[0]), vertices[0]
+    while first < vertices[1]:
+        while first >= points.vertex_starts[np.uintp(owner + 1)]:
+            owner += 1
+        end = min(vertices[1], points.vertex_starts[np.uintp(owner + 1)])
+        o = np.uintp(owner)
+        if points.shapes[o, 0] == NOT_POINTS:
+            first = end
+            continue
+        is_pixel = are_pixels(o, points)
+        while first < end:
+            count = min(np.int64(projection.BLOCK), end - first)
+            projection.load_relative(positions, first, first + count, objects, owner, numbers)
+            x, y = part(numbers, projection.X, 0, count), part(numbers, projection.Y, 0, count)
+            z, w = part(numbers, projection.Z, 0, count), part(numbers, projection.W, 0, count)
+            projection.transform_rows(sight.matrix, x, y, z, w)
+            projection.project_rows(
+                depth_coefficients, viewport, largest[0], x, y, z, w,
+                part(numbers, projection.DEPTH, 0, count),
+                *three_parts(whole, projection.SNAPPED_X, 0, count),
+            )  # fmt: skip
+            if is_pixel:
+                face = points.face_starts[o] + first - points.vertex_starts[o]
+                draw_pixels(face, count, pixels, viewport, scratch, counts)
+            else:
+                lens = sight, depth_coefficients, viewport
+                draw_shapes(
+                    first, count, o, positions, relative_from_model, points, lens, pixels,
+                    scratch, counts,
+                )  # fmt: skip
+            first += count
+
+
+@kernel
+def merge_pictures(
+    rows: (int64, int64), drawn: (stored[:, :, ::1], int32[:, :, ::1]),
+    frame: (stored[:, ::1], int32[:, ::1]),
+):  # fmt: skip
+    """
+    Merge pictures: keep the nearest of each pixel.
+
+    Parameters
+    ----------
+    rows : (int, int)
+        First row, and one past the last.
+    drawn : (depth (N, H, W), face_id (N, H, W) int32)
+    frame : (depth (H, W) of the same type, face_id (H, W) int32)
+        Changed where one of the others is nearer, or as near and its face lower.
+    """
+    for n in range(drawn[0].shape[0]):
+        for row in range(rows[0], rows[1]):
+            depths, faces = drawn[0][n, row], drawn[1][n, row]
+            own, own_faces = frame[0][row], frame[1][row]
+            for column in range(depths.shape[0]):
+                if faces[column] >= 0:
+                    place = np.uintp(column)
+                    put(place, depths[column], faces[column], own, own_faces)

@@ -1,0 +1,839 @@
+"""
+Rasterize tiles into the visibility buffer: coverage, depth test, depth and face number.
+
+Every triangle of a tile's list is drawn into a depth tile and a face-number tile that stay in L1
+and are written to the frame once, background included. Alpha-tested triangles go to a scratch tile
+first; see ``alpha_test``.
+
+Coverage is exact. With the interior on the positive side of all three edges a sample is inside
+where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Stepping one pixel adds a
+multiple of ``2**grid_bits``, so ``(E_k + bias_k) >> grid_bits`` has the same sign and steps by the
+edge's own integer slope.
+
+Triangles at most ``SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
+(9 pixels by 2**15 pixels on a 12-bit grid at most) the signs fit ``int32`` and the edge functions
+themselves float64. Lanes beyond the box are masked: they may overflow, and end in padding columns.
+Wider triangles get, for each row, the first and the last covered column from ``floor(e / s)`` of
+each edge, integers below 2**47 and 2**27, several rows at once. No row divides: the floor of
+``(e + 1/2) * (1 / s)`` in float64 is the same, for the exact product misses every whole number by
+at least 1/(2 s), and two roundings move it by less than 2**-51 of itself, or 2**-4 / s.
+Rows that the triangle does not reach inside the tile are passed over, as far as
+``triangle_batches.cut_rows`` finds them; one too many has no columns.
+
+All of this is float64 and 32-bit integers, since x86 before AVX-512 has no vector conversion from
+64-bit integers to float64. Rows of samples are explicit vectors (``intrinsics.draw_box``,
+``fill_rows``), since LLVM does not vectorize such short loops. Where no row has more than one
+sample, as in most slivers, a vector holds samples of several rows.
+
+Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
+``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
+vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
+covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range;
+these blocks of columns are the same for every tile size up to 64. It is clamped to the range of
+the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
+neither rotation nor winding of the face changes a bit.
+
+Hierarchical Z: the least depth of each cell of 8 by 8 samples culls triangles behind it. Long lists
+are sorted first, roughly front to back by nearest depth (`draw_ordered`), and hidden triangles are
+culled before setup, most of them where depth complexity is high. Where half of the triangles are
+visible, sorting takes as long as it saves, so a thread goes by its recent lists (`pays_to_order`).
+Short lists, and alpha-tested objects, are drawn as they are listed. Then cell depths are updated
+each time the number of triangles drawn has doubled, and only wide triangles are tested: for small
+ones the test costs as much as it saves.
+
+The lower face number wins a tie. Lists ascend by face, so there a sample keeps the first of equal
+depths; of triangles in another order the numbers are compared.
+
+Depths are compared in the type they are stored in: rounded (float32, float64) or truncated (int32).
+Both are monotonic, so that bounds on depths stay bounds afterwards.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, sign_at
+from rasterjit.pipeline.geometry.triangle_batches import (
+    ACROSS,
+    ASKED,
+    AX,
+    AY,
+    BATCH,
+    BLOCK_BITS,
+    BOTTOM,
+    BOTTOM_ROW,
+    BX,
+    BY,
+    CELL_BITS,
+    CELLS,
+    COUNT,
+    CX,
+    CY,
+    DEPTH,
+    DOWN,
+    DRAW_END,
+    DRAW_FIRST,
+    EDGE,
+    FACE,
+    FIRST,
+    GRID_BITS,
+    LEFT,
+    LEFT_COLUMN,
+    MIXED,
+    ORDER,
+    ORDERED,
+    PUT_IN_ORDER,
+    RANGE,
+    REAL,
+    REAL_ROWS,
+    RIGHT,
+    RIGHT_COLUMN,
+    ROOM,
+    SEEN_OF_THEM,
+    SHIFT_X,
+    SHIFT_Y,
+    SIDE,
+    SMALL_PIXELS,
+    TO_COME,
+    TOP,
+    TOP_ROW,
+    WAYS,
+    WEIGHT,
+    WHOLE_ROWS,
+    WIDE,
+    at,
+    order_memory,
+    order_triangles,
+    plan_batch,
+)
+from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility import alpha_test
+from rasterjit.pipeline.visibility.alpha_test import Holes, TileTest
+from rasterjit.runtime.intrinsics import (
+    add_to,
+    call_bound,
+    draw_box,
+    fill_rows,
+    flat,
+    least_in_rows,
+)
+from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
+from rasterjit.runtime.state_block import float64, int32, int64, stored
+
+SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
+"""Shape of a tile in scratch memory: rows are padded for groups that start in the last column."""
+
+CORNER_ROUNDINGS = 64.0 * 2.0**-53
+"""
+Rounding error of two depths of a plane, relative to its range plus its largest depth.
+
+28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
+"""
+
+MIN_ORDERED = 128
+"""Fewest triangles of a tile for which sorting pays."""
+
+REMEMBERED = 1 << 16
+"""Most sorted triangles in a thread's statistics of how many were visible."""
+
+FORGETTING_BITS = 4
+"""One in 2**4 unsorted triangles counts as sorted and hidden, so that sorting is retried."""
+
+NOTHING = -1
+"""Face number of a sample that no face covers."""
+
+
+@helper
+def edges_at(a, b, c, column, row, grid_bits):
+    """Return three edges as (biased value at a pixel, step to the next column, to the next row)."""
+    return (
+        (sign_at(b[0], b[1], c[0], c[1], column, row, grid_bits), b[1] - c[1], c[0] - b[0]),
+        (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
+        (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
+    )
+
+
+@helper
+def crossing_line(edge):
+    """
+    Return an edge as (value + 1/2, step down, columns per unit of value, side).
+
+    It crosses a row at ``value * columns``; side is 1 if the inside is to the right. A horizontal
+    edge crosses beyond the block of columns, on the side given by its sign.
+    """
+    value, across, down = edge
+    columns = 1.0 / np.float64(abs(across)) if across != 0 else np.float64(2 << BLOCK_BITS)
+    return np.float64(value) + 0.5, np.float64(down), columns, np.int64(across > 0)
+
+
+@helper
+def bound_span(first, last, line, row):
+    """Narrow a row's first and last column, float64, to the inside of one edge."""
+    value, down, columns, begins = line
+    crossing = np.floor((value + row * down) * columns)
+    return (
+        max(first, -crossing) if begins else first,
+        last if begins else min(last, crossing),
+    )
+
+
+@disjoint_helper
+def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca, plane):
+    """
+    Write, row by row, the first covered column, one past the last, and the depth at the first.
+
+    Returns how many samples a row has at most. Takes three `crossing_line`, and two `inside_line`
+    at the corner of the box. The columns are exact: see the notes above.
+    """
+    longest, width = np.int32(0), np.float64(columns)
+    for i in range(lanes):
+        row = np.float64(np.int32(i))
+        first, last = 0.0, width - 1.0
+        first, last = bound_span(first, last, lines[0], row)
+        first, last = bound_span(first, last, lines[1], row)
+        first, last = bound_span(first, last, lines[2], row)
+        first = min(first, width)
+        begins[i], ends[i] = np.int32(first), np.int32(max(last, -1.0)) + np.int32(1)
+        longest = max(longest, np.int32(ends[i] - begins[i]))
+        depths[i] = depth_from(
+            plane, inside_at(inside_bc, first, row), inside_at(inside_ca, first, row)
+        )
+    return np.int64(longest)
+
+
+@helper
+def inside_line(ax, ay, bx, by, left, top, grid_bits):
+    """
+    Return an edge function at a pixel in units of 2**grid_bits, the remainder, and its steps.
+
+    All are float64. Steps are whole such units, below 2**45, so that sums are exact, and
+    `inside_at` rounds once.
+    """
+    value = edge_at(ax, ay, bx, by, left, top, grid_bits)
+    whole = value >> grid_bits
+    return (
+        np.float64(whole), np.float64(ay - by), np.float64(bx - ax),
+        np.float64(np.int64(1) << grid_bits), np.float64(value - (whole << grid_bits)),
+    )  # fmt: skip
+
+
+@helper
+def inside_at(line, column, row):
+    """Return an `inside_line`, rounded once, at an offset of columns and rows."""
+    return (line[0] + column * line[1] + row * line[2]) * line[3] + line[4]
+
+
+@helper
+def depth_from(plane, edge_bc, edge_ca):
+    """Return the depth where two edge functions have the given exact values."""
+    return plane[0] + (np.float64(edge_bc) * plane[1] + np.float64(edge_ca) * plane[2])
+
+
+@helper
+def depth_at_corners(plane, a, b, c, box, grid_bits):
+    """
+    Return bounds on the depths of a box of samples, before they are stored.
+
+    A plane has its extremes at corners of the box; a bound on rounding is added.
+    """
+    lowest, highest = np.inf, -np.inf
+    for row in (box[1], box[3]):
+        for column in (box[0], box[2]):
+            depth = depth_from(
+                plane,
+                edge_at(b[0], b[1], c[0], c[1], column, row, grid_bits),
+                edge_at(c[0], c[1], a[0], a[1], column, row, grid_bits),
+            )
+            lowest, highest = min(lowest, depth), max(highest, depth)
+    slack = CORNER_ROUNDINGS * (plane[5] - plane[4] + max(abs(plane[4]), abs(plane[5])))
+    return clamped(lowest - slack, plane), clamped(highest + slack, plane)
+
+
+@helper
+def clamped(depth, plane):
+    """Return the depth clamped to the range of the vertices."""
+    depth = plane[4] if depth < plane[4] else depth
+    return plane[5] if depth > plane[5] else depth
+
+
+@helper
+def draw_small(n, whole, real, plane, origin, tile, is_mixed):
+    """Rasterize a small triangle: test the samples of its box, row by row."""
+    left, top = np.int64(whole[at(LEFT, n)]), np.int64(whole[at(TOP, n)])
+    first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
+    rows = np.int64(whole[at(BOTTOM, n)]) - top + 1
+    columns = np.int32(whole[at(RIGHT, n)] - left + 1)
+    ax, ay, bx, by = whole[at(AX, n)], whole[at(AY, n)], whole[at(BX, n)], whole[at(BY, n)]
+    cx, cy = whole[at(CX, n)], whole[at(CY, n)]
+    edges = (
+        whole[at(SIDE, n)], whole[at(SIDE + 1, n)], whole[at(SIDE + 2, n)],
+        np.int32(by - cy), np.int32(cy - ay), np.int32(ay - by),
+        np.int32(cx - bx), np.int32(ax - cx), np.int32(bx - ax),
+    )  # fmt: skip
+    depth = (
+        real[at(EDGE, n)], real[at(EDGE + 1, n)], real[at(ACROSS, n)], real[at(ACROSS + 1, n)],
+        real[at(DOWN, n)], real[at(DOWN + 1, n)], plane[0], plane[1], plane[2], plane[4], plane[5],
+    )  # fmt: skip
+    draw_box(
+        tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
+        np.int32(whole[at(FACE, n)]), is_mixed,
+    )  # fmt: skip
+
+
+@helper
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mixed):
+    """Rasterize a wide triangle: find the covered span of each row, and fill it."""
+    ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
+    left, top, right, bottom = box
+    columns, rows = right - left + 1, bottom - top + 1
+    if rows <= 0:
+        return
+    edges = edges_at(a, b, c, left, top, grid_bits)
+    lines = (
+        crossing_line(edges[0]),
+        crossing_line(edges[1]),
+        crossing_line(edges[2]),
+    )
+    inside_bc = inside_line(bx, by, cx, cy, left, top, grid_bits)
+    inside_ca = inside_line(cx, cy, ax, ay, left, top, grid_bits)
+    # Whole groups of rows: results beyond the last are not read.
+    lanes = ((rows - 1) | 7) + 1
+    longest = find_spans(
+        spans[0], spans[1], spans[2], lanes, lines, columns, inside_bc, inside_ca, plane
+    )
+    before = np.int32(origin[0] - left)
+    first = (top - origin[1]) * SCRATCH_SHAPE[1] - np.int64(before)
+    fill_rows(
+        tile[0], tile[1], spans, first, np.int64(SCRATCH_SHAPE[1]), rows, before, longest,
+        (plane[3], plane[4], plane[5]), face, is_mixed,
+    )  # fmt: skip
+
+
+@helper
+def hidden_depth(n, whole, origin, cells):
+    """Return the least depth of the cells that a triangle's box touches: below it, it is hidden."""
+    left = max(np.int64(whole[at(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
+    right = (np.int64(whole[at(RIGHT, n)]) - origin[0]) >> CELL_BITS
+    top = (np.int64(whole[at(TOP, n)]) - origin[1]) >> CELL_BITS
+    bottom = (np.int64(whole[at(BOTTOM, n)]) - origin[1]) >> CELL_BITS
+    return least_in_rows(
+        cells, top * CELLS, np.int64(CELLS), bottom + 1 - top, np.int32(left), np.int32(right)
+    )
+
+
+@helper
+def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed):
+    """
+    Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
+
+    It is culled if it lies below the tile depth, or, if wide, below the depths of its cells.
+    """
+    lowest, highest = real[at(RANGE, n)], real[at(RANGE + 1, n)]
+    if tile[0].dtype.type(highest) < tile_depth:
+        return
+    weight_a, weight_b = real[at(WEIGHT, n)], real[at(WEIGHT + 1, n)]
+    step = real[at(ACROSS, n)] * weight_a + real[at(ACROSS + 1, n)] * weight_b
+    plane = real[at(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
+    if not whole[at(WIDE, n)]:
+        draw_small(n, whole, real, plane, origin, tile, is_mixed)
+        return
+    hidden = hidden_depth(n, whole, origin, cells)
+    if tile[0].dtype.type(highest) < hidden:
+        return
+    a, b, c = (
+        (np.int64(whole[at(AX, n)]), np.int64(whole[at(AY, n)])),
+        (np.int64(whole[at(BX, n)]), np.int64(whole[at(BY, n)])),
+        (np.int64(whole[at(CX, n)]), np.int64(whole[at(CY, n)])),
+    )
+    box = (
+        np.int64(whole[at(LEFT, n)]),
+        np.int64(whole[at(TOP, n)]),
+        np.int64(whole[at(RIGHT, n)]),
+        np.int64(whole[at(BOTTOM, n)]),
+    )
+    if tile[0].dtype.type(lowest) < hidden:
+        _, nearest = depth_at_corners(plane, a, b, c, box, bits)
+        if tile[0].dtype.type(nearest) < hidden:
+            return
+    face = np.int32(whole[at(FACE, n)])
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
+
+
+SPANS = int32[::1], int32[::1], float64[::1]
+"""The types of the memory for the rows of a triangle."""
+
+
+@kernel
+def draw_planned(
+    asked: int64[::1], cell_depths: stored[:, ::1], depths: stored[:, ::1], numbers: int32[:, ::1],
+    whole: int32[:, ::1], real: REAL, spans: SPANS,
+):  # fmt: skip
+    """
+    Draw planned triangles of a batch, one after the other, into a tile.
+
+    Parameters
+    ----------
+    asked : (15,) int64
+        As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
+    cell_depths : (8, 8), stored depth
+        For each cell of the tile: what lies below it need not be drawn there.
+    depths, numbers : (rows, columns)
+        The tile; changed.
+    whole, real : (rows, columns)
+        The batch, from ``triangle_batches.plan_batch``.
+    spans : tuple
+        Scratch memory.
+    """
+    tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
+    bits, cells, is_mixed = asked[GRID_BITS], flat(cell_depths), asked[MIXED] != 0
+    tile_depth = least_in_rows(
+        cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
+    )
+    for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
+        draw_triangle(
+            n, flat(whole), flat(real), origin, bits, tile_depth, cells, tile, spans, is_mixed
+        )
+
+
+@helper
+def tile_window(number, columns, viewport):
+    """Return the first column and row of a tile, and the last ones inside the image."""
+    left, top = (number % columns) << TILE_BITS, (number // columns) << TILE_BITS
+    return (
+        left,
+        top,
+        min(left + TILE_SIZE, np.int64(viewport.width)) - 1,
+        min(top + TILE_SIZE, np.int64(viewport.height)) - 1,
+    )
+
+
+class Drawing(NamedTuple):
+    """
+    Arguments by which a kernel draws listed triangles: addresses of other kernels (``jit.Bound``).
+
+    So these are compiled once for all kernels that draw triangles.
+    """
+
+    asked: int64[::1]
+    """(15,): as ``triangle_batches`` numbers its elements."""
+    cell_depths: stored[:, ::1]
+    """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
+    plan: int64[::1]
+    """(2,): how to call ``triangle_batches.plan_batch``."""
+    tile: int64[::1]
+    """(2,): how to call `draw_planned` for the frame's tile."""
+    own: int64[::1]
+    """(2,): the same for the scratch tile of alpha-tested triangles, if there are any."""
+    sort: int64[::1]
+    """(2,): how to call ``triangle_batches.order_triangles``."""
+    plan_ordered: int64[::1]
+    """(2,): how to call ``triangle_batches.plan_batch`` for sorted triangles."""
+    order: ORDER
+    """Sorted triangles."""
+    cells: (int64[::1], int64[::1])
+    """From `cell_masks`."""
+    kept: int32[::1]
+    """(192,): the next triangles to draw."""
+
+
+@helper
+def begin_tile(drawing, window, bits, shift, tile_depth):
+    """Store a tile's `tile_window`, the offset added to vertices, and the tile depth."""
+    asked = drawing.asked
+    asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW] = window
+    asked[GRID_BITS], asked[SHIFT_X], asked[SHIFT_Y] = bits, shift[0], shift[1]
+    cells = flat(drawing.cell_depths)
+    for n in range(cells.shape[0]):
+        cells[n] = tile_depth
+
+
+@helper
+def plan_listed(drawing, first, count):
+    """Set up a batch of listed triangles."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.plan)
+
+
+@helper
+def draw_some(drawing, words, first, end):
+    """Draw triangles ``first`` to ``end`` of the current batch into the tile bound to ``words``."""
+    drawing.asked[DRAW_FIRST], drawing.asked[DRAW_END] = first, end
+    call_bound(words)
+
+
+@helper
+def draw_listed(first, count, whole, drawing, holes):
+    """Draw a batch of listed triangles in order, with alpha test."""
+    plan_listed(drawing, first, count)
+    if holes.cutoffs.shape[0] == 0:
+        draw_some(drawing, drawing.tile, 0, count)
+        return
+    asked = drawing.asked
+    origin, shift = (asked[LEFT_COLUMN], asked[TOP_ROW]), (asked[SHIFT_X], asked[SHIFT_Y])
+    alpha_test.begin_batch(holes, count, origin, shift)
+    owner = np.int64(0)
+    for n in range(np.uintp(count)):
+        owner, is_tested = alpha_test.find_owner(whole[FACE, n], owner, holes)
+        draw_some(drawing, drawing.own if is_tested else drawing.tile, n, n + np.uintp(1))
+        if is_tested:
+            alpha_test.keep(n, owner, holes)
+
+
+@helper
+def raise_cells(depths, cell_depths, drawn):
+    """Raise the depths of a tile's cells that were drawn to, to the least of their samples."""
+    samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
+    for row in range(CELLS):
+        for column in range(CELLS):
+            if drawn >> (row * CELLS + column) & 1 == 0:
+                continue
+            first = (row * stride + column) << CELL_BITS
+            least = least_in_rows(
+                samples, first, stride, np.int64(1 << CELL_BITS), np.int32(0),
+                np.int32((1 << CELL_BITS) - 1),
+            )  # fmt: skip
+            cell_depths[row, column] = max(cell_depths[row, column], least)
+
+
+@helper
+def open_cells(nearest, cell_depths):
+    """Return a bit mask of the cells in which a triangle of that nearest depth may be visible."""
+    depths, mask = flat(cell_depths), np.int64(0)
+    for n in range(depths.shape[0]):
+        is_hidden = depths.dtype.type(nearest) < depths[n]
+        mask |= np.int64(not is_hidden) << n
+    return mask
+
+
+@helper
+def keep_seen(order, first, end, mask, tables, kept, count):
+    """
+    Append the triangles that touch cells of a mask to ``kept``.
+
+    Returns how many ``kept`` holds, and the cells that any of them touches.
+    """
+    (of_columns, of_rows), touched = tables, np.int64(0)
+    for n in range(np.uintp(first), np.uintp(end)):
+        entry = order[n]
+        box = np.uintp(entry >> 32)
+        cells = of_columns[box & np.uintp(63)] & of_rows[box >> np.uintp(6)]
+        kept[np.uintp(count)] = np.int32(entry & 0x7FFFFFFF)
+        seen = cells & mask
+        count += np.int64(seen != 0)
+        touched |= seen
+    return count, touched
+
+
+@helper
+def draw_kept(drawing, first, count):
+    """Set up and draw sorted triangles."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.plan_ordered)
+    draw_some(drawing, drawing.tile, 0, count)
+
+
+@helper
+def draw_ordered(first, count, scratch, drawing):
+    """Draw listed triangles front to back, culling those that are hidden by then."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.sort)
+    drawing.asked[TO_COME], drawing.asked[MIXED] = 0, 1
+    order, ends, bounds = drawing.order
+    kept, found, begin, touched = drawing.kept, np.int64(0), np.int64(0), np.int64(0)
+    bucket = 0
+    while begin < count:
+        while ends[(bucket + 1) * WAYS - 1] <= begin:
+            bucket += 1
+        mask = open_cells(bounds[bucket], drawing.cell_depths)
+        stop = min(begin + 2 * BATCH, ends[(bucket + 1) * WAYS - 1])
+        found, some = keep_seen(order, begin, stop, mask, drawing.cells, kept, found)
+        touched |= some
+        begin = stop
+        drawn, least = np.int64(0), np.int64(BATCH if begin < count else 1)
+        while found - drawn >= least:
+            batch = min(np.int64(BATCH), found - drawn)
+            draw_kept(drawing, drawn, batch)
+            drawn += batch
+        if drawn > 0:
+            for n in range(found - drawn):
+                kept[n] = kept[drawn + n]
+            found -= drawn
+            drawing.asked[SEEN_OF_THEM] += drawn
+            raise_cells(scratch[0], drawing.cell_depths, touched)
+            touched = some
+    drawing.asked[MIXED] = 0
+    drawing.asked[PUT_IN_ORDER] += count
+
+
+@cache
+def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return bit masks of a tile's cells by range of columns, and of rows, at 8 * last + first."""
+    columns, rows = np.zeros(CELLS * CELLS, np.int64), np.zeros(CELLS * CELLS, np.int64)
+    for last in range(CELLS):
+        for first in range(last + 1):
+            some = np.zeros((CELLS, CELLS), bool)
+            some[first : last + 1] = True
+            for table, cells in ((rows, some), (columns, some.T)):
+                table[last * CELLS + first] = np.packbits(cells, bitorder="little").view(np.int64)[
+                    0
+                ]
+    return columns, rows
+
+
+@helper
+def pays_to_order(asked, count):
+    """
+    Return whether to sort a list of triangles.
+
+    It is while half of the recently sorted triangles were hidden; else it is retried now and then.
+    """
+    if count < MIN_ORDERED:
+        return False
+    if asked[PUT_IN_ORDER] > REMEMBERED:
+        asked[PUT_IN_ORDER] >>= 1
+        asked[SEEN_OF_THEM] >>= 1
+    if 2 * asked[SEEN_OF_THEM] <= asked[PUT_IN_ORDER]:
+        return True
+    asked[PUT_IN_ORDER] += count >> FORGETTING_BITS
+    return False
+
+
+@helper
+def draw_list(first, end, scratch, drawing, holes):
+    """Draw listed triangles ``first`` to ``end`` into the thread's tile, with alpha test."""
+    if holes.cutoffs.shape[0] == 0 and pays_to_order(drawing.asked, end - first):
+        for begin in range(first, end, ORDERED):
+            count = min(ORDERED, end - begin)
+            drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+            draw_ordered(begin, count, scratch, drawing)
+        return
+    raised = first + BATCH
+    for begin in range(first, end, BATCH):
+        if begin == raised:
+            raise_cells(scratch[0], drawing.cell_depths, np.int64(-1))
+            raised += raised - first
+        count = min(BATCH, end - begin)
+        drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+        draw_listed(begin, count, scratch[2], drawing, holes)
+
+
+@helper
+def clear_tile(depths, numbers, empty):
+    """Mark every sample of a tile as empty."""
+    for row in range(depths.shape[0]):
+        for column in range(depths.shape[1]):
+            depths[row, column] = empty
+            numbers[row, column] = NOTHING
+
+
+@helper
+def leave_empty(frame, window, empty):
+    """Clear the window of a tile in the frame."""
+    depth, face_id = frame
+    for row in range(window[1], window[3] + 1):
+        depths = depth[row, window[0] : window[2] + 1]
+        numbers = face_id[row, window[0] : window[2] + 1]
+        for column in range(depths.shape[0]):
+            depths[column] = empty
+        for column in range(numbers.shape[0]):
+            numbers[column] = NOTHING
+
+
+@cache
+def empty_depth(depth_type: Any) -> Any:
+    """Return the depth of empty samples, for a type of depths: below every stored one."""
+    kind = np.dtype(depth_type)
+    return kind.type(-1 if kind.kind == "i" else -np.inf)
+
+
+EMPTY = 7
+"""Index in the scratch memory of the depth of empty samples."""
+
+
+def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
+    """
+    Return a thread's memory for rasterizing: a tile, and a batch.
+
+    Depths are stored in the given type: float32, float64 or int32.
+    """
+    return (
+        np.empty(SCRATCH_SHAPE, depth_type),
+        np.empty(SCRATCH_SHAPE, np.int32),
+        np.empty((WHOLE_ROWS, ROOM), np.int32),
+        np.empty((REAL_ROWS, ROOM), np.float64),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.float64),
+        np.full(1, empty_depth(depth_type)),
+    )
+
+
+SCRATCH = (
+    stored[:, ::1], int32[:, ::1], int32[:, ::1], REAL, *SPANS, stored[::1],
+)  # fmt: skip
+"""The types of `scratch_memory`."""
+
+
+class TileDrawer(NamedTuple):
+    """A thread's state for rasterizing a tile; keep it alive while kernels hold its addresses."""
+
+    scratch: tuple[Any, ...]
+    """From `scratch_memory`."""
+    drawing: Drawing
+    holes: Holes
+    called: tuple[Any, ...]
+    """Owners of the memory behind the addresses."""
+
+
+class TileMemory(NamedTuple):
+    """The memory of a `TileDrawer`; its former contents do not affect pictures."""
+
+    scratch: tuple[Any, ...]
+    """From `scratch_memory`."""
+    asked: NDArray[np.int64]
+    cell_depths: NDArray[Any]
+    order: tuple[Any, ...]
+    """From ``triangle_batches.order_memory``."""
+    kept: NDArray[np.int32]
+
+
+def tile_memory(depth_type: Any = np.float32) -> TileMemory:
+    """Return the memory of a `TileDrawer`, for stored depths of a type."""
+    return TileMemory(
+        scratch_memory(depth_type), np.zeros(ASKED, np.int64), np.empty((CELLS, CELLS), depth_type),
+        order_memory(), np.empty(3 * BATCH, np.int32),
+    )  # fmt: skip
+
+
+def tile_drawer(
+    listed: NDArray[np.int32],
+    faces: Faces,
+    screen: ScreenVertices,
+    depth_type: Any = np.float32,
+    alpha_tests: AlphaTests | None = None,
+    memory: TileMemory | None = None,
+) -> TileDrawer:
+    """
+    Return a thread's state for rasterizing a tile.
+
+    Parameters
+    ----------
+    listed : (M,) int32
+        Triangle numbers: below F a face, ``F + p`` piece p.
+    faces, screen : records
+    depth_type : dtype
+        The type in which depths are stored: float32, float64 or int32.
+    alpha_tests : AlphaTests or None
+        None: no object has holes.
+    memory : TileMemory or None
+        From `tile_memory` for the same type, for this thread alone; None: it is made here.
+    """
+    scratch, asked, cell_depths, (order, surveyed), kept = memory or tile_memory(depth_type)
+    test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
+    planned = Bound(plan_batch, asked, listed, faces, screen, *scratch[2:4])
+    tile = own = drawn_into(scratch[:2], asked, cell_depths, scratch)
+    if alpha_tests is not None:
+        own = drawn_into((test.holes.depth, test.holes.numbers), asked, cell_depths, scratch)
+    sort = Bound(order_triangles, asked, listed, faces, screen, *scratch[2:4], surveyed, order)
+    again = Bound(plan_batch, asked, kept, faces, screen, *scratch[2:4])
+    drawing = Drawing(
+        asked, cell_depths, planned.words, tile.words, own.words, sort.words, again.words, order,
+        cell_masks(), kept,
+    )  # fmt: skip
+    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own, sort, again))
+
+
+def drawn_into(
+    tile: tuple[Any, ...],
+    asked: NDArray[np.int64],
+    cell_depths: NDArray[Any],
+    scratch: tuple[Any, ...],
+) -> Bound:
+    """Return `draw_planned`, bound to a tile."""
+    return Bound(draw_planned, asked, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY])
+
+
+ALL = np.empty(0, np.int64)
+"""Stands for the shared counter of tiles where one thread draws all."""
+
+
+@helper
+def next_taken(taken, count):
+    """Claim the next tiles from the shared counter; return the first, and one past the last."""
+    if taken.shape[0] == 0:
+        return np.int64(0), np.int64(0)
+    first = min(add_to(taken, 0, taken[1]), np.int64(count))
+    return first, min(first + taken[1], np.int64(count))
+
+
+@kernel
+def draw_tiles(
+    tiles: int32[::1], taken: int64[::1], starts: int64[::1], tile_depths: stored[::1],
+    viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH,
+    drawing: Drawing, holes: Holes,
+):  # fmt: skip
+    """
+    Draw some of the frame's tiles.
+
+    Parameters
+    ----------
+    tiles : (N,) int32
+        Tile numbers, row by row.
+    taken : (2,) int64, or (0,)
+        How many of them threads have taken, changed, and how many each takes at a time; `ALL`: they
+        are all for this thread.
+    starts : (tiles + 1,) int64
+        Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list that the drawer was made
+        for, which ascend.
+    tile_depths : (tiles,) float32, float64 or int32, stored depth
+        Triangles below it are left out of a tile; `empty_depth` leaves out none.
+    viewport : Viewport
+    frame : (depth (H, W) of the same type, face_id (H, W) int32)
+        Writes every pixel of the tiles: stored depth (greater is nearer, `empty_depth` where
+        nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
+    scratch, drawing, holes
+        Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
+
+    Returns
+    -------
+    int
+        On how many pixels there is something; 0 where ``face_id`` is not wanted.
+    """
+    depth, face_id = frame
+    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
+    columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
+    n, stop = np.int64(0), np.int64(0 if taken.shape[0] else tiles.shape[0])
+    covered = np.int64(0)
+    while True:
+        if n == stop:
+            n, stop = next_taken(taken, tiles.shape[0])
+            if n == stop:
+                return covered
+        number = np.int64(tiles[n])
+        n += 1
+        window = tile_window(number, columns, viewport)
+        first, end = starts[number], starts[number + 1]
+        if first == end:
+            leave_empty(frame, window, empty)
+            continue
+        clear_tile(depths, numbers, empty)
+        begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
+        draw_list(first, end, scratch, drawing, holes)
+        # Write the tile to the frame.
+        left, top = window[0], window[1]
+        width = window[2] + 1 - left
+        for row in range(window[3] + 1 - top):
+            frame_depth = depth[top + row, left : left + width]
+            frame_numbers = face_id[top + row, left : left + width]
+            for column in range(frame_depth.shape[0]):
+                frame_depth[column] = depths[row, column]
+            some = np.int32(0)
+            for column in range(frame_numbers.shape[0]):
+                face = numbers[row, column]
+                frame_numbers[column] = face
+                some += np.int32(face != NOTHING)
+            covered += some

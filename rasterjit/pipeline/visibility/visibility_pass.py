@@ -1,0 +1,891 @@
+"""
+Run the geometry and visibility stages: allocate, split the work among threads, call kernels.
+
+Tasks write to disjoint memory, assigned before any of them starts, so the result has the same
+bits for any number of threads and any order of completion.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline import records
+from rasterjit.pipeline.geometry import (
+    binning,
+    clipping,
+    projection,
+    setup,
+    triangle_batches,
+)
+from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
+from rasterjit.pipeline.visibility import alpha_test, line_pass, tile_rasterizer
+from rasterjit.pipeline.visibility import point_pass as painting
+from rasterjit.pipeline.visibility import primitive_expansion as expanding
+from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
+from rasterjit.pipeline.visibility.point_pass import PointsSeen
+from rasterjit.pipeline.visibility.primitive_expansion import (
+    Expand,
+    Primitive,
+    Primitives,
+    Projected,
+)
+from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
+
+FACES_PER_TASK = 65536
+"""Most faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+
+MIN_FACES = 2048
+"""Fewest faces set up by one task, if there are several threads."""
+
+MIN_CUT = 256
+"""Fewest faces cut by one task, if there are several threads."""
+
+VERTICES_PER_TASK = 65536
+"""Most vertices projected by one task; they may belong to several objects."""
+
+MIN_VERTICES = 4096
+"""Fewest vertices projected by one task, if there are several threads."""
+
+EVEN_TASKS = 4
+"""Tasks per thread for work of even cost: faces to set up, vertices."""
+
+TILES_PER_TASK = 4
+"""Tiles that a thread takes at a time, if there are several threads."""
+
+SPARE_VERTICES = 1024
+"""Spare capacity for vertices made by clipping, before arrays have to be copied."""
+
+EXPANDERS: dict[str, Expand] = {"lines": line_pass.expand, "points": painting.expand_squares}
+"""Functions that expand segments and points into triangles, by kind of object."""
+
+
+class Totals(NamedTuple):
+    """Counts of faces by outcome; they add up to ``faces_in``."""
+
+    faces_in: int
+    outside: int
+    """Wholly outside the view volume."""
+    degenerate: int
+    """Zero area after snapping."""
+    culled: int
+    """Back-facing, with culling on."""
+    unsampled: int
+    """Between the pixel centres, or beside the image."""
+    invalid: int
+    """With a vertex that is NaN, infinite or too large."""
+    drawn: int
+    clipped: int
+    """Cut at the near or far plane or the guard band; counted by their outcome as well."""
+
+
+class TileLists(NamedTuple):
+    """Which triangles each tile drew, in order."""
+
+    starts: NDArray[np.int64]
+    """(tiles + 1,): tile ``k`` drew ``binned[starts[k]:starts[k + 1]]``."""
+    binned: NDArray[np.int32]
+    """(M,): below F a face, ``F + p`` piece p."""
+    faces: records.Faces
+    objects: records.Objects | None = None
+    skipped: Sequence[tuple[int, int]] = ()
+    """Runs of faces that are in no list."""
+    reach: int = 0
+    """As ``Viewport.reach``: how far from pixel centres the lists' samples may lie."""
+
+
+class ModelVertices(NamedTuple):
+    """The vertices of all objects and their transforms to clip space: input of `transform`."""
+
+    positions: NDArray[np.float64] | NDArray[np.float32]
+    """(V, 3), model space. Their type is that of the arithmetic that projects them."""
+    vertex_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): to world axes with the origin at the eye."""
+    clip_from_relative: NDArray[np.float64]
+    """(4, 4)."""
+    unused: tuple[tuple[int, int], ...] = ()
+    """Runs of vertices that no drawn face uses, ascending: the first, and one past the last."""
+
+
+class Coverage(NamedTuple):
+    """The visibility buffer and the geometry that it points into."""
+
+    depth: NDArray[Any]
+    """(H, W), stored depth: greater is nearer; ``tile_rasterizer.empty_depth`` where nothing is;
+    (H, 0) if not kept."""
+    face_id: NDArray[np.int32]
+    """(H, W), -1 where nothing is."""
+    screen: records.ScreenVertices
+    clip_positions: NDArray[np.float64]
+    """(V, 4), clip space; (0, 4) where no vertex has a ``CLIPPED`` code and none were asked for."""
+    totals: Totals
+    lists: TileLists | None
+    """``None`` unless they were asked for."""
+    alpha_tests: records.AlphaTests | None = None
+    """With its geometry; ``None`` if no object has holes."""
+    reversed_depth: NDArray[np.float32] | None = None
+    """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
+    ``None`` if none reads it."""
+    reversed_vertex_depth: NDArray[np.float64] | None = None
+    """(V+E,), that of the vertices."""
+    points: PointsSeen | None = None
+    """The points of the picture; ``None`` if no object is of points."""
+    covered: int | None = None
+    """How many pixels show a face; ``None`` if they were not counted."""
+    first_depth: NDArray[Any] | None = None
+    """(H, W), as ``depth``, at the first of several samples: replaces it in the output; ``None`` if
+    it does not."""
+
+
+def transform(
+    positions: NDArray[np.float64],
+    vertex_starts: NDArray[np.int64],
+    relative_from_model: NDArray[np.float64],
+    clip_from_relative: NDArray[np.float64],
+    workers: Workers,
+    runs: Sequence[tuple[int, int]] | None = None,
+) -> NDArray[np.float64]:
+    """
+    Transform every object's vertices to clip space, by way of eye-relative world coordinates.
+
+    Differences of large coordinates are taken while they are exact, so a scene far from the origin
+    loses no precision.
+
+    Parameters
+    ----------
+    positions : (V, 3) float64 or float32, model space
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    relative_from_model : (O, 4, 4) float64
+        To world axes with the origin at the eye.
+    clip_from_relative : (4, 4) float64
+    workers : Workers
+    runs : sequence of (int, int), optional
+        Of the vertices that are taken there the first, and one past the last. Default: all.
+
+    Returns
+    -------
+    (V, 4) float64, clip space
+        Found in arithmetic of the positions' type.
+    """
+    count, kind = len(positions), positions.dtype
+    per_task = _per_task(count, MIN_VERTICES, VERTICES_PER_TASK, workers)
+    clip_positions = workers.memory.empty((count, 4), np.float64)
+    objects = vertex_starts, _rounded(relative_from_model, kind)
+    matrix = _rounded(clip_from_relative, kind)
+
+    own = positions, objects, matrix, clip_positions
+    workers.call(
+        projection.transform_positions,
+        [
+            ((n, min(n + per_task, end)), *own, projection.scratch_memory(kind))
+            for first, end in ([(0, count)] if runs is None else runs)
+            for n in range(first, end, per_task)
+        ],
+    )
+    return clip_positions
+
+
+def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
+    """Return how many items one task does: see `count_per_task`; not more than the most."""
+    return min(count_per_task(count, least, workers, EVEN_TASKS), most)
+
+
+def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
+    """Return matrices in the type of the vertices that they transform."""
+    if kind == np.float64:
+        return np.ascontiguousarray(matrices)
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(matrices, kind)
+
+
+def project(
+    clip_positions: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: records.Viewport,
+    workers: Workers,
+    precision: Any = np.float64,
+) -> tuple[records.ScreenVertices, int]:
+    """
+    Project all vertices from clip space to the screen.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    workers : Workers
+    precision : dtype
+        Of the arithmetic: float64 or float32.
+
+    Returns
+    -------
+    ScreenVertices
+        With room for ``SPARE_VERTICES`` more behind the V.
+    int
+        The outcode bits set for any vertex.
+    """
+    arguments, count = (clip_positions, depth_coefficients, viewport), len(clip_positions)
+    return _to_screen(projection.project_vertices, count, arguments, workers, precision)
+
+
+def transform_and_project(
+    vertices: ModelVertices,
+    depth_coefficients: tuple[float, float, float],
+    viewport: records.Viewport,
+    workers: Workers,
+    kept: Kept | None = None,
+    runs: Sequence[tuple[int, int]] | None = None,
+) -> tuple[records.ScreenVertices, int]:
+    """
+    Project all vertices from model space to the screen.
+
+    The same bits as `transform` then `project`, without storing clip positions.
+
+    Parameters
+    ----------
+    vertices : ModelVertices
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    workers : Workers
+    kept : Kept, optional
+        What the picture before left.
+    runs : sequence of (int, int), optional
+        Of the vertices that are taken there the first, and one past the last. Default: all.
+
+    Returns
+    -------
+    ScreenVertices
+        With room for ``SPARE_VERTICES`` more behind the V.
+    int
+        The outcode bits set for any vertex.
+    """
+    count, kind = len(vertices.positions), vertices.positions.dtype
+    objects = vertices.vertex_starts, _rounded(vertices.relative_from_model, kind)
+    matrix = _rounded(vertices.clip_from_relative, kind)
+    arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
+    runs = [(0, count)] if runs is None else runs
+    return _to_screen(projection.transform_vertices, count, arguments, workers, kind, kept, runs)
+
+
+def _to_screen(
+    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
+    kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
+) -> tuple[records.ScreenVertices, int]:  # fmt: skip
+    """Call a kernel that fills the screen vertices, for all of them or for some runs."""
+    kept = kept or Kept(workers.memory, lasts=False)
+    screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
+    per_task = _per_task(count, MIN_VERTICES, VERTICES_PER_TASK, workers)
+
+    calls = []
+    for start, end in [(0, count)] if runs is None else runs:
+        for first in range(start, end, per_task):
+            if not calls:
+                scratch = kept.made("projecting", projection.scratch_memory, precision)
+            else:
+                scratch = projection.scratch_memory(precision)
+            calls.append(((first, min(first + per_task, end)), *arguments, screen, scratch))
+    seen = 0
+    for bits in workers.call(kernel, calls):
+        seen |= bits
+    return screen, seen
+
+
+def clip(
+    clip_positions: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    depth_coefficients: tuple[float, float, float],
+    viewport: records.Viewport,
+    screen: records.ScreenVertices,
+    workers: Workers,
+    primitives: Primitives | None = None,
+) -> tuple[records.Faces, records.ScreenVertices, int]:
+    """
+    Clip the faces that cross the near or far plane or the guard band.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    faces : (F, 3) int32, vertex numbers
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    screen : ScreenVertices
+        The V vertices snapped, as `project` returns them.
+    workers : Workers
+    primitives : Primitives, optional
+        The objects whose faces are not triangles: none of theirs is cut.
+
+    Returns
+    -------
+    Faces
+        All F faces, and the pieces of those that were cut.
+    ScreenVertices
+        The V vertices, and behind them those that clipping made.
+    int
+        How many faces were cut.
+    """
+    # Faces to clip.
+    codes = screen.codes[: clip_positions.shape[0]]
+    if primitives is None:
+        cut = _cut_faces(faces, codes, workers)
+    else:
+        runs = expanding.runs_between([one.faces for one in primitives.objects], len(faces))
+        cut = np.concatenate(
+            [np.empty(0, np.int32)]
+            + [_cut_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
+        )
+    # How many vertices each piece has.
+    counts = np.zeros(len(cut), np.int64)
+    edges = _edges(len(cut), MIN_CUT, FACES_PER_TASK, workers)
+    parts = [slice(first, end) for first, end in itertools.pairwise(edges)]
+    scratches = [np.empty((2, clipping.MAX_VERTICES, 4), np.float64) for _ in parts]
+    workers.call(
+        clipping.count_clipped_vertices,
+        [
+            (cut[part], faces, clip_positions, viewport, counts[part], scratch)
+            for part, scratch in zip(parts, scratches, strict=True)
+        ],
+    )
+    vertex_starts = np.concatenate(([0], np.cumsum(counts)))
+    piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
+    positions = np.empty((vertex_starts[-1], 4), np.float64)
+    pieces = np.empty((piece_starts[-1], 3), np.int32)
+    piece_faces = np.empty(piece_starts[-1], np.int32)
+    workers.call(
+        clipping.clip_faces,
+        [
+            (
+                cut[part], faces, clip_positions, viewport,
+                (vertex_starts[part.start :], piece_starts[part.start :]),
+                (positions, pieces, piece_faces), scratch,
+            )
+            for part, scratch in zip(parts, scratches, strict=True)
+        ],
+    )  # fmt: skip
+    first = clip_positions.shape[0]
+    if first + len(positions) > len(screen.codes):
+        roomy = screen_arrays(first + len(positions), workers.memory)
+        for old, new in zip(screen, roomy, strict=True):
+            new[:first] = old[:first]
+        screen = roomy
+    workers.call(
+        projection.project_clipped_vertices,
+        [
+            (
+                (cut[part], faces, vertex_starts[part.start :], clip_positions),
+                positions, depth_coefficients, viewport, first, screen,
+            )
+            for part in parts
+        ],
+    )  # fmt: skip
+    return records.Faces(faces, pieces, piece_faces), screen, len(cut)
+
+
+def _cut_faces(
+    faces: NDArray[np.int32], codes: NDArray[np.uint8], workers: Workers
+) -> NDArray[np.int32]:
+    """Return the numbers of the faces that have to be cut, ascending."""
+    edges = _edges(len(faces), MIN_FACES, FACES_PER_TASK, workers)
+    parts = [faces[first:end] for first, end in itertools.pairwise(edges)]
+    found = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
+    rows = list(zip(parts, itertools.repeat(codes), found))
+    counts = workers.call(clipping.find_clipped_faces, rows)
+    for n, count in enumerate(counts):
+        if count > len(found[n]):
+            found[n] = np.empty(count, np.int32)
+            clipping.find_clipped_faces(parts[n], codes, found[n])
+    if len(found) == 1:
+        return found[0][: counts[0]]
+    return np.concatenate(
+        [some[:count] + first for some, count, first in zip(found, counts, edges, strict=False)],
+        dtype=np.int32,
+    )
+
+
+def _edges(count: int, least: int, most: int, workers: Workers) -> list[int]:
+    """Return the boundaries of tasks over ``count`` items: each start, and the end of the last."""
+    return [*range(0, count, _per_task(count, least, most, workers)), count]
+
+
+class Drawable(NamedTuple):
+    """The geometry that a picture is drawn from."""
+
+    vertices: ModelVertices | NDArray[np.float64]
+    """Or (V, 4) float64, clip space."""
+    faces: NDArray[np.int32]
+    """(F, 3)."""
+    objects: records.Objects
+    depth_coefficients: tuple[float, float, float]
+    """The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer."""
+    viewport: records.Viewport
+    alpha_tests: records.AlphaTests | None = None
+    """The alpha-tested objects, for any picture: its geometry is filled in."""
+    primitives: Primitives | None = None
+    """The objects whose faces are segments or points; ``None`` -> all are triangles."""
+    hidden: Sequence[tuple[int, int]] = ()
+    """Runs of faces, ascending, those of whole objects, that are not drawn."""
+    is_affine: bool = False
+    """Whether the alpha test interpolates affinely, in screen space."""
+
+
+class Wanted(NamedTuple):
+    """Which results of a picture are kept, and how it is drawn."""
+
+    depth: bool = True
+    faces: bool = True
+    """Whether the face at each pixel is kept; else ``face_id`` is (H, 0)."""
+    lists: bool = False
+    """Whether the tiles' lists of triangles are kept."""
+    clip_positions: bool = False
+    """Whether they are made even if no vertex has a ``CLIPPED`` code."""
+    draws: bool = True
+    """Whether depth or faces are read; else all pixels are empty."""
+    depth_type: Any = np.float32
+    """Type that depths are rounded to before they are compared: float32, float64, or int32, which
+    truncates."""
+    precision: Any = np.float64
+    """Type of the arithmetic that projects clip positions; for model positions it is their own."""
+    reach: int = 0
+    """How far from pixel centres samples lie that the lists are for, as ``Viewport.reach``; 0 for
+    drawing pictures."""
+
+
+def find_visible(
+    drawable: Drawable,
+    wanted: Wanted,
+    workers: Workers,
+    clock: Callable[[str], None],
+    *,
+    depth: NDArray[np.float32] | None = None,
+    face_id: NDArray[np.int32] | None = None,
+    kept: Kept | None = None,
+) -> Coverage:
+    """
+    Run transform, projection, clipping, set-up, binning and visibility.
+
+    Parameters
+    ----------
+    drawable : Drawable
+    wanted : Wanted
+    workers : Workers
+    clock : callable
+        Called with a stage's name when it ends.
+    depth : (H, W) float32, optional
+        Where the depth is written.
+    face_id : (H, W) int32, optional
+        Where the face at each pixel is written, if it outlives the drawing.
+    kept : Kept, optional
+        What the picture before left: all that is returned, but for depth and face, lies there.
+        Default: nothing.
+    """
+    vertices, faces, objects, depth_coefficients, viewport, alpha_tests = drawable[:6]
+    primitives, hidden, is_affine = drawable[6:]
+    reach, depth_type = wanted.reach, wanted.depth_type
+    kept = kept or Kept(workers.memory, lasts=False)
+    painted: list[Primitive] = []
+    if primitives is not None:
+        painted = [
+            one for one in primitives.objects if painting.is_painted(one, wanted.lists, alpha_tests)
+        ]
+    # Transform and project vertices.
+    if isinstance(vertices, ModelVertices):
+        runs, left_out = None, list(vertices.unused)
+        if not (wanted.lists or wanted.clip_positions):
+            # Points are projected when they are drawn.
+            left_out += [one.vertices for one in painted]
+        if left_out:
+            runs = list(expanding.runs_between(sorted(left_out), len(vertices.positions)))
+        screen, seen = transform_and_project(
+            vertices, depth_coefficients, viewport, workers, kept, runs
+        )
+        clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
+        if wanted.clip_positions or seen & setup.CLIPPED or primitives is not None:
+            clip_positions = transform(*vertices[:4], workers, runs)
+    else:
+        clip_positions = vertices
+        screen, seen = project(
+            clip_positions, depth_coefficients, viewport, workers, wanted.precision
+        )
+    clock("transform")
+    # Clip faces.
+    clipped = 0
+    all_faces = kept.made("faces", whole_faces, faces)
+    if seen & setup.CLIPPED:
+        all_faces, screen, clipped = clip(
+            clip_positions, faces, depth_coefficients, viewport, screen, workers, primitives
+        )
+    clock("clip")
+    # Expand segments and points into triangles.
+    if primitives is not None:
+        codes = screen.codes[: len(clip_positions)]
+        projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
+        make_room = partial(screen_arrays, memory=workers.memory)
+        drawn_as_such = {one.number for one in painted}
+        own = tuple([one for one in primitives.objects if one.number not in drawn_as_such])
+        all_faces, screen = expanding.expand(
+            primitives._replace(objects=own), EXPANDERS, projected, all_faces, screen, make_room,
+            workers,
+        )  # fmt: skip
+        for one in painted:
+            screen.codes[slice(*one.vertices)] = setup.GUARD
+        seen |= setup.GUARD
+        clock("lines, points")
+    if alpha_tests is not None:
+        geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
+        alpha_tests = alpha_tests._replace(geometry=geometry)
+    lists = None
+    skipped = [one.faces for one in painted]
+    if hidden:
+        skipped = sorted({*skipped, *hidden})
+        painted = [one for one in painted if one.faces not in hidden]
+    # Set up triangles, and list those of each tile.
+    if wanted.draws or wanted.lists:
+        starts, binned, tile_depths, sums = set_up_and_bin(
+            all_faces, objects, screen, viewport._replace(reach=reach) if reach else viewport,
+            workers, alpha_tests, depth_type, kept, seen, skipped,
+        )  # fmt: skip
+        if wanted.lists:
+            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects, hidden, reach)
+    else:
+        sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
+    clock("set up, bin")
+    # Draw triangles, then points.
+    has_points = wanted.draws and bool(painted)
+    if depth is None:
+        width = viewport.width * (wanted.depth or has_points)
+        depth = workers.memory.empty((viewport.height, width), depth_type)
+    if face_id is None:
+        width = viewport.width * (wanted.faces or has_points)
+        face_id = workers.memory.empty((viewport.height, width), np.int32)
+    points = None
+    if primitives is not None and "points" in primitives.kinds:
+        view = vertices.clip_from_relative, depth_coefficients, viewport
+        points = painting.points_of(primitives, objects.face_starts, vertices.vertex_starts, *view)
+    covered = None
+    if wanted.draws:
+        frame = depth, face_id
+        covered = draw(
+            starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
+            kept,
+        )  # fmt: skip
+        if has_points:
+            covered = None
+            cloud = painting.DrawnPoints(
+                vertices.positions, vertices.relative_from_model,
+                painting.only(points.rows, painted), points.sight, depth_coefficients,
+            )  # fmt: skip
+            target = frame
+            if wanted.lists:
+                # Transparent surfaces lie before it, or behind.
+                shape = viewport.height, viewport.width
+                target = np.empty(shape, depth_type), np.empty(shape, np.int32)
+                painting.clear(target)
+                points = points._replace(picture=target)
+            sums = sums + painting.sums_of(painting.draw_cloud(cloud, viewport, target, workers))
+            if wanted.lists:
+                painting.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
+    else:
+        depth.fill(tile_rasterizer.empty_depth(depth_type))
+        face_id.fill(tile_rasterizer.NOTHING)
+    clock("visibility")
+    outside, degenerate, culled, unsampled, invalid = sums.tolist()
+    drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
+    totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
+    return Coverage(
+        depth, face_id, screen, clip_positions, totals, lists, alpha_tests, points=points,
+        covered=covered if face_id.shape[1] else None,
+    )  # fmt: skip
+
+
+def kernels_of(wanted: Wanted, has_alpha_tests: bool, kinds: Collection[str] = ()) -> Rows:
+    """
+    Return the kernels that `find_visible` calls, each with its variant and when it is called.
+
+    ``wanted.precision`` is that of model positions as well; ``kinds`` are those of objects whose
+    faces are not triangles.
+    """
+    crossed = "a face crosses the near or far plane or the guard band"
+    depth = depth_variant(wanted.depth_type)
+    single = "float32 vertices" if np.dtype(wanted.precision) == np.float32 else ""
+    moved = "" if wanted.clip_positions or kinds else crossed
+    rows = [
+        KernelRow(projection.transform_vertices, single),
+        KernelRow(projection.transform_positions, single, moved),
+        *rows_where(
+            crossed, clipping.find_clipped_faces, clipping.count_clipped_vertices,
+            clipping.clip_faces, projection.project_clipped_vertices,
+        ),
+        *(line_pass.kernel_rows() if "lines" in kinds else []),
+        KernelRow(setup.set_up_triangles),
+    ]  # fmt: skip
+    if wanted.draws or wanted.lists:
+        rows += [
+            *rows_where("", binning.start_lists, binning.bin_triangles),
+            KernelRow(find_tile_depths, depth, "a face covers whole tiles"),
+        ]
+    if wanted.draws:
+        rows.append(KernelRow(tile_rasterizer.draw_tiles, depth))
+    if wanted.draws or wanted.lists:
+        batched = triangle_batches.plan_batch, triangle_batches.order_triangles
+        rows += [*rows_where("", *batched), KernelRow(tile_rasterizer.draw_planned, depth)]
+    if wanted.draws and "points" in kinds:
+        from rasterjit.pipeline.visibility import point_rasterizer
+
+        rows += [
+            KernelRow(point_rasterizer.draw_points, depth),
+            KernelRow(point_rasterizer.merge_pictures, depth, "several threads draw points"),
+        ]
+    if wanted.draws and has_alpha_tests:
+        rows += [KernelRow(alpha_test.keep_shown, depth), KernelRow(alpha_test.find_alphas)]
+    return rows
+
+
+def depth_variant(depth_type: Any) -> str:
+    """Return the name of the kernel variant that compares depths of a type; empty for float32."""
+    name = np.dtype(depth_type).name
+    return "" if name == "float32" else f"{name} depth"
+
+
+def geometry_of(
+    faces: NDArray[np.int32],
+    screen: records.ScreenVertices,
+    clip_positions: NDArray[np.float64],
+    viewport: records.Viewport,
+    is_affine: bool = False,
+) -> records.Geometry:
+    """Return the geometry to interpolate on: perspective-correct, or affine on the screen."""
+    w = np.empty(0) if is_affine else screen.w
+    return records.Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
+
+
+class SetUp(NamedTuple):
+    """Triangles that survived culling, and their tiles."""
+
+    triangles: NDArray[np.int32]
+    """Their numbers, those of each part packed to its front."""
+    boxes: NDArray[np.uint8]
+    """(T, 4): the tiles around each."""
+    parts: list[slice]
+    """Where the triangles of each task lie."""
+    counts: NDArray[np.int32]
+    """(parts, tiles + 1): triangles of each tile, and how many cover whole tiles."""
+    sums: NDArray[np.int64]
+    """(5,): counts of the others, by outcome."""
+
+
+def set_up(
+    faces: records.Faces, objects: records.Objects, screen: records.ScreenVertices,
+    viewport: records.Viewport, workers: Workers, kept: Kept | None = None,
+    seen: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
+) -> SetUp:  # fmt: skip
+    """
+    Cull faces, and find the tiles of the survivors.
+
+    Takes the outcode bits that occur, and the runs of faces to skip.
+    """
+    kept = kept or Kept(workers.memory, lasts=False)
+    columns, tiles = _tiles_of(viewport)
+    face_count, piece_count = len(faces.faces), len(faces.pieces)
+    per_task = _per_task(face_count, MIN_FACES, FACES_PER_TASK, workers)
+    edges = [
+        (first, min(first + per_task, end))
+        for start, end in expanding.runs_between(skipped, face_count)
+        for first in range(start, end, per_task)
+    ] or [(0, 0)]
+    chunks = len(edges)
+    piece_edges = [(0, 0)] * chunks
+    if piece_count:
+        piece_edges = [tuple(pair) for pair in faces.piece_faces.searchsorted(edges).tolist()]
+    triangles = kept.empty("triangles", (face_count + piece_count,), np.int32)
+    boxes = kept.empty("boxes", (face_count + piece_count, 4), np.uint8)
+    counts = np.zeros((chunks, tiles + 1), np.int32)
+    sums = np.zeros((chunks, 5), np.int64)
+    batches = [kept.empty("batch", setup.BATCH_SHAPE, np.int32)]
+    batches += [np.empty(setup.BATCH_SHAPE, np.int32) for _ in range(1, chunks)]
+    ends = workers.call(
+        setup.set_up_triangles,
+        [
+            (
+                edges[n], piece_edges[n], faces, objects, screen, viewport, (triangles, boxes),
+                (columns, counts[n], sums[n]), batches[n], seen,
+            )
+            for n in range(chunks)
+        ],
+    )  # fmt: skip
+    parts = [slice(edges[n][0] + piece_edges[n][0], ends[n]) for n in range(chunks)]
+    return SetUp(triangles, boxes, parts, counts, sums[0] if chunks == 1 else sums.sum(axis=0))
+
+
+def set_up_and_bin(
+    faces: records.Faces,
+    objects: records.Objects,
+    screen: records.ScreenVertices,
+    viewport: records.Viewport,
+    workers: Workers,
+    alpha_tests: records.AlphaTests | None = None,
+    depth_type: Any = np.float32,
+    kept: Kept | None = None,
+    seen: int = setup.ANY_CODE,
+    skipped: Sequence[tuple[int, int]] = (),
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
+    """
+    Return each tile's start in the list of triangles, that list, tile depths, and totals.
+
+    The list may be longer than what is written of it, which ends at the last start.
+    """
+    kept = kept or Kept(workers.memory, lasts=False)
+    triangles, boxes, parts, counts, sums = set_up(
+        faces, objects, screen, viewport, workers, kept, seen, skipped
+    )
+    columns, tiles = _tiles_of(viewport)
+    starts = kept.empty("starts", (tiles + 1,), np.int64)
+    cursors = kept.empty("cursors", (len(parts), tiles), np.int64)
+    binning.start_lists(counts, starts, cursors)
+    binned = kept.at_least("binned", int(starts[-1]), np.int32)
+    workers.call(
+        binning.bin_triangles,
+        [
+            (triangles[part], boxes[part], columns, faces, screen, viewport, cursors[n], binned)
+            for n, part in enumerate(parts)
+        ],
+    )
+    # A triangle that covers all centres of a tile need not cover all its samples.
+    with_large = [n for n in range(len(parts)) if viewport.reach == 0 and counts[n, tiles] != 0]
+    if not with_large:
+        return starts, binned, kept.made("depths", _empty_depths, tiles, depth_type), sums
+    tile_depths = np.full((len(with_large), tiles), tile_rasterizer.empty_depth(depth_type))
+    holes = np.empty(0, np.int64), np.empty(0, np.float32)
+    if alpha_tests is not None:
+        holes = alpha_tests.face_starts, alpha_tests.cutoffs
+    workers.call(
+        find_tile_depths,
+        [
+            (
+                triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport,
+                tile_depths[row], holes,
+            )
+            for row, n in enumerate(with_large)
+        ],
+    )  # fmt: skip
+    return starts, binned, tile_depths.max(axis=0), sums
+
+
+def _tiles_of(viewport: records.Viewport) -> tuple[int, int]:
+    """Return the columns of tiles of a picture, and its tiles."""
+    columns = -(-viewport.width // setup.TILE_SIZE)
+    return columns, columns * -(-viewport.height // setup.TILE_SIZE)
+
+
+def draw(
+    starts: NDArray[np.int64],
+    binned: NDArray[np.int32],
+    tile_depths: NDArray[Any],
+    faces: records.Faces,
+    screen: records.ScreenVertices,
+    viewport: records.Viewport,
+    frame: tuple[NDArray[Any], NDArray[np.int32]],
+    workers: Workers,
+    alpha_tests: records.AlphaTests | None = None,
+    kept: Kept | None = None,
+) -> int:
+    """Rasterize all tiles, each by one thread; return how many pixels are covered."""
+    kept = kept or Kept(workers.memory, lasts=False)
+    tiles = kept.made("tiles", _count, len(starts) - 1)
+    per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
+    kind = frame[0].dtype
+    # A drawer per thread: making one takes longer than drawing a few tiles.
+    drawers = kept.made("drawers", _no_drawers, binned, faces, screen, kind, alpha_tests)
+    tasks = -(-len(tiles) // per_task)
+    threads = min(workers.threads, tasks)
+    while len(drawers) < threads:
+        memory = None if drawers else kept.made("tile memory", tile_rasterizer.tile_memory, kind)
+        drawers.append(
+            tile_rasterizer.tile_drawer(binned, faces, screen, kind, alpha_tests, memory)
+        )
+    taken = np.array([0, per_task], np.int64) if tasks > 1 else tile_rasterizer.ALL
+    own = tiles, taken, starts, tile_depths, viewport, frame
+    calls = [(*own, *drawer[:3]) for drawer in drawers[:threads]]
+    return int(sum(workers.call(tile_rasterizer.draw_tiles, calls)))
+
+
+def whole_faces(faces: NDArray[np.int32]) -> records.Faces:
+    """Return the `Faces` record of faces none of which was clipped."""
+    return records.Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+
+
+def _empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
+    """Return the cleared depth of each tile."""
+    return np.full(tiles, tile_rasterizer.empty_depth(depth_type))
+
+
+def _no_drawers(*_: Any) -> list[Any]:
+    """Return an empty list: each thread makes its drawer when it finds none."""
+    return []
+
+
+def _count(count: int) -> NDArray[np.int32]:
+    """Return the integers from 0 to ``count`` - 1."""
+    return np.arange(count, dtype=np.int32)
+
+
+def screen_arrays(count: int, memory: Memory) -> records.ScreenVertices:
+    """Return room for so many vertices."""
+    # A vertex's position and depth lie side by side, in one cache line.
+    packed = memory.empty((count, 2), np.float64)
+    return records.ScreenVertices(
+        packed.view(np.int32)[:, :2],
+        packed[:, 1],
+        memory.empty((count,), np.uint8),
+        memory.empty((count,), np.float64),
+    )
+
+
+class Region(NamedTuple):
+    """A part of a picture, pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def viewport_of(
+    size: tuple[int, int],
+    subpixel_bits: int,
+    region: Region | None = None,
+    spacing: float = 1.0,
+) -> records.Viewport:
+    """Return the viewport record, with guard band, of an image (width, height) or a part of it."""
+    width, height = size
+    left, top, columns, rows = region or (0, 0, width, height)
+    return records.Viewport(
+        columns,
+        rows,
+        1.0 + 2.0 * GUARD_PIXELS / width,
+        1.0 + 2.0 * GUARD_PIXELS / height,
+        subpixel_bits,
+        max(subpixel_bits, 1),
+        left=left,
+        top=top,
+        right=width - left - columns,
+        bottom=height - top - rows,
+        spacing=spacing,
+    )
+
+
+class Seen(NamedTuple):
+    """A rasterized picture: its coverage, geometry and viewport."""
+
+    objects: records.Objects
+    depth_coefficients: tuple[float, float, float]
+    geometry: records.Geometry
+    placement: records.Placement
+    coverage: Coverage
