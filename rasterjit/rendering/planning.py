@@ -115,8 +115,8 @@ def plan_frame(
         Naming the argument that is wrong.
     """
     quality, background = request.quality, request.background
-    cull, diagnose = request.cull, bool(request.diagnose)
     size, outputs = check_request(request)
+    cull, diagnose = request.cull, bool(request.diagnose)
     # Analyse the scene.
     if known is None:
         check_scene(scene)
