@@ -543,8 +543,11 @@ def _one_color(name: str, value: ArrayLike) -> NDArray[np.uint8]:
 
 def _vertex_colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return one colour for each of three vertices as (3, 4) uint8, or raise ``ValueError``."""
-    is_row = isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
-    if is_row and len(value) == 3 and all(isinstance(v, (Sequence, np.ndarray)) for v in value):
+    if (
+        (isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0))
+        and len(value) == 3
+        and all(isinstance(item, (Sequence, np.ndarray)) for item in value)
+    ):
         return np.stack([_one_color(name, item) for item in value])
     return np.stack([_one_color(name, value)] * 3)
 
