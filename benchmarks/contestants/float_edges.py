@@ -311,7 +311,7 @@ def careless_stages() -> SimpleNamespace:
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.
     listing = twin(setup, edge=edge, edge_bias=edge_bias, tile_edges=setup.tile_edges)
-    return twin(visibility_pass, setup=listing, nearest=covering)
+    return twin(visibility_pass, setup=listing, tile_rasterizer=covering)
 
 
 class FloatTriangles(Visibility):

@@ -109,8 +109,8 @@ def cut(polygons, lines):
         crosses = (here > 0) & (there < 0) | (here < 0) & (there > 0)
         stays = here >= 0
     # Of each edge its first corner, if that stays, and the place where it crosses the line.
-    listed = np.stack([polygons, crossing], axis=2).reshape(len(x), -1, 2)
-    is_kept = np.stack([stays, crosses], axis=2).reshape(len(x), -1)
+    listed = np.stack([polygons, crossing], axis=2).reshape(len(x), 2 * x.shape[1], 2)
+    is_kept = np.stack([stays, crosses], axis=2).reshape(len(x), 2 * x.shape[1])
     first = np.argsort(~is_kept, axis=1, kind="stable")[:, : x.shape[1] + 1]
     left = np.take_along_axis(listed, first[..., np.newaxis], axis=1)
     has_more = np.take_along_axis(is_kept, first, axis=1)[..., np.newaxis]
