@@ -183,7 +183,7 @@ class Alphas(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Material maps besides base colour, and their factors: see ``surface.maps``."""
+    """Material maps besides base colour, and their factors: see ``surface.material_maps``."""
 
     factors: Any
     """(O, 5) float32: normal scale, occlusion strength, emitted red, green, blue (linear)."""
@@ -197,7 +197,7 @@ class Maps(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The iso-lines of the scalars of all objects: see ``surface.contours``."""
+    """The iso-lines of the scalars of all objects: see ``surface.isolines``."""
 
     levels: Any
     """(N,) float64: those of each object, ascending."""
@@ -208,7 +208,7 @@ class Levels(NamedTuple):
 
 
 class Fields(NamedTuple):
-    """The scalars of all objects' vertices, and how they are shown: see ``surface.fields``."""
+    """The scalars of all objects' vertices, how they are shown: ``surface.scalar_colors``."""
 
     values: Any
     """(V,) float64."""
@@ -236,7 +236,7 @@ class Layers(NamedTuple):
     """Material layers of glTF's extensions; a kind that no object in view has is None."""
 
     coats: Any
-    """(O, 10) float32: rows from COAT on, see ``surface.samples``."""
+    """(O, 10) float32: rows from COAT on, see ``surface.sample_block``."""
     coat_scales: Any
     """(O, 1) float32: factor on x and y of the clearcoat's normal map."""
     coat_tangents: Any

@@ -4,8 +4,8 @@ Count from how many directions of light a scene covers each texel of a map, by i
 Along a row, a triangle covers what lies between two of its edges: it adds a layer right of one and
 takes it away right of the other. So the layers over a texel are a sum over edges alone. An edge
 between two faces of one winding adds nothing; what is left are silhouettes and borders, few of all
-edges. Columns are exact, as in ``visibility/nearest.py``, and a centre on an edge belongs to the
-same face: a texel has a layer where a picture of face numbers shows a face.
+edges. Columns are exact, as in ``visibility.tile_rasterizer``, and a centre on an edge belongs to
+the same face: a texel has a layer where a picture of face numbers shows a face.
 
 References
 ----------
