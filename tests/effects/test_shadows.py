@@ -521,6 +521,32 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
             assert (np.roll(share, -beside)[2:] == 1.0)[(u[2:] < 0) | (u[2:] > size)].all()
 
 
+def test_soft_shadow_of_a_sample_does_not_depend_on_its_block():
+    rng, size, count = np.random.default_rng(8), 64, 200
+    texels = rng.uniform(0.0, 1.0, (size, size)).astype(np.float32)
+    side = size // filters.CELLS
+    highest = texels.reshape(filters.CELLS, side, filters.CELLS, side).max(axis=(1, 3))
+    u, v = rng.uniform(20.0, 40.0, (2, count)).astype(np.float32)
+    depth = rng.uniform(0.0, 1.0, count).astype(np.float32)
+    # Steep planes: stored depths lie above them, and below the sample's own.
+    across, down = rng.uniform(-0.5, 0.5, (2, count)).astype(np.float32)
+    placed = u, v, depth, across, down, np.full(count, 1e-3, np.float32)
+    spiral, pattern = shadow_maps.spiral(size), shadow_maps.disk_points()
+
+    def read(samples):
+        found, nearer, share = np.zeros((3, samples.stop - samples.start), np.float32)
+        filters.read_soft(
+            *(one[samples] for one in placed), texels.ravel(), size, np.float32(1.0),
+            np.float32(10.0), highest, pattern, spiral, np.ones_like(share), found, nearer, share,
+        )  # fmt: skip
+        return share
+
+    together = read(slice(0, count))
+    alone = [read(slice(i, i + 1)) for i in range(count)]
+    assert np.array_equal(together, np.concatenate(alone))
+    assert 0.0 < together.mean() < 1.0
+
+
 @pytest.mark.parametrize("shading", ["flat", "phong", "pbr"])
 def test_samples_that_turn_away_need_no_soft_shadow(monkeypatch, shading):
     """Lights from all around, on normals that are not those of the faces."""

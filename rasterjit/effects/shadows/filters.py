@@ -157,7 +157,8 @@ def find_shading(
         plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
         stored = texels[np.uintp(np.int32(row) * np.int32(size) + np.int32(column))]
         reach = widening * (stored - depth[i])
-        looked = SPREAD * reach + SEARCHED
+        # Below the sample only SEARCHED counts: `farthest_shading` leaves out the rest of a block.
+        looked = max(SPREAD * reach + SEARCHED, -SEARCHED)
         shades = (stored > plane) & (right * right + below * below <= looked * looked)
         shades = shades & (column == at_u) & (row == at_v)
         reach = max(reach, zero) + NARROWEST
