@@ -44,11 +44,20 @@ NO_DEPTH = np.empty((0, 0), np.float32)
 LINE_RANGE = (-(2**31), 2**31 - 1)
 """Smallest and largest coordinate of a line's end, pixels."""
 
+MAX_DEPTH = float(np.finfo(np.float32).max)
+"""Largest magnitude of a depth."""
+
 SHAPE_RANGE = (-primitives.MAX_COORDINATE, primitives.MAX_COORDINATE)
 """Smallest and largest coordinate of everything else, pixels."""
 
 FEW_PIXELS = 2**19
 """Up to this many pixels are drawn at once: to bin lines and to wake threads would cost more."""
+
+SEQUENCES = (tuple, list, np.ndarray, Sequence)
+"""What may hold numbers or colours; the commonest first."""
+
+WHOLE_TYPES = frozenset({int, *(np.dtype(code).type for code in "bhilqBHILQ")})
+"""Types of whole numbers."""
 
 BAND_BYTES = 2**20
 """Most bytes of a band of rows: what a core has as a cache of its own."""
@@ -151,11 +160,10 @@ class Framebuffer(Guarded):
             If the colour is not such a sequence, or the depth is neither ``inf`` nor in the
             range of float32.
         """
-        rgba = _one_color("color", color)
+        pixel = _pixel("color", color)
         if not check.is_infinite(depth):
-            largest = float(np.finfo(np.float32).max)
-            depth = check.bounded_number("depth", depth, -largest, largest)
-        self._pixels.fill(rgba.view(np.uint32)[0])
+            depth = check.bounded_number("depth", depth, -MAX_DEPTH, MAX_DEPTH)
+        self._pixels.fill(pixel)
         self._depth.fill(depth)
 
     def put_pixel(self, x: int, y: int, color: ArrayLike) -> None:
@@ -168,9 +176,9 @@ class Framebuffer(Guarded):
             If x or y is not a whole number, or the colour not 3 or 4 ints in 0..255.
         """
         column, row = _whole_number("x", x), _whole_number("y", y)
-        rgba = _one_color("color", color)
+        pixel = _pixel("color", color)
         if 0 <= column < self._width and 0 <= row < self._height:
-            self._color[row, column] = rgba
+            self._pixels[row, column] = pixel
 
     def draw_line(
         self,
@@ -195,9 +203,8 @@ class Framebuffer(Guarded):
         ValueError
             If a point or a colour is not as said.
         """
-        a = _whole_array("start", start, (2,), *LINE_RANGE)
-        b = _whole_array("end", end, (2,), *LINE_RANGE)
-        self._draw_line_batch([(*a, *b)], [_color_pair(color, end_color)])
+        a, b = _point("start", start, *LINE_RANGE), _point("end", end, *LINE_RANGE)
+        bresenham.draw_one_line(self._pixels, a, b, _two_pixels(color, end_color))
 
     def draw_lines(self, ends: ArrayLike, colors: ArrayLike) -> None:
         """
@@ -228,7 +235,11 @@ class Framebuffer(Guarded):
             )
         if rgba.ndim == 2:
             rgba = rgba[:, None]
-        self._draw_line_batch(points, np.broadcast_to(rgba, (count, 2, 4)))
+        rgba = np.ascontiguousarray(np.broadcast_to(rgba, (count, 2, 4)))
+        if _is_little(points, max(self.width, self.height)):
+            bresenham.draw_lines(self._pixels, points, rgba)
+        else:
+            _draw_in_bands(self._pixels, points, rgba, self._workers)
 
     def draw_triangle(
         self, a: Sequence[int], b: Sequence[int], c: Sequence[int], color: ArrayLike
@@ -247,15 +258,10 @@ class Framebuffer(Guarded):
         ValueError
             If a point or a colour is not as said.
         """
-        points = [
-            _whole_array(name, point, (2,), *LINE_RANGE)
-            for name, point in (("a", a), ("b", b), ("c", c))
-        ]
-        rgba = _vertex_colors("color", color)
-        sides = ((0, 1), (1, 2), (2, 0))
-        self._draw_line_batch(
-            [(*points[i], *points[j]) for i, j in sides], [(rgba[i], rgba[j]) for i, j in sides]
-        )
+        points = [_point(name, one, *LINE_RANGE) for name, one in (("a", a), ("b", b), ("c", c))]
+        pixels = _three_pixels("color", color)
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            bresenham.draw_one_line(self._pixels, points[i], points[j], (pixels[i], pixels[j]))
 
     def fill_triangle(
         self,
@@ -291,20 +297,21 @@ class Framebuffer(Guarded):
         ValueError
             If a point, a colour, a name or a depth is not as said.
         """
-        names = (("a", a), ("b", b), ("c", c))
-        vertices = np.stack(
-            [_whole_array(name, point, (2,), *SHAPE_RANGE) for name, point in names]
+        points = [_point(name, one, *SHAPE_RANGE) for name, one in (("a", a), ("b", b), ("c", c))]
+        first, second, third = _three_pixels("color", color)
+        bias = EDGE_RULES[check.one_of("edges", edges, EDGE_RULES)]
+        fill = FILL_METHODS[check.one_of("method", method, FILL_METHODS)]
+        depths, stored = (0.0, 0.0, 0.0), NO_DEPTH
+        if depth is not None:
+            depths, stored = check.triple("depth", depth), self._depth
+            if max(map(abs, depths)) > MAX_DEPTH:
+                raise ValueError(f"depth must fit float32, got {list(depths)}")
+        corners = (
+            (*points[0], first, depths[0]),
+            (*points[1], second, depths[1]),
+            (*points[2], third, depths[2]),
         )
-        rgba = _vertex_colors("color", color)
-        bias = EDGE_RULES[check.one_of("edges", edges, tuple(EDGE_RULES))]
-        fill = FILL_METHODS[check.one_of("method", method, tuple(FILL_METHODS))]
-        if depth is None:
-            fill(self._pixels, NO_DEPTH, vertices, np.zeros(3), rgba, bias)
-        else:
-            vertex_depths = np.ascontiguousarray(check.finite_array("depth", depth, (3,)))
-            if np.abs(vertex_depths).max() > np.finfo(np.float32).max:
-                raise ValueError(f"depth must fit float32, got {vertex_depths.tolist()}")
-            fill(self._pixels, self._depth, vertices, vertex_depths, rgba, bias)
+        fill(self._pixels, stored, corners, bias)
 
     def draw_circle(self, center: Sequence[int], radius: int, color: ArrayLike) -> None:
         """
@@ -322,10 +329,11 @@ class Framebuffer(Guarded):
         ValueError
             If an argument is not as said.
         """
-        x, y = _whole_array("center", center, (2,), *SHAPE_RANGE)
-        size = _whole_array("radius", radius, (), 0, primitives.MAX_COORDINATE)[()]
-        pixel = _one_color("color", color).view(np.uint32)[0]
-        primitives.draw_circle(self._pixels, x, y, size, np.int64(pixel))
+        x, y = _point("center", center, *SHAPE_RANGE)
+        (size,) = _few_whole((radius,), (1,), 0, primitives.MAX_COORDINATE) or (
+            int(_whole_array("radius", radius, (), 0, primitives.MAX_COORDINATE)),
+        )
+        primitives.draw_circle(self._pixels, x, y, size, _pixel("color", color))
 
     def draw_bezier(
         self,
@@ -357,13 +365,12 @@ class Framebuffer(Guarded):
         control = np.ascontiguousarray(check.finite_array("points", points, (None, 2)))
         if len(control) not in (3, 4):
             raise ValueError(f"points must be 3 or 4 control points, got {len(control)}")
-        if np.abs(control).max() > primitives.MAX_COORDINATE:
+        furthest = max(map(abs, control.ravel().tolist()))
+        if furthest > primitives.MAX_COORDINATE:
             raise ValueError(
-                f"points must be at most {primitives.MAX_COORDINATE} in magnitude, got "
-                f"{np.abs(control).max()!r}"
+                f"points must be at most {primitives.MAX_COORDINATE} in magnitude, got {furthest!r}"
             )
-        colors = np.stack(_color_pair(color, end_color))
-        primitives.draw_bezier(self._pixels, control, colors)
+        primitives.draw_bezier(self._pixels, control, _two_pixels(color, end_color))
 
     def save(self, path: str | Path) -> None:
         """
@@ -378,15 +385,6 @@ class Framebuffer(Guarded):
         from rasterjit.io.images import save_image
 
         save_image(path, self._color)
-
-    def _draw_line_batch(self, ends: Any, colors: Any) -> None:
-        """Draw checked lines: (N, 4) end points and (N, 2, 4) colours."""
-        points = np.ascontiguousarray(ends, dtype=np.int64)
-        rgba = np.ascontiguousarray(colors, dtype=np.uint8)
-        if _is_little(points, max(self.width, self.height)):
-            bresenham.draw_lines(self._pixels, points, rgba)
-        else:
-            _draw_in_bands(self._pixels, points, rgba, self._workers)
 
 
 def _is_little(ends: NDArray[np.int64], most_steps: int) -> bool:
@@ -473,6 +471,36 @@ def _draw_band(
                 line = line_bands.draw_long_lines(band_pixels, top, records, line)
 
 
+def _few_whole(value: Any, counts: Sequence[int], low: int, high: int) -> Sequence[int] | None:
+    """
+    Return one of some counts of whole numbers in low..high, if they are a tuple, list or array.
+
+    Of what is anything else, right or wrong, return None.
+    """
+    numbers = value.tolist() if type(value) is np.ndarray else value
+    if type(numbers) not in (tuple, list) or len(numbers) not in counts:
+        return None
+    for number in numbers:
+        if type(number) is not int:
+            break
+        if not low <= number <= high:
+            return None
+    else:
+        return numbers
+    whole = [
+        int(number)
+        for number in numbers
+        if type(number) in WHOLE_TYPES or (isinstance(number, float) and number.is_integer())
+    ]
+    return _few_whole(whole, (len(numbers),), low, high)
+
+
+def _point(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
+    """Return x and y as ints in low..high, or raise ``ValueError``."""
+    x, y = _few_whole(value, (2,), low, high) or _whole_array(name, value, (2,), low, high).tolist()
+    return x, y
+
+
 def _whole_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int
 ) -> NDArray[np.int64]:
@@ -533,28 +561,33 @@ def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     return rgba
 
 
-def _one_color(name: str, value: ArrayLike) -> NDArray[np.uint8]:
-    """Return one colour as (4,) uint8, or raise ``ValueError``."""
-    rgba = _colors(name, value)
-    if rgba.ndim != 1:
-        raise ValueError(f"{name} must be one colour, got an array of shape {np.shape(value)}")
-    return rgba
+def _pixel(name: str, value: ArrayLike) -> int:
+    """Return one colour as a pixel, red in its lowest byte, or raise ``ValueError``."""
+    channels = _few_whole(value, (3, 4), 0, OPAQUE)
+    if channels is None:
+        rgba = _colors(name, value)
+        if rgba.ndim != 1:
+            raise ValueError(f"{name} must be one colour, got an array of shape {np.shape(value)}")
+        channels = rgba.tolist()
+    red, green, blue, alpha = channels if len(channels) == 4 else (*channels, OPAQUE)
+    return red | green << 8 | blue << 16 | alpha << 24
 
 
-def _vertex_colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
-    """Return one colour for each of three vertices as (3, 4) uint8, or raise ``ValueError``."""
+def _three_pixels(name: str, value: Any) -> tuple[int, int, int]:
+    """Return one colour for each of three vertices, or one for all, as pixels, or raise."""
     if (
-        (isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0))
+        isinstance(value, SEQUENCES)
+        and getattr(value, "ndim", 1) > 0
         and len(value) == 3
-        and all(isinstance(item, (Sequence, np.ndarray)) for item in value)
+        and all([isinstance(item, SEQUENCES) for item in value])
     ):
-        return np.stack([_one_color(name, item) for item in value])
-    return np.stack([_one_color(name, value)] * 3)
+        first, second, third = value
+        return _pixel(name, first), _pixel(name, second), _pixel(name, third)
+    pixel = _pixel(name, value)
+    return pixel, pixel, pixel
 
 
-def _color_pair(
-    color: ArrayLike, end_color: ArrayLike | None
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return the colours of both ends; the end's is the start's if it is left out."""
-    start = _one_color("color", color)
-    return start, start if end_color is None else _one_color("end_color", end_color)
+def _two_pixels(color: ArrayLike, end_color: ArrayLike | None) -> tuple[int, int]:
+    """Return the colours of both ends as pixels; the end's is the start's if it is left out."""
+    start = _pixel("color", color)
+    return start, start if end_color is None else _pixel("end_color", end_color)

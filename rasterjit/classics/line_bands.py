@@ -135,13 +135,6 @@ def list_lines(
 
 
 @helper
-def unpacked_color(rgba):
-    """Return the four channels of a pixel, red in its lowest byte, as ``int64``."""
-    bits = np.int64(rgba)
-    return bits & 255, (bits >> 8) & 255, (bits >> 16) & 255, (bits >> 24) & 255
-
-
-@helper
 def record_ends(records, line, top):
     """Return the end points of a binned line in a target that begins at row ``top``."""
     return (
@@ -295,7 +288,7 @@ def draw_short_lines(
         ends = record_ends(records, number, top)
         if not is_short(ends):
             return number
-        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
+        start, end = bresenham.unpacked_color(records[number, 4]), bresenham.unpacked_color(records[number, 5])
         draw_short_line(pixels, colors, places, width, height, ends, start, end)
     return records.shape[0]
 
@@ -322,6 +315,6 @@ def draw_long_lines(
         ends = record_ends(records, number, top)
         if is_short(ends):
             return number
-        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
+        start, end = bresenham.unpacked_color(records[number, 4]), bresenham.unpacked_color(records[number, 5])
         bresenham.draw_line(pixels, width, height, ends, start, end)
     return records.shape[0]

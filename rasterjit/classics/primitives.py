@@ -5,7 +5,7 @@ Coordinates are integers that name pixels, x right and y down: the vertex (3, 5)
 that pixel, so samples on edges and vertices are the common case and the rule for ties matters.
 
 Targets are flat-packed as in ``bresenham``: ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA,
-red in the lowest byte. Coordinates and radii are at most ``MAX_COORDINATE`` in magnitude, so twice
+red in the lowest byte; so are the colours given, *pixels*. Coordinates and radii are at most ``MAX_COORDINATE`` in magnitude, so twice
 the area ``A2`` of a triangle is at most 2**42, an edge function 2**43, and every sum below 2**53.
 
 Filling
@@ -56,10 +56,19 @@ import math
 
 import numpy as np
 
-from rasterjit.pipeline.bresenham import FRACTION_BITS, packed_color, walk, walk_plain
+from rasterjit.pipeline.bresenham import (
+    FRACTION_BITS,
+    channel_of,
+    packed_color,
+    walk,
+    walk_plain,
+)
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
-from rasterjit.runtime.state_block import float32, float64, int64, uint8, uint32
+from rasterjit.runtime.state_block import float32, float64, int64, uint32
+
+CORNER = (int64, int64, int64, float64)
+"""A triangle's corner: x and y, pixels; its colour, a pixel; its depth."""
 
 MAX_COORDINATE = 1 << 20
 """Largest magnitude of a coordinate or radius, pixels; see the module's notes."""
@@ -90,74 +99,76 @@ FAR = 0.8
 
 
 @helper
-def ordered_vertices(vertices):
+def is_above(corner, other):
+    """Return whether a corner lies above another, or beside it to the left."""
+    return corner[1] < other[1] or (corner[1] == other[1] and corner[0] < other[0])
+
+
+@helper
+def ordered_corners(corners):
     """
-    Return the order of the vertices, topmost then leftmost first and positively turned, and A2.
+    Return the corners topmost then leftmost first and positively turned, and A2.
 
     Positive is clockwise on the screen. Whatever the order given, the one returned is the same.
     """
-    first = 0
-    for i in range(1, 3):
-        above = vertices[i, 1] < vertices[first, 1]
-        beside = vertices[i, 1] == vertices[first, 1] and vertices[i, 0] < vertices[first, 0]
-        if above or beside:
-            first = i
-    second, third = (first + 1) % 3, (first + 2) % 3
-    area = edge_function(vertices, first, second, vertices[third, 0], vertices[third, 1])
+    a, b, c = corners
+    if is_above(c, a) and is_above(c, b):
+        a, b, c = c, a, b
+    elif is_above(b, a):
+        a, b, c = b, c, a
+    area = edge_function(a, b, c[0], c[1])
     if area < 0:
-        return first, third, second, -area
-    return first, second, third, area
+        return a, c, b, -area
+    return a, b, c, area
 
 
 @helper
-def edge_function(vertices, start, end, x, y):
+def edge_function(start, end, x, y):
     """Return twice the signed area of (start, end, (x, y)): positive to the right of the edge."""
-    return (vertices[end, 0] - vertices[start, 0]) * (y - vertices[start, 1]) - (
-        vertices[end, 1] - vertices[start, 1]
-    ) * (x - vertices[start, 0])
+    return (end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0])
 
 
 @helper
-def edge_bias(vertices, start, end, other_bias):
+def edge_bias(start, end, other_bias):
     """Return 0 for a top or a left edge, ``other_bias`` for the others."""
-    dx = vertices[end, 0] - vertices[start, 0]
-    dy = vertices[end, 1] - vertices[start, 1]
+    dx, dy = end[0] - start[0], end[1] - start[1]
     if dy < 0 or (dy == 0 and dx > 0):
         return np.int64(INCLUSIVE_BIAS)
     return np.int64(other_bias)
 
 
 @helper
-def edge_plane(vertices, start, end, other_bias):
+def edge_plane(start, end, other_bias):
     """Return an edge function as its gain along x, its gain along y, its value at 0 and bias."""
     return (
-        vertices[start, 1] - vertices[end, 1],
-        vertices[end, 0] - vertices[start, 0],
-        edge_function(vertices, start, end, 0, 0),
-        edge_bias(vertices, start, end, other_bias),
+        start[1] - end[1],
+        end[0] - start[0],
+        edge_function(start, end, 0, 0),
+        edge_bias(start, end, other_bias),
     )
 
 
 @helper
-def triangle_setup(vertices, other_bias):
-    """Return the vertex order, the edge planes opposite those vertices, and A2."""
-    a, b, c, double_area = ordered_vertices(vertices)
+def triangle_setup(corners, other_bias):
+    """Return the edge planes opposite the ordered corners, their pixels and depths, and A2."""
+    a, b, c, double_area = ordered_corners(corners)
     planes = (
-        edge_plane(vertices, b, c, other_bias),
-        edge_plane(vertices, c, a, other_bias),
-        edge_plane(vertices, a, b, other_bias),
+        edge_plane(b, c, other_bias),
+        edge_plane(c, a, other_bias),
+        edge_plane(a, b, other_bias),
     )
-    return (a, b, c), planes, double_area
+    return planes, (a[2], b[2], c[2]), (a[3], b[3], c[3]), double_area
 
 
 @helper
-def clipped_bounds(vertices, width, height):
+def clipped_bounds(corners, width, height):
     """Return the first and the last column and row of the bounding box inside the target."""
+    a, b, c = corners
     return (
-        max(min(vertices[0, 0], vertices[1, 0], vertices[2, 0]), 0),
-        min(max(vertices[0, 0], vertices[1, 0], vertices[2, 0]), width - 1),
-        max(min(vertices[0, 1], vertices[1, 1], vertices[2, 1]), 0),
-        min(max(vertices[0, 1], vertices[1, 1], vertices[2, 1]), height - 1),
+        max(min(a[0], b[0], c[0]), 0),
+        min(max(a[0], b[0], c[0]), width - 1),
+        max(min(a[1], b[1], c[1]), 0),
+        min(max(a[1], b[1], c[1]), height - 1),
     )
 
 
@@ -168,36 +179,32 @@ def plane_value(plane, x, y):
 
 
 @helper
-def channel_numerator(colors, order, channel, e0, e1, e2):
+def channel_numerator(colors, channel, e0, e1, e2):
     """Return ``E0 c0 + E1 c1 + E2 c2`` for one channel."""
     return (
-        e0 * np.int64(colors[order[0], channel])
-        + e1 * np.int64(colors[order[1], channel])
-        + e2 * np.int64(colors[order[2], channel])
+        e0 * channel_of(colors[0], channel)
+        + e1 * channel_of(colors[1], channel)
+        + e2 * channel_of(colors[2], channel)
     )
 
 
 @helper
-def packed_mix(colors, order, double_area, e0, e1, e2):
+def packed_mix(colors, double_area, e0, e1, e2):
     """Return the RGBA pixel at the given edge functions, each channel rounded half up."""
     pixel = np.int64(0)
     for channel in range(4):
-        numerator = channel_numerator(colors, order, channel, e0, e1, e2)
+        numerator = channel_numerator(colors, channel, e0, e1, e2)
         pixel |= ((2 * numerator + double_area) // (2 * double_area)) << (8 * channel)
     return pixel
 
 
 @helper
-def passes_depth(depth, vertex_depths, order, double_area, e1, e2, x, y):
+def passes_depth(depth, corner_depths, double_area, e1, e2, x, y):
     """Test a pixel against the stored depth and store its own if it is smaller; true if none."""
     if depth.shape[0] == 0:
         return True
-    d0 = vertex_depths[order[0]]
-    mixed = (
-        d0
-        + (e1 / double_area) * (vertex_depths[order[1]] - d0)
-        + (e2 / double_area) * (vertex_depths[order[2]] - d0)
-    )
+    d0, d1, d2 = corner_depths
+    mixed = d0 + (e1 / double_area) * (d1 - d0) + (e2 / double_area) * (d2 - d0)
     nearer = np.float32(mixed) < depth[y, x]
     if nearer:
         depth[y, x] = np.float32(mixed)
@@ -206,8 +213,8 @@ def passes_depth(depth, vertex_depths, order, double_area, e1, e2, x, y):
 
 @kernel
 def fill_triangle(
-    target: uint32[:, ::1], depth: float32[:, ::1], vertices: int64[:, ::1],
-    vertex_depths: float64[::1], colors: uint8[:, ::1], other_bias: int64,
+    target: uint32[:, ::1], depth: float32[:, ::1], corners: (CORNER, CORNER, CORNER),
+    other_bias: int64,
 ):  # fmt: skip
     """
     Fill a triangle by testing every pixel of its bounding box.
@@ -218,11 +225,9 @@ def fill_triangle(
         RGBA pixels, red in the lowest byte.
     depth : (H, W) float32, or (0, 0): there is no depth test
         Smaller is nearer; only pixels nearer than it are drawn, and they replace it.
-    vertices : (3, 2) int64, pixels
-        Magnitudes up to ``MAX_COORDINATE``, in either winding.
-    vertex_depths : (3,) float64, finite
-        Any, if there is no depth test.
-    colors : (3, 4) uint8, RGBA
+    corners : three of (x, y, pixel, depth)
+        In either winding. Magnitudes of x and y are at most ``MAX_COORDINATE`` pixels; depths are
+        finite, or any if there is no depth test.
     other_bias : int
         Of edges that are neither top nor left: ``EXCLUSIVE_BIAS`` is the top-left rule,
         ``INCLUSIVE_BIAS`` the inclusive one.
@@ -233,18 +238,18 @@ def fill_triangle(
     -----
     A triangle of no area draws nothing.
     """
-    order, (plane0, plane1, plane2), double_area = triangle_setup(vertices, other_bias)
+    (plane0, plane1, plane2), colors, depths, double_area = triangle_setup(corners, other_bias)
     if double_area == 0:
         return
-    x_min, x_max, y_min, y_max = clipped_bounds(vertices, target.shape[1], target.shape[0])
+    x_min, x_max, y_min, y_max = clipped_bounds(corners, target.shape[1], target.shape[0])
     for y in range(y_min, y_max + 1):
         for x in range(x_min, x_max + 1):
             e0 = plane_value(plane0, x, y)
             e1 = plane_value(plane1, x, y)
             e2 = plane_value(plane2, x, y)
             covered = e0 + plane0[3] >= 0 and e1 + plane1[3] >= 0 and e2 + plane2[3] >= 0
-            if covered and passes_depth(depth, vertex_depths, order, double_area, e1, e2, x, y):
-                target[y, x] = packed_mix(colors, order, double_area, e0, e1, e2)
+            if covered and passes_depth(depth, depths, double_area, e1, e2, x, y):
+                target[y, x] = packed_mix(colors, double_area, e0, e1, e2)
 
 
 @helper
@@ -262,11 +267,11 @@ def cut_span(plane, y, x_first, x_last):
 
 
 @helper
-def channel_walk(colors, order, channel, edges, gains, double_area):
+def channel_walk(colors, channel, edges, gains, double_area):
     """Return a channel as quotient and remainder of ``2 A2``, and both of its gain per pixel."""
     divisor = 2 * double_area
-    value = 2 * channel_numerator(colors, order, channel, edges[0], edges[1], edges[2])
-    gain = 2 * channel_numerator(colors, order, channel, gains[0], gains[1], gains[2])
+    value = 2 * channel_numerator(colors, channel, edges[0], edges[1], edges[2])
+    gain = 2 * channel_numerator(colors, channel, gains[0], gains[1], gains[2])
     value += double_area
     return value // divisor, value % divisor, gain // divisor, gain % divisor
 
@@ -287,8 +292,8 @@ def next_channel(walk, divisor):
 
 @kernel
 def fill_triangle_scanline(
-    target: uint32[:, ::1], depth: float32[:, ::1], vertices: int64[:, ::1],
-    vertex_depths: float64[::1], colors: uint8[:, ::1], other_bias: int64,
+    target: uint32[:, ::1], depth: float32[:, ::1], corners: (CORNER, CORNER, CORNER),
+    other_bias: int64,
 ):  # fmt: skip
     """
     Fill a triangle row by row: divide for the ends of each row, then only add.
@@ -297,12 +302,12 @@ def fill_triangle_scanline(
     function, a line along x, is on its inner side; the channels start with one exact division and
     then gain a quotient and a remainder per pixel.
     """
-    order, (plane0, plane1, plane2), double_area = triangle_setup(vertices, other_bias)
+    (plane0, plane1, plane2), colors, depths, double_area = triangle_setup(corners, other_bias)
     if double_area == 0:
         return
     divisor = 2 * double_area
     gains = (plane0[0], plane1[0], plane2[0])
-    x_min, x_max, y_min, y_max = clipped_bounds(vertices, target.shape[1], target.shape[0])
+    x_min, x_max, y_min, y_max = clipped_bounds(corners, target.shape[1], target.shape[0])
     for y in range(y_min, y_max + 1):
         x_first, x_last = cut_span(plane0, y, x_min, x_max)
         x_first, x_last = cut_span(plane1, y, x_first, x_last)
@@ -312,12 +317,12 @@ def fill_triangle_scanline(
         e0 = plane_value(plane0, x_first, y)
         e1 = plane_value(plane1, x_first, y)
         e2 = plane_value(plane2, x_first, y)
-        red = channel_walk(colors, order, 0, (e0, e1, e2), gains, double_area)
-        green = channel_walk(colors, order, 1, (e0, e1, e2), gains, double_area)
-        blue = channel_walk(colors, order, 2, (e0, e1, e2), gains, double_area)
-        alpha = channel_walk(colors, order, 3, (e0, e1, e2), gains, double_area)
+        red = channel_walk(colors, 0, (e0, e1, e2), gains, double_area)
+        green = channel_walk(colors, 1, (e0, e1, e2), gains, double_area)
+        blue = channel_walk(colors, 2, (e0, e1, e2), gains, double_area)
+        alpha = channel_walk(colors, 3, (e0, e1, e2), gains, double_area)
         for x in range(x_first, x_last + 1):
-            if passes_depth(depth, vertex_depths, order, double_area, e1, e2, x, y):
+            if passes_depth(depth, depths, double_area, e1, e2, x, y):
                 target[y, x] = red[0] | (green[0] << 8) | (blue[0] << 16) | (alpha[0] << 24)
             red = next_channel(red, divisor)
             green = next_channel(green, divisor)
@@ -405,17 +410,6 @@ def bezier_segments(points):
 
 
 @helper
-def packed_pixel(colors, row):
-    """Return a row of RGBA colours as one pixel, red in the lowest byte."""
-    return (
-        np.int64(colors[row, 0])
-        | (np.int64(colors[row, 1]) << 8)
-        | (np.int64(colors[row, 2]) << 16)
-        | (np.int64(colors[row, 3]) << 24)
-    )
-
-
-@helper
 def bezier_powers(points, axis):
     """Return one coordinate of a quadratic or cubic as the factors of ``t**3``, ``t**2`` and t."""
     p0, p1, p2 = points[0, axis], points[1, axis], points[2, axis]
@@ -428,8 +422,8 @@ def bezier_powers(points, axis):
 @helper
 def ramp_channel(colors, channel, t):
     """Return a channel at ``t`` in 0..1, and a half, as a running number of ``bresenham``."""
-    start = np.float64(colors[0, channel])
-    value = start + t * (np.float64(colors[1, channel]) - start) + (0.5 + TIE)
+    start, end = np.float64(channel_of(colors[0], channel)), channel_of(colors[1], channel)
+    value = start + t * (np.float64(end) - start) + (0.5 + TIE)
     return np.int64(value * (1 << FRACTION_BITS))
 
 
@@ -447,8 +441,8 @@ def ramp_color(colors, t):
 @helper
 def ramp_gain(colors, channel, change):
     """Return what a channel gains when ``t`` grows by ``change``, as a running number."""
-    difference = np.float64(colors[1, channel]) - np.float64(colors[0, channel])
-    return np.int64(difference * change * (1 << FRACTION_BITS))
+    difference = channel_of(colors[1], channel) - channel_of(colors[0], channel)
+    return np.int64(np.float64(difference) * change * (1 << FRACTION_BITS))
 
 
 @helper
@@ -490,7 +484,7 @@ def steps_within(value, gain, steps, size):
 
 
 @kernel
-def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:, ::1]):
+def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64, int64)):
     """
     Draw a quadratic or cubic Bezier curve, one pixel wide.
 
@@ -500,7 +494,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:
         RGBA pixels, red in the lowest byte.
     points : (3, 2) or (4, 2) float64, pixels
         Control points, magnitudes up to ``MAX_COORDINATE``; integers are pixel centres.
-    colors : (2, 4) uint8, RGBA
+    colors : two pixels
         At the start and at the end; in between they follow the curve's parameter.
 
     Writes ``target``.
@@ -513,7 +507,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:
     """
     height, width = target.shape
     pixels = flat(target)
-    is_plain = packed_pixel(colors, 0) == packed_pixel(colors, 1)
+    is_plain = colors[0] == colors[1]
     segments = bezier_segments(points)
     step = 1.0 / segments
     start_x, start_y = points[0, 0], points[0, 1]
@@ -607,7 +601,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:
                 minor = (minor + begin * gain) << shift
                 gain <<= shift
                 if is_plain:
-                    walk_plain(pixels, run, minor, gain, packed_pixel(colors, 0))
+                    walk_plain(pixels, run, minor, gain, colors[0])
                 else:
                     length = abs(major1 - major0)
                     t = t0 + (t1 - t0) * ((abs(offset) + np.float64(begin)) / length)
@@ -632,4 +626,4 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:
             nearest_pixel(turn_y),
             packed_color(ramp_color(colors, turn_t)),
         )
-    put_pixel(target, x, y, packed_pixel(colors, 1))
+    put_pixel(target, x, y, colors[1])

@@ -151,6 +151,18 @@ def packed_color(color):
 
 
 @helper
+def channel_of(pixel, channel):
+    """Return a channel of a pixel as ``int64``; red, number 0, is its lowest byte."""
+    return (np.int64(pixel) >> (8 * channel)) & 255
+
+
+@helper
+def unpacked_color(pixel):
+    """Return the four channels of a pixel as ``int64``."""
+    return channel_of(pixel, 0), channel_of(pixel, 1), channel_of(pixel, 2), channel_of(pixel, 3)
+
+
+@helper
 def first_step_reaching(offset, steps, minor_steps, bias):
     """
     Return the first step whose minor offset is at least ``offset``, for ``offset > 0``.
@@ -361,3 +373,25 @@ def draw_lines(target: uint32[:, ::1], ends: int64[:, ::1], colors: uint8[:, :, 
         x_y_x_y = line_ends(ends, line)
         start, end = line_color(colors, line, 0), line_color(colors, line, 1)
         draw_line(pixels, width, height, x_y_x_y, start, end)
+
+
+@kernel
+def draw_one_line(
+    target: uint32[:, ::1], start: (int64, int64), end: (int64, int64), colors: (int64, int64)
+):  # fmt: skip
+    """
+    Draw one line as `draw_lines` does.
+
+    Parameters
+    ----------
+    target : (H, W) uint32, C-contiguous
+        Written.
+    start, end : (x, y), pixels
+    colors : two pixels
+        Of the start and of the end.
+    """
+    height, width = target.shape
+    ends = start[0], start[1], end[0], end[1]
+    draw_line(
+        flat(target), width, height, ends, unpacked_color(colors[0]), unpacked_color(colors[1])
+    )

@@ -6,7 +6,7 @@ import math
 import operator
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -256,7 +256,7 @@ def is_infinite(value: Any) -> bool:
     return isinstance(value, (float, np.floating)) and value == math.inf
 
 
-def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
+def one_of(name: str, value: Any, choices: Collection[Any]) -> Any:
     """Return ``value`` if it is one of ``choices``, or raise ``ValueError`` listing them."""
     if type(value) is str and value in choices:
         return value
