@@ -40,6 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import bresenham
+from rasterjit.pipeline.bresenham import unpacked_color
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import int32, int64, uint32
@@ -288,7 +289,7 @@ def draw_short_lines(
         ends = record_ends(records, number, top)
         if not is_short(ends):
             return number
-        start, end = bresenham.unpacked_color(records[number, 4]), bresenham.unpacked_color(records[number, 5])
+        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
         draw_short_line(pixels, colors, places, width, height, ends, start, end)
     return records.shape[0]
 
@@ -315,6 +316,6 @@ def draw_long_lines(
         ends = record_ends(records, number, top)
         if is_short(ends):
             return number
-        start, end = bresenham.unpacked_color(records[number, 4]), bresenham.unpacked_color(records[number, 5])
+        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
         bresenham.draw_line(pixels, width, height, ends, start, end)
     return records.shape[0]

@@ -5,8 +5,9 @@ Coordinates are integers that name pixels, x right and y down: the vertex (3, 5)
 that pixel, so samples on edges and vertices are the common case and the rule for ties matters.
 
 Targets are flat-packed as in ``bresenham``: ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA,
-red in the lowest byte; so are the colours given, *pixels*. Coordinates and radii are at most ``MAX_COORDINATE`` in magnitude, so twice
-the area ``A2`` of a triangle is at most 2**42, an edge function 2**43, and every sum below 2**53.
+red in the lowest byte; so are the colours given, *pixels*. Coordinates and radii are at most
+``MAX_COORDINATE`` in magnitude, so twice the area ``A2`` of a triangle is at most 2**42, an edge
+function 2**43, and every sum below 2**53.
 
 Filling
 -------

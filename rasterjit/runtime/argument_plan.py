@@ -29,7 +29,9 @@ Bytes of an object's header, whose last word is the object's type, and before th
 Releases of Python differ in them, so a plan names them and the machine code fits all.
 """
 
-ARRAY_TYPE, READ_INT, LENGTH, HEADER, ITEMS, FIRST = (WORD * n for n in range(6))
+ARRAY_TYPE, READ_INT, LENGTH, HEADER, ITEMS, CODE, UNLOCK, LOCK, FIRST = (
+    WORD * n for n in range(9)
+)
 """Bytes into a plan: what `pack` reads once, and the first instruction."""
 
 C_CONTIGUOUS, ALIGNED = 0x1, 0x100
@@ -86,10 +88,12 @@ def _instructions(kind: Type, path: tuple[int, ...]) -> Iterator[list[int]]:
         yield instruction(op, id(one), id(other))
 
 
-def plan_of(kind: RecordType) -> Any:
-    """Return the plan of a kernel's arguments, a ctypes array."""
-    read_int = ctypes.cast(ctypes.pythonapi.PyLong_AsLongLong, ctypes.c_void_p).value
-    words = [id(np.ndarray), read_int, len(kind.fields), *LAYOUT]
+def plan_of(kind: RecordType, code: int = 0) -> Any:
+    """Return the plan of a kernel's arguments, a ctypes array, and of a call of some code."""
+    python = ctypes.pythonapi
+    functions = python.PyLong_AsLongLong, python.PyEval_SaveThread, python.PyEval_RestoreThread
+    read_int, *locks = [ctypes.cast(one, ctypes.c_void_p).value for one in functions]
+    words = [id(np.ndarray), read_int, len(kind.fields), *LAYOUT, code, *locks]
     for one in _instructions(kind, ()):
         words += one
     words += [END] * (INSTRUCTION // WORD)

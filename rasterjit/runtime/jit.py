@@ -83,6 +83,10 @@ LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int6
 """The same, called with the GIL: `pack_arguments.pack` reads Python objects."""
 
 
+WRONG_TYPES = object()
+"""What a form returns of arguments that it does not take."""
+
+
 class Form:
     """A kernel in machine code, for arguments of certain types."""
 
@@ -92,9 +96,18 @@ class Form:
         self._code = code
         self._run = MACHINE(code.address)
         self._returns = {"none": lambda word: None, "int": None, "bool": bool}[code.returns]
-        self._plan = plan_of(kind)
-        self._plan_address = ctypes.addressof(self._plan)
+        self._plan, self._call_plan = plan_of(kind), plan_of(kind, code.address)
+        self._plan_address, self._call_address = map(
+            ctypes.addressof, (self._plan, self._call_plan)
+        )
         self._block = ctypes.c_int64 * max(size_of(kind), 1)
+
+    def call(self, arguments: tuple[Any, ...]) -> Any:
+        """Pack arguments and run; return `WRONG_TYPES` if they are of other types."""
+        block = self._block()
+        if packer()(id(arguments), self._call_address, ctypes.addressof(block)):
+            return WRONG_TYPES
+        return self.returned(block[0])
 
     def pack(self, arguments: tuple[Any, ...]) -> Any:
         """Return a state block, or None if the arguments are of other types."""
@@ -147,6 +160,10 @@ class Kernel:
         TypeError
             An argument is of another type than the kernel declares.
         """
+        for form in self.forms:
+            word = form.call(arguments)
+            if word is not WRONG_TYPES:
+                return word
         form, block = self.bind(arguments)
         return form.run(block)
 

@@ -1,5 +1,5 @@
 """
-Pack the arguments of a call into a state block, in machine code: about a microsecond.
+Pack the arguments of a call into a state block, and call, in machine code: about a microsecond.
 
 Reads tuples, arrays and numbers where a plan (``argument_plan``) says, and checks that they are
 what it expects; anything unexpected is left to `state_block.pack_slowly`. So is every call, if a
@@ -42,7 +42,7 @@ def is_array(thing, header, at):
 @raw_kernel
 def pack(arguments, plan, state):
     """
-    Write a state block.
+    Write a state block; call a kernel with it, without Python's lock, if the plan names its code.
 
     Parameters
     ----------
@@ -50,9 +50,10 @@ def pack(arguments, plan, state):
         Address of a tuple.
     plan : int
         Address of the type object of arrays, the function that reads an int, the items that the
-        tuple must have, the layout of objects, then instructions (`plan_of`).
+        tuple must have, the layout of objects, the code to call or 0, the functions that release
+        and take Python's lock, then instructions (`plan_of`).
     state : int
-        Address of the block, written.
+        Address of the block, written. Its first word becomes what the kernel returned.
 
     Returns
     -------
@@ -64,6 +65,7 @@ def pack(arguments, plan, state):
     at, out, number = plan + layout.FIRST, state, np.int64(1)
     if load_int64(arguments + header) != load_int64(plan + layout.LENGTH):
         return number
+    # Pack
     op = load_int64(at + layout.OP)
     while op != layout.END:
         thing = arguments
@@ -97,6 +99,12 @@ def pack(arguments, plan, state):
             out += WORD
         at, number = at + layout.INSTRUCTION, number + 1
         op = load_int64(at + layout.OP)
+    # Call
+    code = load_int64(plan + layout.CODE)
+    if code != 0:
+        thread = call_at(load_int64(plan + layout.UNLOCK), 0, 0, 0)
+        store_int64(state, call_at(code, state, 0, 0))
+        call_at(load_int64(plan + layout.LOCK), thread, 0, 0)
     return np.int64(0)
 
 

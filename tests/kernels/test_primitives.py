@@ -236,7 +236,8 @@ def test_nearer_triangle_hides_whichever_comes_first(method):
         depth = np.full((10, 10), np.inf, np.float32)
         for i in order:
             z = ((0.1, 0.2, 0.3), (0.4, 0.9, 0.8))[i]
-            own = fill((near, far)[i], (10, 10), [(i + 1,) * 4] * 3, method=method, depth=depth, z=z)
+            colors = [(i + 1,) * 4] * 3
+            own = fill((near, far)[i], (10, 10), colors, method=method, depth=depth, z=z)
             image = np.where(own > 0, own, image)
         results.append(image.tobytes() + depth.tobytes())
         assert {1, 2} == set(image[image > 0].tolist())
