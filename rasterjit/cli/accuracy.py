@@ -39,19 +39,19 @@ if TYPE_CHECKING:
 
     from rasterjit.accuracy.timing import Progress
 
-STUDIED = ("knobs", "budget", "max_error", "lens", "threads")
-"""Options of the command that a study takes as they are."""
+STUDY_OPTIONS = ("knobs", "budget", "max_error", "lens", "threads")
+"""Options of the command that are passed on to the study."""
 
 WIDE = 120
-"""Columns of a terminal that show PSNR and FLIP as well."""
+"""Least columns of a terminal that also shows PSNR and FLIP."""
 
 FILE_WIDTH = 140
-"""Columns where nobody's terminal sets the width."""
+"""Columns of the table where the output is not a terminal."""
 
 
 def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> results.Study:
     """
-    Study a scene, print what was found and write the report.
+    Study a scene, print the results and write the report.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> 
     with _progress(quiet) as progress:
         found = study(
             scene, camera, size=size, progress=progress, output=output, name=name,
-            **{name: options[name] for name in STUDIED},
+            **{name: options[name] for name in STUDY_OPTIONS},
         )  # fmt: skip
     if not quiet:
         _print(found, Path(output))
@@ -106,7 +106,7 @@ def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> Fold
         found = study_folder(
             {name: loader(file) for name, file in files.items()}, size=size, progress=progress,
             output=output, name=folder.resolve().name,
-            **{name: options[name] for name in STUDIED},
+            **{name: options[name] for name in STUDY_OPTIONS},
         )  # fmt: skip
     if quiet:
         return found
@@ -121,7 +121,7 @@ def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> Fold
 
 
 def calibrate_machine(threads: int | None, quiet: bool) -> None:
-    """Measure what qualities cost and buy on this machine, print it, and say where it is kept."""
+    """Measure time and error of qualities on this machine; print both, and where they are kept."""
     from rich.table import Table
 
     with _progress(quiet) as progress:
@@ -141,7 +141,7 @@ def calibrate_machine(threads: int | None, quiet: bool) -> None:
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Progress | None]:
-    """Give what shows progress on standard error, if somebody is looking."""
+    """Yield a function that shows progress on standard error, if that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -160,7 +160,7 @@ def _progress(quiet: bool) -> Iterator[Progress | None]:
 
 
 def _console() -> Console:
-    """Return where tables are printed; wide, where nobody's terminal sets the width."""
+    """Return the console for tables; `FILE_WIDTH` wide if the output is not a terminal."""
     from rich.console import Console
 
     console = Console(highlight=False, markup=False, emoji=False)
@@ -229,7 +229,7 @@ def _print_table(found: results.Study, console: Console) -> None:
 
 
 def _print_effects(found: results.Study, console: Console) -> None:
-    """Print what each effect costs, and how far it is from its reference."""
+    """Print the time of each effect, and its error from the reference."""
     from rich import box
     from rich.table import Table
 
@@ -253,7 +253,7 @@ def _print_effects(found: results.Study, console: Console) -> None:
 
 
 def _cells(trial: results.Trial, found: results.Study) -> dict[str, str]:
-    """Return what a row of the table may show."""
+    """Return the cells that a row of the table may show."""
     errors, (low, high) = trial.errors, trial.spread
     is_known = is_measured(trial) or trial.setting == results.STANDARD
     factor = f"{trial.ratio:.2f} ±{(high - low) / 2.0:.2f}" if is_known else "?"
@@ -270,7 +270,7 @@ def _cells(trial: results.Trial, found: results.Study) -> dict[str, str]:
 
 
 def short(label: str | None, setting: str) -> str:
-    """Return a label without the setting that its row names already."""
+    """Return a label without the setting that its row already names."""
     if label is None or setting == results.COMBINATIONS:
         return label or ""
     return label.removeprefix(f"{setting}=")

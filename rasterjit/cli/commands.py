@@ -20,7 +20,7 @@ from rasterjit.cli import option_types, render_files
 from rasterjit.cli.dataset import dataset_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
-    READING,
+    READING_OPTIONS,
     chosen_animation,
     described,
     effect_options,
@@ -71,10 +71,10 @@ if TYPE_CHECKING:
     from rasterjit.scene.lens import Lens
 
 GARBAGE_THRESHOLD = 100_000
-"""Objects made between two looks for garbage; Python's own is 700."""
+"""Allocations between two garbage collections; Python's default is 700."""
 
 TURN_FRAMES = 36
-"""Of a turn in which nothing else moves."""
+"""Frames of a turntable without an animation."""
 
 STANDARD_OUTPUT = "-"
 
@@ -182,7 +182,7 @@ def render(
 @dataclasses.dataclass(frozen=True)
 class Turn:
     """
-    How a turntable moves, and what is written.
+    Motion and output of a turntable.
 
     Parameters
     ----------
@@ -348,9 +348,9 @@ def view(file: Path, **options: Any) -> None:
     (seen_from, look, effects, moment), quiet = described(options), options["quiet"]
     shown = gather(ShowOptions, options)
     if shown.backend != "auto":
-        _refuse_idle_of(shown.backend)
+        _refuse_options_without_effect(shown.backend)
     backend = choose_backend(shown.backend)
-    _refuse_idle_of(backend)
+    _refuse_options_without_effect(backend)
     scene = moment.apply(load_scene(file, look, effects, quiet), file)
     camera = seen_from.camera(scene, shown.size)
     options = {name: options[name] for name in ("background", "cull", "threads")}
@@ -459,7 +459,7 @@ def explain(
 @dataclasses.dataclass(frozen=True)
 class AccuracyOptions:
     """
-    What a study tries, and where it writes.
+    Qualities that a study tries, and its output files.
 
     Parameters
     ----------
@@ -533,7 +533,7 @@ def accuracy(context: click.Context, file: Path | None, **rest: Any) -> None:
     if asked.output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
     if asked.made is not None:
-        refuse_idle(READING, "--scene reads no file")
+        refuse_idle(READING_OPTIONS, "--scene reads no file")
     shown = described(rest)
     if file is not None and file.is_dir():
         together = study_files(file, shown, rest)
@@ -611,8 +611,8 @@ def completion(shell: str) -> None:
     click.echo(script(program, {}, "rasterjit", "_RASTERJIT_COMPLETE").source())
 
 
-def _refuse_idle_of(backend: str) -> None:
-    """Refuse what has no effect where a backend shows it."""
+def _refuse_options_without_effect(backend: str) -> None:
+    """Refuse options that have no effect with a backend."""
     if backend != "browser":
         refuse_idle(
             ["host", "port", "token"], f"nothing is served: it is shown by the backend {backend}"

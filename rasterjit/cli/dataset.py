@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rasterjit.dataset.recipe import Recipe
 
 MAX_NAMED = 20
-"""Failures that are printed; all are in the file."""
+"""Most failures that are printed; the report file has all."""
 
 
 @option_types.text_type("size")
@@ -41,7 +41,7 @@ def square_type(text: str) -> tuple[int, int]:
 
 @option_types.text_type("names")
 def kept_type(text: str) -> tuple[str, ...]:
-    """Return names of what is kept of each view, ``color,depth``."""
+    """Return the outputs to write of each view, ``color,depth``."""
     from rasterjit.dataset.recipe import Recipe
 
     return Recipe(outputs=option_types.names_in(text)).outputs
@@ -126,7 +126,7 @@ def dataset_options(command: Callable) -> Callable:
 def make_dataset(
     folder: Path, output: Path, workers: int | str, quiet: bool, **options: Any
 ) -> None:
-    """Make the data set, show how far it has come, and say what came of it."""
+    """Make the data set, show progress, and print a summary."""
     from rasterjit.dataset.dataset_builder import make
     from rasterjit.dataset.recipe import Recipe
 
@@ -161,7 +161,7 @@ def make_dataset(
 
 @contextmanager
 def _progress(recipe: Recipe, quiet: bool) -> Iterator[Callable[[Outcome, int, int], None]]:
-    """Show meshes done, views a second and the time left, if somebody is looking."""
+    """Show meshes done, views per second and time left, if standard error is a terminal."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,

@@ -50,10 +50,10 @@ EXTRAS = {
 SHOWN_FEATURES = ("sse4.2", "avx", "avx2", "fma", "avx512f", "avx512bw", "neon", "sve")
 
 SIDE = 16
-"""Pixels of a side of the pictures checked against known pixels."""
+"""Width and height of the checks' pictures, pixels."""
 
 DEPTH_TOLERANCE = 2.0**-22
-"""Relative: four roundings of float32."""
+"""Relative tolerance of depth: four roundings of float32."""
 
 
 class Finding(NamedTuple):
@@ -62,7 +62,7 @@ class Finding(NamedTuple):
     name: str
     text: str
     passed: bool | None = None
-    """``None`` where there is nothing to pass."""
+    """``None`` if the line is not a check."""
 
 
 def examine() -> Iterator[Finding]:
@@ -77,14 +77,14 @@ def examine() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         yield _extra(extra, modules)
     for check in CHECKS:
-        yield _checked(check)
-    yield _kernels()
-    yield from _shipped()
-    yield from _store()
+        yield _run_check(check)
+    yield _kernel_source()
+    yield from _check_prebuilt_kernels()
+    yield from _check_store()
 
 
 def _version(package: str) -> Finding:
-    """Return the version of a package that must be there."""
+    """Return the version of a required package."""
     try:
         return Finding(package, importlib.metadata.version(package))
     except importlib.metadata.PackageNotFoundError:
@@ -101,7 +101,7 @@ def _extra(extra: str, modules: tuple[str, ...]) -> Finding:
     return Finding(f"extra {extra}", f'{lacks} (optional: pip install "rasterjit[{extra}]")')
 
 
-def _checked(check: Callable[[], Finding]) -> Finding:
+def _run_check(check: Callable[[], Finding]) -> Finding:
     """Run a check; one that raises has failed."""
     try:
         return check()
@@ -110,8 +110,8 @@ def _checked(check: Callable[[], Finding]) -> Finding:
         return Finding(name, f"{type(error).__name__}: {error}", False)
 
 
-def _kernels() -> Finding:
-    """Say how the checks came by their kernels."""
+def _kernel_source() -> Finding:
+    """Report whether the checks' kernels were compiled or loaded."""
     if jit.DISABLED:
         return Finding("kernels", "not compiled: NUMBA_DISABLE_JIT is set (very slow)")
     if jit.CHECKED:
@@ -121,8 +121,8 @@ def _kernels() -> Finding:
     return Finding("kernels", took + (" (rasterjit warmup compiles the rest)" if compiled else ""))
 
 
-def _shipped() -> Iterator[Finding]:
-    """Look through the machine code that came with the installation, if any did."""
+def _check_prebuilt_kernels() -> Iterator[Finding]:
+    """Check the machine code that came with the installation, if any."""
     if jit.DISABLED or jit.CHECKED:
         return
     pack, problem = prebuilt_kernels.found()
@@ -138,8 +138,8 @@ def _shipped() -> Iterator[Finding]:
         yield Finding("", f"{', '.join(damaged)} damaged: {prebuilt_kernels.REINSTALL}", False)
 
 
-def _store() -> Iterator[Finding]:
-    """Look through the store, remove what is damaged, and say what it holds."""
+def _check_store() -> Iterator[Finding]:
+    """Check the store, remove damaged entries, and report its contents."""
     if jit.DISABLED or jit.CHECKED:
         return
     place = store.folder()

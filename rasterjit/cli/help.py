@@ -14,12 +14,12 @@ from typing import Any
 import click
 
 
-def _by_word(meant: dict[str, str]) -> dict[str, str]:
-    """Return what each word means, of what there is and the words for it."""
+def _meanings_by_word(meant: dict[str, str]) -> dict[str, str]:
+    """Return the option for each synonym, from the synonyms of each option."""
     return {word: name for name, words in meant.items() for word in words.split()}
 
 
-MEANT = _by_word({
+OPTION_SYNONYMS = _meanings_by_word({
     "--background transparent": "--transparent --alpha",
     "--background COLOR": "--bg --background-color",
     "--size WxH": "--width --height -w -W -H --resolution --res --image-size",
@@ -70,9 +70,9 @@ MEANT = _by_word({
     "--fps N": "--frame-rate --framerate",
     "--views N": "--count",
 })  # fmt: skip
-"""What other programs call an option, and what it is here."""
+"""Options by the names that other programs give them."""
 
-CHOICES_MEANT = _by_word({
+CHOICE_SYNONYMS = _meanings_by_word({
     "orthographic": "ortho parallel",
     "perspective": "persp",
     "phong": "smooth blinn blinn-phong",
@@ -91,9 +91,9 @@ CHOICES_MEANT = _by_word({
     "object_id": "instance instances segmentation labels ids",
     "coverage": "mask alpha silhouette",
 })  # fmt: skip
-"""What else a choice is called."""
+"""Choices by other names for them."""
 
-COMMANDS_MEANT = _by_word({
+COMMAND_SYNONYMS = _meanings_by_word({
     "render": "draw image picture thumbnail thumbnails",
     "view": "show display open",
     "turntable": "spin animate rotate",
@@ -105,36 +105,36 @@ COMMANDS_MEANT = _by_word({
     "--help": "help",
     "--version": "version",
 })  # fmt: skip
-"""What else a command is called."""
+"""Commands by other names for them."""
 
-_NO_CHOICE = re.compile(r"'([^']*)' is not (?:one of )?'")
-"""How click begins what it says of a choice that there is not."""
+_INVALID_CHOICE_PREFIX = re.compile(r"'([^']*)' is not (?:one of )?'")
+"""Start of click's message about an invalid choice."""
 
-_NO_COMMAND = re.compile(r"No such command '([^']*)'")
+_UNKNOWN_COMMAND_PREFIX = re.compile(r"No such command '([^']*)'")
 
 
 def with_advice(error: click.ClickException) -> str:
-    """Return an error's message, with what may have been meant."""
+    """Return an error's message, with a "did you mean" if a name is similar."""
     message = error.format_message()
     if isinstance(error, click.NoSuchOption):
-        return f"No such option {error.option_name}" + _option_meant(error)
-    command = _NO_COMMAND.search(message)
+        return f"No such option {error.option_name}" + _similar_option(error)
+    command = _UNKNOWN_COMMAND_PREFIX.search(message)
     if command is not None and isinstance(error, click.UsageError) and error.ctx is not None:
         known = list(getattr(error.ctx.command, "commands", ()))
         return f"No such command or file {command[1]!r}" + question(
-            command[1], known, COMMANDS_MEANT
+            command[1], known, COMMAND_SYNONYMS
         )
     parameter = getattr(error, "param", None)
     if parameter is not None and isinstance(parameter.type, click.Choice):
-        value = _NO_CHOICE.search(message)
+        value = _INVALID_CHOICE_PREFIX.search(message)
         if value is not None:
-            meant = question(value[1], list(parameter.type.choices), CHOICES_MEANT)
+            meant = question(value[1], list(parameter.type.choices), CHOICE_SYNONYMS)
             return message.removesuffix(".") + meant
     return message
 
 
 def question(word: str, known: list[str], meant: dict[str, str]) -> str:
-    """Return a question with those of some known words that may be meant; empty: none."""
+    """Return " Did you mean ...?" with the known words that are similar; "" if none is."""
     lower = word.lower().strip()
     other = meant.get(lower)
     if other is not None and (other in known or other.startswith("-")):
@@ -144,19 +144,19 @@ def question(word: str, known: list[str], meant: dict[str, str]) -> str:
 
 
 def _nearest(word: str, known: list[str]) -> list[str]:
-    """Return the one or two known words that a word is like; two if both are about as near."""
+    """Return the closest known word; two if the second is about as close."""
     names = difflib.get_close_matches(word, known, n=2)
     nearness = [difflib.SequenceMatcher(None, word, name).ratio() for name in names]
     return [name for name, near in zip(names, nearness, strict=True) if near > nearness[0] - 0.2]
 
 
-def _option_meant(error: click.NoSuchOption) -> str:
-    """Return what may be meant by an option that a command has not; empty: nobody knows."""
+def _similar_option(error: click.NoSuchOption) -> str:
+    """Return the option that an unknown one probably means; "" if none is similar."""
     name, context = error.option_name, error.ctx
     if context is None:
         return ""
     own = _options_of(context.command)
-    other = MEANT.get(name) or MEANT.get(name.lower())
+    other = OPTION_SYNONYMS.get(name) or OPTION_SYNONYMS.get(name.lower())
     if other is not None and (not other.startswith("-") or other.split()[0] in own):
         return f"; did you mean {other}?"
     program = context.find_root().command
@@ -173,7 +173,7 @@ def _option_meant(error: click.NoSuchOption) -> str:
 
 
 def _options_of(command: click.Command) -> list[str]:
-    """Return how the options of a command are spelled, but for those that are hidden."""
+    """Return the spellings of a command's options, without hidden ones."""
     shown = [one for one in command.params if not getattr(one, "hidden", False)]
     return [name for one in shown for name in (*one.opts, *one.secondary_opts)]
 
@@ -201,7 +201,7 @@ GROUPS = {
     ),
     "Files": ("on_invalid", "on_damage", "resource_root", "max_bytes", "isolate"),
 }  # fmt: skip
-"""Options by their names in Python; others are miscellaneous."""
+"""Titles of groups, and the Python names of their options; the rest are miscellaneous."""
 
 OTHERS = "Misc"
 
@@ -215,7 +215,7 @@ COMMON = (
 """What ``--help`` shows of a command with many options."""
 
 MANY = 16
-"""Options; more do not fit on a screen."""
+"""Most options that ``--help`` shows at once: more do not fit on a screen."""
 
 
 class Command(click.Command):
@@ -261,7 +261,7 @@ class Command(click.Command):
 
 
 def is_short(context: click.Context) -> bool:
-    """Tell whether the help of a command shows the common options alone."""
+    """Tell whether the help of a command shows only the common options."""
     options = (one for one in context.command.params if isinstance(one, click.Option))
     has_more = any(one.name == "help_all" and not one.hidden for one in options)
     return has_more and not context.meta.get(ALL, False)
@@ -273,7 +273,7 @@ def is_common(option: click.Parameter) -> bool:
 
 
 def in_short(record: tuple[str, str]) -> tuple[str, str]:
-    """Return the names of an option, and of its help the first clause."""
+    """Return the names of an option, and the first clause of its help."""
     names, text = record
     text, mark, default = text.partition("  [")
     depth = 0

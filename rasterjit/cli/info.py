@@ -1,4 +1,4 @@
-"""The command that says what a mesh file holds: counts, nodes, materials, lights, camera."""
+"""The command ``info``: what a mesh file holds (counts, nodes, materials, lights, camera)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
 
 MAX_SHOWN = 20
-"""Nodes, materials and lights that are printed; JSON has all."""
+"""Most nodes, materials and lights that are printed; JSON has all."""
 
 
 def tell(file: Path, as_json: bool, **reading: Any) -> None:
@@ -52,12 +52,12 @@ def tell(file: Path, as_json: bool, **reading: Any) -> None:
 
 
 PRIMITIVE_NAMES = {"triangles": "faces", "lines": "segments", "points": "points"}
-"""What the faces of each kind of mesh are called."""
+"""Words for the primitives of each kind of mesh."""
 
 
 def describe(scene: Scene) -> dict[str, Any]:
     """
-    Return what a scene holds, as JSON can write it.
+    Return the contents of a scene as values for JSON.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def describe(scene: Scene) -> dict[str, Any]:
 
 
 def _counts(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
-    """Return how many faces, segments and points there are, each once and in all objects."""
+    """Return the numbers of faces, segments and points: stored once, and drawn in all objects."""
     found = {}
     for primitive, name in PRIMITIVE_NAMES.items():
         for of, key in ((meshes, name), (drawn, f"{name}_drawn")):
@@ -113,7 +113,7 @@ def _counts(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
 
 
 def _attributes(meshes: list[Mesh]) -> dict[str, int]:
-    """Return how many meshes have each attribute, of those that any has."""
+    """Return the number of meshes with each attribute."""
     names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors", "field",
              "joints", "morph_targets")  # fmt: skip
     counts = {name: sum(getattr(mesh, name) is not None for mesh in meshes) for name in names}
@@ -121,7 +121,7 @@ def _attributes(meshes: list[Mesh]) -> dict[str, int]:
 
 
 def _attribute_outputs(meshes: list[Mesh]) -> list[dict[str, Any]]:
-    """Return the outputs that attributes of their own give the meshes, by name."""
+    """Return the outputs of custom attributes, by name."""
     counts = Counter(
         (f"{ATTRIBUTE}{name}", values.shape[1], of)
         for mesh in meshes
@@ -135,7 +135,7 @@ def _attribute_outputs(meshes: list[Mesh]) -> list[dict[str, Any]]:
 
 
 def _nodes(scene: Scene) -> list[dict[str, Any]]:
-    """Return all nodes, with a mesh or without, each before those below it."""
+    """Return all nodes, parents before their children."""
     every = scene.every_node()
     numbers = {id(node): number for number, node in enumerate(every)}
     objects = {id(node): number for number, node in enumerate(scene.nodes)}
@@ -156,7 +156,7 @@ def _nodes(scene: Scene) -> list[dict[str, Any]]:
 
 
 def _material(material: Material) -> dict[str, Any]:
-    """Return what a material says, and the size of each of its textures."""
+    """Return the fields of a material, and the size of each texture."""
     from rasterjit.scene.material import TEXTURE_FIELDS
 
     color = material.base_color
@@ -187,7 +187,7 @@ def _material(material: Material) -> dict[str, Any]:
 
 
 def _textures(materials: Any) -> dict[str, Any]:
-    """Return how many different textures there are, and the memory of their texels."""
+    """Return the number of different textures, and the memory of their texels."""
     from rasterjit.scene.material import TEXTURE_FIELDS
 
     found = {
@@ -201,7 +201,7 @@ def _textures(materials: Any) -> dict[str, Any]:
 
 
 def _fields(thing: Any) -> dict[str, Any]:
-    """Return a light's or camera's kind and fields; what is infinite is named so."""
+    """Return the kind and fields of a light or camera; infinity as a word."""
     import dataclasses
 
     said: dict[str, Any] = {"kind": type(thing).__name__}
@@ -220,7 +220,7 @@ def _fields(thing: Any) -> dict[str, Any]:
 
 
 def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the rows that are printed: name and text."""
+    """Yield the printed rows: name and text."""
     # Counts.
     yield "file", f"{held['file']} ({held['bytes']:,} bytes)"
     yield "objects", f"{held['objects']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
@@ -239,19 +239,21 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "attributes", ", ".join(said) or "none"
     own = held["attribute_outputs"]
     if own:
-        told = (_told_attribute(one, of_all) for one in own)
-        yield from _listed("own attribute", told, len(own))
+        told = (_attribute_line(one, of_all) for one in own)
+        yield from _list_rows("own attribute", told, len(own))
     if held["faces"]:
         yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
     # Where objects stand, and how far they reach.
-    yield from _listed("node", _told_nodes(held["nodes"]), len(held["nodes"]))
+    yield from _list_rows("node", _node_lines(held["nodes"]), len(held["nodes"]))
     low, high = held["bounds"]["min"], held["bounds"]["max"]
     yield "bounds", f"{_numbers(low)} to {_numbers(high)}"
     sides = [b - a for a, b in zip(low, high, strict=True)]
     yield "size", f"{' x '.join(f'{side:.6g}' for side in sides)} units"
     yield "bounding sphere", f"centre {_numbers(held['center'])}, radius {held['radius']:.6g}"
     # Materials, lights, cameras and animations.
-    yield from _listed("material", map(_told_material, held["materials"]), len(held["materials"]))
+    yield from _list_rows(
+        "material", map(_material_line, held["materials"]), len(held["materials"])
+    )
     if held["variants"]:
         yield "variants", ", ".join(map(repr, held["variants"]))
     textures = held["textures"]
@@ -259,12 +261,12 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "textures", f"{textures['count']:,}, {textures['texels']:,} texels"
     else:
         yield "textures", "none"
-    yield from _listed("light", map(_told_fields, held["lights"]), len(held["lights"]))
+    yield from _list_rows("light", map(_fields_line, held["lights"]), len(held["lights"]))
     camera = held["camera"]
-    yield "camera", "none" if camera is None else _told_fields(camera)
+    yield "camera", "none" if camera is None else _fields_line(camera)
     if held["animations"]:
-        told = map(_told_animation, held["animations"])
-        yield from _listed("animation", told, len(held["animations"]))
+        told = map(_animation_line, held["animations"])
+        yield from _list_rows("animation", told, len(held["animations"]))
     # What the file holds and the scene has not.
     left_out = [f"{one['what']} ({one['count']:,})" for one in held["left_out"]]
     yield "left out", ", ".join(left_out) or "nothing"
@@ -273,8 +275,8 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield "warning", text
 
 
-def _listed(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, str]]:
-    """Yield a row for each of several things of a kind, the first ones; or one for none."""
+def _list_rows(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, str]]:
+    """Yield a row for each of the first items of a kind; one row if there is none."""
     if not count:
         yield f"{name}s", "none"
     for number, text in enumerate(islice(texts, MAX_SHOWN)):
@@ -283,15 +285,15 @@ def _listed(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, 
         yield f"{name}s", f"{count - MAX_SHOWN:,} more: see --json"
 
 
-def _told_attribute(one: dict[str, Any], of_all: str) -> str:
-    """Return the output of an attribute in a line."""
+def _attribute_line(one: dict[str, Any], of_all: str) -> str:
+    """Return a line on an attribute's output."""
     having = f", {one['meshes']:,} {of_all} meshes" if of_all else ""
     columns = _count(one["columns"], "column", "columns")
     return f"{one['output']!r}: {columns} of {one['of']}{having}"
 
 
-def _told_nodes(nodes: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield each node as a line, indented by how many are above it."""
+def _node_lines(nodes: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each node, indented by its depth."""
     depths: list[int] = []
     for one in nodes:
         depths.append(0 if one["parent"] is None else depths[one["parent"]] + 1)
@@ -302,14 +304,14 @@ def _told_nodes(nodes: list[dict[str, Any]]) -> Iterator[str]:
         yield f"{'  ' * depths[-1]}{one['name']!r}: {held}"
 
 
-def _told_animation(one: dict[str, Any]) -> str:
-    """Return an animation in a line."""
+def _animation_line(one: dict[str, Any]) -> str:
+    """Return a line on an animation."""
     channels = _count(one["channels"], "channel", "channels")
     return f"{one['name']!r}: {one['seconds']:.6g} s, {channels}"
 
 
-def _told_material(one: dict[str, Any]) -> str:
-    """Return a material in a line."""
+def _material_line(one: dict[str, Any]) -> str:
+    """Return a line on a material."""
     parts = [one["shading"]]
     if one["base_color"] is not None:
         parts.append(f"base colour {_numbers(one['base_color'])}")
@@ -322,8 +324,8 @@ def _told_material(one: dict[str, Any]) -> str:
     return f"{', '.join(parts)} ({_count(one['objects'], 'object', 'objects')})"
 
 
-def _told_fields(one: dict[str, Any]) -> str:
-    """Return a light or a camera in a line."""
+def _fields_line(one: dict[str, Any]) -> str:
+    """Return a line on a light or a camera."""
     parts = []
     for name, value in one.items():
         if name == "kind" or value is None or value is False:
@@ -344,5 +346,5 @@ def _numbers(values: list[float]) -> str:
 
 
 def _count(count: int, one: str, several: str) -> str:
-    """Return a number of things."""
+    """Return a count with its noun."""
     return f"{count:,} {one if count == 1 else several}"

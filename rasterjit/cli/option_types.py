@@ -1,4 +1,4 @@
-"""What options take: functions that read a text, each made a type of click's."""
+"""Types of option values: functions that parse a text, each wrapped as a click type."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.cli.help import CHOICES_MEANT, question
+from rasterjit.cli.help import CHOICE_SYNONYMS, question
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.quality import parse_setting
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 Vector = tuple[float, float, float]
 
 LIGHTS = ("headlight", "sun", "ambient")
-"""Lights with a name: the default one, over the viewer's shoulder; one from above; all around."""
+"""Lights by name: the default headlight, one from above, and ambient."""
 
 
 class TextType(click.ParamType):
     """
-    What a function reads from a text; its ``ValueError`` becomes click's usage error.
+    A click type from a parsing function; its ``ValueError`` becomes a usage error.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def text_type(name: str) -> Callable[[Callable[[str], Any]], TextType]:
 
 
 class FiniteNumberType(click.types.FloatParamType):
-    """A number that is not infinite nor NaN."""
+    """A finite number."""
 
     def convert(
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
@@ -80,12 +80,12 @@ class FiniteNumberType(click.types.FloatParamType):
 
 
 class FiniteType(FiniteNumberType, click.FloatRange):
-    """Such a number, in a range."""
+    """A finite number in a range."""
 
 
 def numbers_in(text: str, count: int, expected: str) -> tuple[float, ...]:
     """
-    Return the finite numbers between the commas of a text.
+    Return the comma-separated finite numbers of a text.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def size_type(text: str) -> tuple[int, int]:
 
 @text_type("format")
 def format_type(text: str) -> str:
-    """Return the suffix of a format of pictures: ``".png"`` of ``png``."""
+    """Return the suffix of a picture format: ``".png"`` for ``png``."""
     from rasterjit.io.images import IMAGE_FORMATS
 
     suffix = f".{text.strip().lower().removeprefix('.')}"
@@ -224,7 +224,7 @@ def colormap_type(text: str) -> Colormap:
 
 @text_type("N|VALUES")
 def contours_type(text: str) -> Contours:
-    """Return how many lines, ``10``, or lines of values, ``0.5,1.5``; one line is ``0.5,``."""
+    """Return the number of contour lines, ``10``, or their values, ``0.5,1.5`` (one: ``0.5,``)."""
     from rasterjit.scene.contours import Contours
 
     try:
@@ -244,7 +244,7 @@ def light_type(text: str) -> tuple[float, ...] | str:
     if text in LIGHTS:
         return text
     if not set(text) & set("0123456789"):
-        meant = question(text, list(LIGHTS), CHOICES_MEANT)
+        meant = question(text, list(LIGHTS), CHOICE_SYNONYMS)
         raise ValueError(f"{text!r} is neither X,Y,Z nor one of {', '.join(LIGHTS)}{meant}")
     direction = vector_type.read(text)
     if not any(direction):
@@ -254,7 +254,7 @@ def light_type(text: str) -> tuple[float, ...] | str:
 
 @text_type("color")
 def color_type(text: str, is_opaque: bool = False) -> str:
-    """Return a colour as it was written, checked; perhaps one that nothing is seen through."""
+    """Return a colour as it was written, checked; with ``is_opaque``, refuse transparency."""
     from rasterjit.scene.color import linear_color
 
     if linear_color("it", text)[3] < 1.0 and is_opaque:
@@ -267,14 +267,14 @@ opaque_color_type = TextType("color", partial(color_type.read, is_opaque=True))
 
 @text_type("color|file")
 def background_type(text: str) -> str | BackgroundImage:
-    """Return a colour as it was written, or the picture that a file holds."""
+    """Return a colour as it was written, or the picture in a file."""
     from rasterjit.scene.background import BackgroundImage, is_file_name
 
     return BackgroundImage.from_file(text) if is_file_name(text) else color_type.read(text)
 
 
 def names_in(text: str) -> list[str]:
-    """Return the names between the commas of a text."""
+    """Return the comma-separated names of a text."""
     return [name.strip() for name in text.split(",")]
 
 
@@ -291,7 +291,7 @@ def outputs_type(text: str) -> tuple[str, ...]:
         if unknown is None:
             raise
         # The command line's question knows the names of other programs as well.
-        meant = question(unknown, list(OUTPUTS), CHOICES_MEANT)
+        meant = question(unknown, list(OUTPUTS), CHOICE_SYNONYMS)
         said = str(error).removesuffix(asked_of_names(unknown, OUTPUTS)) if meant else error
         raise ValueError(f"{said}{meant}") from None
     for name in MOTION_OUTPUTS:
@@ -315,7 +315,7 @@ def knobs_type(text: str) -> tuple[str, ...]:
 
 @text_type("name")
 def made_scene_type(text: str) -> str:
-    """Return the name of a scene that is made, not read."""
+    """Return the name of a built-in scene."""
     from rasterjit.accuracy.test_scenes import SCENES
 
     if text not in SCENES:
@@ -373,16 +373,16 @@ CONVENTIONS = {
     "opengl": "camera from world; x right, y up, z back: a view matrix",
     "opengl-c2w": "world from camera with these axes: NeRF, Blender, pyrender",
 }
-"""What a pose leads from and to, and where the camera's axes point."""
+"""Spaces that a pose maps between, and the axes of the camera."""
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-"""From the axes of OpenCV's cameras to ours, and back."""
+"""Axes of OpenCV's cameras to ours, and back: its own inverse."""
 
-LONGEST_SCALE = 1e-3
-"""How far the columns of a rotation may be from length 1, as where they were rounded."""
+MAX_COLUMN_SCALE_ERROR = 1e-3
+"""Tolerance of the lengths of a rotation's columns from 1, for rounded files."""
 
 MAX_BYTES = 1 << 20
-"""A file of a matrix is smaller."""
+"""Most bytes of a file of a matrix."""
 
 
 @text_type("pose")
@@ -410,7 +410,7 @@ def intrinsics_type(text: str) -> Float64:
 
 
 def _matrix_numbers(text: str, key: str, counts: tuple[int, ...], wanted: str) -> Float64:
-    """Return the finite numbers of a text or a file, as many as one of some counts."""
+    """Return the finite numbers of a text or a file, if their number is in ``counts``."""
     try:
         numbers = _numbers(text)
         if numbers is None:
@@ -438,7 +438,7 @@ def pose_from_world(pose: Float64, convention: str) -> Float64:
     from rasterjit.scene.vectors import length
 
     lengths = [length(column) for column in pose[:3, :3].T.tolist()]
-    if any(abs(one - 1.0) > LONGEST_SCALE for one in lengths):
+    if any(abs(one - 1.0) > MAX_COLUMN_SCALE_ERROR for one in lengths):
         raise ValueError(
             "--pose must turn and move the camera, not scale: its first three columns have lengths "
             f"{', '.join(f'{one:.6g}' for one in lengths)}"
@@ -462,7 +462,7 @@ def intrinsics_of(fov_y: float, size: tuple[int, int]) -> Float64:
 def camera_of(
     intrinsics: Float64, camera_from_world: Float64, size: tuple[int, int], scene: Scene
 ) -> MatrixCamera:
-    """Return the camera of K and a pose, both as OpenCV has them, its near plane before a scene."""
+    """Return the camera of OpenCV's K and pose, with near and far planes around a scene."""
     from rasterjit.io.cameras import from_opencv
     from rasterjit.scene.camera_fitting import near_plane, triple_of
     from rasterjit.scene.transforms import apply
@@ -479,7 +479,7 @@ def camera_of(
 
 
 def _numbers(text: str) -> Float64 | None:
-    """Return the numbers of a text, or None if it holds other things."""
+    """Return the numbers of a text, or None if any part is not a number."""
     words = re.split(r"[\s,;\[\]]+", text.strip().strip("[]").strip())
     try:
         return np.array([float(word) for word in words if word], np.float64)
@@ -505,7 +505,7 @@ def _numbers_of_file(file: Path, key: str) -> Float64:
 
 
 def _numbers_of_json(held: Any, key: str) -> Float64:
-    """Return the numbers of a list of numbers or rows, or of an object with one under a name."""
+    """Return the numbers of a list (of rows), or of an object's value under a key."""
     names = {
         "pose": ("pose", "transform_matrix", "extrinsics", "extrinsic", "matrix"),
         "intrinsics": ("intrinsics", "K", "camera_matrix", "intrinsic_matrix", "intrinsic"),

@@ -1,4 +1,4 @@
-"""Options that commands share: classes whose fields they set, and what is made of these."""
+"""Options that commands share: classes whose fields they set, and scenes and cameras from them."""
 
 from __future__ import annotations
 
@@ -48,52 +48,52 @@ OUTPUTS_HELP = (
 )
 
 DEFAULT_DIRECTION = (-0.4, 0.6, 1.0)
-"""From the scene towards the camera, for y up: that of ``fit_camera``."""
+"""Direction from the scene to the camera, y up: the default of ``fit_camera``."""
 DEFAULT_AZIMUTH, DEFAULT_ELEVATION = -22.0, 29.0
-"""The same in whole degrees, for when one of the two is given."""
+"""That direction in whole degrees, for when one of the two is given."""
 DEFAULT_FOV, PLACED_FOV = 28.0, 45.0
-"""Degrees: of cameras that fit the scene, and of those whose position or pose is given."""
+"""Vertical field of view, degrees: of cameras fitted to the scene; with a position or pose."""
 
 SAMPLES = tuple(str(level) for level in LEVELS["samples"])
 """Choices of ``Quality.samples``."""
 
 SKY = "sky"
-"""What stands for the default gradient where a picture of the environment is asked for."""
+"""Value of ``--environment`` for the default gradient, in place of a picture."""
 
 SUN_DIRECTION = (-0.6, -1.0, -0.5)
 SUN_INTENSITY = 0.9
 FILL_INTENSITY = 0.15
-"""The sun that casts shadows in a scene without lights, and the ambient light beside it."""
+"""Intensities of the sun that casts shadows in a scene without lights, and of its ambient light."""
 
 AMBIENT_INTENSITY = 1.0
-"""Of the ambient light that is asked for by name: alone, it shows colours as they are."""
+"""Intensity of ``--light ambient``: alone, it shows base colours unchanged."""
 
 STYLES = ("studio", "plain", "clay", "technical", "xray", "depth", "normals", "wireframe")
 """Names of ``rasterjit.styles``, the default first."""
 
-OF_QUALITY = ("preset", "changes", "samples")
-"""Options that say how accurately to render."""
+QUALITY_OPTIONS = ("preset", "changes", "samples")
+"""Options of accuracy."""
 
-PAINTED = STYLES[2:]
-"""Those with colours of their own."""
+STYLES_WITH_COLORS = STYLES[2:]
+"""Styles with their own colours."""
 
-WITH_LAMP = ("studio", "clay")
-"""Those that bring a lamp, whose shadow is always there, to scenes without light."""
+STYLES_WITH_LAMP = ("studio", "clay")
+"""Styles that add a light with a shadow to scenes without lights."""
 
-OF_PAINT = ("color", "scalars", "shading")
-"""Options of colours that these replace."""
+PAINT_OPTIONS = ("color", "scalars", "shading")
+"""Options of colours that those styles replace."""
 
-READING = ("on_invalid", "on_damage", "resource_root", "max_bytes", "isolate")
-"""Options of how files are read."""
+READING_OPTIONS = ("on_invalid", "on_damage", "resource_root", "max_bytes", "isolate")
+"""Options of reading files."""
 
-OF_SCALARS = ("colormap", "scalar_range", "contours")
-"""Options that say how scalars are shown."""
+SCALAR_OPTIONS = ("colormap", "scalar_range", "contours")
+"""Options of scalar fields."""
 
-OF_COLOR = (
+COLOR_OPTIONS = (
     "style",
     "background",
     "color",
-    *OF_SCALARS,
+    *SCALAR_OPTIONS,
     "light",
     "shading",
     "shadows",
@@ -101,9 +101,9 @@ OF_COLOR = (
     "ambient_occlusion",
     "eye_dome",
 )
-"""Options that act on colour alone, in light or codes."""
+"""Options that act on colour alone, linear or encoded."""
 
-OF_CODES = (
+CODE_OPTIONS = (
     "tone_map", "exposure", "outline", "vignette", "wireframe", "wireframe_color", "section_lines",
 )  # fmt: skip
 """Options that act on 8-bit colour alone."""
@@ -113,7 +113,7 @@ def option(
     kind: Any, *spelled: str, default: Any = None, help: str | None = None, **settings: Any
 ) -> Any:
     """
-    Return a field that an option sets; `options_of` makes the option.
+    Return a dataclass field for an option; `options_of` makes the option.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def option(
 
 
 def flag(*spelled: str) -> Any:
-    """Return a field that an option sets to ``True``."""
+    """Return a dataclass field for a flag."""
     return option(None, *spelled, default=False, is_flag=True)
 
 
@@ -139,7 +139,7 @@ def options_of(
     kind: type, names: Iterable[str] | None = None, **words: str
 ) -> Callable[[Callable], Callable]:
     """
-    Return a decorator that adds the options of a class's fields to a command, in their order.
+    Return a decorator that adds the options of a class's fields to a command, in order.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def check_lights(
     parameter: click.Parameter,
     chosen: tuple[option_types.Vector | str, ...],
 ) -> tuple[option_types.Vector | str, ...]:
-    """Return what ``--light`` is given, or raise click's usage error."""
+    """Return the values of ``--light``, or raise click's usage error."""
     for number, one in enumerate(chosen):
         if one in chosen[:number]:
             said = one if isinstance(one, str) else ",".join(f"{part:g}" for part in one)
@@ -255,14 +255,14 @@ class SceneOptions:
     isolate: Isolation = option(None, "--isolate/--no-isolate", default=True)
 
     def check(self) -> None:
-        """Raise click's usage error for options that say nothing without others, or of others."""
+        """Raise click's usage error for options that need another, or that another rules out."""
         if self.scalars is None:
-            refuse_idle([*OF_SCALARS, "colorbar"], "it is for --scalars")
+            refuse_idle([*SCALAR_OPTIONS, "colorbar"], "it is for --scalars")
         elif self.color is not None:
             raise click.BadOptionUsage("--color", "--color: --scalars have colours of their own")
 
     def of_folder(self) -> SceneOptions:
-        """Return the options for files of a folder, which may come from strangers."""
+        """Return the options for files of a folder, which are read as untrusted."""
         return dataclasses.replace(self, isolate="all" if self.isolate else False)
 
     def apply(self, scene: Scene) -> None:
@@ -296,7 +296,7 @@ class SceneOptions:
             )
 
     def _show_scalars(self, scene: Scene, name: str) -> None:
-        """Show the meshes that have an attribute by it, all by one range, without textures."""
+        """Colour the meshes by an attribute that they have, all by one range, without textures."""
         meshes = {id(node.mesh): node.mesh for node in scene.nodes}
         known = dict.fromkeys(one for mesh in meshes.values() for one in mesh.scalar_attributes)
         own = {key: mesh for key, mesh in meshes.items() if name in mesh.scalar_attributes}
@@ -326,7 +326,7 @@ class SceneOptions:
             node.mesh = shown.get(id(node.mesh), node.mesh)
 
     def _changes(self) -> dict[str, Any]:
-        """Return the fields of all materials that options set."""
+        """Return the material fields that options set."""
         changes: dict[str, Any] = {} if self.shading is None else {"shading": self.shading}
         if self.color is not None:
             from rasterjit.scene.color import linear_color
@@ -341,14 +341,14 @@ class SceneOptions:
 
 
 def _changed(material: Material, **changes: Any) -> Material:
-    """Return a material with other fields."""
+    """Return a copy of a material with changed fields."""
     # One that nothing was said about is no longer one of that kind.
     said = {one.name: getattr(material, one.name) for one in dataclasses.fields(Material)}
     return Material(**{**said, **changes})
 
 
 def _lights_of(chosen: tuple[option_types.Vector | str, ...]) -> list[Light]:
-    """Return lights by directions and names; none for the headlight, which is the default."""
+    """Return lights by directions and names; [] for the default headlight."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
 
     if "headlight" in chosen:
@@ -458,7 +458,7 @@ class CameraOptions:
         return self._fit(scene, size)
 
     def _is_placed(self) -> bool:
-        """Tell whether an option says where the camera is, or of which kind."""
+        """Tell whether an option sets the camera's position or kind."""
         placing = vars(self).keys() - {"zoom", "fov", "intrinsics"}
         return any(vars(self)[name] is not None for name in placing)
 
@@ -478,7 +478,7 @@ class CameraOptions:
         return camera if self.zoom is None else zoom_camera(camera, self.zoom)
 
     def _check_pinhole(self) -> None:
-        """Raise click's usage error if options contradict those of a calibrated camera."""
+        """Raise click's usage error for options that contradict a calibrated camera."""
         if self.pose is None:
             if self.convention is not None:
                 raise click.UsageError("--convention needs --pose")
@@ -538,7 +538,7 @@ class CameraOptions:
         self, scene: Scene, size: tuple[int, int], animation: Animation | None = None
     ) -> Callable[[float], FittedCamera]:
         """
-        Return the camera of one turn as a function of its share, 0..1.
+        Return the camera of a turntable as a function of the share of the turn, 0..1.
 
         It is always fitted: to the scene, or to all that an animation of it shows.
         """
@@ -554,7 +554,7 @@ class CameraOptions:
         )
 
     def _fitting(self, scene: Scene, size: tuple[int, int]) -> dict[str, Any]:
-        """Return what cameras that fit the scene have in common."""
+        """Return the arguments common to cameras that fit the scene."""
         usual = DEFAULT_FOV if self.position is None else PLACED_FOV
         return {
             "fov_y": usual if self.fov is None else self.fov,
@@ -581,7 +581,7 @@ class CameraOptions:
         return fit_camera(scene, transforms.apply(frame, toward), steady=steady, **fitting)
 
     def _angles(self) -> tuple[float, float]:
-        """Return azimuth and elevation, degrees, given or those of the default."""
+        """Return azimuth and elevation, degrees, given or default."""
         return (
             DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
             DEFAULT_ELEVATION if self.elevation is None else self.elevation,
@@ -634,7 +634,7 @@ class TimeOptions:
     animation: str | None = option(None, metavar="NAME|NUMBER")
 
     def apply(self, scene: Scene, file: Path) -> Scene:
-        """Return the scene as it is then; itself if no option was given."""
+        """Return the scene at that time; unchanged if no option was given."""
         if self.time is None and self.animation is None:
             return scene
         option = "--animation" if self.time is None else "--time"
@@ -644,7 +644,7 @@ class TimeOptions:
 
 def chosen_animation(scene: Scene, file: Path, asked: str | None, option: str) -> Animation:
     """
-    Return an animation by its name or, if none has that name, its number.
+    Return an animation by its name or, if none has that name, its index.
 
     Raises
     ------
@@ -670,7 +670,7 @@ def chosen_animation(scene: Scene, file: Path, asked: str | None, option: str) -
 @dataclasses.dataclass(frozen=True)
 class Effects:
     """
-    Options that add effects, and say how accurately to render.
+    Options of effects and accuracy.
 
     Parameters
     ----------
@@ -726,7 +726,7 @@ class Effects:
     style: str = "plain"
 
     def quality(self) -> Quality:
-        """Return the quality that was asked for, or raise click's usage error."""
+        """Return the quality, or raise click's usage error."""
         changed: dict[str, Any] = {}
         if self.samples is not None:
             changed["samples"] = self.samples if self.samples == "area" else int(self.samples)
@@ -757,7 +757,7 @@ class Effects:
             except ValueError as error:
                 raise ValueError(re.sub(r"^path\b", "--environment", str(error))) from error
         has_light = bool(scene.lights) or scene.environment is not None
-        if self.shadows and (has_light or self.style not in WITH_LAMP):
+        if self.shadows and (has_light or self.style not in STYLES_WITH_LAMP):
             _cast_shadows(scene)
         if self.ambient_occlusion:
             scene.ambient_occlusion = AmbientOcclusion()
@@ -787,7 +787,7 @@ def _planes(planes: tuple[tuple[float, ...], ...], lines: str | None) -> list[Se
 
 
 def _cast_shadows(scene: Scene) -> None:
-    """Let all lights but ambient ones cast shadows; a scene without any gets a sun."""
+    """Let all lights but ambient ones cast shadows; add a sun if there is none."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight, Shadow
 
     if all(isinstance(light, AmbientLight) for light in scene.lights):
@@ -814,7 +814,7 @@ def style_option(command: Callable) -> Callable:
 
 
 def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects) -> Style:
-    """Return a scene, which has what options ask for, in its style, but for what options say."""
+    """Return a scene in its style; options override the style."""
     from rasterjit import styles
     from rasterjit.scene.camera_fitting import fit_upright
     from rasterjit.survey.light_culling import headlight
@@ -823,19 +823,19 @@ def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects
         seen_from = camera or scene.camera or fit_upright(scene, (1, 1))
         scene.lights = headlight(seen_from)
     style = styles.STYLES[effects.style](scene, camera)
-    if any(map(is_given, OF_QUALITY)):
+    if any(map(is_given, QUALITY_OPTIONS)):
         style = style.with_quality(effects.quality())
     return style
 
 
 def gather(kind: type[Options], options: dict[str, Any]) -> Options:
-    """Return the options of a kind out of all those of a command."""
+    """Return the options of one class out of all those of a command."""
     names = [field.name for field in dataclasses.fields(kind) if field.name in options]
     return kind(**{name: options[name] for name in names})
 
 
 class Described(NamedTuple):
-    """What options say of a picture: its camera, its scene, the effects and the time."""
+    """The options of a picture: camera, scene, effects and time."""
 
     view: CameraOptions
     look: SceneOptions
@@ -844,14 +844,14 @@ class Described(NamedTuple):
 
 
 def described(options: dict[str, Any]) -> Described:
-    """Return what the options of a command describe, or raise click's usage error."""
+    """Return the options of a picture, checked, or raise click's usage error."""
     made = Described(
         *(gather(kind, options) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions))
     )
     made.view.check()
     made.look.check()
-    if made.effects.style in PAINTED:
-        refuse_idle(OF_PAINT, f"--style {made.effects.style} has colours of its own")
+    if made.effects.style in STYLES_WITH_COLORS:
+        refuse_idle(PAINT_OPTIONS, f"--style {made.effects.style} has colours of its own")
     return made
 
 
@@ -863,7 +863,7 @@ def is_given(name: str) -> bool:
 
 
 def refuse_idle(names: Iterable[str], why: str) -> None:
-    """Raise click's usage error for the first of some options that is given, in vain."""
+    """Raise click's usage error for the first given option that has no effect."""
     options = {one.name: one for one in click.get_current_context().command.params}
     for name in names:
         if is_given(name):
@@ -872,12 +872,12 @@ def refuse_idle(names: Iterable[str], why: str) -> None:
 
 
 def refuse_without_color(outputs: tuple[str, ...]) -> None:
-    """Raise click's usage error for options of what no output shows."""
+    """Raise click's usage error for options of colour if no output shows colour."""
     shown = f"the outputs are {', '.join(outputs)}"
     if "color" not in outputs:
-        refuse_idle(OF_CODES, f"it acts on the output color alone, and {shown}")
+        refuse_idle(CODE_OPTIONS, f"it acts on the output color alone, and {shown}")
     if not {"color", "linear"} & set(outputs):
-        refuse_idle(OF_COLOR, f"no output shows colour: {shown}")
+        refuse_idle(COLOR_OPTIONS, f"no output shows colour: {shown}")
         if "scalar" not in outputs:
             refuse_idle(["scalars"], f"no output shows colour or scalar: {shown}")
         if "coverage" not in outputs:
@@ -892,12 +892,12 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
 
 
 def is_picture(file: Path) -> bool:
-    """Tell whether a name is one of pictures, or of buffers."""
+    """Tell whether a file name is that of a picture or of buffers."""
     return file.suffix.lower() in option_types.formats_of("image")
 
 
 def refuse_picture(what: str, output: Path) -> None:
-    """Raise click's usage error if several pictures are to go where a file's name is."""
+    """Raise click's usage error if several pictures share one output file."""
     if is_picture(output) and not output.is_dir():
         raise click.BadOptionUsage(
             "--output",
@@ -907,7 +907,7 @@ def refuse_picture(what: str, output: Path) -> None:
 
 
 look_options = options_of(SceneOptions)
-reading_options = options_of(SceneOptions, READING)
+reading_options = options_of(SceneOptions, READING_OPTIONS)
 view_options = options_of(CameraOptions)
 orbit_options = options_of(
     CameraOptions, ("azimuth", "elevation", "zoom", "fov", "projection", "up"),
@@ -916,7 +916,7 @@ orbit_options = options_of(
 )  # fmt: skip
 moment_options = options_of(TimeOptions)
 effect_options = options_of(Effects)
-quality_options = options_of(Effects, OF_QUALITY)
+quality_options = options_of(Effects, QUALITY_OPTIONS)
 unsettled_options = options_of(
-    Effects, {one.name for one in dataclasses.fields(Effects)} - set(OF_QUALITY)
+    Effects, {one.name for one in dataclasses.fields(Effects)} - set(QUALITY_OPTIONS)
 )

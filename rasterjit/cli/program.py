@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
 
 RENDER = "render"
-"""The command that is meant where a file stands in place of one."""
+"""The command to run if a file stands in place of a command."""
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
@@ -48,27 +48,27 @@ WARNS_BY_LINES = "rasterjit.warns_by_lines"
 """Key in click's context: whether warnings are printed as lines."""
 
 SCENE = re.compile(r"scene\b")
-"""How errors begin that are about what a file held."""
+"""Start of errors about the contents of a file."""
 
 DEPTH_SCALE = 0.001
-"""Scene units that a code of the PNG of --depth stands for, if it can: millimetres of metres."""
+"""Default scene units per code of a 16-bit depth PNG: millimetres, if a unit is a metre."""
 
 MIN_CODES = 256
-"""Between the nearest and the farthest depth, for that scale: as many as 8 bits have."""
+"""Least codes between the nearest and farthest depth with that scale: those of 8 bits."""
 
 MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
-"""Outputs that a mask may hold."""
+"""Outputs that can be written as masks."""
 
 ARGUMENTS = re.compile(
     r"\b(on_damage|on_invalid|max_bytes|resource_root|isolate)\b(?: ?= ?'?([^\s';]+)'?)?"
 )
-"""Names of the library's arguments in its messages, and their values, that options stand for."""
+"""Options by the library's arguments (or ``argument=value``) in its messages."""
 
 SUBJECT = re.compile(r"(quality\.)?(\w+)(?= (?:must|has|and)\b)")
-"""How the library's messages begin that are about an argument."""
+"""Start of the library's messages about an argument."""
 
 OWN_PROCESS = "own process"
-"""The object of click's context where the process runs one command and ends."""
+"""The object of click's context if the process runs a single command and ends."""
 
 
 class Program(click.Group):
@@ -79,7 +79,7 @@ class Program(click.Group):
     def resolve_command(
         self, context: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is named, or the one that renders the file that is."""
+        """Return the named command, or `RENDER` for the name of a file."""
         first = args[0]
         if first not in self.commands and (Path(first).name != first or Path(first).suffix
                                            or Path(first).exists()):  # fmt: skip
@@ -94,7 +94,7 @@ class Program(click.Group):
         return [*found, click.shell_completion.CompletionItem(incomplete, type="file")]
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **extra: Any) -> Any:
-        """Run; print an error as one line and end with its status."""
+        """Run a command; print an error as one line and exit with its status."""
         if not standalone_mode:
             return super().main(*arguments, standalone_mode=False, **extra)
         let_streams_escape()
@@ -109,7 +109,7 @@ class Program(click.Group):
         sys.exit(code or 0)
 
     def invoke(self, context: click.Context) -> Any:
-        """Run the command; what it raises becomes a `click.ClickException`, save for --debug."""
+        """Run the command; turn errors into `click.ClickException`, unless --debug is given."""
         try:
             return super().invoke(context)
         except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
@@ -126,7 +126,7 @@ class Program(click.Group):
 
 
 def leave() -> None:
-    """End the process at once, if it is the command's own: threads that still draw are in vain."""
+    """End the process at once, if it is the command's own, without waiting for drawing threads."""
     if click.get_current_context().find_root().obj == OWN_PROCESS:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -134,7 +134,7 @@ def leave() -> None:
 
 
 def in_options(message: str) -> str:
-    """Return a message of the library with options in place of its arguments."""
+    """Return a message of the library with options in place of arguments."""
 
     def spell(found: re.Match[str]) -> str:
         if found[1] == "isolate":
@@ -146,7 +146,7 @@ def in_options(message: str) -> str:
 
 
 def of_an_option(message: str, command: click.Command | None) -> str:
-    """Return a message about an argument as one about the option of a command, if it has it."""
+    """Return a message about an argument as one about the command's option, if there is one."""
     found = SUBJECT.match(message)
     if found is None or command is None:
         return message
@@ -160,7 +160,7 @@ def of_an_option(message: str, command: click.Command | None) -> str:
 
 
 def describe(error: Exception) -> str:
-    """Return what went wrong, without a traceback."""
+    """Return an error as a line, without a traceback."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, (ValueError, OSError)) and str(error):
@@ -173,12 +173,12 @@ def describe(error: Exception) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return why a file could not be drawn, in words."""
+    """Return the reason why a file could not be drawn."""
     return error.format_message() if isinstance(error, click.ClickException) else describe(error)
 
 
 def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Note the flag, wherever it stands on the line."""
+    """Store the flag, wherever it stands on the line."""
     if value:
         context.meta[DEBUG] = True
 
@@ -222,7 +222,7 @@ def size_option(default: str) -> Callable:
 
 
 def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
-    """Return the size of the picture: that of the picture behind it, if none is given."""
+    """Return the given size of the picture, or else that of the background picture."""
     if background is None or isinstance(background, str):
         return size
     if not is_given("size"):
@@ -240,7 +240,7 @@ def size_behind(background: str | BackgroundImage | None, size: tuple[int, int])
 
 
 def is_opaque(background: str | BackgroundImage | None) -> bool:
-    """Tell whether a background covers what is behind it."""
+    """Tell whether a background is opaque."""
     if background is None:
         return True
     if not isinstance(background, str):
@@ -251,7 +251,7 @@ def is_opaque(background: str | BackgroundImage | None) -> bool:
 
 
 Places = dict[Path, tuple[str, ...] | str]
-"""What each file gets: outputs by name, or ``"picture"``, or what an option of its own asks for."""
+"""Contents of each output file: outputs by name, ``"picture"``, or the name of its option."""
 
 
 def plan_files(
@@ -306,14 +306,14 @@ def plan_files(
 
 
 def _formats_of_one(outputs: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the formats that hold the only output that is asked for; none: colour, or several."""
+    """Return the formats for the only output; () for colour, or several outputs."""
     if len(outputs) > 1 or outputs[0] == "color":
         return ()
     return (".npz", ".exr") if outputs[0] == "linear" else (".png", ".npz", ".exr")
 
 
 def refuse_idle_scale(places: Places) -> None:
-    """Raise click's usage error for a ``--scale`` that no file takes."""
+    """Raise click's usage error for a ``--scale`` that no file uses."""
     if not any(_takes_scale(place, content) for place, content in places.items()):
         refuse_idle(["scale"], "no output is written to a 16-bit .png")
 
@@ -361,7 +361,7 @@ def write_files(
 
 
 def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
-    """Return what scene units a code stands for that holds a frame's depth, or raise."""
+    """Return scene units per code for a frame's depth, or raise ``ValueError``."""
     from rasterjit.outputs.save import MAX, decimal_scale, nearest_code
 
     seen = depth[np.isfinite(depth)]
@@ -413,8 +413,8 @@ def _write_file(
         frame.save(place, content, scale=scale)
 
 
-def told_codes(place: Path, content: tuple[str, ...] | str, scale: float | None) -> str:
-    """Return what a line says of a file of 16-bit codes, ``scale`` the one that was chosen."""
+def codes_line(place: Path, content: tuple[str, ...] | str, scale: float | None) -> str:
+    """Return a note on a file of 16-bit codes with its ``scale``."""
     if scale is not None:
         return f"  16 bits, a code is {scale:g} units (--scale {scale:g}), 0 is nothing"
     names = (content,) if isinstance(content, str) else content
@@ -433,12 +433,12 @@ def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
 
 
 def _spell_scale(found: re.Match[str]) -> str:
-    """Return the option in place of the argument of ``Frame.save``."""
+    """Return the option for an argument of ``Frame.save``."""
     return f"--scale{found[1].replace('=', ' ')}"
 
 
 def load_scene(file: Path, look: SceneOptions, effects: Effects, quiet: bool) -> Scene:
-    """Read a scene, apply look and effects, and print what reading warns of as lines."""
+    """Read a scene, apply look and effects, and print the reader's warnings as lines."""
     from rasterjit.io.meshes import load
 
     with warnings.catch_warnings(record=True) as caught:
@@ -463,7 +463,7 @@ def load_scene(file: Path, look: SceneOptions, effects: Effects, quiet: bool) ->
 
 
 def _warn_by_lines(quiet: bool) -> None:
-    """Print what drawing warns of as lines, until the command ends."""
+    """Print warnings of drawing as lines, until the command ends."""
     context, known = click.get_current_context(), warnings.showwarning
     if context.meta.get(WARNS_BY_LINES):
         return

@@ -1,4 +1,4 @@
-"""Pictures of files: what ``rasterjit render`` does with each."""
+"""Pictures of files: ``rasterjit render`` for one or several."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from rasterjit.cli.program import (
     DEPTH_SCALE,
     MASKS,
     MIN_CODES,
+    codes_line,
     is_opaque,
     load_scene,
     plan_files,
     reason,
     refuse_idle_scale,
     size_behind,
-    told_codes,
     write_files,
 )
 from rasterjit.interrupts import raise_if_interrupted
@@ -52,7 +52,7 @@ PNG = ".png"
 @dataclasses.dataclass(frozen=True)
 class PictureOptions:
     """
-    What is asked for of the picture of a file, by the names of the options.
+    Requested outputs of a file's picture, by the names of the options.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def places_of(
     files: tuple[Path, ...], output: Path | None, suffix: str, force: bool
 ) -> dict[Path, Path]:
     """
-    Return where the picture of each file goes, or raise click's usage error.
+    Return the path of each file's picture, or raise click's usage error.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def places_of(
 
 def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
     """
-    Return the names of the pictures of several files, each another.
+    Return distinct names for the pictures of several files.
 
     ``a/b.obj`` becomes ``b.png``; where that would be two pictures, files keep the folders in which
     they differ, and where that is not enough, their suffix: ``a/b.obj.png``.
@@ -184,7 +184,7 @@ def to_standard_output(
     asked: PictureOptions,
     shown: Described,
 ) -> None:
-    """Write the picture of a file to standard output, and nothing else."""
+    """Write only the picture of a file to standard output."""
     if len(files) > 1:
         raise click.UsageError("--output - takes the picture of one FILE")
     if asked.stats or asked.diagnose:
@@ -204,7 +204,7 @@ def render_files(
     asked: PictureOptions,
     shown: Described,
 ) -> None:
-    """Draw several files; those that fail are named, and at the end the command."""
+    """Draw several files; name those that fail, and fail at the end."""
     failed = 0
     for file, place in places.items():
         try:
@@ -221,7 +221,7 @@ def render_files(
 
 
 def render_file(file: Path, output: Path, asked: PictureOptions, shown: Described) -> None:
-    """Draw a file, write what is asked for, and say so."""
+    """Draw a file, write its outputs, and print a line."""
     from rasterjit.io.images import OPAQUE_FORMATS
 
     view, look, effects, moment = shown
@@ -260,7 +260,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         style = in_style(scene, camera, look, effects)
-        exposure = report.told_exposure(scene, style)
+        exposure = report.exposure_line(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
         chosen = write_files(frame, places, asked.scale, title)
@@ -277,6 +277,6 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     if asked.diagnose:
         report.print_diagnostics(frame.diagnostics)
     for number, place in enumerate(places):
-        told = report.told_frame(frame, saved - start) if number == 0 else ""
-        told += told_codes(place, places[place], chosen.get(place))
+        told = report.frame_line(frame, saved - start) if number == 0 else ""
+        told += codes_line(place, places[place], chosen.get(place))
         report.say(f"wrote {place}{told}")

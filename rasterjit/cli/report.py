@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 STAGE_NAMES = {"compile": "compile, or load compiled"}
-"""What the table calls a stage whose own name is not plain enough."""
+"""Plainer names of stages for the table."""
 
 
 _UNSAFE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""What names of files may hold and terminals obey, such as ESC; and bytes that are no letters."""
+"""Control characters that terminals obey, such as ESC, and undecodable bytes."""
 
 _BREAK = re.compile(r"\s*\n\s*")
 
@@ -64,7 +64,7 @@ def warn(message: str, quiet: bool) -> None:
 @contextmanager
 def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     """
-    Say how far compiling is, and of how many pictures a frame is made, if that takes long.
+    Show progress of compiling and of a frame's sub-pictures, if they take long.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
 
 @contextmanager
 def status(text: str, quiet: bool) -> Iterator[Any]:
-    """Show that something is going on, if somebody is looking; yield the line, or None."""
+    """Show a spinner if standard error is a terminal; yield the line, or None."""
     if quiet or not sys.stderr.isatty():
         # Without the 50 ms that the import of rich takes.
         yield None
@@ -120,7 +120,7 @@ def progress_bar(
     text: str, quiet: bool, is_told: bool = False
 ) -> Iterator[Callable[[int, int], None]]:
     """
-    Show how far something is: a bar on a terminal, else nothing, or one line at the start.
+    Show a progress bar on a terminal; else nothing, or one line at the start.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def progress_bar(
 
 
 def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> Iterator[Item]:
-    """Yield the items, with a progress bar on standard error if somebody is looking."""
+    """Yield the items, with a progress bar if standard error is a terminal."""
     from rich.console import Console
     from rich.progress import track
 
@@ -162,14 +162,14 @@ def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> 
     yield from track(items, text, total=count, console=console, disable=hidden, transient=True)
 
 
-def told_frame(frame: Frame, total: float) -> str:
-    """Return what a line says of a picture: its size, what it is of, and the seconds it took."""
+def frame_line(frame: Frame, total: float) -> str:
+    """Return a line on a picture: its size, counts, and seconds."""
     width, height = frame.plan.size
     return f"  {width}x{height}  {frame.counted}  {total:.2f} s"
 
 
-def told_exposure(scene: Scene, style: Style) -> str:
-    """Return what a line says of the exposure that a style chose for a scene; "" if it did not."""
+def exposure_line(scene: Scene, style: Style) -> str:
+    """Return a note on the exposure that a style chose; "" if it chose none."""
     tones = style.scene.tone_map
     if scene.tone_map is not None or tones is None or tones.exposure == 0.0:
         return ""
@@ -178,7 +178,7 @@ def told_exposure(scene: Scene, style: Style) -> str:
 
 def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     """
-    Print what became of the triangles and where the time went.
+    Print counts of triangles and the time of each stage.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def print_profile(measured: FrameProfile) -> None:
 
 
 def print_diagnostics(diagnostics: Diagnostics) -> None:
-    """Print what became of every face, and how precise the numbers are."""
+    """Print why faces are not seen, and the precision of coordinates."""
     from rich.console import Console
     from rich.table import Table
 

@@ -1,4 +1,4 @@
-"""Pictures of all meshes of a folder: what ``rasterjit render`` does with a folder."""
+"""Pictures of all meshes of a folder: ``rasterjit render FOLDER``."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
 
 SIZE = (256, 256)
-"""Of a picture, pixels, if no size is given."""
+"""Default width and height, pixels."""
 
 SETTINGS = ".rasterjit-render"
-"""The file in the folder of pictures that tells with which settings they are drawn."""
+"""File in the output folder with a hash of the pictures' settings."""
 
 ALONE = (
     "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "diagnose",
 )  # fmt: skip
-"""Options of one file's picture alone."""
+"""Options that need a single file."""
 
 
 def render_folder(
@@ -36,7 +36,7 @@ def render_folder(
     size: tuple[int, int], threads: int | None, quiet: bool, **options: Any,
 ) -> None:  # fmt: skip
     """
-    Draw every mesh file below a folder; those that fail are named, and at the end the command.
+    Draw every mesh file below a folder; name those that fail, and fail at the end.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def render_folder(
     # Which pictures are there already, drawn with these settings.
     _make_folder(output)
     settings = pickle.dumps((__version__, size, suffix, shown, options))
-    since = _begun(output / SETTINGS, hashlib.sha256(settings).hexdigest(), force)
+    since = _settings_time(output / SETTINGS, hashlib.sha256(settings).hexdigest(), force)
     # One renderer draws all that are not.
     start, failed, present = time.perf_counter(), 0, 0
     with (
@@ -111,8 +111,8 @@ def render_folder(
         raise click.ClickException(f"{failed} of {len(names)} mesh files could not be drawn")
 
 
-def _begun(place: Path, settings: str, force: bool) -> int:
-    """Return since when pictures are drawn with these settings, ns; from now on with ``force``."""
+def _settings_time(place: Path, settings: str, force: bool) -> int:
+    """Return when pictures were first drawn with these settings, ns; with ``force``, now."""
     from rasterjit.io.atomic_write import replacing
 
     try:
@@ -126,7 +126,7 @@ def _begun(place: Path, settings: str, force: bool) -> int:
 
 
 def _is_done(file: Path, place: Path, since: int) -> bool:
-    """Tell whether a picture is there that is younger than its mesh file and the settings."""
+    """Tell whether a picture is newer than its mesh file and the settings."""
     try:
         return place.stat().st_mtime_ns > max(file.stat().st_mtime_ns, since)
     except OSError:
@@ -134,7 +134,7 @@ def _is_done(file: Path, place: Path, since: int) -> bool:
 
 
 def _make_folder(output: Path) -> None:
-    """Make the folder of the pictures if there is none, or raise click's usage error."""
+    """Make the output folder if it is missing, or raise click's usage error."""
     try:
         output.mkdir(exist_ok=True)
     except OSError as error:
@@ -146,7 +146,7 @@ def _make_folder(output: Path) -> None:
 def _draw(
     file: Path, place: Path, renderer: Renderer, shown: Described, quiet: bool, **options: Any
 ) -> list[str]:
-    """Draw a file; return what there is to warn of."""
+    """Draw a file; return its warnings."""
     from rasterjit.io import images
     from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
 

@@ -1,4 +1,4 @@
-"""Compile ahead what the store lacks: for the command ``warmup``, and for a picture to come."""
+"""Compile kernels that the store lacks: for ``warmup``, and ahead of a picture."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rasterjit.runtime.background_compile import Task
 
 
 def first_tasks() -> list[Task]:
-    """Return tasks that compile what every picture in colour needs, and takes long."""
+    """Return tasks for the slowest kernels of every colour picture."""
     return background_compile.compiling(
         (gather_samples.list_samples, barycentric_weights.find_weights)
     )
 
 
 def lacking() -> list[Task]:
-    """Return tasks that compile every form of every kernel and stage that is not there."""
+    """Return tasks for every form of a kernel or stage that the store lacks."""
     return background_compile.compiling(background_compile.every_kernel())
 
 

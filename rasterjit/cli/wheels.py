@@ -1,5 +1,5 @@
 """
-Make wheels that bring machine code, from the pure wheel.
+Make wheels with machine code from the pure wheel.
 
 ``python -m rasterjit.cli.wheels WHEEL PLATFORM ...`` compiles every form of every kernel and stage
 for the levels of some platforms (``runtime/targets.py``), also for other machines than this one,
@@ -27,13 +27,13 @@ from rasterjit.runtime.background_compile import Task
 from rasterjit.runtime.targets import PLATFORMS, Platform, Target
 
 HERE = "rasterjit.cli.wheels"
-"""This module, whatever it was started as."""
+"""This module's name, also when it runs as ``__main__``."""
 
 PLACE = f"{prebuilt_kernels.FOLDER.parent.name}/{prebuilt_kernels.FOLDER.name}"
 """Folder of the code in a wheel."""
 
 MODE = 0o100644 << 16
-"""Of a file in a wheel: anybody may read it."""
+"""Permissions of a file in a wheel: readable by all."""
 
 
 def compile_for(module: str, name: str, number: int, place: str, *target: str) -> None:
@@ -47,7 +47,7 @@ def compile_for(module: str, name: str, number: int, place: str, *target: str) -
 
 
 def made_with() -> str:
-    """Return what compiles here, with the versions that machine code follows from."""
+    """Return the compiler's packages and versions, which decide the machine code."""
     numba, _, llvmlite = (store.versions() or "unknown unknown").partition(" ")
     version = ".".join(platform.python_version_tuple()[:2])
     return f"{platform.python_implementation()} {version}, Numba {numba}, llvmlite {llvmlite}"
@@ -55,7 +55,7 @@ def made_with() -> str:
 
 def pack_of(target: Target) -> bytes:
     """
-    Compile everything for a target, in as many processes as there are cores.
+    Compile everything for a target, in one process per core.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def _digest(content: bytes) -> str:
 
 
 def check() -> bool:
-    """Compile again what came with this installation; print and return whether it is the same."""
+    """Compile the installation's machine code again; print and return whether it is equal."""
     files = sorted(prebuilt_kernels.FOLDER.glob(f"*{prebuilt_kernels.SUFFIX}"))
     if not files:
         print(f"no machine code came with this installation: {prebuilt_kernels.FOLDER} has none")

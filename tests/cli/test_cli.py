@@ -1321,11 +1321,11 @@ def test_an_option_of_another_command_is_told_and_nonsense_is_not():
 def test_advice_names_options_that_there_are():
     commands_ = commands.program.commands.values()
     own = {name for command in commands_ for one in command.params for name in one.opts}
-    for name, other in help.MEANT.items():
+    for name, other in help.OPTION_SYNONYMS.items():
         assert name not in own, name
         assert not other.startswith("-") or other.split()[0] in own, other
-    assert set(help.COMMANDS_MEANT) & set(commands.program.commands) == set()
-    for other in help.COMMANDS_MEANT.values():
+    assert set(help.COMMAND_SYNONYMS) & set(commands.program.commands) == set()
+    for other in help.COMMAND_SYNONYMS.values():
         assert other.startswith("--") or other in commands.program.commands
 
 
@@ -1333,7 +1333,7 @@ def test_another_name_for_a_choice_stands_for_one_where_it_is_none_itself():
     parameters = [one for command in commands.program.commands.values() for one in command.params]
     lists = [one.type.choices for one in parameters if isinstance(one.type, click.Choice)]
     lists += [LIGHTS, tuple(output_table.OUTPUTS)]
-    for name, other in help.CHOICES_MEANT.items():
+    for name, other in help.CHOICE_SYNONYMS.items():
         assert any(other in choices and name not in choices for choices in lists), name
 
 

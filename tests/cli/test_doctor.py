@@ -59,7 +59,7 @@ def test_doctor_lists_checks_and_mends_the_store(place):
     left = place / ".abc.part"
     left.touch()
     os.utime(left, (0, 0))
-    summary, *others = doctor._store()
+    summary, *others = doctor._check_store()
     assert summary.passed
     assert "4 entries" in summary.text
     assert str(place) in summary.text
@@ -71,7 +71,7 @@ def test_doctor_lists_checks_and_mends_the_store(place):
     assert sorted(path.name for path in place.iterdir()) == [
         f"nothing_{number}.0.kernel" for number in range(4)
     ]
-    assert [finding.passed for finding in doctor._store()] == [True, None]
+    assert [finding.passed for finding in doctor._check_store()] == [True, None]
 
 
 def test_what_cannot_be_read_or_removed_is_told(place, monkeypatch):
@@ -79,7 +79,7 @@ def test_what_cannot_be_read_or_removed_is_told(place, monkeypatch):
     found = store.contents(place)._replace(unreadable=paths[:1], damaged=paths[1:])
     monkeypatch.setattr(store, "contents", lambda place: found)
     monkeypatch.setattr(store, "mend", lambda found: found.damaged)
-    failed = [finding.text for finding in doctor._store() if finding.passed is False]
+    failed = [finding.text for finding in doctor._check_store() if finding.passed is False]
     assert failed == [
         f"{paths[1].name} cannot be removed: remove it",
         f"{paths[0].name} cannot be read: remove it",
@@ -88,13 +88,13 @@ def test_what_cannot_be_read_or_removed_is_told(place, monkeypatch):
 
 def test_nothing_kept_is_a_failure_that_names_the_variable(place, monkeypatch):
     monkeypatch.setattr(store, "folder", lambda: None)
-    (finding,) = doctor._store()
+    (finding,) = doctor._check_store()
     assert finding.passed is False
     assert "RASTERJIT_CACHE_DIR" in finding.text
     monkeypatch.setattr(store, "folder", lambda: place)
     monkeypatch.setattr(store, "USED", store.Used([], ["something"]))
     monkeypatch.setattr(os, "access", lambda *arguments: False)
-    (finding,) = doctor._store()
+    (finding,) = doctor._check_store()
     assert finding.passed is False
     assert "cannot be written (set RASTERJIT_CACHE_DIR)" in finding.text
 

@@ -167,7 +167,7 @@ def test_what_came_is_loaded_and_no_folder_is_looked_for(come, code, monkeypatch
     assert store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
     assert background_compile.compiling([stage_runner.run_list]) == []
     assert capfd.readouterr().err == ""
-    (finding,) = doctor._shipped()
+    (finding,) = doctor._check_prebuilt_kernels()
     assert finding.passed
     assert "1 forms" in finding.text
 
@@ -202,7 +202,7 @@ def test_what_is_of_no_use_is_named_and_compiled_anew(come, code, damage, capfd)
     assert str(path) in line
     assert prebuilt_kernels.REINSTALL in line
     if damage != "other sources":
-        assert any(finding.passed is False for finding in doctor._shipped())
+        assert any(finding.passed is False for finding in doctor._check_prebuilt_kernels())
 
 
 @compiled_only
@@ -255,7 +255,7 @@ def test_doctor_asks_for_a_folder_only_where_something_is_compiled(come, monkeyp
         monkeypatch.setattr(prebuilt_kernels, "found", lambda: prebuilt_kernels.Found(None, None))
     monkeypatch.setattr(store, "folder", lambda: None)
     monkeypatch.setattr(store, "USED", store.Used([], []))
-    (finding,) = doctor._store()
+    (finding,) = doctor._check_store()
     assert finding.passed is (None if has_come else False)
 
 
