@@ -41,19 +41,31 @@ class TRS(NamedTuple):
 
 def matrix_of(trs: TRS) -> NDArray[np.float64]:
     """Return the matrix, (4, 4), of a translation, a rotation and a scale."""
+    return np.array(rows_of(trs))
+
+
+def rows_of(trs: TRS) -> list[list[float]]:
+    """Return the same as rows."""
     x, y, z, w = trs.rotation
     # A quaternion in float32 is a unit one to seven digits only.
     squared = ((x * x + y * y) + z * z) + w * w
     double = 2.0 / squared if squared > 0.0 else 0.0
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w)],
-        [double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w)],
-        [double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)],
-    ]
-    matrix[:3, :3] *= trs.scale
-    matrix[:3, 3] = trs.translation
-    return matrix
+    (a, b, c), (right, up, back) = trs.scale, trs.translation
+    return [
+        [
+            (1.0 - double * (y * y + z * z)) * a, double * (x * y - z * w) * b,
+            double * (x * z + y * w) * c, right,
+        ],
+        [
+            double * (x * y + z * w) * a, (1.0 - double * (x * x + z * z)) * b,
+            double * (y * z - x * w) * c, up,
+        ],
+        [
+            double * (x * z - y * w) * a, double * (y * z + x * w) * b,
+            (1.0 - double * (x * x + y * y)) * c, back,
+        ],
+        [0.0, 0.0, 0.0, 1.0],
+    ]  # fmt: skip
 
 
 def parts_of(matrix: NDArray[np.float64]) -> TRS:

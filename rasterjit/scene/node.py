@@ -15,7 +15,7 @@ from rasterjit.scene.decomposed_transform import TRS, matrix_of, parts_of
 from rasterjit.scene.label import Label, check_label
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.skin import Placed, Skin, check_morph_weights, check_skin
-from rasterjit.scene.transforms import compose, inverse
+from rasterjit.scene.transforms import compose, inverse, product_of
 from rasterjit.scene.validation import finite_array, in_short, read_only
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ LAST_ROW_ROUNDING = 1e-9
 """How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
 
 _IDENTITY = read_only(np.eye(4))
+_IDENTITY_ROWS = _IDENTITY.tolist()
 _LAST_ROW = _IDENTITY[3].tobytes()
 
 
@@ -135,7 +136,7 @@ class Node(HoldsArrays, Placed, Guarded):
                 raise ValueError("transform must be None where world_from_model is not")
             self._place(_leading_to(world_from_model, self, _checked_parent(parent)), None)
         elif transform is not None:
-            self.transform = transform
+            self._place(_affine("transform", transform), None)
         if parent is not None:
             self._hang(_checked_parent(parent), is_new=True)
 
@@ -303,7 +304,7 @@ class Node(HoldsArrays, Placed, Guarded):
         self._place(self._transform, parent)
         if self._parent is not None:
             self._parent._children.remove(self)
-        self._parent = parent
+        self.__dict__["_parent"] = parent
         if parent is not None:
             parent._children.append(self)
         if joined is not None:
@@ -320,9 +321,9 @@ class Node(HoldsArrays, Placed, Guarded):
         moved = [(self, _placed(self, transform, above))]
         for node, place in moved:
             moved += [(child, _placed(child, child._transform, place)) for child in node._children]
-        self._transform = transform
+        self.__dict__["_transform"] = transform
         for node, place in moved:
-            node._world_from_model = place
+            node.__dict__["_world_from_model"] = place
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
@@ -409,7 +410,9 @@ def _placed(node: Node, transform: Float64, world_from_parent: Float64 | None) -
         # No product, which would lose the signs of zeros.
         return transform if world_from_parent is None else world_from_parent
     try:
-        return read_only(compose(world_from_parent, transform))
+        # Both are finite, and copied.
+        rows = product_of(_IDENTITY_ROWS, world_from_parent.tolist(), transform.tolist())
+        return read_only(np.array(rows))
     except ValueError as error:
         raise ValueError(
             f"transform of {node.name!r} must have a finite product with those above it: {error}"

@@ -30,7 +30,7 @@ from rasterjit.io.gltf.json_checks import (
     whole_of,
 )
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.scene.decomposed_transform import TRS, matrix_of
+from rasterjit.scene.decomposed_transform import TRS, rows_of
 from rasterjit.scene.keyframes import INTERPOLATIONS, PATHS, WIDTHS, Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -39,13 +39,13 @@ from rasterjit.scene.skin import WEIGHT_ROUNDING, MorphTargets, Skin, sum_rows
 from rasterjit.scene.validation import in_short, one_of
 
 
-def parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
-    """Return a node's own transform: its matrix, or translation, rotation and scale."""
+def parent_from_node(node: dict[str, Any]) -> list[list[float]]:
+    """Return the rows of a node's own transform: its matrix, or the product of its parts."""
     if "matrix" in node:
         # glTF writes matrices column by column.
         columns = finite_numbers_of(node, "matrix", (0.0,) * 16)
-        return np.array(columns, dtype=np.float64).reshape(4, 4).T
-    return matrix_of(trs_of(node))
+        return [list(columns[row::4]) for row in range(4)]
+    return rows_of(trs_of(node))
 
 
 def trs_of(node: dict[str, Any]) -> TRS:

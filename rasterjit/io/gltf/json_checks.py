@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from typing import Any
+
+_PLAIN = frozenset((int, float))
+"""What numbers of JSON are in Python; a truth value is neither."""
 
 LONGEST_SHOWN = 60
 """Characters of a value that a message shows."""
@@ -29,7 +33,9 @@ def needed(values: dict[str, Any], key: str) -> Any:
 
 def object_of(values: dict[str, Any], key: str) -> dict[str, Any]:
     """Return an object of JSON, empty if there is none, or raise ``ValueError``."""
-    value = {} if values.get(key) is None else values[key]
+    value = values.get(key)
+    if value is None:
+        return {}
     if not isinstance(value, dict):
         raise ValueError(f"{key} must be an object, got {shown(value)}")
     return value
@@ -46,7 +52,7 @@ def list_of(values: dict[str, Any], key: str) -> list[Any]:
 def whole_of(values: dict[str, Any], key: str, default: int | None = None) -> int:
     """Return a whole number at least 0, or raise ``ValueError``; without a default it is needed."""
     value = needed(values, key) if default is None else values.get(key, default)
-    if not is_number(value) or value < 0 or value != math.floor(value):
+    if not are_numbers((value,)) or value < 0 or value != math.floor(value):
         raise ValueError(f"{key} must be a whole number at least 0, got {shown(value)}")
     return int(value)
 
@@ -64,7 +70,7 @@ def number_of(
 def finite_of(values: dict[str, Any], key: str, default: float | None = None) -> float:
     """Return a finite number, or raise ``ValueError``; without a default it has to be there."""
     value = needed(values, key) if default is None else values.get(key, default)
-    if not is_number(value):
+    if not are_numbers((value,)):
         raise ValueError(f"{key} must be a finite number, got {shown(value)}")
     return float(value)
 
@@ -73,20 +79,20 @@ def finite_numbers_of(
     values: dict[str, Any], key: str, default: tuple[float, ...]
 ) -> tuple[float, ...]:
     """Return as many finite numbers as the default has, or raise ``ValueError``."""
-    value = values.get(key, default)
+    if key not in values:
+        return default
+    value = values[key]
     if not isinstance(value, (list, tuple)) or len(value) != len(default):
         raise ValueError(f"{key} must be {len(default)} numbers, got {shown(value)}")
-    wrong = [part for part in value if not is_number(part)]
-    if wrong:
-        raise ValueError(f"{key} must be {len(default)} finite numbers, got {shown(wrong[0])}")
-    return tuple(float(part) for part in value)
+    if not are_numbers(value):
+        wrong = next(part for part in value if not are_numbers((part,)))
+        raise ValueError(f"{key} must be {len(default)} finite numbers, got {shown(wrong)}")
+    return tuple(map(float, value))
 
 
-def is_number(value: Any) -> bool:
-    """Tell whether a value is a number that float64 holds."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
+def are_numbers(values: Sequence[Any]) -> bool:
+    """Tell whether all values are numbers that float64 holds."""
     try:
-        return math.isfinite(float(value))
+        return _PLAIN.issuperset(map(type, values)) and all(map(math.isfinite, values))
     except OverflowError:
         return False

@@ -34,6 +34,7 @@ from rasterjit.io.gltf.extensions import (
 )
 from rasterjit.io.gltf.file import ONE_OF, GltfFile
 from rasterjit.io.gltf.json_checks import (
+    are_numbers,
     finite_numbers_of,
     finite_of,
     list_of,
@@ -50,11 +51,13 @@ from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirror
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.transforms import compose, product_of
+from rasterjit.scene.transforms import product_of
 from rasterjit.scene.validation import in_short
 
 NODE_BYTES = 4096
 """What a node of a scene takes."""
+
+_IDENTITY = np.eye(4).tolist()
 
 _WIDTHS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
 
@@ -227,11 +230,9 @@ class _GltfScene:
         while above is not None and above.number not in self._places:
             missing.append(above)
             above = above.above
-        rows, is_moved = (
-            (np.eye(4).tolist(), False) if above is None else self._places[above.number]
-        )
+        rows, is_moved = (_IDENTITY, False) if above is None else self._places[above.number]
         for one in reversed(missing):
-            rows = product_of(rows, one.parent_from_node.tolist())
+            rows = product_of(rows, one.parent_from_node)
             is_moved = is_moved or one.number in self._moving.targets
             self._places[one.number] = rows, is_moved
         if is_moved:
@@ -252,11 +253,11 @@ class _GltfScene:
                 continue
             parent = self._group_above(place)
             with self._naming(label):
-                node = self.scene.add(mesh, place.parent_from_node, label, parent=parent)
+                node = self.scene.add(mesh, np.array(place.parent_from_node), label, parent=parent)
             self._groups[place.number] = node
             self._moving.know_drawn(place.number, place.entry, node)
 
-    def _instances(self, place: FileNode) -> list[NDArray[np.float64]] | None:
+    def _instances(self, place: FileNode) -> list[list[list[float]]] | None:
         """Return where the instances of a node stand, or None, with a note if they are damaged."""
         try:
             found = instances_of(self._file, place.entry)
@@ -265,7 +266,7 @@ class _GltfScene:
             self._left_out.note(f"{INSTANCING} of node {place.number}: {reason_of(error)}")
             return None
 
-    def _add_instances(self, place: FileNode, instances: list[NDArray[np.float64]]) -> None:
+    def _add_instances(self, place: FileNode, instances: list[list[list[float]]]) -> None:
         """Add a group and, below it, a node for each part of each instance."""
         meshes = self._meshes.read(place.entry["mesh"])
         if not meshes or not instances:
@@ -280,7 +281,7 @@ class _GltfScene:
                 for part, mesh in enumerate(meshes):
                     label = f"{place.name} instance {number + 1}"
                     label += f" part {part + 1}" if part else ""
-                    self.scene.add(mesh, node_from_instance, label, parent=group)
+                    self.scene.add(mesh, np.array(node_from_instance), label, parent=group)
 
     @contextmanager
     def _naming(self, node: str) -> Iterator[None]:
@@ -387,8 +388,8 @@ def count_extensions(header: dict[str, Any]) -> dict[str, int]:
         if isinstance(one, dict):
             held = one.get("extensions")
             counts.update(map(str, held) if isinstance(held, dict) and one is not header else ())
-            waiting += [value for key, value in one.items() if key != "extras"]
-        elif isinstance(one, list):
+            waiting += [one[key] for key in one if key != "extras"]
+        elif isinstance(one, list) and not are_numbers(one):
             waiting += one
     declared = [*list_of(header, "extensionsUsed"), *object_of(header, "extensions")]
     return {**dict.fromkeys(map(str, declared), 1), **counts}
@@ -409,7 +410,8 @@ class FileNode(NamedTuple):
     entry: dict[str, Any]
     above: FileNode | None
     """What it hangs below."""
-    parent_from_node: NDArray[np.float64]
+    parent_from_node: list[list[float]]
+    """Rows of its own transform."""
     is_hidden: bool
     """Whether it, or a node above it, is said to be invisible."""
 
@@ -452,14 +454,14 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
         node = object_of({name: nodes[number]}, name)
         children = _numbers_of_nodes({name: node}, name, "children", nodes)
         try:
-            matrix = parent_from_node(node)
+            rows = parent_from_node(node)
             said = object_of(object_of(node, "extensions"), VISIBILITY)
             is_hidden = said.get("visible") is False or (above is not None and above.is_hidden)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
         # A product has other zeros than its factor: all are products.
         place = FileNode(
-            number, node, above, compose(matrix) if above is None else matrix, is_hidden
+            number, node, above, product_of(_IDENTITY, rows) if above is None else rows, is_hidden
         )
         yield place
         waiting += [(child, place) for child in reversed(children)]
@@ -468,6 +470,8 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
 def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
     """Return the numbers of nodes that an entry lists, or raise ``ValueError`` naming it."""
     entry = object_of(named, name)
+    if key not in entry:
+        return []
     try:
         found = list_of(entry, key)
         for number in found:
