@@ -505,14 +505,13 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
             shadows_stage.map_rows(*rows, row, *placed)
         assert np.isfinite((u, v)).all()
         texels = np.full(sides * size * size, 0.05, np.float32)
-        highest = np.full((sides * filters.CELLS, filters.CELLS), 0.05, np.float32)
+        cells = shadow_maps.find_limits(texels.reshape(sides, size, size), 9.0)
         around = np.float32([[0, 0], [2, 0], [-2, 1], [0, -2]])
         for beside in (0, 1, 7):
-            filters.read_soft(
-                *(np.roll(one, beside) for one in placed), texels, size, np.float32(sides),
-                np.float32(9.0), highest, around / 2, around, np.ones_like(share), found, nearer,
-                share,
-            )  # fmt: skip
+            own = *(np.roll(one, beside) for one in placed), texels, size, np.float32(sides)
+            soft = *own, np.float32(9.0)
+            filters.mark_shaded(*soft, cells, around, np.ones_like(share), found)
+            filters.read_soft(*soft, around / 2, around, found, nearer, share)
             light_leaks.close_contacts(
                 *(np.roll(one, beside) for one in placed[:5]), texels, size, np.float32(sides),
                 found, share,
@@ -521,29 +520,34 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
             assert (np.roll(share, -beside)[2:] == 1.0)[(u[2:] < 0) | (u[2:] > size)].all()
 
 
-def test_soft_shadow_of_a_sample_does_not_depend_on_its_block():
-    rng, size, count = np.random.default_rng(8), 64, 200
-    texels = rng.uniform(0.0, 1.0, (size, size)).astype(np.float32)
-    side = size // filters.CELLS
-    highest = texels.reshape(filters.CELLS, side, filters.CELLS, side).max(axis=(1, 3))
-    u, v = rng.uniform(20.0, 40.0, (2, count)).astype(np.float32)
-    depth = rng.uniform(0.0, 1.0, count).astype(np.float32)
+@pytest.mark.parametrize(("size", "sides"), [(50, 1), (96, 6)])
+def test_soft_shadow_of_a_sample_does_not_depend_on_its_block(size, sides):
+    """Samples around a rough slope with a tower: alone, and with no limits to the search."""
+    rng, count = np.random.default_rng(size), 200
+    texels = np.arange(size) * 0.01 + rng.uniform(0.0, 0.005, (sides, size, size))
+    texels[:, size // 4 : size // 2, size // 4 : size // 2] += 0.3
+    texels = texels.astype(np.float32)
+    u, v = rng.uniform(-0.1, 1.1, (2, count)).astype(np.float32) * size
+    v = np.abs(v) % size + size * rng.integers(0, sides, count).astype(np.float32)
+    depth = u * np.float32(0.01) + rng.uniform(-0.05, 0.1, count).astype(np.float32)
     # Steep planes: stored depths lie above them, and below the sample's own.
-    across, down = rng.uniform(-0.5, 0.5, (2, count)).astype(np.float32)
+    across, down = rng.uniform(-0.1, 0.1, (2, count)).astype(np.float32)
     placed = u, v, depth, across, down, np.full(count, 1e-3, np.float32)
-    spiral, pattern = shadow_maps.spiral(size), shadow_maps.disk_points()
+    maps = texels.ravel(), size, np.float32(sides), np.float32(60.0)
+    cells, spiral = shadow_maps.find_limits(texels, 60.0), shadow_maps.spiral(size)
+    pattern = shadow_maps.disk_points()
 
-    def read(samples):
-        found, nearer, share = np.zeros((3, samples.stop - samples.start), np.float32)
-        filters.read_soft(
-            *(one[samples] for one in placed), texels.ravel(), size, np.float32(1.0),
-            np.float32(10.0), highest, pattern, spiral, np.ones_like(share), found, nearer, share,
-        )  # fmt: skip
-        return share
+    def read(some):
+        marks, found, nearer, share = np.zeros((4, some.stop - some.start), np.float32)
+        own = *(one[some] for one in placed), *maps
+        filters.mark_shaded(*own, cells, spiral, np.ones_like(share), marks)
+        filters.read_soft(*own, pattern, spiral, found, nearer, share)
+        return marks, share
 
-    together = read(slice(0, count))
-    alone = [read(slice(i, i + 1)) for i in range(count)]
-    assert np.array_equal(together, np.concatenate(alone))
+    _, together = read(slice(0, count))
+    alone = np.hstack([read(slice(i, i + 1)) for i in range(count)])
+    assert np.array_equal(together, alone[1])
+    assert (together[alone[0] == 0.0] == 1.0).all()
     assert 0.0 < together.mean() < 1.0
 
 

@@ -253,7 +253,7 @@ class ShadowMaps(LooksAround):
 
         def soft(a: ShadingArrays) -> tuple[Any, ...]:
             width = np.float32(shadows.maps[n][shadows_stage.WIDENING])
-            looked = shadows.highest[n], shadows.pattern, shadows.spiral
+            looked = shadows.cells[n], shadows.pattern, shadows.spiral
             return *own(a), width, *looked, a.lighting.lights[n] if turns_away else NO_LIGHT
 
         if kind == filters.HARD:

@@ -39,11 +39,12 @@ NARROWEST = np.float32(1.5)
 MAX_RADIUS = np.float32(0.25)
 """Largest radius of a penumbra, sides of a map."""
 
-CELLS = 16
-"""Cells along the side of a map of a soft light: of each, the greatest stored depth is known."""
+CELL = 4
+"""Side of the cells of the first level of a map, texels: see ``maps.find_limits``."""
 
-NARROWINGS = 3
-"""How often what lies too far to shade some samples is left out, by the cells."""
+AT_HAND = np.float32(5.0)
+"""Radius of the search that no level of cells shortens, texels. What shades from farther away is so
+high above a sample that its own face seldom is."""
 
 
 @helper
@@ -58,17 +59,12 @@ def limits(v, size, sides):
 
 
 @helper
-def last_row(size, sides):
-    """Return the last row of all maps of a light."""
+def cells_of(size, sides, side):
+    """Return the number of cells of a side, texels, in all maps of a light."""
+    count = (size + side - 1) // side
     if sides is None:
-        return np.float32(size) - np.float32(1.0)
-    return sides * np.float32(size) - np.float32(1.0)
-
-
-@helper
-def cell_side(size):
-    """Return the side of a cell of a map, texels; those at the end may be smaller."""
-    return (size + CELLS - 1) // CELLS
+        return count * count
+    return np.int64(sides) * count * count
 
 
 @helper
@@ -89,7 +85,7 @@ def read_hard(u, v, depth, across, down, bias, texels, size, sides, share):
         column = min(max(column, np.float32(0.0)), last)
         row = min(max(row, top), top + last)
         plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
-        plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
+        plane += bias[i]
         shaded = is_nearer(texels, column, row, size, plane)
         share[i] = np.float32(1.0) - (shaded if inside else np.float32(0.0))
 
@@ -119,7 +115,7 @@ def read_pcf(u, v, depth, across, down, bias, texels, size, sides, share):
         column = min(max(left - one, zero), last)
         row = min(max(above - one, top), top + last)
         plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
-        plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
+        plane += bias[i]
         at = np.int32(row) * np.int32(size) + np.int32(column)
         step, gain = across[i], down[i]
         total = (one - below) * compare_four(texels, at, plane, step, one - right, right)
@@ -134,37 +130,62 @@ def read_pcf(u, v, depth, across, down, bias, texels, size, sides, share):
         share[i] = one - (min(shaded, one) if inside else zero)
 
 
+@helper
+def is_shading(
+    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy
+):  # fmt: skip
+    """
+    Tell whether the texel ``dx``, ``dy`` texels from a sample is a blocker, and how far above it.
+
+    It is one if it is nearer to the light than the plane of the sample's face, and occludes some of
+    the light's disk as seen from the sample.
+    """
+    half, zero = np.float32(0.5), np.float32(0.0)
+    last, top = np.float32(size - 1), limits(v, size, sides)
+    at_u, at_v = np.floor(u + dx), np.floor(v + dy)
+    column, row = min(max(at_u, zero), last), min(max(at_v, top), top + last)
+    right, below = column + half - u, row + half - v
+    plane = depth + across * right + down * below
+    plane += bias
+    stored = texels[np.uintp(np.int32(row) * np.int32(size) + np.int32(column))]
+    above = stored - depth
+    # What is below the sample counts where it is close by.
+    looked = max(SPREAD * (widening * above) + SEARCHED, -SEARCHED)
+    shades = (stored > plane) & (right * right + below * below <= looked * looked)
+    return shades & (column == at_u) & (row == at_v), above
+
+
 @disjoint_helper
 def find_shading(
     u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer
 ):  # fmt: skip
     """
-    Test the texel ``dx``, ``dy`` texels from each sample as a blocker.
+    Add up what texels ``dx``, ``dy`` texels from each sample hide of the light.
 
-    It is one if it is nearer to the light than the plane of the sample's face, and occludes some of
-    the light's disk as seen from the sample. It is weighted by the share of the disk that it hides,
-    with the texels around it that no other search point covers.
+    A blocker is weighted by the share of the disk that it hides, with the texels around it that no
+    other search point covers.
     """
-    half, zero = np.float32(0.5), np.float32(0.0)
-    last = np.float32(size - 1)
-    area = dx * dx + dy * dy
+    zero, area = np.float32(0.0), dx * dx + dy * dy
     for i in range(found.shape[0]):
-        top = limits(v[i], size, sides)
-        at_u, at_v = np.floor(u[i] + dx), np.floor(v[i] + dy)
-        column, row = min(max(at_u, zero), last), min(max(at_v, top), top + last)
-        right, below = column + half - u[i], row + half - v[i]
-        plane = depth[i] + across[i] * right + down[i] * below
-        plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
-        stored = texels[np.uintp(np.int32(row) * np.int32(size) + np.int32(column))]
-        reach = widening * (stored - depth[i])
-        # Below the sample only SEARCHED counts: `farthest_shading` leaves out the rest of a block.
-        looked = max(SPREAD * reach + SEARCHED, -SEARCHED)
-        shades = (stored > plane) & (right * right + below * below <= looked * looked)
-        shades = shades & (column == at_u) & (row == at_v)
-        reach = max(reach, zero) + NARROWEST
+        shades, above = is_shading(
+            u[i], v[i], depth[i], across[i], down[i], bias[i], texels, size, sides, widening, dx, dy
+        )
+        reach = max(widening * above, zero) + NARROWEST
         weight = area / (reach * reach) if shades else zero
         found[i] += weight
-        nearer[i] += weight * (stored - depth[i]) if shades else zero
+        nearer[i] += weight * above if shades else zero
+
+
+@disjoint_helper
+def mark_shading(
+    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, marks
+):  # fmt: skip
+    """Write 1 where the texel ``dx``, ``dy`` texels from a sample is a blocker."""
+    for i in range(marks.shape[0]):
+        shades, _ = is_shading(
+            u[i], v[i], depth[i], across[i], down[i], bias[i], texels, size, sides, widening, dx, dy
+        )
+        marks[i] = np.float32(1.0) if shades else marks[i]
 
 
 @helper
@@ -191,7 +212,7 @@ def read_penumbra(
         right, below = at_u - left, at_v - upper
         column, row = min(max(left, zero), last), min(max(upper, top), top + last)
         plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
-        plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
+        plane += bias[i]
         at = np.int32(row) * np.int32(size) + np.int32(column)
         total = (one - below) * compare_two(texels, at, plane, across[i], right)
         plane += down[i]
@@ -209,23 +230,6 @@ def finish_penumbra(u, v, size, sides, comparisons, share):
         share[i] = max(share[i] / comparisons, zero) if inside else one
 
 
-@helper
-def cell_of(row, size):
-    """Return the row of cells that a row of the maps lies in."""
-    side = np.int64(row) // size
-    return side * CELLS + (np.int64(row) - side * size) // cell_side(size)
-
-
-@helper
-def highest_between(highest, left, right, upper, lower, size):
-    """Return the greatest stored depth of the cells from texel to texel, both included."""
-    found, side = np.float32(-np.inf), cell_side(size)
-    for j in range(cell_of(upper, size), cell_of(lower, size) + 1):
-        for i in range(np.int64(left) // side, np.int64(right) // side + 1):
-            found = max(found, highest[j, i])
-    return found
-
-
 @disjoint_helper
 def range_of(x):
     """Return the lowest and the highest of some numbers."""
@@ -236,54 +240,65 @@ def range_of(x):
     return low, high
 
 
-@helper
-def farthest_shading(u, v, depth, size, sides, widening, highest):
-    """
-    Return how far from any of the samples something may lie that shades it, texels.
+@disjoint_helper
+def may_be_shaded(u, v, depth, facing, size, sides, cells, side):
+    """Tell whether something beyond a ring may shade any sample, by the cells of that side."""
+    zero, share = np.float32(0.0), np.float32(1.0) / np.float32(side)
+    count = np.int32((size + side - 1) // side)
+    last, found = np.float32(count) - np.float32(1.0), np.int32(0)
+    for i in range(facing.shape[0]):
+        top = limits(v[i], size, sides)
+        column = min(max(np.floor(u[i] * share), zero), last)
+        row = min(max(np.floor((v[i] - top) * share), zero), last)
+        row += np.floor(top / np.float32(size)) * np.float32(count)
+        at = np.int32(row) * count + np.int32(column)
+        found |= np.int32((depth[i] < cells[np.uintp(at)]) & (facing[i] > zero))
+    return found
 
-    As far as the highest thing would, and then, as nothing farther shades them, the highest of
-    what lies no farther from them than that.
+
+@helper
+def mark_shaded(
+    u, v, depth, across, down, bias, texels, size, sides, widening, cells, spiral, facing, marks
+):  # fmt: skip
     """
-    zero, last = np.float32(0.0), np.float32(size - 1)
-    lowest, _ = range_of(depth)
-    left, right = range_of(u)
-    upper, lower = range_of(v)
-    farthest = MAX_RADIUS * np.float32(size)
-    for _ in range(NARROWINGS):
-        # A point looks at the texel that it lies in, whose middle is less than one away.
-        around = farthest + np.float32(1.0)
-        most = highest_between(
-            highest,
-            min(max(left - around, zero), last), min(max(right + around, zero), last),
-            min(max(upper - around, zero), last_row(size, sides)),
-            min(max(lower + around, zero), last_row(size, sides)),
-            size,
+    Write 1 for samples with a blocker, 0 for others: ring by ring, as far as any may have one.
+
+    What does not face the light, by a row that is above 0 where it does, has none.
+    """
+    for i in range(marks.shape[0]):
+        marks[i] = np.float32(0.0)
+    if marks.shape[0] == 0 or range_of(facing)[1] <= np.float32(0.0):
+        return
+    farthest, radius = MAX_RADIUS * np.float32(size) + np.float32(1.0), AT_HAND
+    k, first, side = np.int64(0), np.int64(0), np.int64(CELL)
+    while k < spiral.shape[0]:
+        dx, dy = spiral[k, 0], spiral[k, 1]
+        if dx * dx + dy * dy > farthest * farthest:
+            break
+        if dx * dx + dy * dy > radius * radius:
+            if may_be_shaded(u, v, depth, facing, size, sides, cells[first:], side) == 0:
+                break
+            first += cells_of(size, sides, side)
+            radius = np.float32(2 * side)
+            side *= 2
+        mark_shading(
+            u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, marks
         )  # fmt: skip
-        reach = SPREAD * widening * max(most - lowest, zero) + SEARCHED
-        farthest = min(farthest, reach)
-    return farthest + np.float32(1.0)
+        k += 1
+    for i in range(marks.shape[0]):
+        marks[i] = marks[i] if facing[i] > np.float32(0.0) else np.float32(0.0)
 
 
 @helper
 def read_soft(
-    u, v, depth, across, down, bias, texels, size, sides, widening, highest, pattern, spiral,
-    facing, found, nearer, share,
+    u, v, depth, across, down, bias, texels, size, sides, widening, pattern, spiral, found, nearer,
+    share,
 ):  # fmt: skip
-    """
-    Estimate each sample's penumbra from its blockers, and filter over it (PCSS).
-
-    What does not face the light, by a row that is above 0 where it does, has none of it.
-    """
-    if share.shape[0] == 0:
-        return
-    if range_of(facing)[1] <= np.float32(0.0):
-        for i in range(share.shape[0]):
-            share[i] = np.float32(0.0)
-        return
+    """Estimate the penumbra of samples that have blockers, and filter over it (PCSS)."""
     comparisons = np.float32(pattern.shape[0])
+    farthest = MAX_RADIUS * np.float32(size) + np.float32(1.0)
     for i in range(share.shape[0]):
         found[i], nearer[i], share[i] = np.float32(0.0), np.float32(0.0), comparisons
-    farthest = farthest_shading(u, v, depth, size, sides, widening, highest)
     for k in range(spiral.shape[0]):
         dx, dy = spiral[k, 0], spiral[k, 1]
         if dx * dx + dy * dy <= farthest * farthest:
@@ -291,14 +306,9 @@ def read_soft(
                 u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found,
                 nearer,
             )  # fmt: skip
-    shaded = np.float32(0.0)
-    for i in range(share.shape[0]):
-        found[i] = found[i] if facing[i] > np.float32(0.0) else np.float32(0.0)
-        shaded = max(shaded, found[i])
-    if shaded > np.float32(0.0):
-        for k in range(pattern.shape[0]):
-            read_penumbra(
-                u, v, depth, across, down, bias, texels, size, sides, widening, pattern[k, 0],
-                pattern[k, 1], found, nearer, share,
-            )  # fmt: skip
+    for k in range(pattern.shape[0]):
+        read_penumbra(
+            u, v, depth, across, down, bias, texels, size, sides, widening, pattern[k, 0],
+            pattern[k, 1], found, nearer, share,
+        )  # fmt: skip
     finish_penumbra(u, v, size, sides, comparisons, share)

@@ -11,7 +11,7 @@ it, and ends behind the farthest point of this space. Then it is drawn like a pi
 stages.
 
 Soft shadows are looked up with tables made here: points around a sample, in a sunflower [2]_ or a
-spiral, and the highest depths of a map, cell by cell.
+spiral, and cells of a map that tell how deep a sample must lie to be shaded from far away.
 
 References
 ----------
@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,8 +134,8 @@ class ShadowRecord(NamedTuple):
     spiral: Any
     """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
     nearest on."""
-    highest: Any
-    """(L, 96, 16) float32: the greatest stored depth in each cell of the maps of a soft light."""
+    cells: Any
+    """L of (N,) float32, of a soft light what `find_limits` returns, or None."""
     normals: Any
     """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 
@@ -182,15 +182,16 @@ def draw_shadows(
                 count = part.stop
     if not drawings:
         return None
-    # Draw them into one array, and find the greatest depths of soft ones.
+    # Draw them into one array, and find from where soft ones shade.
     texels = workers.memory.empty((count,), np.float32)
     for n, _, shadow, part, matrix in drawings:
         whole = texels[part].reshape(shadow.size, shadow.size)
         _draw(matrix, rows[n], whole, scenery, workers)
-    highest = np.full((len(lights), 6, filters.CELLS, filters.CELLS), -np.inf, np.float32)
-    for n, k, shadow, part, _ in drawings:
-        if shadow.filter == "soft":
-            write_highest(texels[part].reshape(shadow.size, shadow.size), highest[n, k])
+    cells: list[NDArray[np.float32] | None] = [None] * len(lights)
+    for n, (first, size, kind, sides) in enumerate(places.tolist()):
+        if first >= 0 and kind == filters.SOFT:
+            own = texels[first : first + sides * size * size].reshape(sides, size, size)
+            cells[n] = find_limits(own, float(rows[n, shadows_stage.WIDENING]))
     largest = max(int(side) for side in places[:, shadows_stage.SIZE])
     return ShadowRecord(
         rows,
@@ -198,7 +199,7 @@ def draw_shadows(
         texels,
         disk_points(),
         spiral(largest),
-        highest.reshape(len(lights), -1, filters.CELLS),
+        cells,
         normals,
     )
 
@@ -567,18 +568,48 @@ def spiral(size: int) -> NDArray[np.float32]:
     return np.array(points, np.float32)
 
 
-def write_highest(texels: NDArray[np.float32], highest: NDArray[np.float32]) -> None:
+def find_limits(texels: NDArray[np.float32], widening: float) -> NDArray[np.float32]:
     """
-    Write the greatest stored depth in each cell of a map.
+    Find how deep samples must lie to be shaded from far away.
 
     Parameters
     ----------
-    texels : (S, S) float32
-    highest : (CELLS, CELLS) float32
-        Written; cells beyond the map keep what they hold.
+    texels : (M, S, S) float32
+        The maps of a light, stored depth.
+    widening : float
+        Column WIDENING of the light's row.
+
+    Returns
+    -------
+    (N,) float32
+        Levels of square cells, of ``filters.CELL`` texels and then twice as many each time, for
+        each map row by row; see `filters.cells_of`. What lies farther from a sample than the level
+        before reaches, two of its cells, shades none whose stored depth is at least its cell's.
+        The first level is about all beyond ``filters.AT_HAND``.
     """
-    side = -(-len(texels) // filters.CELLS)
-    lefts = np.arange(0, len(texels), side)
-    for row, top in enumerate(range(0, len(texels), side)):
-        columns = np.maximum.reduceat(texels[top : top + side].max(axis=0), lefts)
-        highest[row, : len(lefts)] = columns
+    radius, side, levels = float(filters.AT_HAND), filters.CELL, []
+    highest = _highest(texels, side)
+    while not levels or radius <= float(filters.MAX_RADIUS) * texels.shape[-1] + 1.0:
+        # A point looks at the texel that it lies in, whose middle is less than one away.
+        above = radius - 1.0 - float(filters.SEARCHED)
+        above = above / (float(filters.SPREAD) * widening) if widening > 0.0 else math.inf
+        count = highest.shape[-1]
+        wide = np.pad(highest, ((0, 0), (2, 2), (2, 2)), constant_values=-np.inf)
+        wide = reduce(np.maximum, [wide[:, k : k + count] for k in range(5)])
+        wide = reduce(np.maximum, [wide[:, :, k : k + count] for k in range(5)])
+        levels.append(wide - np.float32(above))
+        radius, side, highest = 2.0 * side, 2 * side, _highest(highest, 2)
+    # What is beyond the next ring is beyond this one.
+    for near, far in zip(levels[-2::-1], levels[:0:-1], strict=True):
+        count = near.shape[-1]
+        np.maximum(near, far.repeat(2, 1).repeat(2, 2)[:, :count, :count], out=near)
+    return np.concatenate([level.ravel() for level in levels])
+
+
+def _highest(texels: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Return the greatest stored depth in each cell of a side, texels, of maps (M, S, S)."""
+    rest = -texels.shape[-1] % side
+    if rest:
+        texels = np.pad(texels, ((0, 0), (0, rest), (0, rest)), constant_values=-np.inf)
+    rows = texels.reshape(len(texels), -1, side, texels.shape[-1]).max(axis=2)
+    return reduce(np.maximum, [rows[:, :, k::side] for k in range(side)])

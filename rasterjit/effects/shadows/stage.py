@@ -24,7 +24,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.shadows.filters import read_hard, read_pcf, read_soft
+from rasterjit.effects.shadows.filters import (
+    DEPTH_ROUNDING,
+    mark_shaded,
+    read_hard,
+    read_pcf,
+    read_soft,
+)
 from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
 from rasterjit.pipeline.lighting.blinn_phong import light_at
 from rasterjit.pipeline.surface.attributes import fill_row
@@ -34,11 +40,11 @@ from rasterjit.pipeline.surface.sample_block import (
     FOUND,
     IS_LIT,
     MAP_U,
-    NEARER,
     NORMAL_X,
     POINT_X,
     SHADOW,
     TURNED,
+    VECTOR,
     Block,
 )
 from rasterjit.runtime.float_math import clamped
@@ -142,7 +148,8 @@ def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
         at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
         u[i], v[i] = np.float32(at_u), np.float32(clamped(at_v, -FAR_ASIDE, FAR_ASIDE))
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
-        bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
+        steps = bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS])
+        bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
 @disjoint_helper
@@ -173,7 +180,8 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
         at_v = clamped(at_v, -FAR_ASIDE, FAR_ASIDE)
         u[i], v[i] = np.float32(at_u), np.float32(at_v) + side * np.float32(size)
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
-        bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
+        steps = bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS])
+        bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
 @stage
@@ -276,10 +284,43 @@ def mark_facing(light, nx, ny, nz, px, py, pz, facing):
             facing[i] = zero if cosine <= zero else one
 
 
+@helper
+def shade_softly(block, count, texels, size, sides, widening, cells, pattern, spiral):
+    """Write the visibility of samples, those of row TURNED above 0 by their penumbrae."""
+    s, few, numbers, shaded = block.samples, block.single, block.numbers[0], np.int64(0)
+    # Gather the samples that something shades.
+    for a in range(0, count, NEIGHBOURS):
+        e = min(a + NEIGHBOURS, count)
+        mark_shaded(
+            *six_parts(s, MAP_U, a, e), texels, size, sides, widening, cells, spiral,
+            part(s, TURNED, a, e), part(s, FOUND, a, e),
+        )  # fmt: skip
+    fill_row(part(s, SHADOW, 0, count), np.float32(1.0))
+    for n in range(np.uintp(count)):
+        numbers[np.uintp(shaded)] = n
+        shaded += np.int64(s[FOUND, n] > np.float32(0.0))
+    # The last one once more, until vectors are full.
+    while shaded % VECTOR != 0:
+        numbers[np.uintp(shaded)] = numbers[np.uintp(shaded - 1)]
+        shaded += 1
+    for k in range(6):
+        for n in range(np.uintp(shaded)):
+            few[k, n] = s[MAP_U + k, np.uintp(numbers[n])]
+    # Find what light reaches these.
+    for a in range(0, shaded, NEIGHBOURS):
+        e = min(a + NEIGHBOURS, shaded)
+        read_soft(
+            *six_parts(few, 0, a, e), texels, size, sides, widening, pattern, spiral,
+            *three_parts(few, 6, a, e),
+        )  # fmt: skip
+    for n in range(np.uintp(shaded)):
+        s[SHADOW, np.uintp(numbers[n])] = few[8, n]
+
+
 @stage
 def filter_soft(
     block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64,
-    widening: float32, highest: float32[:, ::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
+    widening: float32, cells: float32[::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
     light: float32[::1],
 ):  # fmt: skip
     """
@@ -291,9 +332,7 @@ def filter_soft(
         As `filter_hard` takes them.
     widening : float32
         Column WIDENING of the light's row.
-    highest : (96, 16) float32
-        The greatest stored depth in each cell of the light's maps.
-    pattern, spiral : (P, 2) and (S, 2) float32
+    cells, pattern, spiral : (N,), (P, 2) and (S, 2) float32
         As ``ShadowRecord`` has them.
     light : (LIGHT_COLUMNS,) float32, or (0,)
         See ``blinn_phong``: samples that turn away from it are left out. None: all are looked at.
@@ -308,21 +347,12 @@ def filter_soft(
         mark_facing(
             light, *three_parts(s, NORMAL_X, 0, count), *three_parts(s, POINT_X, 0, count), facing
         )
-    for a in range(0, count, NEIGHBOURS):
-        e = min(a + NEIGHBOURS, count)
-        if sides == 1:
-            # Which of several maps a sample lies in takes a division at each point.
-            read_soft(
-                *six_parts(s, MAP_U, a, e), texels, size, None, widening, highest, pattern, spiral,
-                part(s, TURNED, a, e), part(s, FOUND, a, e), part(s, NEARER, a, e),
-                part(s, SHADOW, a, e),
-            )  # fmt: skip
-        else:
-            read_soft(
-                *six_parts(s, MAP_U, a, e), texels, size, np.float32(sides), widening, highest,
-                pattern, spiral, part(s, TURNED, a, e), part(s, FOUND, a, e),
-                part(s, NEARER, a, e), part(s, SHADOW, a, e),
-            )  # fmt: skip
+    if sides == 1:
+        # Which of several maps a sample lies in takes a division at each point.
+        shade_softly(block, count, texels, size, None, widening, cells, pattern, spiral)
+    else:
+        several = np.float32(sides)
+        shade_softly(block, count, texels, size, several, widening, cells, pattern, spiral)
     close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
