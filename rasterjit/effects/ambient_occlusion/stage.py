@@ -32,7 +32,7 @@ from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import sample_block as entry
-from rasterjit.pipeline.surface.sample_block import Block
+from rasterjit.pipeline.surface.sample_block import VECTOR, Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import call_bound, flat, part
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel, stage
@@ -68,8 +68,9 @@ STRIDE = BLOCK_COLUMNS + 16
 (
     COLUMN, DEPTH, PW, NX, NY, NZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, RISE_A, RISE_B,
     RISE_C, SLACK, WAY_A, WAY_B, WAY_C, SHARE, EYE_COSINE, EYE_SINE, REACH, AHEAD, BEHIND,
-    STEP_X, STEP_Y, JITTER, BLOCKED, OPEN, TOLERANCE, STRETCH,
-) = (row * STRIDE for row in range(38))  # fmt: skip
+    STEP_X, STEP_Y, JITTER, BLOCKED, OPEN, TOLERANCE, STRETCH, RIGHT, LOW,
+    CHANGE, HEIGHT,
+) = (row * STRIDE for row in range(42))  # fmt: skip
 """
 Where the rows of scratch begin. They lie a constant apart, so that loops over several vectorize.
 
@@ -83,10 +84,12 @@ Where the rows of scratch begin. They lie a constant apart, so that loops over s
 - AHEAD, BEHIND: cosine of the horizon's elevation on both sides.
 - STEP, JITTER: direction on the screen, and how far into its length a step begins.
 - BLOCKED, OPEN: sums over the slices.
+- RIGHT, LOW, CHANGE: way to a sample, in columns, rows and stored depth; HEIGHT: how high above the
+  plane it is, 0 where it is not.
 - TOLERANCE: largest difference of depth to pixels of the same surface.
 """
 
-SCRATCH = STRETCH + STRIDE
+SCRATCH = HEIGHT + STRIDE
 
 
 def screen_pattern() -> np.ndarray:
@@ -143,8 +146,12 @@ def blocked_share(horizon, eye_cosine, eye_sine, eye_angle):
 
 
 @helper
-def gather_faces(faces, depth, left, row, pattern, s, geometry, placement):
-    """Write column, depth, pattern and normal of the covered pixels; return how many there are."""
+def gather_faces(faces, depth, left, s, geometry, placement):
+    """
+    Write column, depth and normal of the covered pixels; return how many there are.
+
+    The last one is there once more, until vectors are full.
+    """
     count, known, owner = np.int64(0), np.int64(-1), np.int64(0)
     x = y = z = np.float32(0.0)
     for at in range(np.uintp(faces.shape[0])):
@@ -157,17 +164,18 @@ def gather_faces(faces, depth, left, row, pattern, s, geometry, placement):
             a, b, c = corners_of(geometry.faces, face)
             normal = face_normal(a, b, c, owner, placement)
             x, y, z = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
-        column = left + np.int64(at)
-        s[COLUMN + count], s[DEPTH + count] = np.float32(column), depth[at]
+        s[COLUMN + count], s[DEPTH + count] = np.float32(left + np.int64(at)), depth[at]
         s[NX + count], s[NY + count], s[NZ + count] = x, y, z
-        own = pattern[row % PATTERN, column % PATTERN]
-        s[STEP_X + count], s[STEP_Y + count], s[JITTER + count] = own[0], own[1], own[2]
+        count += 1
+    while count % VECTOR != 0:
+        s[COLUMN + count], s[DEPTH + count] = s[COLUMN + count - 1], s[DEPTH + count - 1]
+        s[NX + count], s[NY + count], s[NZ + count] = x, y, z
         count += 1
     return count
 
 
 @disjoint_helper
-def place_block(s, count, row, lens, viewer, snap):
+def place_block(s, count, row, lens, viewer, snap, pattern):
     """Find how points and heights change with column (a), row (b) and stored depth (c)."""
     one, two, parts = np.float32(1.0), np.float32(2.0), (lens[0], lens[1], lens[2], lens[3])
     for i in range(min(count, BLOCK_COLUMNS)):
@@ -201,6 +209,9 @@ def place_block(s, count, row, lens, viewer, snap):
         s[CX + i], s[CY + i], s[CZ + i] = cx, cy, cz
         s[RISE_A + i], s[RISE_B + i], s[RISE_C + i] = rise_a, rise_b, rise_c
         s[BLOCKED + i], s[OPEN + i] = np.float32(0.0), np.float32(0.0)
+        own = np.uintp(np.int32(s[COLUMN + i]) % np.int32(PATTERN) * np.int32(3))
+        s[STEP_X + i], s[STEP_Y + i] = pattern[own], pattern[own + np.uintp(1)]
+        s[JITTER + i] = pattern[own + np.uintp(2)]
 
 
 @disjoint_helper
@@ -239,10 +250,10 @@ def place_slice(s, count, turned):
 
 
 @disjoint_helper
-def raise_horizon(s, count, side, turned, number, row, lens, size, depths, horizon):
-    """Take one sample for each pixel, on one side of its slice, whose row of ``s`` is written."""
-    zero, half, one, two = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
-    across, down, deeper = lens[0, 3], lens[1, 3], lens[2, 3]
+def find_heights(s, count, side, turned, number, row, size, depths):
+    """Take one sample for each pixel, on one side of its slice; tell if any is above its plane."""
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    found = np.int32(0)
     for i in range(min(count, BLOCK_COLUMNS)):
         # Find the pixel to look at.
         part = (number + s[JITTER + i]) * np.float32(1.0 / STEPS)
@@ -256,22 +267,37 @@ def raise_horizon(s, count, side, turned, number, row, lens, size, depths, horiz
         place = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
         there = depths[np.uintp(place & np.uint32(0x7FFFFFFF))]
         is_inside = is_inside & (there > np.float32(-np.inf))
-        # Find how far along the plane it is, and how high above.
+        # Find how high above the plane it is.
         change = there - depth if is_inside else zero
-        flat = side * (right * s[WAY_A + i] + low * s[WAY_B + i] + change * s[WAY_C + i])
         rise_c = s[RISE_C + i]
         rounding = DEPTH_ROUNDING * (abs(there) + abs(depth)) * abs(rise_c)
         height = right * s[RISE_A + i] + low * s[RISE_B + i] + change * rise_c
         height = height - s[SLACK + i] - rounding
+        is_above = is_inside & (height > zero)
+        found = np.int32(found | np.int32(is_above))
+        s[HEIGHT + i] = height if is_above else zero
+        s[RIGHT + i], s[LOW + i], s[CHANGE + i] = right, low, change
+    return found
+
+
+@disjoint_helper
+def raise_horizon(s, count, side, lens, horizon):
+    """Raise the horizon of each pixel, in its row of ``s``, to what is above its plane."""
+    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    across, down, deeper = lens[0, 3], lens[1, 3], lens[2, 3]
+    for i in range(min(count, BLOCK_COLUMNS)):
+        height, right, low, change = s[HEIGHT + i], s[RIGHT + i], s[LOW + i], s[CHANGE + i]
+        # Find how far along the plane it is.
+        flat = side * (right * s[WAY_A + i] + low * s[WAY_B + i] + change * s[WAY_C + i])
+        w = s[PW + i] + right * across + low * down + change * deeper
         high = height * s[STRETCH + i]
         squared = flat * flat + high * high + MIN
         length = np.sqrt(squared)
         # Ignore samples beyond the radius.
-        w = s[PW + i] + right * across + low * down + change * deeper
         scale = one / (length * w * w)
         weight = min(one, two - two * squared * length * scale)
         cosine = flat * w * w * scale
-        is_above = is_inside & (height > zero) & (weight > zero)
+        is_above = (height > zero) & (weight > zero)
         faded = one - weight * (one - cosine)
         horizon[i] = min(horizon[i], faded) if is_above else horizon[i]
 
@@ -328,10 +354,8 @@ def look_around(
         for n in range(2 * STEPS):
             side, number = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
             horizon = AHEAD + (n // STEPS) * STRIDE
-            raise_horizon(
-                s, count, side, turned, number, row, lens, size, depths,
-                s[horizon : horizon + count],
-            )  # fmt: skip
+            if find_heights(s, count, side, turned, number, row, size, depths) != 0:
+                raise_horizon(s, count, side, lens, s[horizon : horizon + count])
         add_slice(s, count)
 
 
@@ -390,10 +414,9 @@ def find_occlusion(
         for left in range(0, width, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, width)
             faces = part(face_id, row, left, right)
-            count = gather_faces(
-                faces, part(depth, row, left, right), left, row, pattern, s, geometry, placement
-            )
-            place_block(s, count, np.float32(row), lens, viewer, np.float32(snap))
+            count = gather_faces(faces, part(depth, row, left, right), left, s, geometry, placement)
+            own = flat(pattern[row % PATTERN])
+            place_block(s, count, np.float32(row), lens, viewer, np.float32(snap), own)
             scratch.asked[0], scratch.asked[1] = count, row
             call_bound(scratch.look)
             write_block(
