@@ -203,7 +203,7 @@ class Tones(NamedTuple):
         """Return tone-mapped rows over the background, (R, W, 4) linear with straight alpha."""
         behind, shown = self.background, memory.empty(linear.shape, np.float32)
         if self.given:
-            behind = memory.empty(linear.shape, np.float32)
+            behind = shown
             nothing = np.full(linear.shape[:2], -1, np.int32)
             for one in self.given:
                 one.at("background", calls, nothing, first_row, behind, no_color(behind))

@@ -70,19 +70,29 @@ def blur(
     add_down(scratch, radius, blurred, total)
 
 
-@helper
-def shade_at(shade, u, v):
-    """Return the value of a map at a place in 0..1, linear between texels."""
-    one, side = np.float32(1.0), np.int64(shade.shape[0])
-    column = clamped(u * side - 0.5, 0.0, side - 1.0)
-    row = clamped(v * side - 0.5, 0.0, side - 1.0)
-    left, top = min(np.int64(column), side - 2), min(np.int64(row), side - 2)
-    a, b = np.float32(column - left), np.float32(row - top)
-    i, j = np.uintp(top), np.uintp(left)
-    below, right = np.uintp(top + 1), np.uintp(left + 1)
-    upper = shade[i, j] * (one - a) + shade[i, right] * a
-    lower = shade[below, j] * (one - a) + shade[below, right] * a
-    return upper * (one - b) + lower * b
+@disjoint_helper
+def find_kept(places, m, y, shade, side, kept):
+    """Write the share of its light that each pixel of a row keeps: linear between texels."""
+    one, last = np.float32(1.0), np.int32(side)
+    u_row, v_row, w_row = m[0, 1] * y + m[0, 2], m[1, 1] * y + m[1, 2], m[2, 1] * y + m[2, 2]
+    for i in range(kept.shape[0]):
+        x = places[i]
+        u, v, w = m[0, 0] * x + u_row, m[1, 0] * x + v_row, m[2, 0] * x + w_row
+        is_on = w > 0.0
+        w = w if is_on else 1.0
+        u, v = u / w, v / w
+        is_on = is_on & (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
+        column = clamped(u * side - 0.5, 0.0, side - 1.0)
+        row = clamped(v * side - 0.5, 0.0, side - 1.0)
+        left, top = np.int32(column), np.int32(row)
+        left = left if left < last - 2 else np.int32(last - 2)
+        top = top if top < last - 2 else np.int32(last - 2)
+        a, b = np.float32(column - np.float64(left)), np.float32(row - np.float64(top))
+        at = np.int32(top * last + left)
+        below = np.int32(at + last)
+        upper = shade[np.uintp(at)] * (one - a) + shade[np.uintp(at + np.int32(1))] * a
+        lower = shade[np.uintp(below)] * (one - a) + shade[np.uintp(below + np.int32(1))] * a
+        kept[i] = one - (upper * (one - b) + lower * b) if is_on else one
 
 
 @kernel
@@ -117,27 +127,20 @@ def darken_picture(
     bool
         Whether any pixel lacks light.
     """
-    m, is_dark, one = map_from_screen, False, np.float32(1.0)
+    side, is_dark, one = shade.shape[0], False, np.float32(1.0)
     height, width = np.float64(codes.shape[0]), np.float64(codes.shape[1])
     for column in range(np.uintp(codes.shape[1])):
         places[column] = 2.0 * (np.float64(column) + 0.5) / width - 1.0
     for row in range(np.uintp(codes.shape[0])):
         # Find which pixels of the row lack light.
         y = 1.0 - 2.0 * (np.float64(row) + 0.5) / height
-        u_row, v_row, w_row = m[0, 1] * y + m[0, 2], m[1, 1] * y + m[1, 2], m[2, 1] * y + m[2, 2]
-        first, end = np.int64(codes.shape[1]), np.int64(0)
-        for column in range(np.uintp(codes.shape[1])):
-            x = places[column]
-            u, v, w = m[0, 0] * x + u_row, m[1, 0] * x + v_row, m[2, 0] * x + w_row
-            kept[column] = one
-            # Most need no division.
-            if (w > 0.0) & (u > 0.0) & (u < w) & (v > 0.0) & (v < w):
-                u, v = u / w, v / w
-                if (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0):
-                    kept[column] = one - shade_at(shade, u, v)
-                    if kept[column] != one:
-                        first, end = min(first, np.int64(column)), np.int64(column) + 1
-        if first == codes.shape[1]:
+        find_kept(places, map_from_screen, y, flat(shade), side, kept)
+        first, end = np.int64(0), np.int64(codes.shape[1])
+        while first < end and kept[np.uintp(first)] == one:
+            first += 1
+        while first < end and kept[np.uintp(end - 1)] == one:
+            end -= 1
+        if first == end:
             continue
         # Encode what is left, from the first of them to the last.
         is_dark = True

@@ -57,9 +57,12 @@ class Plate(NamedTuple):
         left, top = self.corner[0], self.corner[1] + first_row
         part = np.ascontiguousarray(self.image[top : top + rows, left : left + columns])
         is_open = face_id < 0
-        if linear.shape[1] > 0:
+        if linear.shape[1] > 0 and part.dtype == np.uint8 and is_open.all():
+            _decode(part, linear)
+        elif linear.shape[1] > 0:
+            light = part if part.dtype == np.float32 else _decode(part, np.empty_like(linear))
             # Four floats at once: a mask of each takes four times as long.
-            whole = linear.view(np.complex128), _light(part).view(np.complex128)
+            whole = linear.view(np.complex128), light.view(np.complex128)
             np.copyto(*whole, where=is_open[..., None])
         if color.shape[1] > 0:
             np.copyto(color, _codes(part), where=is_open)
@@ -74,11 +77,8 @@ def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
     return codes
 
 
-def _light(part: NDArray[Any]) -> NDArray[np.float32]:
-    """Return pixels, (R, W, 4), as linear light, straight alpha."""
-    if part.dtype == np.float32:
-        return part
-    light = np.empty(part.shape, np.float32)
+def _decode(part: NDArray[np.uint8], light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Write pixels, (R, W, 4), as linear light, straight alpha, and return that."""
     srgb_compositing.decode_rows(_codes(part), decoding_table().copy(), light)
     return light
 

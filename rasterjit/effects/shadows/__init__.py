@@ -118,8 +118,8 @@ class ShadowMaps(LooksAround):
         """Return what maps are fitted to, as far as the depth of a picture tells."""
         layers = context.plan.layers
         is_open = layers is not None and not layers.has_blended
-        faces = int(context.placement.face_starts[-1]) if is_open else None
-        return visible_cells.see_depth(context.seen.coverage, context.workers, faces)
+        starts = context.placement.face_starts if is_open else None
+        return visible_cells.see_depth(context.seen.coverage, context.workers, starts)
 
     def join(
         self,
@@ -139,9 +139,7 @@ class ShadowMaps(LooksAround):
         is_open = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
             boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
-            is_open &= visible_cells.missed_objects(
-                plan.camera, boxes, placement.face_starts, seen[0][1]
-            )
+            is_open &= visible_cells.missed_objects(plan.camera, boxes, seen[0][1])
         vertices = visibility_pass.ModelVertices(
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
         )

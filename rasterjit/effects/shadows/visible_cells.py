@@ -37,29 +37,44 @@ class SeenDepth(NamedTuple):
     farthest: NDArray[np.float32] | None = None
     """(R, C), the same as ``lowest``, but -inf where any pixel is empty; ``None``: nobody asks."""
     is_shown: NDArray[np.bool_] | None = None
-    """(F+1,), whether a pixel shows a face; the last is for empty pixels. ``None``: nobody asks."""
+    """(O,), whether a pixel shows an object. ``None``: nobody asks."""
 
 
 def see_depth(
-    coverage: visibility_pass.Coverage, workers: Workers, faces: int | None = None
+    coverage: visibility_pass.Coverage, workers: Workers, face_starts: Counts | None = None
 ) -> SeenDepth:
     """
     Return what the depth of a picture tells.
 
-    ``faces`` is their number in the scene, where objects that no pixel shows are looked for.
+    ``face_starts`` tells the first face of each object, where those are looked for that no pixel
+    shows.
     """
     depth = coverage.reversed_depth
     height, width = depth.shape
     lowest, highest = find_depth_ranges(depth, workers)
-    if faces is None:
+    if face_starts is None:
         return SeenDepth((width, height), lowest, highest)
-    is_shown = np.zeros(faces + 1, bool)
-    # What is -1 marks the place behind the last face.
-    is_shown[coverage.face_id] = True
     side = receivers.CELL
-    rows, columns = np.arange(0, height, side), np.arange(0, width, side)
-    farthest = np.minimum.reduceat(np.minimum.reduceat(depth, rows, axis=0), columns, axis=1)
+    rows, columns = range(0, height, side), np.arange(0, width, side)
+    least = np.array([depth[row : row + side].min(axis=0) for row in rows])
+    farthest = np.minimum.reduceat(least, columns, axis=1)
+    is_shown = _shown_objects(coverage.face_id, face_starts)
     return SeenDepth((width, height), lowest, highest, farthest, is_shown)
+
+
+def _shown_objects(face_id: NDArray[np.int32], face_starts: Counts) -> NDArray[np.bool_]:
+    """Return whether a pixel shows an object, (O,)."""
+    first, end = face_starts[:-1], face_starts[1:]
+    # Few pixels show most objects.
+    for step in (8, 1):
+        is_seen = np.zeros(end[-1] + 1, bool)
+        # What is -1 marks the place behind the last face.
+        is_seen[face_id[::step, ::step]] = True
+        counts = np.concatenate(([0], np.cumsum(is_seen[:-1])))
+        is_shown = counts[end] > counts[first]
+        if is_shown.all():
+            break
+    return is_shown
 
 
 def join_depths(
@@ -155,18 +170,15 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
         return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
 
 
-def missed_objects(
-    camera: Camera, boxes: Float64, face_starts: NDArray[np.int64], seen: SeenDepth
-) -> NDArray[np.bool_]:
+def missed_objects(camera: Camera, boxes: Float64, seen: SeenDepth) -> NDArray[np.bool_]:
     """
     Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
 
     An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
-    the eye, and the first face of each object.
+    the eye.
     """
     (width, height), farthest = seen.size, seen.farthest
-    counts = np.concatenate(([0], np.cumsum(seen.is_shown[:-1])))
-    is_missed = counts[face_starts[1:]] == counts[face_starts[:-1]]
+    is_missed = ~seen.is_shown
     screen, some = screen_from_relative(camera, (width, height)), np.flatnonzero(is_missed)
     points = _projected(screen, boxes[some])
     is_ahead = (_times(screen[3:], boxes[some])[..., 0] > 0.0).all(axis=1)

@@ -87,10 +87,15 @@ class ToneMapping(BatchedEffect):
         background: NDArray[np.float32],
         shown: NDArray[np.float32],
     ) -> None:
-        """Map rows of light that is mixed already, (R, W, 4), and lay them over a background."""
-        own = tone_map_stage
-        show = own.show_over if background.ndim == 1 else own.show_over_picture
-        calls.call(show, linear, background, tone, shown)
+        """
+        Map rows of light that is mixed already, (R, W, 4), and lay them over a background.
+
+        If that is a picture, it is in ``shown``.
+        """
+        if background is shown:
+            calls.call(tone_map_stage.show_over_picture, linear, shown, tone)
+        else:
+            calls.call(tone_map_stage.show_over, linear, background, tone, shown)
 
     places: ClassVar = {"pixel": show, "mixed": show_over}
 

@@ -233,17 +233,14 @@ def show_over(
 
 
 @kernel
-def show_over_picture(
-    linear: float32[:, :, ::1], picture: float32[:, :, ::1], tone: ToneRecord,
-    shown: float32[:, :, ::1],
-):  # fmt: skip
+def show_over_picture(linear: float32[:, :, ::1], picture: float32[:, :, ::1], tone: ToneRecord):
     """
-    Do the same over rows of a picture, (R, W, 4) float32, linear; else as `show_over`.
+    Do the same over rows of a picture, (R, W, 4) float32, linear, which becomes what is shown.
 
     It is a kernel of its own: that of a colour would take a tenth longer.
     """
     for row in range(linear.shape[0]):
         for column in range(linear.shape[1]):
-            given = picture[row, column]
-            behind = given[0], given[1], given[2], given[3]
-            lay(linear[row, column], shown[row, column], tone, behind)
+            shown = picture[row, column]
+            behind = shown[0], shown[1], shown[2], shown[3]
+            lay(linear[row, column], shown, tone, behind)
