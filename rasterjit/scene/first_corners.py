@@ -29,21 +29,24 @@ def least_first(vertices: Float64, faces: Int32) -> Int32:
         number, stays as it is unless another is less.
     """
     a, b, c = faces.T
-    starts = np.where(_are_less(vertices, c, a) & _are_less(vertices, c, b), 2, 0)
-    starts[_are_less(vertices, b, a) & ~_are_less(vertices, c, b)] = 1
-    moved = np.flatnonzero(starts)
-    if not len(moved):
-        return faces
-    rotated = faces.copy()
-    rotated[moved] = faces[moved[:, np.newaxis], (starts[moved, np.newaxis] + np.arange(3)) % 3]
-    return rotated
+    x = np.ascontiguousarray(vertices[:, 0])
+    of_a, of_b, of_c = x.take(a), x.take(b), x.take(c)
+    is_last = _are_less(vertices, c, b, of_c < of_b, of_c == of_b)
+    is_middle = _are_less(vertices, b, a, of_b < of_a, of_b == of_a) & ~is_last
+    is_last &= _are_less(vertices, c, a, of_c < of_a, of_c == of_a)
+    rotated = None
+    for is_first, corners in ((is_middle, (b, c, a)), (is_last, (c, a, b))):
+        moved = np.flatnonzero(is_first)
+        if len(moved):
+            rotated = faces.copy() if rotated is None else rotated
+            for place, corner in enumerate(corners):
+                rotated[moved, place] = corner[moved]
+    return faces if rotated is None else rotated
 
 
-def _are_less(vertices: Float64, some: Int32, others: Int32) -> Bool:
-    """Tell of pairs of vertices, (F,), whether the first has the lesser coordinates."""
-    own, other = vertices[some, 0], vertices[others, 0]
-    less = own < other
-    tied = np.flatnonzero(own == other)
+def _are_less(vertices: Float64, some: Int32, others: Int32, less: Bool, same: Bool) -> Bool:
+    """Tell of pairs of vertices, (F,), whether the first has the lesser coordinates, x known."""
+    tied = np.flatnonzero(same)
     for axis in range(1, vertices.shape[1]):
         if not len(tied):
             break

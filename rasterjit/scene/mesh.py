@@ -22,6 +22,7 @@ from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
+from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.first_corners import least_first
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.material import Material
@@ -786,9 +787,8 @@ def _all_edges_meet(corners: Float64) -> bool:
     """Tell whether each edge of faces, corners (F, 3, 3), belongs to an even number of them."""
     if not np.isfinite(corners).all():
         return False
-    # Zeros of both signs are one place.
-    _, places = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
-    ends = places.reshape(-1, 3).astype(np.int64)
+    places, _ = distinct_rows(*corners.reshape(-1, 3).T)
+    ends = places.reshape(-1, 3)
     others = np.roll(ends, -1, axis=1)
     first, last = np.minimum(ends, others), np.maximum(ends, others)
     _, counts = np.unique((first * ends.size + last)[first < last], return_counts=True)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from rasterjit.scene import distinct_rows as rows_module
 from rasterjit.scene import normals as normals_module
+from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.normals import merge_positions
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float64)
 TWO_FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
@@ -369,15 +370,16 @@ def test_an_angle_outside_0_to_180_is_refused(angle):
 
 def test_positions_are_numbered_by_first_appearance_with_both_zeros_as_one():
     positions = np.array([[5, 0, 0], [1, 2, 3], [5, -0.0, 0], [1, 2, 3], [0, 0, 0]], dtype=float)
-    number, first = merge_positions(positions)
+    number, first = distinct_rows(*positions.T)
     assert number.tolist() == [0, 1, 0, 1, 2]
     assert first.tolist() == [0, 1, 4]
 
 
 def test_colliding_hashes_do_not_merge_positions(monkeypatch):
+    # Half of the rows share one hash, the other half another.
     monkeypatch.setattr(
-        normals_module, "_hash_rows", lambda bits: np.zeros(len(bits), dtype=np.uint64)
+        rows_module, "_hash_rows", lambda words: (words[0] % 2).astype(np.uint64) << 63
     )
-    number, first = merge_positions(np.array([[2.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]))
-    assert number.tolist() == [0, 1, 0]
-    assert first.tolist() == [0, 1]
+    number, first = distinct_rows(np.array([4, 2, 1, 4, 3, 2, 1]), np.array([0, 0, 0, 0, 0, 1, 0]))
+    assert number.tolist() == [0, 1, 2, 0, 3, 4, 2]
+    assert first.tolist() == [0, 1, 2, 4, 5]

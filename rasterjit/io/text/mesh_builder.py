@@ -14,6 +14,7 @@ from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.light import Light
 from rasterjit.scene.material import TEXTURE_FIELDS, Material, with_textures
 from rasterjit.scene.mesh import Mesh, with_face_scalars, with_face_values
@@ -239,16 +240,11 @@ def joined(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     which : (N,) int64
         The number of each row.
     """
-    keys = numbers[:, 0]
-    for column in list(numbers.T[1:]):
-        if int(column.max(initial=0)) >= 1 << 31:
-            column = np.unique(column, return_inverse=True)[1].reshape(-1)
-        size = int(column.max(initial=0)) + 1
-        if int(keys.max(initial=0)) >= (1 << 62) // size:
-            keys = np.unique(keys, return_inverse=True)[1].reshape(-1)
-        keys = keys * size + column
-    _, rows, which = np.unique(keys, return_index=True, return_inverse=True)
-    return rows, which.reshape(-1)
+    which, rows = distinct_rows(*numbers.T)
+    order = np.lexsort(numbers[rows].T[::-1])
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return rows[order], rank.take(which)
 
 
 def triangles(

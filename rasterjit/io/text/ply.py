@@ -36,6 +36,7 @@ from rasterjit.io.text.mesh_builder import (
 )
 from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
 from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
+from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.texture import Texture
 
@@ -655,8 +656,7 @@ def _part(
     uv = None
     if of_corners is not None:
         uv = _corner_uv(face, of_corners, polygons)
-        _, number = np.unique(uv, axis=0, return_inverse=True)
-        numbers = np.column_stack([corners, number.reshape(-1)])
+        numbers = np.column_stack([corners, distinct_rows(*uv.T)[0]])
     elif uv_names := vertex.names(*_UV):
         table = vertex.table(next(one for one in _UV if set(one) == uv_names))
         uv = None if table is None else table[corners]
