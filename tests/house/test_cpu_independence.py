@@ -77,7 +77,9 @@ def test_kernels_fuse_nothing_call_no_math_library_and_are_for_the_cpu_that_was_
 
 
 @compiled_only
-@pytest.mark.parametrize("cpu", ARM_CPUS)
+@pytest.mark.parametrize(
+    "cpu", [pytest.param(ARM_CPUS[0], marks=pytest.mark.takes_long), ARM_CPUS[1]]
+)
 def test_kernels_fuse_nothing_and_call_no_math_library_on_the_arm_that_was_asked_for(cpu):
     names, forms = look_at((ARM, cpu, ""), () if EVERY_KERNEL else A_FEW)
     assert len(names) >= (100 if EVERY_KERNEL else len(A_FEW))

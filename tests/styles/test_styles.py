@@ -461,7 +461,7 @@ def test_the_command_line_draws_studio_and_takes_others(tmp_path, teapot):
         expected = rj.styles.STYLES[style](teapot).render(size=SIZE).color
         assert np.array_equal(imread(tmp_path / "a.png"), expected)
     assert tuple(rj.styles.STYLES) == cli_options.STYLES
-    assert rj.styles.PAINTED == cli_options.PAINTED
+    assert rj.styles.PAINTED == cli_options.STYLES_WITH_COLORS
     told = run("explain", MODELS / "teapot.obj").output
     assert "style studio: 4 samples" in told
 

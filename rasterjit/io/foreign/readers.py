@@ -46,6 +46,9 @@ CELL_FORMATS = (
 VTK_FORMATS = ("vtp", "vti", "vtr", "vts", "vtm")
 """Formats of VTK's that meshio does not read, and PyVista does."""
 
+_BY_PROGRAM = "drc"
+"""Format that trimesh reads by a program, where PATH has it: not alike on all machines."""
+
 _WARNING, _UNREAD = "Warning:", "cannot handle"
 """What meshio prints before a warning, and in one about cells that it drops."""
 
@@ -222,7 +225,8 @@ def _trimesh_formats() -> set[str]:
 
     found = loaders.available_formats() | set(loaders.voxel_loaders)
     # It has some of meshio's, too, which are read by meshio itself, or have no such extension.
-    return {name for name in found if name not in CELL_FORMATS and name == _extension(name)}
+    left_out = {*CELL_FORMATS, _BY_PROGRAM}
+    return {name for name in found if name not in left_out and name == _extension(name)}
 
 
 def _extension(name: str) -> str:
@@ -270,7 +274,9 @@ def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut)
 
     loaders = trimesh.exchange.load
     known = _trimesh_formats() | set(_NEEDED)
-    if extension not in known and extension not in loaders.mesh_loaders:
+    if extension not in known and (
+        extension == _BY_PROGRAM or extension not in loaders.mesh_loaders
+    ):
         named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
         shown = ", ".join(f".{name}" for name in named)
         kind = f"the extension .{extension}" if extension else "no extension"
