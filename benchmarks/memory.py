@@ -5,7 +5,8 @@ Measure memory, each case in a process of its own that prints JSON, bytes.
 the mesh already there. ``limited SCENE BYTES`` does so in an address space of so many bytes
 (``RLIMIT_AS``: everything the process maps, its libraries too). ``frames FIRST LAST`` draws frame
 after frame with one ``Renderer`` and says how much more is in use after the last than after the
-first of the two counts.
+first of the two counts. ``texture SIDE`` reads an RGB picture of so many columns and rows and draws
+a square with it: what that takes at its peak, and what is kept.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import json
 import resource
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +112,43 @@ def frames(first: str, last: str) -> dict[str, int]:
     return {"first": used[0], "last": used[-1]}
 
 
-CASES = {"frame": frame, "limited": limited, "frames": frames}
+def textured(texture: Any) -> Any:
+    """Return a square with a texture, unlit."""
+    import rasterjit as rj
+
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    material = rj.Material(shading="unlit", base_color_texture=texture)
+    vertices = np.column_stack([corners, np.zeros(4)])
+    return rj.Mesh(vertices, [[0, 1, 2], [0, 2, 3]], uv=corners, material=material)
+
+
+def texture(side: str) -> dict[str, int]:
+    """Read a picture and draw a square with it, by kernels that are compiled already."""
+    from PIL import Image
+
+    import rasterjit as rj
+
+    blocks = np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)
+    rj.render(textured(rj.Texture(blocks)), size=(64, 64))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "blocks.png")
+        wide = Image.fromarray(blocks).resize((int(side), int(side)), Image.Resampling.NEAREST)
+        wide.save(file, compress_level=1)
+        del wide
+        gc.collect()
+        reset_peak()
+        before = resident("VmRSS")
+        mesh = textured(rj.Texture.from_file(file))
+        rj.render(mesh, size=(64, 64))
+        gc.collect()
+        return {
+            "peak": resident("VmHWM") - before,
+            "kept": resident("VmRSS") - before,
+            "texels": int(side) ** 2,
+        }
+
+
+CASES = {"frame": frame, "limited": limited, "frames": frames, "texture": texture}
 
 
 def measure_memory(case: str, *arguments: str) -> dict[str, int]:

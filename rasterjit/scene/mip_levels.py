@@ -19,13 +19,19 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene.validation import read_only
+
+_BAND = 1 << 16
+"""Texels that are worked on at once: as float64, 2 MB."""
+
+_AT_ONCE = 3
+"""Levels made of a band at once: a level in float64 is whole when a 64th of the texels is left."""
 
 
 def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
@@ -34,18 +40,29 @@ def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
     return [(max(1, width >> k), max(1, height >> k)) for k in range(count)]
 
 
-def halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
-    """Return half as many texels along an axis, float64: the means of the area of each."""
+def halved(image: NDArray[Any], axis: int, size: int | None = None, begin: int = 0) -> NDArray[Any]:
+    """
+    Return half as many texels along an axis, float64: the means of the area of each.
+
+    Parameters
+    ----------
+    image : (H, W, C) float
+    axis : {0, 1}
+    size : int, optional
+        Texels of the whole picture along it, if the image is but a band of that.
+    begin : int
+        Of a band: the number of the first mean.
+    """
     rows = np.moveaxis(image, axis, 0)
-    size = len(rows)
+    size = len(rows) if size is None else size
     if size == 1:
         return image
     if size % 2 == 0:
         means = np.add(rows[0::2], rows[1::2], dtype=np.float64) / 2.0
     else:
         # Each covers 2 + 1/half texels: a part of the first, all of the second, a part of the last.
-        half = size // 2
-        number = np.arange(half, dtype=np.float64).reshape(-1, 1, 1)
+        half, count = size // 2, len(rows) // 2
+        number = np.arange(begin, begin + count, dtype=np.float64).reshape(-1, 1, 1)
         whole = np.float64(half) * rows[1::2].astype(np.float64)
         means = ((half - number) * rows[0:-1:2] + whole + (number + 1.0) * rows[2::2]) / size
     return np.moveaxis(means, 0, axis)
@@ -58,23 +75,88 @@ def further_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
         yield image
 
 
-def joined(levels: Sequence[NDArray[Any]]) -> NDArray[np.float32]:
-    """Return the texels of levels, (N, 4) float32, read-only, row by row."""
-    return read_only(np.concatenate([level.reshape(-1, 4) for level in levels]).astype(np.float32))
+def room_for(width: int, height: int, has_levels: bool = True) -> NDArray[np.float32]:
+    """Return room for the texels of a picture and those of its levels, (N, 4), row by row."""
+    sizes = level_sizes(width, height) if has_levels else [(width, height)]
+    return np.empty((sum(across * down for across, down in sizes), 4), np.float32)
 
 
-def plain_levels(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the texels of all levels of an image, (N, 4), channel by channel."""
-    # Rounded one by one: all levels in float64 take twice the memory.
-    rows = [level.astype(np.float32) for level in further_levels(image)]
-    return joined([image, *rows])
+def split_levels(texels: NDArray[np.float32], width: int, height: int) -> list[NDArray[np.float32]]:
+    """Return the levels, (h, w, 4) each, of the texels of all of them."""
+    levels, start = [], 0
+    for across, down in level_sizes(width, height):
+        levels.append(texels[start : start + across * down].reshape(down, across, 4))
+        start += across * down
+    return levels
+
+
+def bands(height: int, width: int) -> Iterator[slice]:
+    """Yield rows of a picture, a part that a core's cache holds at a time."""
+    step = max(1, _BAND // width)
+    for begin in range(0, height, step):
+        yield slice(begin, min(begin + step, height))
+
+
+def fill_levels(
+    levels: list[NDArray[np.float32]], rows_of: Callable[[slice], NDArray[Any]]
+) -> None:
+    """
+    Write all levels below a picture, channel by channel, band by band.
+
+    Parameters
+    ----------
+    levels : list of (h, w, 4) float32
+        Changed, but for the first.
+    rows_of : callable
+        Returns some rows of the first level, (h, W, 4) float.
+    """
+    # Some levels at once, of which but the last is needed whole in float64.
+    for base in range(0, len(levels) - 1, _AT_ONCE):
+        last = min(base + _AT_ONCE, len(levels) - 1)
+        height, width = levels[last].shape[:2]
+        rows = [
+            _halved_band(levels, base, rows_of, last, band)
+            for band in bands(height, width << 2 * (last - base))
+        ]
+        whole = np.concatenate(rows)
+        rows_of = whole.__getitem__
+
+
+def _halved_band(
+    levels: list[NDArray[np.float32]],
+    base: int,
+    rows_of: Callable[[slice], NDArray[Any]],
+    number: int,
+    band: slice,
+) -> NDArray[Any]:
+    """Return rows of a level, float64, from those of a level above; write them and all between."""
+    if number == base:
+        return rows_of(band)
+    size = len(levels[number - 1])
+    needed = slice(2 * band.start, 2 * band.stop + size % 2) if size > 1 else slice(0, 1)
+    image = _halved_band(levels, base, rows_of, number - 1, needed)
+    means = halved(halved(image, 0, size, band.start), 1)
+    levels[number][band] = means
+    return means
 
 
 def weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.float32]:
     """Return the texels of an image, and those of its levels, with colours times alpha, (N, 4)."""
-    weighted = image.astype(np.float64)
-    weighted[:, :, :3] *= weighted[:, :, 3:]
-    return joined([weighted, *(further_levels(weighted) if has_levels else ())])
+    height, width = image.shape[:2]
+
+    def weighted(rows: slice) -> NDArray[np.float64]:
+        """Return rows with colours times alpha."""
+        found = image[rows].astype(np.float64)
+        found[:, :, :3] *= found[:, :, 3:]
+        return found
+
+    texels = room_for(width, height, has_levels)
+    first = texels[: height * width].reshape(height, width, 4)
+    for rows in bands(height, width):
+        first[rows] = weighted(rows)
+    if has_levels:
+        fill_levels(split_levels(texels, width, height), weighted)
+    return read_only(texels)
 
 
 def mask_levels(image: NDArray[np.float32], cutoff: float, has_levels: bool) -> NDArray[np.float32]:
@@ -100,7 +182,7 @@ def mask_levels(image: NDArray[np.float32], cutoff: float, has_levels: bool) -> 
         shown[:, :, 3:] = shares
         _fill_holes(shown, shares[:, :, 0] > 0.0)
         levels.append(shown.astype(np.float32))
-    return joined(levels)
+    return read_only(np.concatenate([level.reshape(-1, 4) for level in levels]))
 
 
 def _fill_holes(image: NDArray[Any], is_there: NDArray[np.bool_]) -> None:

@@ -19,7 +19,14 @@ from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
 from rasterjit.scene.attribute_guard import says_replace, store
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.mip_levels import level_sizes, mask_levels, plain_levels, weighted_levels
+from rasterjit.scene.mip_levels import (
+    bands,
+    fill_levels,
+    mask_levels,
+    room_for,
+    split_levels,
+    weighted_levels,
+)
 from rasterjit.scene.picture_codes import picture_codes
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.warning import warn_caller
@@ -99,11 +106,13 @@ class Pyramid:
     ----------
     image : (H, W, 4) float32, linear
         Kept as it is, or copied to the head of the chain once there is one.
+    room : (N, 4) float32, optional
+        What the image is the head of, with room behind it for its levels.
     """
 
-    def __init__(self, image: NDArray[np.float32]) -> None:
+    def __init__(self, image: NDArray[np.float32], room: NDArray[np.float32] | None = None) -> None:
         self.size = image.shape[1], image.shape[0]
-        self._texels = image.reshape(-1, 4)
+        self._texels, self._room = image.reshape(-1, 4), room
         self._prepared: dict[tuple[AlphaUse, bool], NDArray[np.float32]] = {}
 
     @property
@@ -128,7 +137,12 @@ class Pyramid:
         image = self.image
         if len(self._texels) == len(image.reshape(-1, 4)) > 1:
             # The picture is kept once: in the chain.
-            self._texels = plain_levels(image)
+            room = self._room
+            if room is None:
+                room = room_for(*self.size)
+                room[: len(self._texels)] = self._texels
+            fill_levels(split_levels(room, *self.size), image.__getitem__)
+            self._texels, self._room = check.read_only(room), None
         return self._texels
 
     def prepared(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
@@ -258,7 +272,7 @@ class Texture(HoldsArrays):
         self._set_transform(self.offset, self.rotation, self.scale)
         # From here on the image is a part of the pyramid's texels, which copies share.
         image = self.__dict__.pop("image")
-        store(self, pyramid=Pyramid(_linear_image(image, self.color_space)))
+        store(self, pyramid=_linear_pyramid(image, self.color_space))
 
     def _set_filter(self, filter: Any, anisotropy: Any) -> None:
         """Check and keep filter and anisotropy."""
@@ -401,12 +415,7 @@ class Texture(HoldsArrays):
         texel is left. Its texels are means, by area, of the texels below them, in float64: the
         mean of the image is kept on every level, and a constant stays itself.
         """
-        chain, levels, start = self.pyramid.chain(), [], 0
-        for width, height in level_sizes(*self.size):
-            stop = start + width * height
-            levels.append(chain[start:stop].reshape(height, width, 4))
-            start = stop
-        return tuple(levels)
+        return tuple(split_levels(self.pyramid.chain(), *self.size))
 
 
 @contextmanager
@@ -506,8 +515,8 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
     )
 
 
-def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
-    """Return an image as (H, W, 4) float32, linear, read-only, or raise ``ValueError``."""
+def _linear_pyramid(value: Any, color_space: str) -> Pyramid:
+    """Return an image, linear, with room for its levels, or raise ``ValueError``."""
     # An array of a type that says what its numbers are.
     wanted = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
     if isinstance(value, (str, os.PathLike)):
@@ -526,7 +535,9 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     check_extent("image", width, height)
     # Linear light: floats are that, codes are decoded.
     colors = channels - 1 if channels in (2, 4) else channels
-    linear = np.ones((height, width, 4), np.float32)
+    # What no one reads or writes of the room takes no memory.
+    texels = room_for(width, height)
+    room, linear = texels[:], texels[: height * width].reshape(height, width, 4)
     if image.dtype.kind == "f":
         _check_light(image[:, :, :colors], "linear light", MAX_LIGHT)
         _check_light(image[:, :, colors:], "alpha", 1.0)
@@ -540,14 +551,13 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
         linear[:, :, 3:] = image[:, :, colors:] if colors < channels else 1.0
     else:
         most = np.float32(np.iinfo(image.dtype).max)
-        if color_space == "linear":
-            np.divide(image[:, :, :colors], most, out=linear[:, :, :3])
-        else:
-            decoded = srgb_to_linear if image.dtype == np.uint8 else _srgb_16_to_linear
-            linear[:, :, :3] = decoded(image[:, :, :colors])
-        if colors < channels:
-            np.divide(image[:, :, colors:], most, out=linear[:, :, 3:])
-    return check.read_only(linear)
+        decoded = srgb_to_linear if image.dtype == np.uint8 else _srgb_16_to_linear
+        for rows in bands(height, width):
+            codes, is_light = image[rows, :, :colors], color_space == "linear"
+            linear[rows, :, :3] = codes / most if is_light else decoded(codes)
+            linear[rows, :, 3:] = image[rows, :, colors:] / most if colors < channels else 1.0
+    texels.setflags(write=False)
+    return Pyramid(check.read_only(linear), room)
 
 
 def _are_codes(colors: NDArray[Any]) -> bool:
