@@ -115,6 +115,16 @@ def moving(count: int) -> Callable[[], Any]:
     return step
 
 
+def faces(samples: Any) -> Callable[[], Any]:
+    """Frames of 5,000 faces by a kept renderer, of some samples or of exact areas."""
+    import rasterjit as rj
+
+    mesh = rj.Mesh(*torus(*torus_size(5000)))
+    quality, camera = rj.Quality(samples=samples), again(cameras())
+    renderer = rj.Renderer(size=(SIDE, SIDE), threads=1, quality=quality)
+    return lambda: renderer.render(mesh, camera())
+
+
 def line() -> Callable[[], Any]:
     """A line of 50 pixels in a framebuffer."""
     import rasterjit as rj
@@ -192,6 +202,8 @@ LOOPS: dict[str, Loop] = {
     "2 moving": Loop(lambda: moving(2), "1 moving"),
     "8 moving": Loop(lambda: moving(8), "1 moving"),
     "20 moving": Loop(lambda: moving(20), "1 moving"),
+    "faces": Loop(lambda: faces(1)),
+    "faces, areas": Loop(lambda: faces("area"), "faces"),
     "line": Loop(line),
     "triangle": Loop(triangle),
     "save color": Loop(lambda: saved("color")),

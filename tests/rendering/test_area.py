@@ -69,6 +69,24 @@ def test_every_share_is_the_exact_area():
     assert intersecting > 10
 
 
+def test_triangles_of_equal_depth_at_a_corner_are_not_counted_twice():
+    # The line of equal depths goes through the corner: a hidden part begins with an edge of none.
+    one = [(228, 202), (239, 89), (131, 171)], (-30, 39, -41)
+    other = [(228, 202), (116, 90), (239, 278)], (-30, -9, -16)
+    behind = [(0, 0), (1024, 0), (0, 1024)], (60, 60, 60)
+    triangles = [
+        ((8 + np.array(points) / 256).tolist(), np.array(depths) / 64)
+        for points, depths in (one, other, behind)
+    ]
+    meshes = [
+        mesh_of(*triangle, SIZE, base_color=color)
+        for triangle, color in zip(triangles, np.eye(3).tolist(), strict=True)
+    ]
+    exact = naive_layers.exact_shares(triangles, 8, 8)
+    want = [float(exact[face]) for face in range(3)]
+    np.testing.assert_allclose(draw(meshes).linear[8, 8, :3], want, atol=3e-7)
+
+
 def test_sixteen_samples_converge_to_it():
     rng = np.random.default_rng(82)
     triangles = crowd(rng, 6, 10)

@@ -7,6 +7,10 @@ the visible part is a convex polygon minus convex polygons, computed as a list o
 Vertices are those on the sub-pixel grid; everything after is float64, until areas become
 shares: whole numbers of parts, as those of samples are, of which there are 2**24 in a pixel.
 
+What gives nothing is left out. Whether polygons are apart, or one is nearer all over, their bounds
+and corners tell. Candidates are taken nearest first, until what is seen of them is the whole pixel:
+nothing is seen of the others.
+
 If depths differ by less than float32 resolves all over the pixel, the lower face number is nearer,
 as it is for samples.
 
@@ -22,7 +26,6 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.pipeline.fragments.compositing import empty_row
 from rasterjit.pipeline.geometry.setup import TILE_BITS, triangle_of
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.alpha_test import Question, is_hole
@@ -42,6 +45,15 @@ CORNERS = 3
 MIN_AREA = 2.0**-46
 """Smaller pieces, in pixels, are dropped: they come from rounding."""
 
+WHOLE = 1.0 - 2.0**-42
+"""Visible areas that add up to this fill a pixel: what is left are pieces to be dropped."""
+
+MIN_EDGE = 2.0**-40
+"""Shorter edges, pixels, come from rounding and have no direction: nothing is cut along them."""
+
+APART = 2.0**-50
+"""Pixels that a polygon may overlap another by, from rounding, and share no area to be kept."""
+
 PARTS = 1 << 24
 """
 Parts of a pixel. Coverage is a whole number of them: as float32 it is 1 exactly if nothing else
@@ -51,11 +63,30 @@ is visible in the pixel, and 0 exactly if the face is not.
 DEPTH_STEP = 2.0**-24
 """Depths are equal within this relative difference: half a step of float32."""
 
+BEHIND = 2.0**-20
+"""A face is behind another by more than ties may change, if by this part of its depth."""
+
 FACE, DEPTH, SLOPE_X, SLOPE_Y = 0, 1, 2, 3
-"""Columns of a triangle: face; stored depth at its first corner, and the slopes of the depth."""
+"""
+Columns of a triangle and of a candidate: face; stored depth at the triangle's first corner, or the
+pixel's, and the slopes of the depth.
+"""
 X, Y = 4, 7
-"""Three columns each: corners, pixels."""
+"""Three columns each of a triangle: corners, pixels."""
 TRIANGLE_COLUMNS = 10
+LOWEST, HIGHEST = 4, 5
+"""Columns of a candidate: its least and greatest depth in the pixel."""
+BOUNDS = 6
+"""Four columns of a candidate: the bounds of its polygon, in the order of `LEFT` and so on."""
+CANDIDATE_COLUMNS = 10
+LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
+"""Rows of the bounds of triangles, pixels."""
+
+TILE, STRIP, ROW, BLOCK, PIXEL = 0, 1, 2, 3, 4
+"""Where triangles are listed: each list is a part of the one before."""
+
+STRIP_BITS = 3
+"""Rows of a strip, and columns of a block, as a power of two."""
 
 
 @helper
@@ -93,6 +124,43 @@ def cut(polygon, count, line, target):
 
 
 @helper
+def split(polygon, count, line, kept, dropped):
+    """Clip a convex polygon to both half planes of a line; return both corner counts."""
+    a, b, c = line
+    inside, outside = np.int64(0), np.int64(0)
+    last_x, last_y = polygon[count - 1, 0], polygon[count - 1, 1]
+    before = a * last_x + b * last_y + c
+    for n in range(count):
+        x, y = polygon[n, 0], polygon[n, 1]
+        here = a * x + b * y + c
+        if (before < 0.0 < here) | (here < 0.0 < before):
+            t = before / (before - here)
+            new_x, new_y = last_x + t * (x - last_x), last_y + t * (y - last_y)
+            kept[inside, 0], kept[inside, 1] = new_x, new_y
+            dropped[outside, 0], dropped[outside, 1] = new_x, new_y
+            inside, outside = inside + 1, outside + 1
+        if here >= 0.0:
+            kept[inside, 0], kept[inside, 1] = x, y
+            inside += 1
+        if here <= 0.0:
+            dropped[outside, 0], dropped[outside, 1] = x, y
+            outside += 1
+        last_x, last_y, before = x, y, here
+    return inside, outside
+
+
+@helper
+def sides_of(polygon, count, line):
+    """Return how far a polygon's corners lie inside a line, at least and at most."""
+    a, b, c = line
+    least, most = np.inf, -np.inf
+    for n in range(count):
+        here = a * polygon[n, 0] + b * polygon[n, 1] + c
+        least, most = min(least, here), max(most, here)
+    return least, most
+
+
+@helper
 def edge_line(polygon, count, n):
     """Return the line through an edge, positive inside."""
     following = n + 1 if n + 1 < count else 0
@@ -102,9 +170,15 @@ def edge_line(polygon, count, n):
 
 
 @helper
-def turned(line):
-    """Return a line with its sign flipped."""
-    return -line[0], -line[1], -line[2]
+def is_beyond(polygon, count, other, other_count):
+    """Return whether a polygon lies beyond an edge of another, but for rounding."""
+    for n in range(other_count):
+        line = edge_line(other, other_count, n)
+        length = abs(line[0]) + abs(line[1])
+        _, most = sides_of(polygon, count, line)
+        if length > MIN_EDGE and most <= APART * length:
+            return True
+    return False
 
 
 @helper
@@ -115,15 +189,29 @@ def copy_polygon(polygon, count, target):
 
 
 @helper
-def cut_to_pixel(triangle, column, row, spare, target):
-    """Clip a triangle to a pixel, relative to the pixel's corner; return its number of corners."""
+def cut_to_pixel(triangle, column, row, is_over, spare, target):
+    """
+    Clip a triangle to a pixel, relative to the pixel's corner; return its number of corners.
+
+    ``is_over`` tells of the left, right, upper and lower side whether the triangle crosses it.
+    """
+    left, right, above, below = is_over
     for n in range(3):
-        spare[n, 0], spare[n, 1] = triangle[X + n] - column, triangle[Y + n] - row
-    count = cut(spare, np.int64(3), (1.0, 0.0, 0.0), target)
-    count = cut(target, count, (-1.0, 0.0, 1.0), spare)
-    count = cut(spare, count, (0.0, 1.0, 0.0), target)
-    count = cut(target, count, (0.0, -1.0, 1.0), spare)
-    copy_polygon(spare, count, target)
+        spare[0, n, 0], spare[0, n, 1] = triangle[X + n] - column, triangle[Y + n] - row
+    count, side = np.int64(3), 0
+    if left:
+        count = cut(spare[side], count, (1.0, 0.0, 0.0), spare[1 - side])
+        side = 1 - side
+    if right:
+        count = cut(spare[side], count, (-1.0, 0.0, 1.0), spare[1 - side])
+        side = 1 - side
+    if above:
+        count = cut(spare[side], count, (0.0, 1.0, 0.0), spare[1 - side])
+        side = 1 - side
+    if below:
+        count = cut(spare[side], count, (0.0, -1.0, 1.0), spare[1 - side])
+        side = 1 - side
+    copy_polygon(spare[side], count, target)
     return count
 
 
@@ -135,10 +223,10 @@ def depth_at(triangle, x, y):
 
 
 @helper
-def depth_line(one, other, column, row):
-    """Return how much nearer one triangle is than another in a pixel: a line, and depth's size."""
+def depth_line(one, other):
+    """Return how much nearer one candidate is than another: a line, and depth's size."""
     a, b = one[SLOPE_X] - other[SLOPE_X], one[SLOPE_Y] - other[SLOPE_Y]
-    here, there = depth_at(one, column, row), depth_at(other, column, row)
+    here, there = one[DEPTH], other[DEPTH]
     return (a, b, here - there), max(abs(here), abs(there))
 
 
@@ -146,12 +234,14 @@ def depth_line(one, other, column, row):
 def is_tied(line, size):
     """Return whether two depths are equal all over the pixel, to float32."""
     a, b, c = line
+    if abs(c) > DEPTH_STEP * size:
+        return False
     most = max(max(abs(c), abs(c + a)), max(abs(c + b), abs(c + a + b)))
     return most <= DEPTH_STEP * size
 
 
 @helper
-def find_levels(count, candidates, triangles, column, row, levels):
+def find_levels(count, candidates, levels):
     """
     Write whose depths stand for each candidate's: the first that it is tied with, or its own.
 
@@ -162,9 +252,7 @@ def find_levels(count, candidates, triangles, column, row, levels):
         levels[n] = n
         for k in range(n):
             if levels[k] == k:
-                line, size = depth_line(
-                    triangles[candidates[n]], triangles[candidates[k]], column, row
-                )
+                line, size = depth_line(candidates[n], candidates[k])
                 if is_tied(line, size):
                     levels[n] = k
                     break
@@ -180,61 +268,85 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
     source, target = lists
     left = np.int64(0)
     for n in range(count):
-        piece, size = pieces[source, n], sizes[source, n]
+        piece, size, before = pieces[source, n], sizes[source, n], left
         if size + hiding_size >= MAX_CORNERS:
             return np.int64(-1)
-        # Skip a piece that the polygon does not touch.
-        copy_polygon(piece, size, spare[0])
-        inside, side = size, 0
-        for k in range(hiding_size):
-            inside = cut(spare[side], inside, edge_line(hiding, hiding_size, k), spare[1 - side])
-            side = 1 - side
-            if inside < CORNERS:
-                break
-        if area_of(spare[side], inside) <= MIN_AREA:
-            if left == MAX_PIECES:
-                return np.int64(-1)
+        is_touched = not is_beyond(piece, size, hiding, hiding_size)
+        if is_touched:
+            # Cut off what lies beyond each edge in turn.
+            copy_polygon(piece, size, spare[0])
+            inside, side = size, 0
+            for k in range(hiding_size):
+                line = edge_line(hiding, hiding_size, k)
+                least, most = sides_of(spare[side], inside, line)
+                if least >= 0.0 or abs(line[0]) + abs(line[1]) <= MIN_EDGE:
+                    continue
+                if most <= 0.0:
+                    inside = np.int64(0)
+                    break
+                inside, outside = split(
+                    spare[side], inside, line, spare[1 - side], pieces[target, left]
+                )
+                side = 1 - side
+                if area_of(pieces[target, left], outside) > MIN_AREA:
+                    sizes[target, left] = outside
+                    left += 1
+            is_touched = area_of(spare[side], inside) > MIN_AREA
+        if not is_touched:
+            # It is whole.
+            left = before
             copy_polygon(piece, size, pieces[target, left])
             sizes[target, left] = size
             left += 1
-            continue
-        # Cut off what lies beyond each edge in turn.
-        copy_polygon(piece, size, spare[0])
-        inside, side = size, 0
-        for k in range(hiding_size):
-            if left == MAX_PIECES:
-                return np.int64(-1)
-            line = edge_line(hiding, hiding_size, k)
-            outside = cut(spare[side], inside, turned(line), pieces[target, left])
-            if area_of(pieces[target, left], outside) > MIN_AREA:
-                sizes[target, left] = outside
-                left += 1
-            inside = cut(spare[side], inside, line, spare[1 - side])
-            side = 1 - side
+        if left > MAX_PIECES:
+            return np.int64(-1)
     return left
 
 
 @helper
-def seen_area(n, candidates, count, triangles, column, row, polygons, corners, levels, work):
+def is_behind(one, other):
+    """Return whether a candidate lies behind another all over, whatever depths are tied."""
+    return one[HIGHEST] < other[LOWEST] - BEHIND * abs(other[LOWEST])
+
+
+@helper
+def are_apart(one, other):
+    """Return whether bounds of two candidates do not overlap."""
+    beside = (one[BOUNDS + RIGHT] <= other[BOUNDS + LEFT]) | (
+        other[BOUNDS + RIGHT] <= one[BOUNDS + LEFT]
+    )
+    above = (one[BOUNDS + BOTTOM] <= other[BOUNDS + TOP]) | (
+        other[BOUNDS + BOTTOM] <= one[BOUNDS + TOP]
+    )
+    return beside | above
+
+
+@helper
+def seen_area(n, candidates, count, polygons, corners, levels, work):
     """Return the visible area of a candidate in a pixel; -1 if it has too many pieces."""
     pieces, sizes, spare = work
-    face, level = triangles[candidates[n], FACE], triangles[candidates[levels[n]]]
+    face, level = candidates[n, FACE], candidates[levels[n]]
     copy_polygon(polygons[n], corners[n], pieces[0, 0])
     sizes[0, 0] = corners[n]
     left, source = np.int64(1), 0
     for k in range(count):
-        other = triangles[candidates[k], FACE]
+        other, hiding, size = candidates[k, FACE], polygons[k], corners[k]
         is_level = levels[k] == levels[n]
         if (other == face) | (is_level & (other > face)):
             continue
-        hiding, size = polygons[k], corners[k]
+        if is_behind(candidates[k], candidates[n]) or are_apart(candidates[k], candidates[n]):
+            continue
+        if is_beyond(polygons[n], corners[n], hiding, size):
+            continue
+        if is_beyond(hiding, size, polygons[n], corners[n]):
+            continue
         if not is_level:
             # Where the other is nearer.
-            line, _ = depth_line(triangles[candidates[levels[k]]], level, column, row)
-            size = cut(polygons[k], corners[k], line, spare[2])
+            line, _ = depth_line(candidates[levels[k]], level)
+            size = cut(hiding, size, line, spare[2])
             hiding = spare[2]
-        if area_of(hiding, size) <= MIN_AREA:
-            continue
+            if area_of(hiding, size) <= MIN_AREA:
+                continue
         left = subtract(pieces, sizes, left, hiding, size, spare, (source, 1 - source))
         source = 1 - source
         if left <= 0:
@@ -248,8 +360,9 @@ def seen_area(n, candidates, count, triangles, column, row, polygons, corners, l
 
 
 @helper
-def set_up_triangles(listed, parts, screen, bits, triangles):
-    """Write faces, corners clockwise and depth planes of a tile's triangles."""
+def set_up_triangles(listed, parts, screen, bits, triangles, lists):
+    """Write faces, corners clockwise, depth planes and bounds of a tile's triangles."""
+    all_bounds, numbers = lists
     unit = 1.0 / np.float64(np.int64(1) << bits)
     for n in range(listed.shape[0]):
         (i, j, k), face = triangle_of(parts[0], parts[1], parts[2], np.int64(listed[n]))
@@ -268,88 +381,126 @@ def set_up_triangles(listed, parts, screen, bits, triangles):
         row[DEPTH] = da
         row[X], row[X + 1], row[X + 2] = ax, bx, cx
         row[Y], row[Y + 1], row[Y + 2] = ay, by, cy
+        bounds, numbers[TILE, n] = all_bounds[TILE], n
+        bounds[LEFT, n], bounds[RIGHT, n] = min(ax, min(bx, cx)), max(ax, max(bx, cx))
+        bounds[TOP, n], bounds[BOTTOM, n] = min(ay, min(by, cy)), max(ay, max(by, cy))
 
 
 @helper
-def is_beside(triangle, first, place):
-    """Return whether a triangle lies beside a column (first is X) or a row (first is Y)."""
-    low = min(triangle[first], min(triangle[first + 1], triangle[first + 2]))
-    high = max(triangle[first], max(triangle[first + 1], triangle[first + 2]))
-    return (high <= place) | (low >= place + 1.0)
+def narrow(lists, place, count, side, low, high):
+    """
+    List the triangles of the place before, TILE or so, that reach into a range; return how many.
+
+    ``side`` is LEFT for columns, TOP for rows.
+    """
+    all_bounds, numbers = lists
+    before, bounds = all_bounds[place - 1], all_bounds[place]
+    many = np.int64(0)
+    for n in range(count):
+        if (before[side + 1, n] > low) & (before[side, n] < high):
+            numbers[place, many] = numbers[place - 1, n]
+            for own in range(4):
+                bounds[own, many] = before[own, n]
+            many += 1
+    return many
 
 
 @helper
-def reach_of(triangle, polygon, corners, column, row):
-    """Return the lowest and the highest depth of a polygon in a pixel."""
+def measure(triangle, polygon, corners, column, row, candidate):
+    """Write depths and bounds of a candidate's polygon in a pixel."""
     lowest, highest = np.inf, -np.inf
+    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
     for n in range(corners):
-        depth = depth_at(triangle, column + polygon[n, 0], row + polygon[n, 1])
+        x, y = polygon[n, 0], polygon[n, 1]
+        depth = depth_at(triangle, column + x, row + y)
         lowest, highest = min(lowest, depth), max(highest, depth)
-    return lowest, highest
+        left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
+    candidate[LOWEST], candidate[HIGHEST] = lowest, highest
+    candidate[BOUNDS + LEFT], candidate[BOUNDS + RIGHT] = left, right
+    candidate[BOUNDS + TOP], candidate[BOUNDS + BOTTOM] = top, bottom
 
 
 @helper
-def find_candidates(
-    in_row, many, triangles, column, row, candidates, polygons, corners, work, question
-):  # fmt: skip
+def find_candidates(lists, many, triangles, column, row, candidates, polygons, corners, work,
+                    question):  # fmt: skip
     """List the triangles in a pixel that no nearer one hides completely; return how many."""
+    bounds, numbers = lists[0][PIXEL], lists[1][PIXEL]
     count, floor = np.int64(0), -np.inf
     for n in range(many):
-        triangle = triangles[in_row[n]]
-        if is_beside(triangle, X, column):
-            continue
+        triangle, candidate = triangles[numbers[n]], candidates[count]
         if is_hole(np.int64(triangle[FACE]), column, row, question):
             continue
-        size = cut_to_pixel(triangle, column, row, work[2][0], polygons[count])
+        is_over = (
+            bounds[LEFT, n] < column, bounds[RIGHT, n] > column + 1.0,
+            bounds[TOP, n] < row, bounds[BOTTOM, n] > row + 1.0,
+        )  # fmt: skip
+        size = cut_to_pixel(triangle, column, row, is_over, work[2], polygons[count])
         area = area_of(polygons[count], size)
         if area <= MIN_AREA:
             continue
-        lowest, highest = reach_of(triangle, polygons[count], size, column, row)
-        slack = DEPTH_STEP * abs(highest)
-        if highest < floor - slack:
+        measure(triangle, polygons[count], size, column, row, candidate)
+        if candidate[HIGHEST] < floor - DEPTH_STEP * abs(candidate[HIGHEST]):
             continue
         if area >= 1.0:
-            floor = max(floor, lowest)
-        candidates[count], corners[count] = in_row[n], size
+            floor = max(floor, candidate[LOWEST])
+        candidate[FACE], candidate[DEPTH] = triangle[FACE], depth_at(triangle, column, row)
+        candidate[SLOPE_X], candidate[SLOPE_Y] = triangle[SLOPE_X], triangle[SLOPE_Y]
+        corners[count] = size
         count += 1
     # Once more, with the final depth bound.
     kept = np.int64(0)
     for n in range(count):
-        triangle = triangles[candidates[n]]
-        _, highest = reach_of(triangle, polygons[n], corners[n], column, row)
+        highest = candidates[n, HIGHEST]
         if highest < floor - DEPTH_STEP * abs(highest):
             continue
         if kept < n:
-            candidates[kept], corners[kept] = candidates[n], corners[n]
+            for k in range(CANDIDATE_COLUMNS):
+                candidates[kept, k] = candidates[n, k]
+            corners[kept] = corners[n]
             copy_polygon(polygons[n], corners[n], polygons[kept])
         kept += 1
     return kept
 
 
 @helper
-def share_pixel(count, candidates, triangles, column, row, polygons, corners, levels, work, areas):
-    """Write the visible areas of candidates, summed per face at its first; False without room."""
-    find_levels(count, candidates, triangles, column, row, levels)
+def sort_candidates(count, candidates, order):
+    """Write the order of candidates, nearest first."""
     for n in range(count):
-        area = seen_area(
-            n, candidates, count, triangles, column, row, polygons, corners, levels, work
-        )
+        k = n
+        while k > 0 and candidates[order[k - 1], HIGHEST] < candidates[n, HIGHEST]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = n
+
+
+@helper
+def share_pixel(count, candidates, polygons, corners, orders, work, areas):
+    """Write the visible areas of candidates, summed per face at its first; False without room."""
+    levels, order = orders[0], orders[1]
+    find_levels(count, candidates, levels)
+    sort_candidates(count, candidates, order)
+    seen = 0.0
+    for k in range(count):
+        n, area = order[k], 0.0
+        if seen < WHOLE:
+            area = seen_area(n, candidates, count, polygons, corners, levels, work)
         if area < 0.0:
             return False
         areas[n] = area
-        face = triangles[candidates[n], FACE]
-        # Pieces of one face follow each other.
-        if n > 0 and triangles[candidates[n - 1], FACE] == face:
-            first = n - 1
-            while first > 0 and triangles[candidates[first - 1], FACE] == face:
-                first -= 1
-            areas[first] += area
+        seen += area
+    # Pieces of one face follow each other.
+    first = np.int64(0)
+    for n in range(1, count):
+        if candidates[n, FACE] == candidates[first, FACE]:
+            areas[first] += areas[n]
             areas[n] = 0.0
+        else:
+            first = n
     return True
 
 
 @helper
-def write_pixel(count, candidates, triangles, areas, shown, shares, rest, row, i):
+def write_pixel(count, candidates, areas, shown, shares, rest, row, i):
     """Write the faces of a pixel and their shares, as far as there is room; return how many."""
     faces, before, total = np.int64(0), np.int64(0), 0.0
     for n in range(count):
@@ -358,7 +509,7 @@ def write_pixel(count, candidates, triangles, areas, shown, shares, rest, row, i
         upto = min(np.int64(total * PARTS + 0.5), np.int64(PARTS))
         if upto > before:
             if faces < shown.shape[0]:
-                shown[faces, row, i] = np.int32(triangles[candidates[n], FACE])
+                shown[faces, row, i] = np.int32(candidates[n, FACE])
                 shares[faces, row, i] = np.float32((upto - before) / PARTS)
             faces, before = faces + 1, upto
     rest[row, i] = np.float32((PARTS - before) / PARTS)
@@ -369,21 +520,22 @@ def scratch_memory(most: int) -> tuple[Any, ...]:
     """Return a thread's memory for tiles of at most that many triangles."""
     return (
         np.empty((most, TRIANGLE_COLUMNS), np.float64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
+        (np.empty((PIXEL + 1, 4, most), np.float64), np.empty((PIXEL + 1, most), np.int64)),
+        np.empty((2, most), np.int64),
+        np.empty((most, CANDIDATE_COLUMNS), np.float64),
         np.empty((most + 1, MAX_CORNERS, 2), np.float64),
         np.empty(most + 1, np.int64),
-        np.empty(most, np.int64),
         np.empty(most, np.float64),
-        np.empty((2, MAX_PIECES, MAX_CORNERS, 2), np.float64),
-        np.empty((2, MAX_PIECES), np.int64),
+        np.empty((2, MAX_PIECES + MAX_CORNERS, MAX_CORNERS, 2), np.float64),
+        np.empty((2, MAX_PIECES + MAX_CORNERS), np.int64),
         np.empty((3, MAX_CORNERS, 2), np.float64),
     )
 
 
 SCRATCH = (
-    float64[:, ::1], int64[::1], int64[::1], float64[:, :, ::1], int64[::1], int64[::1],
-    float64[::1], float64[:, :, :, ::1], int64[:, ::1], float64[:, :, ::1],
+    float64[:, ::1], (float64[:, :, ::1], int64[:, ::1]), int64[:, ::1], float64[:, ::1],
+    float64[:, :, ::1], int64[::1], float64[::1], float64[:, :, :, ::1], int64[:, ::1],
+    float64[:, :, ::1],
 )  # fmt: skip
 """The types of `scratch_memory`."""
 
@@ -391,8 +543,8 @@ SCRATCH = (
 @kernel
 def find_areas(
     rows: (int64, int64), starts: int64[::1], binned: int32[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, shown: int32[:, :, ::1], shares: float32[:, :, ::1],
-    rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
+    screen: ScreenVertices, viewport: Viewport, begin: int64, shown: int32[:, :, ::1],
+    shares: float32[:, :, ::1], rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
     question: Question,
 ):  # fmt: skip
     """
@@ -405,51 +557,58 @@ def find_areas(
     starts, binned : arrays
         The triangles that reach each tile, as ``visibility_pass.TileLists`` has them.
     faces, screen, viewport : records
+    begin : int
+        The pixel to begin with: 0, or the number that the last call returned.
     shown : (J, R, W) int32
-        Written: the faces of each pixel, ascending; -1 behind the last.
+        Written: the faces of each pixel, ascending. Behind the last it must be -1.
     shares : (J, R, W) float32
         Written: their shares of the pixel's area; for a face -1 anything.
     rest : (R, W) float32
         Written: the share that shows no face.
     deepest : (3,) int64
-        Written: the most faces in a pixel, with its column and row. If they are more than J, some
-        are missing; -1 for a pixel that falls into too many pieces.
+        The most faces in a pixel so far, with its column and row; at first 0. Written; -1 for a
+        pixel that falls into too many pieces.
     scratch : tuple
         This thread's own, from `scratch_memory`, for the longest of the lists.
     question : Question
         Of an ``alpha_test.AlphaTest``. A face has one alpha in a pixel: at its centre.
+
+    Returns
+    -------
+    int
+        -1, or the number of a pixel whose faces are more than J or -1.
     """
-    triangles, in_row, candidates, polygons, corners, levels, areas = scratch[:7]
+    triangles, lists, orders, candidates, polygons, corners, areas = scratch[:7]
     work, parts = scratch[7:10], (faces.faces, faces.pieces, faces.piece_faces)
+    height, step = rows[1] - rows[0], np.int64(1) << STRIP_BITS
     columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
-    most = np.int64(0), np.int64(0), np.int64(0)
-    for row in range(rows[1] - rows[0]):
-        for layer in range(shown.shape[0]):
-            empty_row(shown[layer, row])
-    for tile_column in range(columns):
+    for tile_column in range(begin // (height << TILE_BITS), columns):
         tile = (rows[0] >> TILE_BITS) * columns + tile_column
         left, _, right, _ = tile_window(tile, columns, viewport)
         listed = binned[starts[tile] : starts[tile + 1]]
-        set_up_triangles(listed, parts, screen, viewport.grid_bits, triangles)
-        for row in range(rows[1] - rows[0]):
-            y, many = np.float64(rows[0] + row), np.int64(0)
-            for n in range(listed.shape[0]):
-                if not is_beside(triangles[n], Y, y):
-                    in_row[many] = n
-                    many += 1
+        set_up_triangles(listed, parts, screen, viewport.grid_bits, triangles, lists)
+        in_strip, in_row, in_block = np.int64(0), np.int64(0), np.int64(0)
+        for row in range(height):
+            y = np.float64(rows[0] + row)
+            if row % step == 0:
+                in_strip = narrow(lists, STRIP, listed.shape[0], TOP, y, y + step)
+            in_row = narrow(lists, ROW, in_strip, TOP, y, y + 1.0)
             for column in range(left, right + 1):
                 x = np.float64(column)
+                if (column - left) % step == 0:
+                    in_block = narrow(lists, BLOCK, in_row, LEFT, x, x + step)
+                number = ((tile_column * height + row) << TILE_BITS) + column - left
+                if number < begin:
+                    continue
+                many = narrow(lists, PIXEL, in_block, LEFT, x, x + 1.0)
                 count = find_candidates(
-                    in_row, many, triangles, x, y, candidates, polygons, corners, work, question
+                    lists, many, triangles, x, y, candidates, polygons, corners, work, question
                 )
-                if not share_pixel(
-                    count, candidates, triangles, x, y, polygons, corners, levels, work, areas
-                ):
-                    deepest[0], deepest[1], deepest[2] = -1, column, rows[0] + row
-                    return
-                found = write_pixel(
-                    count, candidates, triangles, areas, shown, shares, rest, row, column
-                )
-                if found > most[0]:
-                    most = found, np.int64(column), np.int64(rows[0] + row)
-    deepest[0], deepest[1], deepest[2] = most
+                found = np.int64(-1)
+                if share_pixel(count, candidates, polygons, corners, orders, work, areas):
+                    found = write_pixel(count, candidates, areas, shown, shares, rest, row, column)
+                if found > deepest[0] or found < 0:
+                    deepest[0], deepest[1], deepest[2] = found, column, rows[0] + row
+                if found > shown.shape[0] or found < 0:
+                    return number
+    return np.int64(-1)

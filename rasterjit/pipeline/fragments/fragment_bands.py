@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.fragments import a_buffer, area_coverage
+from rasterjit.pipeline.fragments.compositing import NOTHING
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import AlphaTests, Faces, Geometry, ScreenVertices, Viewport
@@ -243,21 +244,20 @@ def find_areas(
     """Return the faces visible in each pixel, their area coverage, and that of the background."""
     viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
-    own, deepest = (
-        area_coverage.scratch_memory(int(np.diff(lists.starts).max())),
-        np.empty(3, np.int64),
-    )
-    test = AlphaTest(finder.alpha_tests)
-    room = FIRST_GUESS
-    while True:
-        found = (
-            memory.empty((room, *shape), np.int32),
-            memory.empty((room, *shape), np.float32),
-            memory.empty(shape, np.float32),
-        )
-        area_coverage.find_areas(
-            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, *found, deepest,
-            own, test.question,
+    own = area_coverage.scratch_memory(int(np.diff(lists.starts).max()))
+    test, rest = AlphaTest(finder.alpha_tests), memory.empty(shape, np.float32)
+    deepest, count, begin = np.zeros(3, np.int64), 0, 0
+    found = [np.empty((0, *shape), kind) for kind in (np.int32, np.float32)]
+    while begin >= 0:
+        # Make room behind what is written.
+        before, room = found, max(FIRST_GUESS, count + count // 2)
+        found = [memory.empty((room, *shape), written.dtype) for written in before]
+        for one, written in zip(found, before, strict=True):
+            one[: len(written)] = written
+        found[0][len(before[0]) :] = NOTHING
+        begin = area_coverage.find_areas(
+            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, begin, *found,
+            rest, deepest, own, test.question,
         )  # fmt: skip
         count, column, row = map(int, deepest)
         if count < 0 or count * shape[0] * shape[1] * BYTES_PER_SHARE > MAX_BYTES:
@@ -265,7 +265,4 @@ def find_areas(
                 f"samples must be 1, 2, 4, 8 or 16 for this scene, got 'area': the pixel in column "
                 f"{column}, row {row} shows more faces than their areas can be found of"
             )
-        if count <= room:
-            break
-        room = count
-    return found[0][: max(count, 1)], found[1], found[2]
+    return found[0][: max(count, 1)], found[1], rest
