@@ -83,10 +83,6 @@ LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int6
 """The same, called with the GIL: `pack_arguments.pack` reads Python objects."""
 
 
-WRONG_TYPES = object()
-"""What a form returns of arguments that it does not take."""
-
-
 class Form:
     """A kernel in machine code, for arguments of certain types."""
 
@@ -97,21 +93,12 @@ class Form:
         self._run = MACHINE(code.address)
         self._returns = {"none": lambda word: None, "int": None, "bool": bool}[code.returns]
         self._plan, self._call_plan = plan_of(kind), plan_of(kind, code.address)
-        self._plan_address, self._call_address = map(
-            ctypes.addressof, (self._plan, self._call_plan)
-        )
-        self._block = ctypes.c_int64 * max(size_of(kind), 1)
-
-    def call(self, arguments: tuple[Any, ...]) -> Any:
-        """Pack arguments and run; return `WRONG_TYPES` if they are of other types."""
-        block = self._block()
-        if packer()(id(arguments), self._call_address, ctypes.addressof(block)):
-            return WRONG_TYPES
-        return self.returned(block[0])
+        self._plan_address, self.call_address = map(ctypes.addressof, (self._plan, self._call_plan))
+        self.block = ctypes.c_int64 * max(size_of(kind), 1)
 
     def pack(self, arguments: tuple[Any, ...]) -> Any:
         """Return a state block, or None if the arguments are of other types."""
-        block = self._block()
+        block = self.block()
         if packer()(id(arguments), self._plan_address, ctypes.addressof(block)):
             return None
         return block
@@ -120,7 +107,7 @@ class Form:
         """Return a state block; raise TypeError if the arguments are of other types."""
         words: list[int] = []
         pack_slowly(self.kind, arguments, words)
-        return self._block(*words)
+        return self.block(*words)
 
     def run(self, block: Any) -> Any:
         """Run the machine code with a state block."""
@@ -161,9 +148,9 @@ class Kernel:
             An argument is of another type than the kernel declares.
         """
         for form in self.forms:
-            word = form.call(arguments)
-            if word is not WRONG_TYPES:
-                return word
+            block = form.block()
+            if not packer()(id(arguments), form.call_address, ctypes.addressof(block)):
+                return form.returned(block[0])
         form, block = self.bind(arguments)
         return form.run(block)
 
