@@ -183,15 +183,23 @@ class TextLines:
         """
         Return the bytes of some lines with their line ends, less the first ``skip`` of each.
 
+        Those of lines that follow one another are blanks there.
+
         Returns
         -------
         content : (B,) uint8
         offsets : (L,) int64
             Where each line begins in it.
         """
-        begins = np.minimum(self.starts[lines] + skip, self.ends[lines])
-        stops = self.ends[lines] + 1
+        begins, stops = self.starts[lines], self.ends[lines] + 1
         low, high = int(begins[0]), int(stops[-1])
+        if (begins[1:] == stops[:-1]).all():
+            content = self.buffer[low:high].copy()
+            for place in (begins + offset for offset in range(skip)):
+                content[place[place < stops - 1] - low] = ord(" ")
+            return content, begins - low
+        begins = np.minimum(begins + skip, stops - 1)
+        low = int(begins[0])
         change = np.zeros(high - low + 1, np.int8)
         change[begins - low] += 1
         change[stops - low] -= 1

@@ -205,26 +205,27 @@ class _ObjFile:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
         """Return references, corners of each face, and their lines; None if a line is damaged."""
         content, offsets = self._lines.content(which, 1)
-        corner_starts = word_starts(content)
-        counts = np.add.reduceat(corner_starts, offsets, dtype=np.int64)
-        if (counts < least).any():
-            return None
         slashes = content == ord("/")
-        plain = np.where(slashes, ord(" "), content).astype(np.uint8)
-        number_starts = word_starts(plain)
-        numbers = parse(plain, int(number_starts.sum()), np.int64)
-        if numbers is None:
+        plain = np.where(slashes, np.uint8(ord(" ")), content)
+        # A number begins a corner, or is behind a slash or two.
+        starts = np.flatnonzero(word_starts(plain))
+        behind = [slashes[np.maximum(starts - back, 0)] for back in (1, 2, 3)]
+        begins = np.flatnonzero(~behind[0])
+        counts = np.diff(np.searchsorted(starts[begins], offsets), append=len(begins))
+        if (counts < least).any() or (behind[0] & behind[1] & behind[2]).any():
             return None
-        seen = np.cumsum(slashes)
-        corner = np.cumsum(corner_starts)[number_starts] - 1
-        # A corner begins with its number of a vertex, so no slash is before that.
-        place = seen[number_starts] - (seen - slashes)[corner_starts][corner]
-        refs = np.zeros((int(counts.sum()), 3), np.int64)
+        if (slashes[1:] & (content[:-1] <= ord(" "))).any() or slashes[:1].any():
+            return None
+        numbers = parse(plain, len(starts), np.int64)
+        if numbers is None or (numbers == 0).any():
+            return None
+        sizes = np.diff(begins, append=len(starts))
+        seen = np.cumsum(behind[0].astype(np.int64) + (behind[0] & behind[1]))
+        place = seen - np.repeat(seen[begins], sizes)
         if (place > 2).any():
             return None
-        refs[corner, place] = numbers
-        if (refs[:, 0] == 0).any() or (numbers == 0).any():
-            return None
+        refs = np.zeros((len(begins), 3), np.int64)
+        refs.reshape(-1)[np.repeat(np.arange(0, refs.size, 3), sizes) + place] = numbers
         return self._resolved(refs, np.repeat(which, counts)), counts, which
 
     def _resolved(self, refs: NDArray[np.int64], lines: NDArray[np.int64]) -> NDArray[np.int64]:
