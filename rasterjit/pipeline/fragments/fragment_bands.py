@@ -247,7 +247,7 @@ def find_areas(
     own = area_coverage.scratch_memory(int(np.diff(lists.starts).max()))
     test, rest = AlphaTest(finder.alpha_tests), memory.empty(shape, np.float32)
     deepest, count, begin = np.zeros(3, np.int64), 0, 0
-    found = [np.empty((0, *shape), kind) for kind in (np.int32, np.float32)]
+    found: list[NDArray[Any]] = [np.empty((0, *shape), kind) for kind in (np.int32, np.float32)]
     while begin >= 0:
         # Make room behind what is written.
         before, room = found, max(FIRST_GUESS, count + count // 2)
