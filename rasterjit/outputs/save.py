@@ -452,9 +452,7 @@ def _rounded(
     name: str, values: Float64, seen: Bool, scale: float, offset: float, least: int
 ) -> NDArray[np.uint16]:
     """Return the nearest codes, half up, and 0 where nothing is; raise if they do not fit."""
-    shown = seen if values.ndim == 2 else seen[..., None]
-    codes = np.floor((np.where(shown, values, offset) - offset) / scale + 0.5)
-    given = codes[seen]
+    given = np.floor((values[seen] - offset) / scale + 0.5)
     if given.size and not (least <= given.min() and given.max() <= MAX):
         fitting = decimal_scale(values[seen])
         others = ".exr or .npz" if fitting is None else f"{fitting:g}, .exr or .npz"
@@ -462,7 +460,9 @@ def _rounded(
             f"scale must take {name} to codes in {least}..{MAX} of a 16-bit .png, got "
             f"{given.min():.0f}..{given.max():.0f} with scale={scale!r}; choose {others}"
         )
-    return codes.astype(np.uint16)
+    codes = np.zeros(values.shape, np.uint16)
+    codes[seen] = given
+    return codes
 
 
 def _refuse_scale(name: str, scale: float | None) -> None:
