@@ -231,13 +231,13 @@ def finish_penumbra(u, v, size, sides, comparisons, share):
 
 
 @disjoint_helper
-def range_of(x):
-    """Return the lowest and the highest of some numbers."""
-    low, high = x[0], x[0]
-    for i in range(x.shape[0]):
-        low = x[i] if x[i] < low else low
-        high = x[i] if x[i] > high else high
-    return low, high
+def is_any_above_zero(row):
+    """Tell whether any number of a row is above 0."""
+    found = np.int32(0)
+    for i in range(row.shape[0]):
+        # Not ``|=``: that would be 64 bits wide, and halve the vectors.
+        found = np.int32(found | np.int32(row[i] > np.float32(0.0)))
+    return found != 0
 
 
 @disjoint_helper
@@ -252,8 +252,9 @@ def may_be_shaded(u, v, depth, facing, size, sides, cells, side):
         row = min(max(np.floor((v[i] - top) * share), zero), last)
         row += np.floor(top / np.float32(size)) * np.float32(count)
         at = np.int32(row) * count + np.int32(column)
-        found |= np.int32((depth[i] < cells[np.uintp(at)]) & (facing[i] > zero))
-    return found
+        is_found = (depth[i] < cells[np.uintp(at)]) & (facing[i] > zero)
+        found = np.int32(found | np.int32(is_found))
+    return found != 0
 
 
 @helper
@@ -267,7 +268,7 @@ def mark_shaded(
     """
     for i in range(marks.shape[0]):
         marks[i] = np.float32(0.0)
-    if marks.shape[0] == 0 or range_of(facing)[1] <= np.float32(0.0):
+    if not is_any_above_zero(facing):
         return
     farthest, radius = MAX_RADIUS * np.float32(size) + np.float32(1.0), AT_HAND
     k, first, side = np.int64(0), np.int64(0), np.int64(CELL)
@@ -276,7 +277,7 @@ def mark_shaded(
         if dx * dx + dy * dy > farthest * farthest:
             break
         if dx * dx + dy * dy > radius * radius:
-            if may_be_shaded(u, v, depth, facing, size, sides, cells[first:], side) == 0:
+            if not may_be_shaded(u, v, depth, facing, size, sides, cells[first:], side):
                 break
             first += cells_of(size, sides, side)
             radius = np.float32(2 * side)

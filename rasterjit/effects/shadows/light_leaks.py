@@ -228,7 +228,7 @@ def mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsu
         is_unsure = (share[i] > zero) & (is_nearer(texels, column, row, size, plane) > zero)
         is_unsure = is_unsure & (at_u == column) & (at_v == row)
         unsure[i] = np.float32(1.0) if is_unsure else zero
-        found |= np.int32(is_unsure)
+        found = np.int32(found | np.int32(is_unsure))
     return found
 
 

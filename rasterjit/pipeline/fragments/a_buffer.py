@@ -101,7 +101,8 @@ def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, face
         depths[i] = depth if is_seen else empty
         faces[i] = face
         counts[i] += np.int32(is_seen)
-        found |= np.int32(is_seen)
+        # Not ``|=``: that would be 64 bits wide, and halve the vectors.
+        found = np.int32(found | np.int32(is_seen))
     return found
 
 
@@ -126,7 +127,7 @@ def exchange_row(layer_depths, layer_faces, depths, empty, faces):
         left = here if is_nearer else there
         depths[i] = left
         faces[i] = face_here if is_nearer else face_there
-        found |= np.int32(left > empty)
+        found = np.int32(found | np.int32(left > empty))
     return found
 
 
