@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +32,11 @@ from benchmarks.scenes import TEAPOT
 SIDE = 64
 """Columns and rows of the small pictures."""
 BATCH = 60
+FILES = (
+    "stl", "stl text", "obj", "obj bare", "ply", "ply text", "ply bare", "glb", "gltf of instances",
+)  # fmt: skip
+"""Kinds of files that are read."""
+FACES_OF_FILE, INSTANCES = 60_000, 10_000
 TURN_SECONDS = 0.1
 """Processor time that a loop runs in a turn."""
 TURNS = 11
@@ -183,6 +189,67 @@ def lit(effect: str) -> Callable[[], Any]:
     return lambda: renderer.render(scene)
 
 
+def written_file(folder: Path, kind: str) -> Path:
+    """
+    Write a torus as a file of a kind, or many instances of a cube; return where it is.
+
+    An OBJ file has texture coordinates and normals, PLY and GLB files normals, but for those that
+    are bare.
+    """
+    import trimesh
+
+    import rasterjit as rj
+
+    words = kind.split()
+    path = folder / f"written.{words[0]}"
+    if kind == "gltf of instances":
+        scene, mesh = rj.Scene(), cube()
+        for place in np.random.default_rng(0).uniform(-9.0, 9.0, (INSTANCES, 3)):
+            scene.add(mesh, rj.transforms.translate(place))
+        scene.save(path)
+        return path
+    vertices, faces = torus(*torus_size(FACES_OF_FILE))
+    shape = trimesh.Trimesh(vertices, faces, process=False)
+    if words[0] == "stl":
+        shape.export(path, file_type="stl_ascii" if "text" in words else "stl")
+    elif words[0] == "ply":
+        encoding = "ascii" if "text" in words else "binary"
+        shape.export(path, encoding=encoding, vertex_normal="bare" not in words)
+    elif words[0] == "glb":
+        shape.export(path, include_normals=True)
+    else:
+        lines = ["v {:.6f} {:.6f} {:.6f}".format(*row) for row in vertices]
+        corner = "{0}"
+        if "bare" not in words:
+            lines += ["vt {:.6f} {:.6f}".format(*row) for row in vertices[:, :2]]
+            lines += ["vn {:.6f} {:.6f} {:.6f}".format(*row) for row in shape.vertex_normals]
+            corner = "{0}/{0}/{0}"
+        lines += ["f " + " ".join(corner.format(n) for n in face) for face in faces + 1]
+        path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def loaded(kind: str, by: str) -> Callable[[], Any]:
+    """A file, read by RasterJIT or trimesh; the latter makes normals as well if there are none."""
+    import trimesh
+
+    import rasterjit as rj
+
+    folder = tempfile.TemporaryDirectory()
+    path = written_file(Path(folder.name), kind)
+
+    def step() -> Any:
+        if by == "rasterjit":
+            # The folder is kept.
+            return folder and rj.load(path)
+        found: Any = trimesh.load(path)
+        if kind == "gltf of instances":
+            return found
+        return next(iter(getattr(found, "geometry", {"": found}).values())).vertex_normals
+
+    return step
+
+
 class Loop(NamedTuple):
     """A loop, and what its steps are compared with."""
 
@@ -215,6 +282,11 @@ LOOPS: dict[str, Loop] = {
     "lamp": Loop(lambda: lit("")),
     "lamp, soft shadow": Loop(lambda: lit("soft shadow"), "lamp"),
     "lamp, ambient occlusion": Loop(lambda: lit("ambient occlusion"), "lamp"),
+    **{f"trimesh's {kind}": Loop(partial(loaded, kind, "trimesh")) for kind in FILES},
+    **{
+        f"load {kind}": Loop(partial(loaded, kind, "rasterjit"), f"trimesh's {kind}")
+        for kind in FILES
+    },
 }
 
 
