@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from cubes import CUBE_FACES, CUBE_VERTICES
 from hypothesis import settings
+from own_process import own_process, pytest_pyfunc_call  # noqa: F401  (pytest finds them here)
 
 import rasterjit as rj
 from rasterjit.runtime import jit, store

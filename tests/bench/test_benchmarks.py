@@ -27,7 +27,7 @@ scenes = importlib.import_module("benchmarks.scenes")
 targets = importlib.import_module("benchmarks.targets")
 
 CONTESTANT_OF_EDGES = importlib.import_module("benchmarks.contestants.opengl")
-SMALL_NAMES = sorted(scenes.SCENES.keys() - {"mesh_5m"})
+SMALL_NAMES = sorted(scenes.SCENES.keys() - {"mesh_5m", "short_lines"})
 
 
 def arrays(scene):

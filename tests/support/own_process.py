@@ -1,4 +1,8 @@
-"""Run what draws with OpenGL in a process of its own: Mesa keeps much memory until that ends."""
+"""
+Run tests of a module in one process of their own, with ``usefixtures("own_process")``.
+
+For what keeps much memory until its process ends: Mesa's OpenGL, LLVM.
+"""
 
 from __future__ import annotations
 
