@@ -242,9 +242,10 @@ class Scene(Guarded, Previewed):
             self._adopt(parent)
         if isinstance(mesh, Node):
             return self._add_node(mesh, transform, name, parent)
-        number = f"object {len(self.nodes) + self._removed}"
         if isinstance(mesh, Mesh):
-            node = Node(mesh, transform, number if name is None else str(name), parent=parent)
+            if name is None:
+                name = f"object {len(self.nodes) + self._removed}"
+            node = Node(mesh, transform, str(name), parent=parent)
             if parent is None:
                 node._scene = weakref.ref(self)
                 self.nodes.append(node)

@@ -41,6 +41,11 @@ def object_of(values: dict[str, Any], key: str) -> dict[str, Any]:
     return value
 
 
+def extension_of(values: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return what an extension says of an entry, empty if nothing, or raise ``ValueError``."""
+    return object_of(object_of(values, "extensions"), name) if "extensions" in values else {}
+
+
 def list_of(values: dict[str, Any], key: str) -> list[Any]:
     """Return a list of JSON, empty if there is none, or raise ``ValueError``."""
     value = [] if values.get(key) is None else values[key]

@@ -35,6 +35,7 @@ from rasterjit.io.gltf.extensions import (
 )
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.json_checks import (
+    extension_of,
     finite_numbers_of,
     finite_of,
     list_of,
@@ -183,7 +184,7 @@ class MaterialReader:
                 continue
             try:
                 use = object_of(values, key)
-                transform = object_of(object_of(use, "extensions"), "KHR_texture_transform")
+                transform = extension_of(use, "KHR_texture_transform")
                 number = whole_of({**use, **transform}, "texCoord", 0)
                 texture = self._texture(use, transform, color_space)
             except Exception as error:

@@ -34,7 +34,7 @@ from rasterjit.io.gltf.extensions import (
 )
 from rasterjit.io.gltf.file import ONE_OF, GltfFile
 from rasterjit.io.gltf.json_checks import (
-    are_numbers,
+    extension_of,
     finite_numbers_of,
     finite_of,
     list_of,
@@ -209,7 +209,7 @@ class _GltfScene:
         """Add what stands at a node."""
         if "camera" in place.entry:
             self._add_camera(place.entry["camera"], self._standing(place, "camera"))
-        light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
+        light = extension_of(place.entry, LIGHTS).get("light")
         if light is not None and not place.is_hidden:
             self._add_light(light, self._standing(place, "light"))
         if "mesh" in place.entry and not place.is_hidden:
@@ -388,9 +388,13 @@ def count_extensions(header: dict[str, Any]) -> dict[str, int]:
         if isinstance(one, dict):
             held = one.get("extensions")
             counts.update(map(str, held) if isinstance(held, dict) and one is not header else ())
-            waiting += [one[key] for key in one if key != "extras"]
-        elif isinstance(one, list) and not are_numbers(one):
-            waiting += one
+            waiting += [
+                value
+                for key, value in one.items()
+                if isinstance(value, (dict, list)) and key != "extras"
+            ]
+        else:
+            waiting += [value for value in one if isinstance(value, (dict, list))]
     declared = [*list_of(header, "extensionsUsed"), *object_of(header, "extensions")]
     return {**dict.fromkeys(map(str, declared), 1), **counts}
 
@@ -455,14 +459,14 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
         children = _numbers_of_nodes({name: node}, name, "children", nodes)
         try:
             rows = parent_from_node(node)
-            said = object_of(object_of(node, "extensions"), VISIBILITY)
+            said = extension_of(node, VISIBILITY)
             is_hidden = said.get("visible") is False or (above is not None and above.is_hidden)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
-        # A product has other zeros than its factor: all are products.
-        place = FileNode(
-            number, node, above, product_of(_IDENTITY, rows) if above is None else rows, is_hidden
-        )
+        if above is None:
+            # As those of all others that are products: none is below zero.
+            rows = [[value + 0.0 for value in row] for row in rows]
+        place = FileNode(number, node, above, rows, is_hidden)
         yield place
         waiting += [(child, place) for child in reversed(children)]
 
