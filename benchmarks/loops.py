@@ -250,6 +250,27 @@ def loaded(kind: str, by: str) -> Callable[[], Any]:
     return step
 
 
+def around(effect: str, is_batch: bool = False) -> Callable[[], Any]:
+    """Small views of a ball on a ground with an effect, 60 in a step: as a batch, or one by one."""
+    import trimesh
+
+    import rasterjit as rj
+
+    scene, size = rj.Scene(), (2 * SIDE, 2 * SIDE)
+    ball, ground = trimesh.creation.icosphere(3), trimesh.creation.box((6.0, 0.1, 6.0))
+    for mesh, down in ((ball, 0.0), (ground, 1.2)):
+        own = rj.Mesh(mesh.vertices, mesh.faces, normals=mesh.vertex_normals)
+        scene.add(own, rj.transforms.translate((0.0, -down, 0.0)))
+    shadow = rj.Shadow() if effect == "shadow" else None
+    scene.lights = [rj.DirectionalLight((-1.0, -1.0, -1.0), shadow=shadow), rj.AmbientLight()]
+    scene.outline = rj.Outline() if effect == "outline" else None
+    scene.ambient_occlusion = rj.AmbientOcclusion() if effect == "ambient occlusion" else None
+    renderer, views = rj.Renderer(size, threads=1), cameras()
+    if is_batch:
+        return lambda: rj.render_batch(scene, views, size=size, threads=1)
+    return lambda: [renderer.render(scene, camera) for camera in views]
+
+
 class Loop(NamedTuple):
     """A loop, and what its steps are compared with."""
 
@@ -288,6 +309,10 @@ LOOPS: dict[str, Loop] = {
         for kind in FILES
     },
 }
+for _effect in ("no effect", "shadow", "outline", "ambient occlusion"):
+    _views = f"{BATCH} views, {_effect}"
+    LOOPS[_views] = Loop(partial(around, _effect))
+    LOOPS[f"batch of {_views}"] = Loop(partial(around, _effect, True), _views)
 
 
 class Turns:

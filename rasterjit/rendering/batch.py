@@ -109,8 +109,8 @@ def render_batch(
     pictures: what views have in common is decided and prepared once, and views are shared among
     threads. They are drawn in machine code from view to view, with 1 to 16 samples a pixel, any
     lights without shadows, alpha masks, transparency (at one sample), fog, environments, tone
-    curves and vignettes. Views with shadows, whose maps are fitted to what each view sees, and with
-    ambient occlusion, outlines, edges, a picture behind, exact areas or averaged pictures
+    curves, ambient occlusion, outlines and vignettes. Views with shadows, whose maps are fitted to
+    what each view sees, and with edges, a picture behind, exact areas or averaged pictures
     (``samples``), a bound on layers (``transparency_layers``) or colours mixed as codes
     (``blending``) are drawn one by one, as `render` draws them, in about its time. Memory beyond
     the result does not grow with the number of views. What is prepared is kept with a scene or a

@@ -9,7 +9,7 @@ with NumPy for the whole group (`Prepared`), and copied there view by view
 (``pipeline/batch_driver.py``).
 
 Only plans whose stages read nothing else of a view are eligible: no shadows, no effects that
-analyse the picture; see `can_batch`. The caller draws other views one by one.
+analyse the picture by more than kernels; see `can_batch`. The caller draws other views one by one.
 
 Results are cached until the scene is gone, or other scenes need the memory (`MAX_KEPT`), and
 reused as far as a new plan confirms that they are valid (`serves`).
@@ -61,7 +61,7 @@ from rasterjit.survey.batched_views import (
 )
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
-from rasterjit.survey.effect import BatchedEffect
+from rasterjit.survey.effect import BatchedEffect, LooksAround
 from rasterjit.survey.light_culling import (
     FARTHEST_LIGHT,
     HEADLIGHT_DIRECTION,
@@ -108,8 +108,10 @@ BY_KERNEL = (
 BATCHED_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, BatchedEffect))
 """Effects that views in groups may have."""
 
-VIEW_DEPENDENT = tuple(one for one in BATCHED_EFFECTS if not one.follows_facts)
-"""Effects of groups that depend on more than facts."""
+VIEW_DEPENDENT = tuple(
+    one for one in BATCHED_EFFECTS if type(one).answers is not BatchedEffect.answers
+)
+"""Effects of groups that depend on more than facts and contents of a view."""
 
 LIGHTS = AmbientLight, DirectionalLight, PointLight, SpotLight
 """Kinds of lights whose rows are found for many views at once."""
@@ -208,7 +210,9 @@ class BatchScheduler:
                 self._plans[kind] = self._kept.use(kind, plan) if fits else None
             return self._plans.get(kind)
 
-    def prepare(self, cameras: Sequence[Camera], places: Float64 | None) -> Prepared:
+    def prepare(
+        self, numbers: Sequence[int], cameras: Sequence[Camera], places: Float64 | None
+    ) -> Prepared:
         """Prepare some views, with the places of objects, (N, O, 4, 4), if these move."""
         known, extents = self.cache.places, self.cache.extents
         if places is not None:
@@ -253,8 +257,9 @@ class BatchScheduler:
         is_plain = views.is_finite & ((near <= 0.0) | is_held)
         seen_of = [self._contents(in_view) for in_view in measures.in_view]
         group = Group(
-            seen, self.options.size, eyes, views, measures.in_view, self.cache.shapes.boxes
-        )
+            seen, self.options.size, eyes, views, measures.in_view, self.cache.shapes.boxes,
+            lambda: [self._scene_of(n) for n in (numbers if places is not None else numbers[:1])],
+        )  # fmt: skip
         kinds = kinds_of(
             self.scene, group, [own for own, _ in seen_of], self.is_colored,
             [is_lit for _, is_lit in seen_of],
@@ -458,7 +463,7 @@ class GroupRenderer:
         places : (N, O, 4, 4) float64, or None
             Where the objects stand in each; None: as in the scene.
         """
-        prepared = self._shared.prepare(cameras, places)
+        prepared = self._shared.prepare(numbers, cameras, places)
         counts, told = np.zeros((len(numbers), len(COUNTED)), np.int64), WarningsOfViews()
         is_drawn = np.zeros(len(numbers), np.bool_)
         of_kinds: dict[tuple | None, list[int]] = {}
@@ -523,7 +528,7 @@ def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     facts = plan.facts
     if facts.contents.primitives or scene.section is not None or facts.imitation is not None:
         return False
-    if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
+    if plan.pictures != 1 or plan.surfaces:
         return False
     if plan.layers is not None and not _mixes_in_batches(plan.layers):
         return False
@@ -533,8 +538,12 @@ def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
         return False
     if facts.background_image is not None or plan.keeps_clip_positions or facts.diagnose:
         return False
-    # Others prepare something for each picture, from what is seen there.
-    if not all(isinstance(one.effect, BatchedEffect) for one in plan.planned if one.effect.places):
+    # Others prepare something for each picture, from what is seen there, by more than kernels.
+    if not all(
+        isinstance(one.effect, BatchedEffect)
+        for one in plan.planned
+        if one.effect.places or isinstance(one.effect, LooksAround)
+    ):
         return False
     if not all(map(_is_shared, scene.lights)):
         return False

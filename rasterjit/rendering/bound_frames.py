@@ -169,7 +169,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
             views.toward_viewer[np.newaxis], np.array([views.screen_turn]), np.ones(1, np.bool_),
         )  # fmt: skip
         in_view, boxes = plan.facts.in_view[np.newaxis], cache.shapes.boxes
-        group = Group([plan.camera], plan.size, eye, own, in_view, boxes)
+        group = Group([plan.camera], plan.size, eye, own, in_view, boxes, lambda: [planned.scene])
         for effect in changed:
             for name, values in effect.differ(planned.scene, group).items():
                 yield name, values[0]

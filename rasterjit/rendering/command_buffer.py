@@ -8,7 +8,7 @@ Each kernel and stage is bound to fixed memory. For each view its arrays are cop
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
+from rasterjit.pipeline.visibility.visibility_pass import Seen
 from rasterjit.rendering import frame_shading, view_warnings
 from rasterjit.rendering.pass_runner import RecordedCalls, RecordingWorkers, no_color, vertex_steps
 from rasterjit.rendering.resolve_layers import (
@@ -54,7 +55,7 @@ from rasterjit.runtime.state_block import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
 from rasterjit.survey.batched_views import BatchedViews
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, acting
+from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, LooksAround, acting
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_transforms import Places, Views, culled_turns
 from rasterjit.survey.plan import RenderPlan
@@ -87,6 +88,9 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     elif plan.layers is not None:
         of_sample = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE
         of_column = int(plan.layers.samples) * of_sample + 52 * ROWS_MIXED_AT_ONCE
+    for one in plan.planned:
+        for _, channels, kind, _ in one.effect.buffers(plan):
+            of_pixel += channels * np.dtype(kind).itemsize
     return (
         of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
         + of_pixel * width * height + of_column * width
@@ -455,12 +459,16 @@ class CommandBuffer:
             count = len(lighting.lights)
             lights = self._field(LIGHT_ROWS, (count, LIGHT_COLUMNS), np.float32)
             lighting = lighting._replace(lights=lights)
-        effects = tuple(
-            Active(one.effect, one.effect.share(plan, one.data, self._field))
-            for one in plan.planned
-            if one.effect.places and isinstance(one.effect, BatchedEffect)
-        )
         placement = frame_shading.placement_to_light(plan, self._placement)
+        coverage = visibility_pass.Coverage(
+            self._depth, self._face_id, self._lists.screen, self._geometry.clip_positions,
+            visibility_pass.Totals(*[0] * 8), None, reversed_depth=self._depth,
+            reversed_vertex_depth=self._lists.screen.depth,
+        )  # fmt: skip
+        seen = Seen(self._lists.objects, (0.0, 0.0, 0.0), self._geometry, placement, coverage)
+        workers = RecordingWorkers(self._calls)
+        context = FrameContext(plan, cache, placement, workers, seen, self._field)
+        effects = tuple(self._prepare_effects(context))
 
         def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
             count = len(placement.positions)
@@ -497,12 +505,20 @@ class CommandBuffer:
             self._shade_layers(plan.layers, shader, tones, picture)
         if lit is not None:
             self._calls.call(drawing_views.count_white, lit, step, color, self._white)
-        context = FrameContext(plan, cache, placement, RecordingWorkers(self._calls))
         for one in acting(effects, "overlay"):
             one.at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
         for name in ("linear", "color"):
             if name in plan.outputs:
                 self._keep(name, getattr(picture, name))
+
+    def _prepare_effects(self, context: FrameContext) -> Iterator[Active]:
+        """Yield the effects of the picture; record what those call that look at it first."""
+        for one in self._plan.planned:
+            if one.effect.places and isinstance(one.effect, BatchedEffect):
+                record = one.effect.share(self._plan, one.data, self._field)
+                if isinstance(one.effect, LooksAround):
+                    record = one.effect.prepare(context, record, ())
+                yield Active(one.effect, record)
 
     def _shade_layers(
         self, layers: PixelLayers, shader: Shader, tones: Tones | None, picture: ColorRows

@@ -79,7 +79,7 @@ def shade_faces(
     shared : (H, W) int32, optional
         The picture's faces, to be written over: see `shared_memory`.
     """
-    plan, cache, placement, workers, _ = context
+    plan, cache, placement, workers = context[:4]
     geometry, coverage = context.seen.geometry, context.seen.coverage
     if not plan.facts.is_colored:
         return {}

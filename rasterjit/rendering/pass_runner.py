@@ -477,6 +477,10 @@ class RecordingWorkers(Workers):
             self._calls.call(task, *some)
         return []
 
+    def hold(self, owner: Any) -> None:
+        """Keep what owns memory that tasks read as long as the calls."""
+        self._calls.kept.append(owner)
+
 
 def no_color(linear: NDArray[np.float32]) -> NDArray[np.uint32]:
     """Return an empty array that stands for no 8-bit output, beside (..., W, 4)."""

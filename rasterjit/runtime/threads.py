@@ -120,6 +120,9 @@ class Workers:
         self._check(begun_at)
         return tasks.results()
 
+    def hold(self, owner: Any) -> None:
+        """Keep what owns memory that tasks read as long as they may run: here the caller does."""
+
     def call(self, kernel: Any, arguments: Iterable[tuple]) -> list[Any]:
         """
         Call a kernel for each tuple, in this thread and others; return what it returned, in order.

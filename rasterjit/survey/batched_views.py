@@ -6,15 +6,17 @@ Every operation is that of the function named, in its order; N views, O objects.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
+from rasterjit.pipeline.geometry.unproject_matrix import lens_of
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.scene import Scene
 from rasterjit.survey.clip_planes import SURE
 from rasterjit.survey.object_transforms import Places, place_boxes, place_objects
 
@@ -52,13 +54,15 @@ class Group:
         Which objects may be seen.
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without any.
+    scenes : callable
+        Returns the scene as it is in each view, or one for all.
     """
 
     def __init__(
         self, cameras: Sequence[Camera], size: tuple[int, int], eyes: Float64, views: BatchedViews,
-        in_view: NDArray[np.bool_], bounds: Float64,
+        in_view: NDArray[np.bool_], bounds: Float64, scenes: Callable[[], Sequence[Scene]],
     ) -> None:  # fmt: skip
-        self.cameras, self.size = cameras, size
+        self.cameras, self.size, self.scenes = cameras, size, scenes
         self.eyes, self.views, self.in_view = eyes, views, in_view
         self._bounds = bounds
 
@@ -75,6 +79,14 @@ class Group:
     def is_unsure(self) -> NDArray[np.bool_]:
         """Whether it is not known how far an object reaches, though it may be seen, (N, O)."""
         return self.in_view & ~np.isfinite(self.corners).all(axis=(2, 3))
+
+    def lenses(self, units: Sequence[float]) -> NDArray[np.float32]:
+        """Return `lens_of` each view, (N, 4, 4), in its unit or the one of all; 0: nothing seen."""
+        count = len(self.cameras)
+        lenses, is_asked = np.zeros((count, 4, 4), np.float32), self.in_view.any(axis=1)
+        for n in np.flatnonzero(is_asked & self.views.is_finite).tolist():
+            lenses[n] = lens_of(self.cameras[n], self.size, units[n if len(units) == count else 0])
+        return lenses
 
     def farthest(self) -> Float64:
         """Return distances from the eyes, (N,), scene units, that nothing in view is beyond."""

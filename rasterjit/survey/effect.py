@@ -82,7 +82,10 @@ class FrameContext(NamedTuple):
     placement: Placement
     workers: Workers
     picture: Seen | None = None
-    """Its visible faces; ``None`` for views drawn by recorded calls, or in regions."""
+    """Its visible faces; ``None`` where it is drawn in regions."""
+    field: Field | None = None
+    """For recorded calls: returns an array in which each view finds what `BatchedEffect.differ`
+    gives of it under that name."""
 
     @property
     def seen(self) -> Seen:
@@ -90,6 +93,10 @@ class FrameContext(NamedTuple):
         if self.picture is None:
             raise RuntimeError("the visible faces of this picture are not known as a whole")
         return self.picture
+
+    def own(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of this picture, or, for recorded calls, where each view's will be."""
+        return values if self.field is None else self.field(name, values.shape, values.dtype)
 
 
 def context_of(plan: RenderPlan, cache: SceneCache, seen: Seen, workers: Workers) -> FrameContext:
@@ -269,14 +276,15 @@ class BatchedEffect(Effect):
     An effect that batches and bound frames run as recorded calls, without Python in between.
 
     Its record depends on the plan (`share`), and per view on arrays derived from the camera and
-    the transforms (`differ`) only. Other effects must be prepared for each picture.
+    the transforms (`differ`) only. Of one that looks around, `prepare` is recorded: it calls
+    kernels alone, and takes what differs by `FrameContext.own`.
     """
 
     def answers(self, scene: Scene, group: Group) -> Any:
         """
         Return which of many views with shaded faces need it, (N,) bool, or one answer for all.
 
-        Called only for effects that do not depend on facts alone.
+        Only effects that depend on more than facts and contents of a view have it.
         """
         return True
 

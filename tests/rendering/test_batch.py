@@ -78,6 +78,9 @@ def test_objects_stand_where_transforms_put_them(scene):
     rng = np.random.default_rng(4)
     places = np.tile(np.eye(4), (6, 3, 1, 1))
     places[..., :3, :] += rng.normal(0.0, 0.3, (6, 3, 3, 4))
+    # Its radius is a share of the scene's size, which differs from view to view.
+    scene.ambient_occlusion, scene.outline = rj.AmbientOcclusion(), rj.Outline()
+    scene.lights = [rj.AmbientLight()]
     batch = check(scene, around(6), places, outputs=("color", "normal", "position"))
     assert np.unique(batch.color.reshape(6, -1), axis=0).shape[0] == 6
 

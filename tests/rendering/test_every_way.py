@@ -267,6 +267,18 @@ BATCHED_EFFECTS = {
         glassy, outputs=("linear",), change={"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]},
         cull="back",
     ),
+    "outline": case(change={"outline": rj.Outline(width=3)}, outputs=(*LIGHT, "face_id")),
+    "outline of glass": case(
+        glassy, cameras=[*CUT, BESIDE], outputs=("color",),
+        change={"outline": rj.Outline(), "ambient_occlusion": rj.AmbientOcclusion(strength=0.7)},
+    ),
+    "occlusion": case(
+        lambda: all_shadings(SUN), cameras=[*CUT, rj.OrthographicCamera((0, 3, 3), (0, 0, 0))],
+        change={"ambient_occlusion": rj.AmbientOcclusion()}, outputs=LIGHT,
+    ),
+    "occlusion, samples": case(
+        on_a_floor, quality=SAMPLES, change={"ambient_occlusion": rj.AmbientOcclusion(0.5)},
+    ),
     "nothing of glass": case(glassy, outputs=("depth", "object_id")),
 }  # fmt: skip
 """What batches draw in groups, if they may."""
@@ -281,9 +293,7 @@ ONE_BY_ONE = {
     "float64 depth": case(quality=QUALITY(depth_format="float64")),
     "fixed-point depth": case(quality=QUALITY(depth_format="unorm24")),
     "lengths": case(quality=QUALITY(renormalize=False)),
-    "outline": case(change={"outline": rj.Outline()}),
     "wireframe": case(change={"wireframe": rj.Wireframe()}),
-    "occlusion": case(change={"ambient_occlusion": rj.AmbientOcclusion()}),
     "eye dome": case(change={"eye_dome": rj.EyeDome()}, outputs=("color",)),
     "section": case(change={"section": rj.SectionPlane((0.1, 0, 0), (1, 0.2, 0.1), lines=True)}),
     "shadows": case(in_shadow, outputs=LIGHT),

@@ -15,29 +15,29 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.ambient_occlusion import stage as ambient_occlusion_stage
+from rasterjit.effects.ambient_occlusion import stage
 from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, fixed, rows_where
-from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
-from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, LooksAround, Planning, add_to_field
+from rasterjit.survey.batched_views import Group
+from rasterjit.survey.effect import (
+    BatchedEffect,
+    FrameContext,
+    LooksAround,
+    Planning,
+    add_to_field,
+)
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
+LENS = "lens of occlusion"
+"""What recorded calls find of each view: see `Occlusion.differ`."""
 
-def find_occlusion(
-    effect: AmbientOcclusion,
-    camera: Camera,
-    geometry: Geometry,
-    placement: Placement,
-    coverage: visibility_pass.Coverage,
-    workers: Workers,
-) -> NDArray[np.float32]:
+
+def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[np.float32]:
     """
     Return the share of ambient light that reaches each pixel, (H, W), 0..1.
 
@@ -45,43 +45,34 @@ def find_occlusion(
     ----------
     effect : AmbientOcclusion
         With a radius.
-    camera : Camera
-    geometry, placement, coverage
-        Of the visible faces; with its reversed depth.
-    workers : Workers
+    context : FrameContext
+        With the visible faces, and their reversed depth.
     """
+    geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
     height, width = face_id.shape
-    lens = lens_of(camera, (width, height), effect.radius)
+    lens = context.own(LENS, lens_of(context.plan.camera, (width, height), effect.radius))
     snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
-    pattern = ambient_occlusion_stage.screen_pattern()
+    pattern = stage.screen_pattern()
     rough, tolerance = empty(face_id.shape, np.float32), empty(face_id.shape, np.float32)
     smooth = empty(face_id.shape, np.float32)
     per_task = rows_per_task(face_id.shape, workers)
-    bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
-
-    def find_band(rows: tuple[int, int]) -> None:
-        # Keep the bound kernel alive while the other calls it.
-        _bound, scratch = ambient_occlusion_stage.scratch_of(depth, lens)
-        ambient_occlusion_stage.find_occlusion(
-            face_id, rows, depth, geometry, placement, lens, snap, pattern, rough, tolerance,
-            scratch,
-        )  # fmt: skip
-
-    def smooth_band(rows: tuple[int, int]) -> None:
-        scratch = np.empty((2, width), np.float32)
-        ambient_occlusion_stage.smooth_occlusion(
-            rough, rows, -2, depth, tolerance, 1.0, smooth, scratch
-        )
-
-    def finish_band(rows: tuple[int, int]) -> None:
-        scratch = np.empty((2, width), np.float32)
-        ambient_occlusion_stage.smooth_occlusion(
-            smooth, rows, -1, depth, tolerance, effect.strength, rough, scratch
-        )
-
-    for task in (find_band, smooth_band, finish_band):
-        workers.run(task, bands)
+    bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
+    own = geometry, context.placement, lens, snap, pattern, rough, tolerance
+    # Keep bound kernels alive while others call them.
+    bounds, scratches = zip(*(stage.scratch_of(depth, lens) for _ in bands), strict=True)
+    workers.hold(bounds)
+    looks = [
+        (face_id, rows, depth, *own, scratch)
+        for rows, scratch in zip(bands, scratches, strict=True)
+    ]
+    workers.run(stage.find_occlusion, looks)
+    for source, first, strength, target in (
+        (rough, -2, 1.0, smooth), (smooth, -1, effect.strength, rough),
+    ):  # fmt: skip
+        own = first, depth, tolerance, strength, target
+        smooths = [(source, rows, *own, np.empty((2, width), np.float32)) for rows in bands]
+        workers.run(stage.smooth_occlusion, smooths)
     return rough
 
 
@@ -94,7 +85,7 @@ def sized_occlusion(effect: AmbientOcclusion, scene: Scene) -> AmbientOcclusion:
     return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
 
 
-class Occlusion(LooksAround):
+class Occlusion(LooksAround, BatchedEffect):
     """Dim the light from all around."""
 
     name = "ambient occlusion"
@@ -130,14 +121,18 @@ class Occlusion(LooksAround):
         self, context: FrameContext, data: AmbientOcclusion, seen: Sequence[Any]
     ) -> NDArray[np.float32]:
         """Return the share of ambient light that reaches each pixel, (H, W) float32."""
-        camera, seen = context.plan.camera, context.seen
-        own = seen.geometry, context.placement, seen.coverage, context.workers
-        return find_occlusion(data, camera, *own)
+        return find_occlusion(data, context)
+
+    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[Any]]:
+        """Return the matrices of the cameras, in radii."""
+        if scene.ambient_occlusion is None:
+            return {}
+        radii = [sized_occlusion(scene.ambient_occlusion, one).radius for one in group.scenes()]
+        return {LENS: group.lenses(radii)}
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and smooth it."""
-        own = ambient_occlusion_stage
-        kernels = own.find_occlusion, own.look_around, own.smooth_occlusion
+        kernels = stage.find_occlusion, stage.look_around, stage.smooth_occlusion
         return {"prepare": rows_where("", *kernels)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
@@ -155,7 +150,7 @@ class Occlusion(LooksAround):
     @staticmethod
     def dim(occlusion: NDArray[np.float32], needs: ShadingNeeds) -> list[Pass]:
         """Return the stage that multiplies row OCCLUSION."""
-        return [fixed(ambient_occlusion_stage.occlude_samples, occlusion)]
+        return [fixed(stage.occlude_samples, occlusion)]
 
     places: ClassVar = {"rows": dim}
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,14 @@ from numpy.typing import NDArray
 from rasterjit.effects.outline import stage as outline_stage
 from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
 from rasterjit.pipeline.passes import Rows, rows_where
-from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, LooksAround, add_to_field
+from rasterjit.survey.batched_views import Group
+from rasterjit.survey.effect import BatchedEffect, FrameContext, LooksAround, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -37,52 +35,41 @@ EDGE_BITS = {
     "crease": outline_stage.CREASE,
 }
 
+LENS, MARKS = "lens of outlines", "marks of outlines"
+"""What recorded calls find of each view: see `Outlines.differ`."""
 
-def draw_outlines(
-    effect: Outline,
-    camera: Camera,
-    geometry: Geometry,
-    placement: Placement,
-    coverage: visibility_pass.Coverage,
-    color: NDArray[np.uint8],
-    workers: Workers,
-) -> None:
+
+def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint8]) -> None:
     """
     Draw the edges of shapes over the colour.
 
     Parameters
     ----------
     effect : Outline
-    camera : Camera
-    geometry, placement, coverage
-        Of the visible faces; with its reversed depth.
+    context : FrameContext
+        With the visible faces, and their reversed depth.
     color : (H, W, 4) uint8
         Written where there are edges, with alpha 255.
-    workers : Workers
     """
+    geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth = coverage.face_id, coverage.reversed_depth
     height, width = face_id.shape
-    lens = lens_of(camera, (width, height), 1.0)
+    lens = context.own(LENS, lens_of(context.plan.camera, (width, height), 1.0))
     snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)
-    marks = np.zeros(face_id.shape, np.uint8)
+    marks = context.own(MARKS, np.zeros(face_id.shape, np.uint8))
     rgba = opaque_codes(effect.color).view(np.uint32)
     target, reach = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
     per_task = rows_per_task(face_id.shape, workers)
-    bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
-
-    def find_band(rows: tuple[int, int]) -> None:
-        outline_stage.find_edges(
-            face_id, rows, depth, coverage.reversed_vertex_depth, geometry, placement, lens, snap,
-            kinds, least_cosine, marks, outline_stage.scratch_memory(width),
-        )  # fmt: skip
-
-    def draw_band(rows: tuple[int, int]) -> None:
-        outline_stage.draw_marks(marks, rows, reach, rgba, target)
-
-    workers.run(find_band, bands)
-    workers.run(draw_band, bands)
+    bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
+    own = coverage.reversed_vertex_depth, geometry, context.placement, lens, snap, kinds
+    edges = [
+        (face_id, rows, depth, *own, least_cosine, marks, outline_stage.scratch_memory(width))
+        for rows in bands
+    ]
+    workers.run(outline_stage.find_edges, edges)
+    workers.run(outline_stage.draw_marks, [(marks, rows, reach, rgba, target) for rows in bands])
 
 
 def disc_rows(width: int) -> NDArray[np.int32]:
@@ -102,7 +89,7 @@ def disc_rows(width: int) -> NDArray[np.int32]:
     return np.array(rows, np.int32)
 
 
-class Outlines(LooksAround):
+class Outlines(LooksAround, BatchedEffect):
     """Draw the edges of shapes over the finished picture."""
 
     name = "outline"
@@ -138,14 +125,13 @@ class Outlines(LooksAround):
         """Return the scene with thin outlines."""
         return "on, one pixel wide", add_to_field(scene, self.field, Outline())
 
-    @staticmethod
-    def draw_over(outline: Outline, context: FrameContext, color: NDArray[np.uint8]) -> None:
-        """Draw over the colour, (H, W, 4)."""
-        seen = context.seen
-        own = context.plan.camera, seen.geometry, context.placement, seen.coverage
-        draw_outlines(outline, *own, color, context.workers)
+    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[Any]]:
+        """Return the matrices of the cameras, and that there are no marks before."""
+        if scene.outline is None:
+            return {}
+        return {LENS: group.lenses([1.0]), MARKS: np.zeros((1, *group.size[::-1]), np.uint8)}
 
-    places: ClassVar = {"overlay": draw_over}
+    places: ClassVar = {"overlay": draw_outlines}
 
 
 OUTLINE = Outlines()

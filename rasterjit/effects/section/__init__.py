@@ -155,7 +155,7 @@ class SectionLines(LooksAround):
         planes: tuple[SectionPlane, ...], context: FrameContext, color: NDArray[np.uint8]
     ) -> None:
         """Draw the lines over the colour, (H, W, 4)."""
-        plan, cache, _, workers, _ = context
+        plan, cache, _, workers = context[:4]
         geometry, coverage = context.seen.geometry, context.seen.coverage
         target, coefficients = color.view(np.uint32)[:, :, 0], plan.camera.depth_coefficients()
         hidden_by = coverage.face_id, coverage.reversed_depth

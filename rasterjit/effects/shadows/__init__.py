@@ -131,7 +131,7 @@ class ShadowMaps(LooksAround):
 
     def prepare(self, context: FrameContext, data: Any, seen: Seen) -> maps.ShadowRecord | None:
         """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
-        plan, cache, placement, workers, _ = context
+        plan, cache, placement, workers = context[:4]
         facts, arrays = plan.facts, cache.shapes.arrays
         # The vertices of an object are lit wherever they are.
         is_whole = plan.facts.in_view & facts.inventory.is_gouraud

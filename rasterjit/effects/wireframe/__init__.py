@@ -254,7 +254,7 @@ class Edges(LooksAround, HasModes):
     @staticmethod
     def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Draw the edges over the colour, (H, W, 4)."""
-        plan, cache, _, workers, _ = context
+        plan, cache, _, workers = context[:4]
         geometry, coverage = context.seen.geometry, context.seen.coverage
         hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.facts.draws_faces else None
         coefficients = plan.camera.depth_coefficients()
