@@ -70,19 +70,19 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     for source, first, strength, target in (
         (rough, -2, 1.0, smooth), (smooth, -1, effect.strength, rough),
     ):  # fmt: skip
-        own = first, depth, tolerance, strength, target
-        smooths = [(source, rows, *own, np.empty((2, width), np.float32)) for rows in bands]
+        rest = first, depth, tolerance, strength, target
+        smooths = [(source, rows, *rest, np.empty((2, width), np.float32)) for rows in bands]
         workers.run(stage.smooth_occlusion, smooths)
     return rough
 
 
-def sized_occlusion(effect: AmbientOcclusion, scene: Scene) -> AmbientOcclusion:
-    """Return a scene's ambient occlusion, with a radius in scene units."""
+def radius_of(effect: AmbientOcclusion, scene: Scene) -> float:
+    """Return the radius of a scene's ambient occlusion, scene units."""
     if effect.radius is not None:
-        return effect
+        return effect.radius
     _, radius = scene.bounding_sphere()
     # A scene of one point has no size; nothing occludes there.
-    return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
+    return RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0
 
 
 class Occlusion(LooksAround, BatchedEffect):
@@ -95,7 +95,8 @@ class Occlusion(LooksAround, BatchedEffect):
 
     def decide(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
         """Return it, with a radius."""
-        return sized_occlusion(facts.asked[self.field], planning.scene)
+        effect = facts.asked[self.field]
+        return replace(effect, radius=radius_of(effect, planning.scene))
 
     def why_not(self, facts: Facts) -> str:
         """Say why no ambient light falls on faces lit pixel by pixel, or is not dimmed."""
@@ -127,7 +128,7 @@ class Occlusion(LooksAround, BatchedEffect):
         """Return the matrices of the cameras, in radii."""
         if scene.ambient_occlusion is None:
             return {}
-        radii = [sized_occlusion(scene.ambient_occlusion, one).radius for one in group.scenes()]
+        radii = [radius_of(scene.ambient_occlusion, one) for one in group.scenes()]
         return {LENS: group.lenses(radii)}
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
