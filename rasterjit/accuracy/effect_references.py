@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.ambient_occlusion import sized_occlusion
+from rasterjit.effects.ambient_occlusion import radius_of
 from rasterjit.effects.environment import LIGHT
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.view_warnings import ViewWarning
@@ -262,7 +262,7 @@ def evened(scene: Scene) -> Scene:
 
 def rays(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Find what reaches some points from all around by pictures of what lies above them."""
-    asked = sized_occlusion(scene.ambient_occlusion, scene)
+    asked = scene.ambient_occlusion
     bright = painter.light(STANDARD, with_field(scene, "ambient_occlusion", None))
     dark = _without_ambient(scene)
     darkness = painter.light(STANDARD, dark)
@@ -278,7 +278,7 @@ def rays(painter: Studio, scene: Scene, seconds: float) -> Truth:
     rows, columns = rows[taken], columns[taken]
     positions = frame.position[rows, columns].astype(np.float64)
     normals = frame.geometric_normal[rows, columns].astype(np.float64)
-    open_share = 1.0 - asked.strength * blocked(scene, positions, normals, asked.radius)
+    open_share = 1.0 - asked.strength * blocked(scene, positions, normals, radius_of(asked, scene))
     known[rows, columns] = True
     truth = darkness.copy()
     lit = bright[rows, columns] - darkness[rows, columns]
