@@ -37,8 +37,8 @@ MeshAt = Callable[[float], Mesh]
 AnimationsLike: TypeAlias = str | int | Animation | Sequence[str | int | Animation]
 
 
-MAX_AHEAD = 10_000
-"""Times that are looked at before the first frame is drawn, if a camera leaves a plane open."""
+MAX_SURVEYED = 10_000
+"""Most times that are surveyed before the first frame, for automatic near and far planes."""
 
 
 def frames(
@@ -58,8 +58,7 @@ def frames(
     """
     Render one frame for each time, when it is asked for.
 
-    The nodes are where they were again when the last frame has been taken, or the iterator is
-    closed.
+    The nodes are restored when the last frame has been taken, or the iterator is closed.
 
     Parameters
     ----------
@@ -69,9 +68,9 @@ def frames(
     camera : Camera or callable, optional
         What shows the scene, or a function that returns it for a time, such as a `CameraTrack`.
         Default: the scene's, else one that fits the scene's bounding sphere at each time, so that
-        what turns keeps its size. If it leaves its near plane open, that is in one place
-        for all frames: a camera or a `CameraTrack` is looked at ahead, at all of a sequence of up
-        to 10,000 times. For other functions and times the plane never goes back.
+        what turns keeps its size. An automatic near plane is the same for all frames of a camera
+        or a `CameraTrack` at a sequence of up to 10,000 times. For other functions and times it
+        may only move nearer from frame to frame.
     transforms : dict, optional
         By node of the scene, with or without a mesh, a function that returns its ``transform``,
         (4, 4), for a time, such as a `TransformTrack`. That is relative to the node's parent, which
@@ -94,8 +93,8 @@ def frames(
     Raises
     ------
     ValueError
-        At once, if a node or an animation is not one of the scene's or another argument is not
-        such; with the first frame, what `rasterjit.render` refuses.
+        At once, if a node or an animation is not one of the scene's or another argument is
+        invalid; with the first frame, what `rasterjit.render` refuses.
     """
     if not isinstance(renderer, Renderer):
         raise ValueError(f"renderer must be a Renderer, got {in_short(renderer)}")
@@ -104,9 +103,9 @@ def frames(
     if not isinstance(times, Iterable):
         raise ValueError(f"times must be numbers, got {in_short(times)}")
     repeats = true_or_false("loop", loop)
-    moved = {} if transforms is None else transforms
-    morphed = {} if meshes is None else meshes
-    for name, tracks in (("transforms", moved), ("meshes", morphed)):
+    transform_tracks = {} if transforms is None else transforms
+    mesh_tracks = {} if meshes is None else meshes
+    for name, tracks in (("transforms", transform_tracks), ("meshes", mesh_tracks)):
         if not isinstance(tracks, Mapping):
             raise ValueError(f"{name} must be functions by node, got {in_short(tracks)}")
         every = set(map(id, scene.every_node()))
@@ -115,26 +114,26 @@ def frames(
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
-    played = () if animation is None else scene._chosen_animations(animation)
-    length = max((one.duration for one in played), default=0.0) if repeats else math.inf
-    channels = [channel for one in played for channel in one.channels]
+    clips = () if animation is None else scene._chosen_animations(animation)
+    loop_duration = max((one.duration for one in clips), default=0.0) if repeats else math.inf
+    channels = [channel for one in clips for channel in one.channels]
     options = {"outputs": outputs, "background": background, "cull": cull}
-    moves = _Moves(channels, length, dict(moved), dict(morphed))
-    return _play(renderer, scene, times, camera, moves, options)
+    motion = _Motion(channels, loop_duration, dict(transform_tracks), dict(mesh_tracks))
+    return _play(renderer, scene, times, camera, motion, options)
 
 
-class _Moves(NamedTuple):
-    """What moves nodes."""
+class _Motion(NamedTuple):
+    """Channels and tracks that move nodes."""
 
     channels: list[Channel]
-    length: float
+    loop_duration: float
     """Seconds after which the channels begin again."""
     transforms: Mapping[Node, TransformAt]
     meshes: Mapping[Node, MeshAt]
 
     def move(self, time: float) -> None:
         """Put the nodes where they are at a time."""
-        when = time % self.length if 0.0 < self.length < math.inf else time
+        when = time % self.loop_duration if 0.0 < self.loop_duration < math.inf else time
         parts: dict[Node, dict[str, Any]] = {}
         for channel in self.channels:
             parts.setdefault(channel.node, {})[channel.path] = channel.at(when)
@@ -148,8 +147,8 @@ class _Moves(NamedTuple):
         for node, mesh in self.meshes.items():
             node.mesh = mesh(time)
 
-    def places(self) -> list[tuple[Node, _NodeState]]:
-        """Return all nodes that move, and where they are."""
+    def save_states(self) -> list[tuple[Node, _NodeState]]:
+        """Return all nodes that move, each with its state."""
         animated = dict.fromkeys(channel.node for channel in self.channels)
         return [
             (node, _NodeState(node.transform, node.trs if node in animated else None, node.mesh,
@@ -159,7 +158,7 @@ class _Moves(NamedTuple):
 
 
 class _NodeState(NamedTuple):
-    """What of a node changes."""
+    """State of a node that an animation changes."""
 
     transform: NDArray[np.float64]
     trs: TRS | None
@@ -167,8 +166,8 @@ class _NodeState(NamedTuple):
     mesh: Mesh | None
     weights: NDArray[np.float64] | None
 
-    def put_back(self, node: Node) -> None:
-        """Let a node be as it was."""
+    def restore(self, node: Node) -> None:
+        """Give a node its state back."""
         if node.mesh is not self.mesh:
             node.mesh = self.mesh  # type: ignore[assignment]
         node.weights = self.weights
@@ -184,46 +183,47 @@ def _play(
     scene: Scene,
     times: Iterable[float],
     camera: Camera | CameraAt | None,
-    moves: _Moves,
+    motion: _Motion,
     options: dict[str, Any],
 ) -> Iterator[Frame]:
-    """Move the nodes and render, time after time; put everything back at the end."""
-    before = moves.places()
+    """Move the nodes and render each time; restore the nodes at the end."""
+    before = motion.save_states()
 
     def camera_at(time: float) -> Camera | None:
         """Return the camera at a time; None if one fits the scene."""
-        seen_by = camera(time) if callable(camera) else camera
-        return scene.camera if seen_by is None else seen_by
+        view_camera = camera(time) if callable(camera) else camera
+        return scene.camera if view_camera is None else view_camera
 
-    def look_at(seen_by: Camera) -> BesidePlanes:
-        """Return what a camera sees beside its planes, of the nodes as they are."""
-        return look_from(scene, seen_by, renderer.size, renderer.quality)
+    def depths_beside_planes(view_camera: Camera) -> BesidePlanes:
+        """Return what lies before and behind the planes of a camera, of the nodes as they are."""
+        return look_from(scene, view_camera, renderer.size, renderer.quality)
 
     try:
-        look, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
-        ahead = is_known and isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_AHEAD
+        beside, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
+        is_sequence = isinstance(times, (Sequence, np.ndarray))
+        ahead = is_known and is_sequence and len(times) <= MAX_SURVEYED
         if ahead:
-            # Planes that cameras leave open are in one place for all frames.
-            for given in times:
-                time = finite_number("times", given)
-                if needs_settling(seen_by := camera_at(time)):
-                    moves.move(time)
-                    look = look.beside(look_at(seen_by))
-        for given in times:
-            time = finite_number("times", given)
-            moves.move(time)
-            seen_by = camera_at(time)
-            if needs_settling(seen_by):
-                # Those that nobody has looked at ahead come no farther away again.
-                look = look if ahead else look.beside(look_at(seen_by))
-                seen_by = settled(seen_by, *look.steps)
-            if seen_by is None:
+            # Automatic planes are the same for all frames.
+            for raw_time in times:
+                time = finite_number("times", raw_time)
+                if needs_settling(view_camera := camera_at(time)):
+                    motion.move(time)
+                    beside = beside.beside(depths_beside_planes(view_camera))
+        for raw_time in times:
+            time = finite_number("times", raw_time)
+            motion.move(time)
+            view_camera = camera_at(time)
+            if needs_settling(view_camera):
+                # Without a survey ahead, planes never move away again.
+                beside = beside if ahead else beside.beside(depths_beside_planes(view_camera))
+                view_camera = settled(view_camera, *beside.steps)
+            if view_camera is None:
                 # What turns keeps its size.
-                seen_by = fit_upright(scene, renderer.size, steady=True)
-            yield renderer.render(scene, seen_by, **options)
+                view_camera = fit_upright(scene, renderer.size, steady=True)
+            yield renderer.render(scene, view_camera, **options)
     finally:
-        for node, place in before:
-            place.put_back(node)
+        for node, state in before:
+            state.restore(node)
 
 
 def save(

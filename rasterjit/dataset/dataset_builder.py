@@ -19,7 +19,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rasterjit.dataset.recipe import DONE, PARTIAL, Made, Recipe, Stopped, make_mesh, write_json
+from rasterjit.dataset.recipe import (
+    MANIFEST,
+    PARTIAL,
+    Cancelled,
+    MeshResult,
+    Recipe,
+    render_mesh_file,
+    write_json,
+)
 from rasterjit.io.meshes import mesh_files
 from rasterjit.runtime.locks import Lock, lock, machine
 from rasterjit.runtime.threads import available_processors
@@ -266,9 +274,9 @@ def _call(task: Task, arguments: Job) -> Any:
 
 
 def _check() -> None:
-    """Raise `Stopped` if the work has been called off."""
+    """Raise `Cancelled` if the work has been called off."""
     if _calls_off is not None and _calls_off.is_set():
-        raise Stopped
+        raise Cancelled
 
 
 @contextmanager
@@ -412,15 +420,15 @@ def _make_all(
     names: dict[str, Path],
     place: Path,
     recipe: Recipe,
-    crew: Callable[..., Iterator[tuple[Any, Made]]],
+    crew: Callable[..., Iterator[tuple[Any, MeshResult]]],
     report: Callable[[Outcome, int, int], None] | None,
 ) -> Summary:
     """Render the meshes that are not done, and list those that fail."""
-    todo = [name for name in names if not (place / name / DONE).is_file()]
+    todo = [name for name in names if not (place / name / MANIFEST).is_file()]
     jobs = [(names[name], name, place, recipe) for name in todo]
-    results: dict[str, Made] = {}
+    results: dict[str, MeshResult] = {}
     # Closing it lets the workers go, whatever happens here.
-    with closing(crew(make_mesh, jobs)) as done:
+    with closing(crew(render_mesh_file, jobs)) as done:
         for number, (job, made) in enumerate(done, start=1):
             results[job[1]] = made
             if report is not None:
@@ -432,7 +440,7 @@ def _make_all(
     return Summary(len(todo) - len(failures), len(names) - len(todo), failures, warned)
 
 
-def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, Made]]]:
+def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, MeshResult]]]:
     """Return who does the work, or raise ``ValueError``."""
     if isinstance(workers, str):
         if "://" not in workers:

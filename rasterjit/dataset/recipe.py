@@ -58,10 +58,10 @@ MAX_VIEWS = 10_000
 RecipeOutput: TypeAlias = OutputName | Literal["mask", "coco"]
 RecipeOutputs: TypeAlias = RecipeOutput | Sequence[RecipeOutput] | Set[RecipeOutput]
 
-MADE_OF: dict[str, OutputName] = {"mask": "object_id", "coco": "object_id"}
-"""Outputs of a data set that no frame has, and what they are made of."""
+DERIVED_FROM: dict[str, OutputName] = {"mask": "object_id", "coco": "object_id"}
+"""Outputs of a data set that no frame has, each with the output that it is derived from."""
 
-CHOICES = tuple(
+OUTPUT_CHOICES = tuple(
     name
     for name in dict.fromkeys(("color", "depth", "normal", "mask", "coco", *OUTPUTS))
     if name not in MOTION_OUTPUTS
@@ -95,9 +95,9 @@ class Recipe:
         Cameras all around, evenly (a Fibonacci lattice); all around, at random; or evenly on a
         circle.
     seed : int
-        Of ``"random"``. Each mesh has views of its own, which depend on the seed and its name.
+        Seed of the layout ``"random"``. The views of a mesh depend on the seed and its name.
     elevation : float, degrees
-        Of ``"ring"``, in -90..90.
+        Elevation of the layout ``"ring"``, in -90..90.
     fov_y : float, degrees
         Vertical field of view.
     up : (3,) array_like
@@ -113,11 +113,11 @@ class Recipe:
         draw what there is.
     max_bytes : int
         Memory that a mesh file and all that it names may take, as `rasterjit.load` has it; a mesh
-        that needs more is left out. Whoever goes on with a data set may say another number.
+        that needs more is left out. It may change when a data set is resumed.
     isolate : bool
         Whether packages of others read files and decode pictures in a process with limits, as
-        ``rasterjit.load(isolate="all")`` has it; a mesh that reaches one is left out. Whoever goes
-        on with a data set may choose anew.
+        ``rasterjit.load(isolate="all")`` has it; a mesh that reaches one is left out. It may
+        change when a data set is resumed.
 
     Raises
     ------
@@ -165,7 +165,7 @@ class Recipe:
 
     def frame_outputs(self) -> tuple[str, ...]:
         """Return the outputs that each frame is rendered with."""
-        return tuple(dict.fromkeys(MADE_OF.get(name, name) for name in self.outputs))
+        return tuple(dict.fromkeys(DERIVED_FROM.get(name, name) for name in self.outputs))
 
     def describe(self) -> dict[str, Any]:
         """Return all that the pictures depend on in types of JSON: equal for equal recipes."""
@@ -182,14 +182,14 @@ def _outputs(names: Any) -> tuple[str, ...]:
     if not isinstance(given, (list, tuple, set, frozenset)) or not given:
         raise ValueError(f"outputs must name at least one output, got {in_short(names)}")
     for name in given:
-        one_of("outputs", name, CHOICES)
+        one_of("outputs", name, OUTPUT_CHOICES)
     if "coco" in given and "color" not in given:
         raise ValueError(
             "outputs must name color with coco, which annotates the pictures; got "
             + ", ".join(given)
         )
     # One order, whatever that of a set is.
-    return tuple(name for name in CHOICES if name in given)
+    return tuple(name for name in OUTPUT_CHOICES if name in given)
 
 
 def _color(value: Any) -> Any:
@@ -218,13 +218,13 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
     """
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
-    frame = frame_of(recipe.up)
-    upward = transforms.apply(frame, (0.0, 1.0, 0.0))
+    up_rotation = frame_of(recipe.up)
+    upward = transforms.apply(up_rotation, (0.0, 1.0, 0.0))
     sphere = measured(scene)
     return [
         fit_camera(
             sphere,
-            transforms.apply(frame, direction),
+            transforms.apply(up_rotation, direction),
             recipe.fov_y,
             up=upward,
             aspect=recipe.size[0] / recipe.size[1],
@@ -234,7 +234,7 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
 
 
 def _directions(recipe: Recipe, name: str) -> Iterator[Direction]:
-    """Yield where the cameras are, seen from the mesh, y up, of unit length."""
+    """Yield unit directions from the mesh to the cameras, y up."""
     count = recipe.views
     if recipe.layout == "ring":
         for number in range(count):
@@ -257,61 +257,61 @@ def _on_sphere(height: float, azimuth: float) -> Direction:
     return radius * sine, height, radius * cosine
 
 
-DONE = "transforms.json"
-"""The file that says that a mesh is done."""
+MANIFEST = "transforms.json"
+"""File that is written last: a mesh with it is done."""
 
 PARTIAL = ".partial-"
-"""What the name of a folder begins with that is being built."""
+"""Prefix of the names of unfinished folders."""
 
-DEPTH_CODES = 65535
-"""Of a 16-bit PNG: the far plane has the last."""
+MAX_DEPTH_CODE = 65535
+"""Largest code of a 16-bit PNG: that of the far plane."""
 
 FOLDERS = {"color": "images"}
-"""Folders that are not called as their output."""
+"""Folders whose names are not those of their outputs."""
 
 PATH_KEYS = {
     "color": ("file_path",),
     "depth": ("depth_path", "depth_file_path"),
     "mask": ("mask_path",),
 }
-"""What readers call the files; others are called ``<output>_path``."""
+"""Keys of the files in the manifest; others are ``<output>_path``."""
 
-LONGEST_REASON = 300
-"""Characters of a reason why a mesh has failed."""
+MAX_REASON_LENGTH = 300
+"""Most characters of the reason why a mesh has failed."""
 
-KEPT_DIGITS = 12
-"""Significant digits of what is told to readers and not used here."""
+JSON_DIGITS = 12
+"""Significant digits of numbers in JSON that only readers use."""
 
 
 class MeshError(Exception):
     """A mesh cannot be read or rendered; the data set goes on without it."""
 
 
-class Stopped(Exception):  # noqa: N818
-    """The work was called off between two views."""
+class Cancelled(Exception):  # noqa: N818
+    """The work was cancelled between two views."""
 
 
-def _go_on() -> None:
-    """Do nothing: nobody calls off the work."""
+def _never_cancelled() -> None:
+    """Do nothing: the work is never cancelled."""
 
 
-class Made(NamedTuple):
-    """What came of a mesh."""
+class MeshResult(NamedTuple):
+    """Failure and warnings of a mesh file."""
 
     failure: str | None
     """Why it cannot be read or rendered, in one line; ``None`` when it is done."""
     warnings: tuple[str, ...]
-    """What reading and rendering warned of, a line each."""
+    """Warnings of reading and rendering, a line each."""
 
 
-def make_mesh(
+def render_mesh_file(
     source: Path,
     name: str,
     output: Path,
     recipe: Recipe,
     threads: int | None,
-    check: Callable[[], None] = _go_on,
-) -> Made:
+    check: Callable[[], None] = _never_cancelled,
+) -> MeshResult:
     """
     Render all views of a mesh file into ``output / name``, whole or not at all.
 
@@ -330,7 +330,7 @@ def make_mesh(
 
     Returns
     -------
-    Made
+    MeshResult
 
     Raises
     ------
@@ -342,8 +342,8 @@ def make_mesh(
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
         try:
-            with built_whole(output, name) as folder:
-                with _failing(source, name):
+            with atomic_folder(output, name) as folder:
+                with _as_mesh_error(source, name):
                     scene = load(
                         source, on_invalid=recipe.on_invalid, on_damage=recipe.on_damage,
                         max_bytes=recipe.max_bytes, isolate="all" if recipe.isolate else False,
@@ -352,8 +352,8 @@ def make_mesh(
         except MeshError as error:
             failure = str(error)
     # The same words wherever the meshes are.
-    said = (_one_line(one.message).replace(str(source), name) for one in caught)
-    return Made(failure, tuple(dict.fromkeys(said)))
+    messages = (_one_line(one.message).replace(str(source), name) for one in caught)
+    return MeshResult(failure, tuple(dict.fromkeys(messages)))
 
 
 def render_views(
@@ -363,7 +363,7 @@ def render_views(
     *,
     name: str = "",
     threads: int | None = None,
-    check: Callable[[], None] = _go_on,
+    check: Callable[[], None] = _never_cancelled,
 ) -> None:
     """
     Render all views of a scene into a folder, and write ``transforms.json`` last.
@@ -390,42 +390,42 @@ def render_views(
     OSError
         If a file cannot be written.
     """
-    place = _checked(scene, folder, recipe, name, check)
+    place = _checked_folder(scene, folder, recipe, name, check)
     count, _ = share_threads(threads, None)
-    with _failing(place, name):
+    with _as_mesh_error(place, name):
         cameras = view_cameras(scene, recipe, name)
-        units_a_code = max(camera.far for camera in cameras) / DEPTH_CODES
+        depth_scale = max(camera.far for camera in cameras) / MAX_DEPTH_CODE
     frames: list[dict[str, Any]] = []
     annotation: dict[str, Any] = {}
     for output in recipe.outputs:
         if output != "coco":
             (place / _folder(output)).mkdir(exist_ok=True)
-    with _failing(place, name):
+    with _as_mesh_error(place, name):
         drawn_scene, options = check_arguments(
             scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
         )
     with closing(draw_in_turns(drawn_scene, cameras, options, count)) as drawn:
         for number, camera in enumerate(cameras):
             check()
-            with _failing(place, name):
+            with _as_mesh_error(place, name):
                 frame = _next(drawn, number)
             try:
-                paths = _write(frame, place, number, recipe, units_a_code)
+                paths = _write(frame, place, number, recipe, depth_scale)
             except ValueError as error:
                 # A depth that has no code, or the like.
                 raise MeshError(_one_line(error)) from error
             frames.append({**paths, "transform_matrix": _pose(camera)})
             if "coco" in recipe.outputs:
-                with _failing(place, name):
+                with _as_mesh_error(place, name):
                     _annotate(annotation, paths["file_path"], frame.object_id, scene)
     if annotation:
         with replacing(place / "coco.json") as temporary:
             temporary.write_text(json.dumps(annotation), encoding="utf-8")
-    with _failing(place, name):
-        document = _intrinsics(cameras[0], recipe.size) | _box(scene)
+    with _as_mesh_error(place, name):
+        document = _intrinsics(cameras[0], recipe.size) | _unit_cube_transform(scene)
     if "depth" in recipe.outputs:
-        document |= {"enable_depth_loading": True, "integer_depth_scale": units_a_code}
-    write_json(place / DONE, {**document, "frames": frames})
+        document |= {"enable_depth_loading": True, "integer_depth_scale": depth_scale}
+    write_json(place / MANIFEST, {**document, "frames": frames})
 
 
 def write_json(path: Path, document: Any) -> None:
@@ -434,8 +434,8 @@ def write_json(path: Path, document: Any) -> None:
 
 
 @contextmanager
-def built_whole(output: Path, name: str) -> Iterator[Path]:
-    """Give a folder to build in; move it to ``output / name`` on success, else remove it."""
+def atomic_folder(output: Path, name: str) -> Iterator[Path]:
+    """Yield a folder to build in; move it to ``output / name`` on success, else remove it."""
     partial = output / f"{PARTIAL}{uuid.uuid4().hex}"
     partial.mkdir()
     try:
@@ -455,19 +455,19 @@ def built_whole(output: Path, name: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _failing(source: Path, name: str) -> Iterator[None]:
-    """Turn whatever reading or rendering raises into the failure of this mesh."""
+def _as_mesh_error(source: Path, name: str) -> Iterator[None]:
+    """Turn errors of reading and rendering into `MeshError`."""
     try:
         yield
     except MemoryError:
         raise MeshError("not enough memory") from None
     except Exception as error:
         # The same words wherever the meshes are.
-        raise MeshError(_one_line(error).replace(str(source), name)[:LONGEST_REASON]) from error
+        raise MeshError(_one_line(error).replace(str(source), name)[:MAX_REASON_LENGTH]) from error
 
 
-def _checked(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
-    """Return the folder to render into if all arguments are good, or raise ``ValueError``."""
+def _checked_folder(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
+    """Check all arguments; return the folder to render into, or raise ``ValueError``."""
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
     place = existing_folder("folder", folder)
@@ -481,7 +481,7 @@ def _checked(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Pat
 
 
 def _next(drawn: Iterator[Frame], view: int) -> Frame:
-    """Return the next frame; what is warned of its view names that."""
+    """Return the next frame; warnings about its view begin with the number of the view."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         frame = next(drawn)
@@ -492,7 +492,7 @@ def _next(drawn: Iterator[Frame], view: int) -> Frame:
 
 
 def _one_line(error: Exception | Warning | str) -> str:
-    """Return what went wrong as one line."""
+    """Return the message of an error as one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -502,9 +502,9 @@ def _folder(output: str) -> str:
 
 
 def _write(
-    frame: Frame, place: Path, number: int, recipe: Recipe, units_a_code: float
+    frame: Frame, place: Path, number: int, recipe: Recipe, depth_scale: float
 ) -> dict[str, str]:
-    """Write the files of one view; return their paths by what readers call them."""
+    """Write the files of one view; return their paths by `PATH_KEYS`."""
     paths: dict[str, str] = {}
     for output in recipe.outputs:
         if output == "coco":
@@ -514,7 +514,7 @@ def _write(
         if output == "mask":
             images.save_image(place / path, _mask(frame))
         else:
-            scale = units_a_code if output == "depth" else None
+            scale = depth_scale if output == "depth" else None
             frame.save(place / path, output, scale=scale)
         paths |= dict.fromkeys(PATH_KEYS.get(output, (f"{output}_path",)), path)
     return paths
@@ -540,12 +540,12 @@ def _annotate(annotation: dict[str, Any], path: str, ids: NDArray[np.int32], sce
 
 
 def _pose(camera: PerspectiveCamera) -> list[list[float]]:
-    """Return the camera's place, ``world_from_view``: x right, y up, z backwards."""
+    """Return the pose of the camera, ``world_from_view``: x right, y up, z backwards."""
     return transforms.inverse(camera.view_matrix()).tolist()
 
 
 def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, Any]:
-    """Return what the views have in common; pixels have their centres at halves."""
+    """Return the intrinsics of all views; pixel centres lie at halves."""
     width, height = size
     focal = transforms.focal_length(camera.fov_y) * height / 2.0
     angles = [2.0 * transforms.arc_tangent(side, 2.0 * focal) for side in size]
@@ -562,8 +562,8 @@ def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, A
     }
 
 
-def _box(scene: Scene) -> dict[str, Any]:
-    """Return how instant-ngp gets the scene into its unit cube: ``scale * x + offset``."""
+def _unit_cube_transform(scene: Scene) -> dict[str, Any]:
+    """Return instant-ngp's map of the scene into its unit cube: ``scale * x + offset``."""
     center, radius = scene.bounding_sphere()
     scale = _rounded(0.5 / radius) if radius > 0.0 else 1.0
     offset = [_rounded(0.5 - scale * x) for x in center.tolist()]
@@ -571,5 +571,5 @@ def _box(scene: Scene) -> dict[str, Any]:
 
 
 def _rounded(value: float) -> float:
-    """Return a number that is as short to write as it need be exact."""
-    return float(f"{value:.{KEPT_DIGITS}g}")
+    """Return a number rounded to `JSON_DIGITS`."""
+    return float(f"{value:.{JSON_DIGITS}g}")

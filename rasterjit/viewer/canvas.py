@@ -30,20 +30,20 @@ from rasterjit.viewer.window_probe import choose_toolkit
 FRAME_RATE = 60.0
 """Most pictures a second."""
 
-GIVEN_WAY = 10
-"""How much nicer than others a thread is that gives way: it gets a tenth of a processor that
-another one wants."""
+NICENESS = 10
+"""Added niceness of a low-priority thread: it gets a tenth of a processor that another one
+wants."""
 
 Result = TypeVar("Result")
 
 
 class DrawCancelled(Exception):  # noqa: N818
-    """The picture would be the one that is shown; rendercanvas knows this by its name."""
+    """Raised to skip a draw that would change nothing; rendercanvas knows it by its name."""
 
 
 class Worker:
     """
-    A thread that does one thing after the other; nobody waits for it when the process ends.
+    A daemon thread that runs tasks in order.
 
     Parameters
     ----------
@@ -57,23 +57,23 @@ class Worker:
         if gives_way:
             self.submit(give_way)
         threading.Thread(
-            target=_work, args=(self._tasks,), name="rasterjit-viewer", daemon=True
+            target=_run_tasks, args=(self._tasks,), name="rasterjit-viewer", daemon=True
         ).start()
         self._finish = weakref.finalize(self, self._tasks.put, None)
 
     def submit(self, task: Callable[[], Result]) -> Future[Result]:
-        """Do something after all else."""
+        """Queue a task; return its future."""
         future: Future[Result] = Future()
         self._tasks.put((future, task))
         return future
 
     def close(self) -> None:
-        """Let the thread go when it has done everything."""
+        """End the thread when all tasks are done."""
         self._finish()
 
 
-def _work(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> None:
-    """Do what comes, up to the first None."""
+def _run_tasks(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> None:
+    """Run tasks up to the first None."""
     while (one := tasks.get()) is not None:
         future, task = one
         if future.set_running_or_notify_cancel():
@@ -92,12 +92,12 @@ def give_way() -> None:
         thread = threading.get_native_id()
         with suppress(OSError):
             before = os.getpriority(os.PRIO_PROCESS, thread)
-            os.setpriority(os.PRIO_PROCESS, thread, before + GIVEN_WAY)
+            os.setpriority(os.PRIO_PROCESS, thread, before + NICENESS)
 
 
-class Connection:
+class CanvasDriver:
     """
-    What keeps a canvas showing a viewer.
+    Drives a canvas from a viewer: events in, pictures out.
 
     Pictures while something moves are drawn where the canvas asks for them. What comes at rest runs
     in a thread of its own, so that the canvas answers all the time.
@@ -114,7 +114,7 @@ class Connection:
         self._canvas = canvas
         self._context = canvas.get_bitmap_context()
         self._worker = Worker(gives_way=True)
-        self._step: Future[bool] | None = None
+        self._refinement: Future[bool] | None = None
         self._time = time.perf_counter()
         self._stamp: tuple[Any, ...] | None = None
         self.frames = 0
@@ -127,14 +127,14 @@ class Connection:
 
     def _handle(self, event: Event) -> None:
         """Pass an event on, at the time it comes."""
-        self._pass_time()
+        self._advance_clock()
         self.viewer.handle(event)
         # A widget takes the wish for another picture as a reason not to send this one uncompressed.
         if self.viewer.is_moving or self.viewer.stamp != self._stamp:
             self._canvas.request_draw()
 
-    def _pass_time(self) -> None:
-        """Let the time since the last call pass in the viewer."""
+    def _advance_clock(self) -> None:
+        """Advance the viewer by the time since the last call."""
         now = time.perf_counter()
         self.viewer.advance(now - self._time)
         self._time = now
@@ -145,11 +145,11 @@ class Connection:
         self._show(self.viewer.draw(), stamp)
 
     def _prepare(self) -> tuple[Any, ...]:
-        """Return the stamp of the picture that is due, or raise where it is the one shown."""
+        """Return the stamp of the picture that is due; raise `DrawCancelled` if it is shown."""
         viewer, canvas = self.viewer, self._canvas
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
-        self._pass_time()
-        self._work()
+        self._advance_clock()
+        self._schedule_refinement()
         if viewer.is_moving or viewer.is_live:
             canvas.request_draw()
         # Before the drawing: what the thread changes meanwhile is for the next picture.
@@ -159,29 +159,29 @@ class Connection:
         return stamp
 
     def _show(self, picture: NDArray[np.uint8], stamp: tuple[Any, ...]) -> None:
-        """Show a picture that was drawn from when the viewer had a stamp."""
+        """Show a picture that was drawn at a stamp of the viewer."""
         self._context.set_bitmap(picture)
         self._stamp = stamp
         if self.viewer.stamp != stamp:
             self._canvas.request_draw()
         self.frames += 1
 
-    def _work(self) -> None:
-        """Keep the thread busy with what is to be done at rest."""
+    def _schedule_refinement(self) -> None:
+        """Let the thread refine the picture while nothing moves."""
         viewer = self.viewer
-        if self._step is not None and self._step.done():
-            error = self._step.exception()
-            self._step = None
+        if self._refinement is not None and self._refinement.done():
+            error = self._refinement.exception()
+            self._refinement = None
             if error is not None:
                 viewer.fail(error)
-        if self._step is None and not viewer.is_moving and not viewer.is_done:
-            self._step = self._worker.submit(self._improve)
+        if self._refinement is None and not viewer.is_moving and not viewer.is_done:
+            self._refinement = self._worker.submit(self._refine)
             # To ask before there is anything new is no way to wait: rendercanvas lets events wait
             # for a tenth of a second after a draw that shows nothing.
-            self._step.add_done_callback(lambda _: self._canvas.request_draw())
+            self._refinement.add_done_callback(lambda _: self._canvas.request_draw())
 
-    def _improve(self) -> bool:
-        """Do what is to be done at rest until there is something new to see."""
+    def _refine(self) -> bool:
+        """Refine the picture until there is something new to see."""
         stamp = self.viewer.stamp
         while self.viewer.step():
             if self.viewer.stamp != stamp:
@@ -223,15 +223,15 @@ def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     viewer.draw()
     backend = importlib.import_module(f"rendercanvas.{toolkit.lower()}")
     canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
-    Connection(viewer, canvas)
+    CanvasDriver(viewer, canvas)
     return canvas, backend.loop
 
 
 def at_terminal() -> bool:
-    """Tell whether somebody sits at a terminal."""
+    """Tell whether standard input and output are a terminal."""
     return all(is_terminal(stream) for stream in (sys.__stdin__, sys.__stdout__))
 
 
 def has_terminal() -> bool:
-    """Tell whether somebody sits at a terminal, and what shows pictures there is installed."""
+    """Tell whether there is a terminal, and the package that shows pictures in it."""
     return at_terminal() and importlib.util.find_spec("blessed") is not None

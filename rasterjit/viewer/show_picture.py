@@ -16,20 +16,20 @@ from rasterjit.viewer import terminal, window_probe
 from rasterjit.viewer.canvas import at_terminal, has_terminal
 from rasterjit.viewer.terminal import Abilities, half_blocks, kitty, sixel
 
-NUMBER = 7919
-"""What a terminal calls the picture; viewers use 1 and 2."""
+KITTY_IMAGE_ID = 7919
+"""Id of the picture in the Kitty graphics protocol; viewers use 1 and 2."""
 
-PAPER = 255
+BACKGROUND_GREY = 255
 """Grey level behind transparent pixels, in a terminal."""
 
 
-def show_picture(picture: Any, color: NDArray[np.uint8], title: str) -> None:
+def show_picture(frame: Any, color: NDArray[np.uint8], title: str) -> None:
     """
-    Show a picture where the user is, and go on.
+    Show a picture in a notebook, a window or the terminal, without blocking.
 
     Parameters
     ----------
-    picture : Frame
+    frame : Frame
         What a notebook displays.
     color : (H, W, 4) uint8
         Its sRGB colours and alpha.
@@ -44,7 +44,7 @@ def show_picture(picture: Any, color: NDArray[np.uint8], title: str) -> None:
     if progress.in_notebook():
         from IPython.display import display
 
-        display(picture)
+        display(frame)
         return
     image = Image.fromarray(color)
     if window_probe.has_display() and ImageShow.show(image, title):
@@ -54,35 +54,35 @@ def show_picture(picture: Any, color: NDArray[np.uint8], title: str) -> None:
             "there is no notebook, no display with a picture viewer and no terminal to show the "
             'frame in: write it to a file with frame.save("picture.png")'
         )
-    paper = Image.new("RGBA", image.size, (PAPER, PAPER, PAPER, 255))
+    paper = Image.new("RGBA", image.size, (BACKGROUND_GREY, BACKGROUND_GREY, BACKGROUND_GREY, 255))
     _print(Image.alpha_composite(paper, image).convert("RGB"))
 
 
 def _print(image: Image.Image) -> None:
-    """Write a picture to the terminal, no larger than that."""
+    """Write a picture to the terminal, scaled down to fit."""
     stream = sys.__stdout__
     assert stream is not None  # `at_terminal` has looked.
     abilities = _ask() if has_terminal() and sys.platform != "win32" else None
-    way, cell = abilities or Abilities("blocks", terminal.USUAL_CELL)
+    protocol, cell = abilities or Abilities("blocks", terminal.USUAL_CELL)
     columns, lines = shutil.get_terminal_size()
-    if way == "blocks":
+    if protocol == "blocks":
         cell = (1, 2)
     # The prompt comes below.
     largest = columns * cell[0], max(lines - 1, 1) * cell[1]
-    share = min(1.0, largest[0] / image.width, largest[1] / image.height)
-    width = max(1, round(image.width * share))
-    height = max(1, round(image.height * share))
+    scale = min(1.0, largest[0] / image.width, largest[1] / image.height)
+    width = max(1, round(image.width * scale))
+    height = max(1, round(image.height * scale))
     pixels = np.asarray(image.resize((width, height), Image.Resampling.LANCZOS))
     rows = -(-height // cell[1])
-    if way == "kitty":
-        text = kitty(pixels, NUMBER, (-(-width // cell[0]), rows)) + "\n" * rows
-    elif way == "sixel":
+    if protocol == "kitty":
+        text = kitty(pixels, KITTY_IMAGE_ID, (-(-width // cell[0]), rows)) + "\n" * rows
+    elif protocol == "sixel":
         text = sixel(pixels) + "\n"
     else:
-        # A last row of one pixel stands on paper.
-        whole = np.pad(pixels, ((0, height % 2), (0, 0), (0, 0)), constant_values=PAPER)
-        is_true = os.environ.get("COLORTERM", "") in ("truecolor", "24bit")
-        text = "".join(f"{line}\n" for line in half_blocks(whole, is_true))
+        # A last row of one pixel is filled up with the background.
+        whole = np.pad(pixels, ((0, height % 2), (0, 0), (0, 0)), constant_values=BACKGROUND_GREY)
+        has_truecolor = os.environ.get("COLORTERM", "") in ("truecolor", "24bit")
+        text = "".join(f"{line}\n" for line in half_blocks(whole, has_truecolor))
     stream.write(text)
     stream.flush()
 
@@ -91,13 +91,13 @@ def _ask() -> Abilities:
     """Ask the terminal what it can show."""
     import blessed
 
-    own = blessed.Terminal(stream=sys.__stdout__)
+    term = blessed.Terminal(stream=sys.__stdout__)
 
     def write(text: str) -> None:
-        own.stream.write(text)
-        own.stream.flush()
+        term.stream.write(text)
+        term.stream.flush()
 
-    with own.cbreak():
+    with term.cbreak():
         stdin = sys.__stdin__
         assert stdin is not None  # `at_terminal` has looked.
         return terminal.ask(stdin.fileno(), write)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import told_to
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer.canvas import Connection, DrawCancelled, at_terminal
+from rasterjit.viewer.canvas import CanvasDriver, DrawCancelled, at_terminal
 from rasterjit.viewer.controls import MOVES, TURNS, Event, Fly
 from rasterjit.viewer.overlay import Row
 from rasterjit.viewer.viewer import HELP, Viewer
@@ -351,7 +351,7 @@ def ask(reading: int, write: Callable[[str], None]) -> Abilities:
 
 class Screen:
     """
-    What `Connection` takes for a canvas: a terminal whose last lines are text.
+    What `CanvasDriver` takes for a canvas: a terminal whose last lines are text.
 
     Parameters
     ----------
@@ -728,7 +728,7 @@ def _run(viewer: Viewer, terminal: Any, tells_releases: bool, title: str) -> Non
     screen = Screen(abilities, write, _size_of(terminal), is_true)
     hands = Hands(screen, tells_releases)
     write(f"\x1b]2;{title}\x07")
-    Connection(viewer, screen)
+    CanvasDriver(viewer, screen)
     try:
         # Some terminals send Ctrl-C as a key, others interrupt.
         with contextlib.suppress(KeyboardInterrupt):

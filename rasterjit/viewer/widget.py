@@ -13,7 +13,7 @@ from typing import Any
 from rendercanvas.anywidget import RenderCanvas
 from traitlets import Unicode
 
-from rasterjit.viewer.canvas import FRAME_RATE, Connection
+from rasterjit.viewer.canvas import FRAME_RATE, CanvasDriver
 from rasterjit.viewer.protocol import QUALITY
 from rasterjit.viewer.saved_view import Saved
 from rasterjit.viewer.viewer import Viewer
@@ -61,7 +61,7 @@ class ViewWidget(RenderCanvas):
         # With less, the first picture at rest is not sharp: the lossless one comes much later.
         self._quality = QUALITY
         self._name, self._alt = self._saved.name, self._saved.description
-        self._connection = Connection(viewer, self)
+        self._connection = CanvasDriver(viewer, self)
         self._kept: tuple[Any, ...] = ()
         self._keeper: asyncio.Task[None] | None = None
         self.on_msg(self._take)

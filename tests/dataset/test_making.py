@@ -364,10 +364,10 @@ def test_work_is_called_off_between_views_of_a_group(tmp_path):
 
     def check():
         if next(left, None) is None:
-            raise recipes.Stopped
+            raise recipes.Cancelled
 
     recipe = Recipe(views=30, size=SIZE, outputs=("color",))
-    with pytest.raises(recipes.Stopped):
+    with pytest.raises(recipes.Cancelled):
         recipes.render_views(two_boxes("ab"), tmp_path, recipe, check=check)
     assert set(contents(tmp_path)) == {f"images/000{number}.png" for number in range(7)}
     assert not own_threads("rasterjit-turns")

@@ -42,7 +42,7 @@ class Canvas:
 
 def test_canvas_is_hardly_asked_to_draw_what_is_not_new(cube):
     shown, viewer = Canvas(), Viewer(cube, size=(40, 30))
-    connection = canvas.Connection(viewer, shown)
+    connection = canvas.CanvasDriver(viewer, shown)
     limit = time.monotonic() + PATIENCE
     cancelled = 0
     while not (viewer.is_done and connection._stamp == viewer.stamp):
@@ -75,6 +75,6 @@ def test_what_gives_way_and_what_it_begins_is_nicer():
         worker = canvas.Worker(gives_way=gives_way)
         found += [worker.submit(niceness).result(), worker.submit(of_another).result()]
         worker.close()
-    later = min(own + canvas.GIVEN_WAY, 19)
+    later = min(own + canvas.NICENESS, 19)
     assert found == [own, own, later, later]
     assert niceness() == own

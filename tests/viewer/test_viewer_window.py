@@ -31,7 +31,7 @@ from rasterjit.viewer import canvas as viewer_window
 from rasterjit.viewer.viewer import Viewer
 
 vertices, faces, folder = json.loads(sys.argv[1])
-viewer_window.GIVEN_WAY = 0
+viewer_window.NICENESS = 0
 viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
 viewer.handle({"event_type": "key_down", "key": "i"})
 canvas, loop = viewer_window.window(viewer, "cube")
