@@ -54,7 +54,7 @@ from rasterjit.runtime.state_block import (
     words_of,
 )
 from rasterjit.runtime.store import tell_it_goes_on
-from rasterjit.runtime.targets import Target, compiling_for, host, platform_of
+from rasterjit.runtime.targets import Target, compiling_for, host, needs_far_addresses
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """Numba's options for every function."""
@@ -241,10 +241,10 @@ def machine_of(target: Target) -> Any:
     """
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
-    is_linux = platform_of(target.triple) is not None
+    is_far = needs_far_addresses(target.triple)
     addresses = {
-        "reloc": "static" if is_linux else "pic",
-        "codemodel": "large" if is_linux else "default",
+        "reloc": "static" if is_far else "pic",
+        "codemodel": "large" if is_far else "default",
     }
     return binding.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=3, **addresses

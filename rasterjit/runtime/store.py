@@ -563,9 +563,11 @@ def load(kernel: Any, kind: RecordType) -> Code:
         if loaded is not None:
             return loaded
         header, code = _compile(kernel, kind, name)
+        # Code that cannot be linked may end the process: later ones must not find it.
+        linked = _linked(kernel, name, header.returns, code, False)
         _sweep(place)
         write(path, header, code)
-    return _linked(kernel, name, header.returns, code, False)
+    return linked
 
 
 def _shipped(kernel: Any, kind: RecordType) -> tuple[str, str, bytes] | None:

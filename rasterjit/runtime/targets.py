@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -101,7 +102,7 @@ def host() -> Target:
     from llvmlite import binding
 
     _hold_llvm_over_forks()
-    triple = binding.get_process_triple()
+    triple = process_triple()
     chosen, features = (os.environ.get(name) for name in CHOICES)
     level = _level_named(triple, chosen)
     if level is not None and not features:
@@ -121,6 +122,23 @@ def platform_of(triple: str) -> Platform | None:
     if not any(part == "linux" for part in rest):
         return None
     return next((one for one in PLATFORMS.values() if one.triple.split("-")[0] == kind), None)
+
+
+def needs_far_addresses(triple: str) -> bool:
+    """
+    Tell whether code is linked by addresses of 64 bits: on Linux and on Windows of x86-64.
+
+    ARM's Windows cannot relocate them in object files; macOS has its own rules.
+    """
+    kind, *rest = triple.split("-")
+    return platform_of(triple) is not None or (kind == "x86_64" and "windows" in rest)
+
+
+def process_triple() -> str:
+    """Return the triple of this process, without macOS's version: an update changes no code."""
+    from llvmlite import binding
+
+    return re.sub(r"(darwin|macosx)[\d.]+", r"\1", binding.get_process_triple())
 
 
 def _level_named(triple: str, cpu: str | None) -> Level | None:
@@ -152,7 +170,7 @@ def shipped_target() -> Target | None:
     from llvmlite import binding
 
     _hold_llvm_over_forks()
-    triple = binding.get_process_triple()
+    triple = process_triple()
     chosen, features = (os.environ.get(name) for name in CHOICES)
     if chosen or features is not None:
         platform, wanted = platform_of(triple), host()

@@ -22,7 +22,7 @@ import pytest
 from machine_code import MATH, WIDTHS, cpu_dependent, look_at
 
 import rasterjit as rj
-from rasterjit.runtime import jit, store
+from rasterjit.runtime import jit, store, targets
 from rasterjit.runtime.isolated_numba import compiler
 
 PACKAGE = Path(rj.__file__).parent
@@ -34,6 +34,9 @@ compiled_only = pytest.mark.skipif(
 ARM = "aarch64-unknown-linux-gnu"
 ARM_CPUS = ("generic", "neoverse-v1")
 """Two that code is made for: with 128 bits of NEON alone, and with SVE, of any length."""
+
+IMAGE_REL_AMD64_ADDR64 = 1
+"""Relocation of 64 bits in object files of Windows (PE format specification)."""
 
 GENERIC = os.environ.get("NUMBA_CPU_NAME") == "generic"
 """Code is made for any CPU."""
@@ -202,6 +205,40 @@ def test_constants_and_functions_may_lie_anywhere(machine):
     assert "memset" in compiler().needed_symbols(code)
     assert relocations(code)
     assert relocations(code) <= FAR[machine.split()[0]]
+
+
+@compiled_only
+@pytest.mark.usefixtures("own_process")
+def test_code_for_windows_takes_addresses_of_64_bits():
+    from llvmlite import binding
+
+    windows = store.Target("x86_64-pc-windows-msvc", "x86-64-v3", "")
+    made = compiler().machine_of(windows)
+    module = binding.parse_assembly(
+        "define double @planted(double %x) {\n"
+        "%p = fmul double %x, 1.1\n%r = call double @other(double %p)\nret double %r\n}\n"
+        "declare double @other(double)"
+    )
+    module.triple = windows.triple
+    code = made.emit_object(module)
+    sections, header = struct.unpack_from("<2xH12xH", code)
+    found = set()
+    for k in range(sections):
+        name, at, count = struct.unpack_from("<8s16xI4xH", code, 20 + header + 40 * k)
+        if name.startswith(b".text"):
+            entries = code[at : at + 10 * count]
+            found |= {type_ for _, _, type_ in struct.iter_unpack("<IIH", entries)}
+    assert found == {IMAGE_REL_AMD64_ADDR64}
+
+
+def test_an_update_of_macos_changes_no_target(monkeypatch):
+    from llvmlite import binding
+
+    for triple in ("arm64-apple-darwin23.1.0", "x86_64-apple-macosx14.0"):
+        monkeypatch.setattr(binding, "get_process_triple", lambda triple=triple: triple)
+        assert targets.process_triple() == triple.rstrip("0123456789.")
+    monkeypatch.setattr(binding, "get_process_triple", lambda: "x86_64-unknown-linux-gnu")
+    assert targets.process_triple() == "x86_64-unknown-linux-gnu"
 
 
 @compiled_only

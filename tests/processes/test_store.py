@@ -134,6 +134,16 @@ def test_swapped_files_are_damaged(place):
     assert mine.read_bytes() == contents[0]
 
 
+def test_what_ends_the_process_when_it_is_linked_is_not_stored(place, monkeypatch):
+    def end(*given):
+        raise SystemExit
+
+    monkeypatch.setattr(store, "_linked", end)
+    with pytest.raises(SystemExit):
+        load()
+    assert not [*place.glob("*.kernel")]
+
+
 def test_object_code_that_cannot_be_linked_is_compiled_again(place):
     load()
     path = entry(place)
