@@ -258,9 +258,9 @@ def test_the_rule_says_how_many_are_drawn_in_one_go():
     assert decided(scene, quality=rj.Quality(samples=64)) == 1
     assert decided(scene, outputs=("color", "coverage")) == 1
     assert decided(scene, background=np.zeros((28, 40, 3), np.uint8)) == 1
-    scene.outline = rj.Outline()
+    scene.eye_dome = rj.EyeDome()
     assert decided(scene) == 1
-    scene.outline, scene.fog = None, rj.Fog(density=0.2)
+    scene.eye_dome, scene.fog = None, rj.Fog(density=0.2)
     assert decided(scene) == batch.VIEWS_PER_GROUP
     scene.lights = [rj.DirectionalLight(shadow=rj.Shadow(64))]
     assert decided(scene) == 1
