@@ -200,8 +200,8 @@ def _play(
 
     try:
         beside, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
-        is_sequence = isinstance(times, (Sequence, np.ndarray))
-        ahead = is_known and is_sequence and len(times) <= MAX_SURVEYED
+        counted = isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_SURVEYED
+        ahead = is_known and counted
         if ahead:
             # Automatic planes are the same for all frames.
             for raw_time in times:
