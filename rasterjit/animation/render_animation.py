@@ -199,24 +199,24 @@ def _play(
         return look_from(scene, view_camera, renderer.size, renderer.quality)
 
     try:
-        beside, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
-        counted = isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_SURVEYED
-        ahead = is_known and counted
+        depths, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
+        is_short = isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_SURVEYED
+        ahead = is_known and is_short
         if ahead:
             # Automatic planes are the same for all frames.
             for raw_time in times:
                 time = finite_number("times", raw_time)
                 if needs_settling(view_camera := camera_at(time)):
                     motion.move(time)
-                    beside = beside.beside(depths_beside_planes(view_camera))
+                    depths = depths.beside(depths_beside_planes(view_camera))
         for raw_time in times:
             time = finite_number("times", raw_time)
             motion.move(time)
             view_camera = camera_at(time)
             if needs_settling(view_camera):
                 # Without a survey ahead, planes never move away again.
-                beside = beside if ahead else beside.beside(depths_beside_planes(view_camera))
-                view_camera = settled(view_camera, *beside.steps)
+                depths = depths if ahead else depths.beside(depths_beside_planes(view_camera))
+                view_camera = settled(view_camera, *depths.steps)
             if view_camera is None:
                 # What turns keeps its size.
                 view_camera = fit_upright(scene, renderer.size, steady=True)

@@ -101,33 +101,16 @@ def area_of(polygon, count):
 
 
 @helper
-def cut(polygon, count, line, target):
-    """Clip a convex polygon to the half plane ``a x + b y + c >= 0``; return its corner count."""
-    a, b, c = line
-    kept = np.int64(0)
-    if count == 0:
-        return kept
-    last_x, last_y = polygon[count - 1, 0], polygon[count - 1, 1]
-    before = a * last_x + b * last_y + c
-    for n in range(count):
-        x, y = polygon[n, 0], polygon[n, 1]
-        here = a * x + b * y + c
-        if (before < 0.0 < here) | (here < 0.0 < before):
-            t = before / (before - here)
-            target[kept, 0], target[kept, 1] = last_x + t * (x - last_x), last_y + t * (y - last_y)
-            kept += 1
-        if here >= 0.0:
-            target[kept, 0], target[kept, 1] = x, y
-            kept += 1
-        last_x, last_y, before = x, y, here
-    return kept
-
-
-@helper
 def split(polygon, count, line, kept, dropped):
-    """Clip a convex polygon to both half planes of a line; return both corner counts."""
+    """
+    Clip a convex polygon to both half planes of a line; return both corner counts.
+
+    It is kept where ``a x + b y + c >= 0``; with ``dropped`` None the rest is not written.
+    """
     a, b, c = line
     inside, outside = np.int64(0), np.int64(0)
+    if count == 0:
+        return inside, outside
     last_x, last_y = polygon[count - 1, 0], polygon[count - 1, 1]
     before = a * last_x + b * last_y + c
     for n in range(count):
@@ -137,16 +120,24 @@ def split(polygon, count, line, kept, dropped):
             t = before / (before - here)
             new_x, new_y = last_x + t * (x - last_x), last_y + t * (y - last_y)
             kept[inside, 0], kept[inside, 1] = new_x, new_y
-            dropped[outside, 0], dropped[outside, 1] = new_x, new_y
-            inside, outside = inside + 1, outside + 1
+            inside += 1
+            if dropped is not None:
+                dropped[outside, 0], dropped[outside, 1] = new_x, new_y
+                outside += 1
         if here >= 0.0:
             kept[inside, 0], kept[inside, 1] = x, y
             inside += 1
-        if here <= 0.0:
+        if dropped is not None and here <= 0.0:
             dropped[outside, 0], dropped[outside, 1] = x, y
             outside += 1
         last_x, last_y, before = x, y, here
     return inside, outside
+
+
+@helper
+def cut(polygon, count, line, target):
+    """Clip a convex polygon to the half plane ``a x + b y + c >= 0``; return its corner count."""
+    return split(polygon, count, line, target, None)[0]
 
 
 @helper
