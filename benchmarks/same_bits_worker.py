@@ -94,8 +94,9 @@ class Drawn:
         for name in ("rendering.planning", "rendering.plan"):
             # Older commits have it elsewhere.
             with suppress(ImportError):
-                list_passes = import_module(f"rasterjit.{name}").list_passes
+                planning = import_module(f"rasterjit.{name}")
                 break
+        list_passes = getattr(planning, "list_passes", None) or planning.list_stages
 
         plan = rj.explain(
             self.scene, self.cameras[1], size=self.size, quality=self.quality, outputs=self.outputs
