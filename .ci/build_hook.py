@@ -48,8 +48,10 @@ class MachineCode(BuildHookInterface):
         return list(PLATFORMS)
 
     def dependencies(self) -> list[str]:
-        """Return what compiling needs."""
-        return list(self.metadata.core.dependencies) if self.platforms() else []
+        """Return what compiling and linking need."""
+        known = self.metadata.core
+        needed = [*known.dependencies, *known.optional_dependencies["wheels"]]
+        return needed if self.platforms() else []
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Make the wheels, in a process that nobody's settings of Numba reach."""

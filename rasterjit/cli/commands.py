@@ -561,10 +561,10 @@ def warmup(quiet: bool) -> None:
     if jit.DISABLED or jit.CHECKED:
         variable = "NUMBA_DISABLE_JIT" if jit.DISABLED else "NUMBA_BOUNDSCHECK"
         raise click.ClickException(f"nothing to compile: {variable} is set")
-    pack = prebuilt_kernels.found().pack
-    if pack is not None and not lacking():
+    library = prebuilt_kernels.found().library
+    if library is not None and not lacking():
         if not quiet:
-            say(f"nothing to compile: code for {pack.target.cpu} came with the installation")
+            say(f"nothing to compile: code for {library.target.cpu} came with the installation")
         return
     folder = store.folder()
     if folder is None:

@@ -70,9 +70,10 @@ def examine() -> Iterator[Finding]:
     yield Finding("python", f"{platform.python_version()} on {platform.platform(terse=True)}")
     for package in PACKAGES:
         yield _version(package)
-    name, features = store.cpu_features()
-    shown = [feature for feature in SHOWN_FEATURES if feature in features]
-    yield Finding("cpu", f"{name}: {' '.join(shown) or 'none of the usual vector units'}")
+    name, features = store.cpu_features() if store.has_linker() else (platform.machine(), None)
+    shown = [feature for feature in SHOWN_FEATURES if feature in (features or ())]
+    units = " ".join(shown) or "none of the usual vector units"
+    yield Finding("cpu", name if features is None else f"{name}: {units}")
     yield Finding("threads", f"{available_processors()} of {os.cpu_count()} processors")
     for extra, modules in EXTRAS.items():
         yield _extra(extra, modules)
@@ -125,29 +126,27 @@ def _check_prebuilt_kernels() -> Iterator[Finding]:
     """Check the machine code that came with the installation, if any."""
     if jit.DISABLED or jit.CHECKED:
         return
-    pack, problem = prebuilt_kernels.found()
+    library, problem = prebuilt_kernels.found()
     if problem is not None:
         yield Finding("shipped code", f"{problem}: {prebuilt_kernels.REINSTALL}", False)
-    if pack is None:
+    if library is None:
         return
-    size = len(pack.content) / 1e6
-    text = f"{pack.target.cpu}, {len(pack.forms)} forms, {size:.1f} MB, made with {pack.made_with}"
-    damaged = pack.damaged()
-    yield Finding("shipped code", f"{text}; {pack.path}", not damaged)
-    if damaged:
-        yield Finding("", f"{', '.join(damaged)} damaged: {prebuilt_kernels.REINSTALL}", False)
+    size, index = library.path.stat().st_size / 1e6, library.index
+    text = f"{library.target.cpu}, {len(index.forms)} forms, {size:.1f} MB"
+    yield Finding("shipped code", f"{text}, made with {index.made_with}; {library.path}", True)
 
 
 def _check_store() -> Iterator[Finding]:
     """Check the store, remove damaged entries, and report its contents."""
     if jit.DISABLED or jit.CHECKED:
         return
-    place = store.folder()
-    if place is None and prebuilt_kernels.found().pack is not None and not store.USED.compiled:
+    place = store.folder() if store.has_linker() else None
+    if place is None and prebuilt_kernels.found().library and not store.USED.compiled:
         yield Finding("kernel store", "nothing is kept, and nothing need be")
         return
     if place is None:
-        yield Finding("kernel store", f"nothing is kept (set {store.FOLDER_VARIABLE})", False)
+        remedy = f"set {store.FOLDER_VARIABLE}" if store.has_linker() else "pip install numba"
+        yield Finding("kernel store", f"nothing is kept ({remedy})", False)
         return
     found = store.contents(place)
     left = store.mend(found)

@@ -3,9 +3,9 @@ Make wheels with machine code from the pure wheel.
 
 ``python -m rasterjit.cli.wheels WHEEL PLATFORM ...`` compiles every form of every kernel and stage
 for the levels of some platforms (``runtime/targets.py``), also for other machines than this one,
-and puts a wheel for each platform beside the pure one. The same sources, Python, Numba and llvmlite
-give the same bytes. ``python -m rasterjit.cli.wheels check`` compiles again what came with an
-installation, and compares.
+links a shared library of each (``shared_libraries.py``), and puts a wheel for each platform beside
+the pure one. The same sources, Python, Numba, llvmlite and ziglang give the same bytes. ``python -m
+rasterjit.cli.wheels check`` makes again what came with an installation, and compares.
 """
 
 from __future__ import annotations
@@ -13,17 +13,21 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib
+import importlib.metadata
 import os
 import platform
 import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from rasterjit.runtime import background_compile, isolated_numba, jit, prebuilt_kernels, store
+from rasterjit.cli import shared_libraries
+from rasterjit.runtime import background_compile, jit, prebuilt_kernels, store
 from rasterjit.runtime.background_compile import Task
+from rasterjit.runtime.prebuilt_kernels import Index
 from rasterjit.runtime.targets import PLATFORMS, Platform, Target
 
 HERE = "rasterjit.cli.wheels"
@@ -36,60 +40,90 @@ MODE = 0o100644 << 16
 """Permissions of a file in a wheel: readable by all."""
 
 
-def compile_for(module: str, name: str, number: int, place: str, *target: str) -> None:
-    """Compile a form of a kernel or a stage for a target, into a file of a folder."""
-    function, wanted = getattr(importlib.import_module(module), name), Target(*target)
-    kind = function.declared[number]
-    symbol = store.name_of(function, kind, wanted)
-    returns, code = isolated_numba.compiler().compile_form(function, kind, symbol, wanted)
-    header = store.header_of(function, kind, returns, wanted)
-    store.write(Path(place) / f"{symbol}{store.SUFFIX}", header, code)
+RESULT = ".returns"
+"""How a file ends that says what a form returns, beside its object code."""
+
+
+def compile_for(module: str, name: str, number: int, *targets: tuple[str, Target]) -> None:
+    """Compile a form of a kernel or a stage for targets of one CPU, each into its folder."""
+    function = getattr(importlib.import_module(module), name)
+    symbol = prebuilt_kernels.symbol_of(function, number)
+    returns, codes = shared_libraries.compile_form(
+        function, function.declared[number], symbol, [Target(*one) for _, one in targets]
+    )
+    for (place, _), code in zip(targets, codes, strict=True):
+        Path(place, symbol + shared_libraries.OBJECT).write_bytes(code)
+        Path(place, symbol + RESULT).write_text(returns)
 
 
 def made_with() -> str:
-    """Return the compiler's packages and versions, which decide the machine code."""
+    """Return the compiler's and the linker's packages and versions, which decide the code."""
     numba, _, llvmlite = (store.versions() or "unknown unknown").partition(" ")
     version = ".".join(platform.python_version_tuple()[:2])
-    return f"{platform.python_implementation()} {version}, Numba {numba}, llvmlite {llvmlite}"
+    return (
+        f"{platform.python_implementation()} {version}, Numba {numba}, llvmlite {llvmlite}, "
+        f"ziglang {importlib.metadata.version('ziglang')}"
+    )
 
 
-def pack_of(target: Target) -> bytes:
+def sources() -> dict[str, Any]:
+    """Return the files that the kernels follow from, and a hash over them."""
+    modules = {one.__module__ for one in background_compile.every_kernel()}
+    paths = {path for module in modules for path in store.all_sources(module)}
+    files = sorted(path.relative_to(store.ROOT).as_posix() for path in paths)
+    return {"files": files, "hash": prebuilt_kernels.hash_of(files)}
+
+
+def files_of(platforms: Sequence[Platform]) -> list[dict[str, bytes]]:
     """
-    Compile everything for a target, in one process per core.
+    Compile everything for platforms, in one process per core: of each CPU once for all systems.
 
     Returns
     -------
-    bytes
-        The content of a file of machine code (``runtime/prebuilt_kernels.py``).
+    list of dict of bytes
+        Of each platform what its wheel has in ``machine_code``, by the names of the files.
 
     Raises
     ------
     Exception
-        What could not be compiled.
+        What could not be compiled or linked.
     """
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
+        made: dict[Target, str] = {}
+        groups: dict[tuple[str, ...], list[tuple[str, Target]]] = {}
+        for target in (one for platform in platforms for one in platform.targets()):
+            made[target] = os.path.join(place, str(len(made)))
+            os.mkdir(made[target])
+            kind = target.triple.partition("-")[0], target.cpu, target.features
+            groups.setdefault(kind, []).append((made[target], target))
         tasks = [
-            Task(HERE, "compile_for",
-                 (one.__module__, one.__name__, number, place, *target))
+            Task(HERE, "compile_for", (one.__module__, one.__name__, number, *targets))
+            for targets in groups.values()
             for one in background_compile.every_kernel()
             for number in range(len(one.declared))
-        ]  # fmt: skip
+        ]
         # Here, what went wrong shows.
         for task in background_compile.do_all(tasks, lambda: None):
             compile_for(*task.arguments)
-        forms = {}
-        for path in Path(place).glob(f"*{store.SUFFIX}"):
-            kept = store.read(path)
-            if kept is not None:
-                forms[path.stem] = kept[0].returns, kept[1]
-    if len(forms) != len(tasks):
-        raise RuntimeError(f"{len(forms)} of {len(tasks)} forms were compiled and kept")
-    return prebuilt_kernels.content_of(
-        prebuilt_kernels.file_name(target), target, made_with(), forms
-    )
+        forms = {path.stem: path.read_text() for path in Path(place).glob(f"*/*{RESULT}")}
+        return [_linked(platform, made, forms) for platform in platforms]
 
 
-def make_wheel(pure: Path, platform: Platform, packs: dict[str, bytes]) -> Path:
+def _linked(
+    platform: Platform, folders: Mapping[Target, str], forms: dict[str, str]
+) -> dict[str, bytes]:
+    """Return the libraries of a platform and their index, of object code in folders."""
+    files, libraries = {}, []
+    for target in platform.targets():
+        name, place = target.cpu + platform.suffix, Path(folders[target])
+        objects = [place / (symbol + shared_libraries.OBJECT) for symbol in sorted(forms)]
+        files[name] = shared_libraries.link(target, name, objects)
+        libraries.append([name, hashlib.sha256(files[name]).hexdigest(), *target])
+    index = Index(made_with(), sources(), libraries, forms)
+    return {**files, prebuilt_kernels.INDEX: prebuilt_kernels.content_of(index)}
+
+
+def make_wheel(pure: Path, platform: Platform, code: dict[str, bytes]) -> Path:
     """
     Write the wheel of a platform beside the pure one: the same files, and machine code.
 
@@ -98,7 +132,7 @@ def make_wheel(pure: Path, platform: Platform, packs: dict[str, bytes]) -> Path:
     pure : Path
         A wheel whose tag is ``py3-none-any``.
     platform : Platform
-    packs : dict of bytes
+    code : dict of bytes
         Files of machine code by their names.
 
     Raises
@@ -117,7 +151,7 @@ def make_wheel(pure: Path, platform: Platform, packs: dict[str, bytes]) -> Path:
     text = re.sub(r"(?m)^(Root-Is-Purelib|Tag):.*\n", "", files[about].decode()).rstrip("\n")
     tags = [f"Tag: py3-none-{tag}" for tag in platform.tag.split(".")]
     files[about] = "\n".join((text, "Root-Is-Purelib: false", *tags, "")).encode()
-    files |= {f"{PLACE}/{name}": content for name, content in packs.items()}
+    files |= {f"{PLACE}/{name}": content for name, content in code.items()}
     del files[record]
     # Installers read what is about the wheel from its end.
     names = sorted(files, key=lambda name: (".dist-info/" in name, name))
@@ -147,23 +181,25 @@ def _digest(content: bytes) -> str:
 
 
 def check() -> bool:
-    """Compile the installation's machine code again; print and return whether it is equal."""
-    files = sorted(prebuilt_kernels.FOLDER.glob(f"*{prebuilt_kernels.SUFFIX}"))
-    if not files:
-        print(f"no machine code came with this installation: {prebuilt_kernels.FOLDER} has none")
-    same = bool(files)
-    for path in files:
-        try:
-            pack = prebuilt_kernels.read(path)
-        except (prebuilt_kernels.UnfitError, OSError) as error:
-            print(error)
-            same = False
-            continue
-        is_same = pack.content == pack_of(pack.target)
-        print(f"{path}: {'the same' if is_same else 'other'} bytes (made with {pack.made_with})")
-        same = same and is_same
-    print(f"here: {made_with()}")
-    return same
+    """Make the installation's machine code again; print and return whether it is equal."""
+    path = prebuilt_kernels.FOLDER / prebuilt_kernels.INDEX
+    try:
+        index = prebuilt_kernels.read_index(path)
+    except FileNotFoundError:
+        print(f"no machine code came with this installation: there is no {path}")
+        return False
+    except (prebuilt_kernels.UnfitError, OSError) as error:
+        print(error)
+        return False
+    (made,) = files_of([one for one in PLATFORMS.values() if one.triple == index.libraries[0][2]])
+    others = []
+    for name, content in made.items():
+        file = path.with_name(name)
+        is_same = file.is_file() and file.read_bytes() == content
+        print(f"{file}: {'the same' if is_same else 'other'} bytes")
+        others += [] if is_same else [file]
+    print(f"made with {index.made_with}; here: {made_with()}")
+    return not others
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -186,9 +222,9 @@ def main(arguments: Sequence[str]) -> int:
             f"{len(others)} files differ, {others[0]} first", file=sys.stderr,
         )  # fmt: skip
         return 2
-    for name in names:
-        packs = {prebuilt_kernels.file_name(one): pack_of(one) for one in PLATFORMS[name].targets()}
-        print(make_wheel(Path(wheel), PLATFORMS[name], packs), flush=True)
+    platforms = [PLATFORMS[name] for name in names]
+    for one, code in zip(platforms, files_of(platforms), strict=True):
+        print(make_wheel(Path(wheel), one, code), flush=True)
     return 0
 
 

@@ -1,43 +1,41 @@
 """
-Read prebuilt kernels that came with the installation: a file for each CPU level (``targets``).
+Find the prebuilt kernels that came with the installation: a shared library for each CPU level.
 
 The platform wheels bring them in ``rasterjit/machine_code``; a clone and the pure wheel have none.
-A file holds every form of every kernel and stage, by the names that ``store`` has for them: a hash
-of sources, types and target, so that it fits whatever versions of Python and Numba are here, and
-no sources but its own. It is read whole, and never written: ``cli.wheels`` makes it.
+A library holds every form of every kernel and stage. The system opens it as it opens any other, so
+processes share its memory, and nothing is linked here. What opens cannot be checked any more, and
+a file that was cut off ends the process: so its SHA-256 is compared before, by the file ``index``,
+which ``cli.wheels`` writes ::
 
-::
+    SHA-256 of what follows
+    {"made_with": what compiled it, "sources": files and a hash over them,
+     "libraries": [[file, SHA-256, triple, CPU, features], ...], the best level first,
+     "forms": {symbol: result, ...}}
 
-    RasterJIT machine code 1
-    SHA-256 of the file's name, a zero and the table; length of the table, 8 bytes, little-endian
-    the table: triple, CPU, features, what compiled it; then for each form, sorted by name: name,
-    result, first byte, number of bytes, SHA-256
-    object codes, one behind the other
+The sources are those that the kernels follow from. After an edit of any of them nothing here is
+used.
 """
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
-import struct
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rasterjit.runtime.targets import Target, shipped_target
+from rasterjit.runtime.targets import Target, asked_cpu
 
-FOLDER = Path(__file__).resolve().parents[1] / "machine_code"
+ROOT = Path(__file__).resolve().parents[1]
 
-SUFFIX = ".kernels"
+FOLDER = ROOT / "machine_code"
 
-MAGIC = b"RasterJIT machine code 1\n"
-SUM = hashlib.sha256().digest_size
-LENGTH = struct.Struct("<Q")
-TABLE = len(MAGIC) + SUM + LENGTH.size
-"""Where the table begins."""
+INDEX = "index"
 
-LINKING = ("create_lljit_compiler", "JITLibraryBuilder")
-"""What llvmlite must have to bring object code into memory."""
+RUNS = "rasterjit_runs"
+"""Function of a library that tells whether this CPU runs the rest of it."""
 
 REINSTALL = "pip install --force-reinstall --no-deps rasterjit"
 
@@ -46,123 +44,94 @@ class UnfitError(ValueError):
     """Shipped code that cannot be used; the message names the file and says why."""
 
 
-class CodeLocation(NamedTuple):
-    """Where the machine code of a form lies in a file."""
+class Index(NamedTuple):
+    """What came with the installation."""
 
-    returns: str
-    """``none``, ``int`` or ``bool``."""
-    first: int
-    size: int
-    checksum: str
-    """SHA-256, hexadecimal."""
+    made_with: str
+    """Python, Numba and llvmlite, with their versions."""
+    sources: dict[str, Any]
+    """``files``, below the package, and ``hash``, that of their contents."""
+    libraries: list[list[str]]
+    """Of each its file, its SHA-256 and its target; the best level first."""
+    forms: dict[str, str]
+    """What each form returns (``store.RETURNS``), by its symbol."""
 
 
-class Pack(NamedTuple):
-    """A file of machine code."""
+class Library(NamedTuple):
+    """A shared library of machine code."""
 
     path: Path
     target: Target
-    made_with: str
-    """Python, Numba and llvmlite, with their versions."""
-    forms: dict[str, CodeLocation]
-    """By name."""
-    content: bytes
+    index: Index
+    functions: Any
+    """As ``ctypes`` opened it."""
 
-    def code(self, name: str) -> tuple[str, bytes]:
-        """
-        Return what a form returns, and its object code.
-
-        Raises
-        ------
-        UnfitError
-            The form is not in the file, or damaged.
-        """
-        place = self.forms.get(name)
-        if place is None:
-            raise UnfitError(f"{self.path} has no {name}: it was made from other sources")
-        code = self.content[place.first : place.first + place.size]
-        if hashlib.sha256(code).hexdigest() != place.checksum:
-            raise UnfitError(f"{self.path} is damaged: {name}")
-        return place.returns, code
-
-    def damaged(self) -> list[str]:
-        """Return the names of the forms that are damaged, sorted."""
-        found = []
-        for name in sorted(self.forms):
-            try:
-                self.code(name)
-            except UnfitError:
-                found.append(name)
-        return found
+    def code(self, symbol: str) -> tuple[int, str] | None:
+        """Return the address of a form, and what it returns; None if it is not in the library."""
+        returns = self.index.forms.get(symbol)
+        if returns is None:
+            return None
+        address = ctypes.cast(self.functions[symbol], ctypes.c_void_p).value
+        return address or 0, returns
 
 
-def content_of(
-    name: str, target: Target, made_with: str, forms: Mapping[str, tuple[str, bytes]]
-) -> bytes:
+def symbol_of(kernel: Any, number: int) -> str:
+    """Return the name of a form of a kernel or stage in a library, by its number."""
+    return f"{kernel.__module__}.{kernel.__name__}.{number}".replace(".", "_")
+
+
+def hash_of(sources: Iterable[str]) -> str:
+    """Return a hash of source files, named by where they lie in the package."""
+    digest = hashlib.sha256()
+    for name in sources:
+        content = (ROOT / name).read_bytes()
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()
+
+
+def content_of(index: Index) -> bytes:
+    """Return the bytes of the file ``index``: the same whatever the order of the forms."""
+    text = json.dumps(index._asdict(), indent=1, sort_keys=True).encode()
+    return hashlib.sha256(text).hexdigest().encode() + b"\n" + text
+
+
+def read_index(path: Path) -> Index:
     """
-    Return the bytes of a file: the same for the same forms, whatever their order.
-
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    target : Target
-    made_with : str
-    forms : mapping
-        What each form returns, and its object code, by name.
-    """
-    lines, codes, first = ["\t".join((*target, made_with))], [], 0
-    for form, (returns, code) in sorted(forms.items()):
-        checksum = hashlib.sha256(code).hexdigest()
-        lines.append(f"{form}\t{returns}\t{first}\t{len(code)}\t{checksum}")
-        codes.append(code)
-        first += len(code)
-    table = "\n".join(lines).encode()
-    checksum = _checksum(name, table)
-    return b"".join((MAGIC, checksum, LENGTH.pack(len(table)), table, *codes))
-
-
-def _checksum(name: str, table: bytes) -> bytes:
-    return hashlib.sha256(name.encode() + b"\0" + table).digest()
-
-
-def file_name(target: Target) -> str:
-    """Return the name of the file of a target's machine code."""
-    return f"{target.cpu}{SUFFIX}"
-
-
-def read(path: Path) -> Pack:
-    """
-    Return a file of machine code.
+    Return what a file ``index`` says.
 
     Raises
     ------
     UnfitError
-        It is damaged, or another's.
+        It is damaged.
     OSError
         It cannot be read, or is missing.
     """
-    content = path.read_bytes()
-    if not content.startswith(MAGIC) or len(content) < TABLE:
-        raise UnfitError(f"{path} is damaged: it is no file of machine code")
-    (length,) = LENGTH.unpack(content[TABLE - LENGTH.size : TABLE])
-    table, start = content[TABLE : TABLE + length], TABLE + length
-    if _checksum(path.name, table) != content[len(MAGIC) : len(MAGIC) + SUM]:
-        raise UnfitError(f"{path} is damaged: its table")
-    (triple, cpu, features, made_with), *lines = (
-        line.split("\t") for line in table.decode().split("\n")
-    )
-    forms = {
-        name: CodeLocation(returns, start + int(first), int(size), checksum)
-        for name, returns, first, size, checksum in lines
-    }
-    return Pack(path, Target(triple, cpu, features), made_with, forms, content)
+    checksum, _, text = path.read_bytes().partition(b"\n")
+    if hashlib.sha256(text).hexdigest().encode() != checksum:
+        raise UnfitError(f"{path} is damaged")
+    return Index(**json.loads(text))
+
+
+def open_library(path: Path, checksum: str) -> Any:
+    """
+    Return a shared library, opened.
+
+    Raises
+    ------
+    UnfitError
+        It is damaged.
+    OSError
+        It cannot be opened, or is missing.
+    """
+    if hashlib.sha256(path.read_bytes()).hexdigest() != checksum:
+        raise UnfitError(f"{path} is damaged")
+    return ctypes.CDLL(str(path))
 
 
 class Found(NamedTuple):
-    """What came with the installation."""
+    """What came with the installation for this CPU."""
 
-    pack: Pack | None
+    library: Library | None
     problem: str | None
     """Why there is none, where there should be one."""
 
@@ -172,30 +141,21 @@ def found() -> Found:
     """Return the machine code for this CPU that came with the installation, as far as of use."""
     if not FOLDER.is_dir():
         return Found(None, None)
-    target = shipped_target()
-    if target is None:
-        return Found(None, None)
-    path = FOLDER / file_name(target)
-    problem = _cannot_link()
-    if problem is not None:
-        return Found(None, f"{path} is of no use: {problem}")
+    path, asked = FOLDER / INDEX, asked_cpu()
     try:
-        pack = read(path)
+        index = read_index(path)
+        if hash_of(index.sources["files"]) != index.sources["hash"]:
+            raise UnfitError(f"{path}: it was made from other sources")
+        for name, checksum, *target in index.libraries:
+            path = FOLDER / name
+            if asked in ("", target[1]):
+                functions = open_library(path, checksum)
+                if asked or functions[RUNS]():
+                    return Found(Library(path, Target(*target), index, functions), None)
     except UnfitError as error:
         return Found(None, str(error))
     except OSError as error:
-        return Found(None, f"{path}: {error.strerror or error}")
-    if pack.target != target:
-        return Found(None, f"{path} was made for another machine: {' '.join(pack.target)}")
-    return Found(pack, None)
-
-
-def _cannot_link() -> str | None:
-    """Say why object code cannot be brought into memory; None if it can."""
-    import llvmlite
-    from llvmlite import binding
-
-    lacking = [name for name in LINKING if not hasattr(binding, name)]
-    if not lacking:
-        return None
-    return f"llvmlite {llvmlite.__version__} has no {', '.join(lacking)}"
+        # Who opens libraries names the file in the text.
+        text, place = error.strerror or str(error), str(error.filename or path)
+        return Found(None, text if place in text else f"{place}: {text}")
+    return Found(None, None)

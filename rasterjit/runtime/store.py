@@ -15,9 +15,10 @@ A file begins with a checksum over its name and its content. Damaged and missing
 compiled again. Files are written under another name and moved into place, so that none is ever
 seen half written, whoever else writes. Who compiles holds a lock; others wait for a minute.
 
-Where Numba is missing, an entry of any version will do: the bits are the same.
+Where Numba is missing, an entry of any version will do: the bits are the same. Without llvmlite,
+which links entries, none will.
 
-What came with the installation (``shipped``) is looked at first; it is never written.
+What came with the installation (``prebuilt_kernels``) is looked at first; it is never written.
 
 A checksum finds damage, not malice: a folder that others may write to, or exchange, is not used,
 and of its files none that is another user's, that others may write to, or that has further names.
@@ -38,6 +39,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -271,12 +273,17 @@ def sources_of(path: Path) -> tuple[Path, ...]:
     return tuple(sorted(seen))
 
 
+def all_sources(module: str) -> tuple[Path, ...]:
+    """Return the files that the kernels of a module follow from, the compiler's first."""
+    here = ROOT / "runtime"
+    return (*(here / f"{name}.py" for name in COMPILER_FILES), *sources_of(_file_of(module)))
+
+
 @functools.cache
 def sources_hash(module: str) -> str:
     """Return a hash of all sources that the kernels of a module follow from."""
     digest = hashlib.sha256()
-    here = ROOT / "runtime"
-    for path in (*(here / f"{name}.py" for name in COMPILER_FILES), *sources_of(_file_of(module))):
+    for path in all_sources(module):
         place = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
         digest.update(place.encode() + b"\0" + _source(path)[0])
     return digest.hexdigest()[:32]
@@ -292,15 +299,12 @@ def _file_of(module: str) -> Path:
 
 @functools.cache
 def versions() -> str | None:
-    """Return the versions of Numba and llvmlite; None without Numba, which is not imported."""
+    """Return the versions of Numba and llvmlite; None without them. Numba is not imported."""
+    spec = _spec("numba")
+    if not has_linker() or spec is None or not spec.origin:
+        return None
     import llvmlite
 
-    try:
-        spec = importlib.util.find_spec("numba")
-    except (ImportError, ValueError):
-        spec = None
-    if spec is None or not spec.origin:
-        return None
     place = Path(spec.origin).parent
     found = (
         re.fullmatch(r"numba-([^-]+)\.(?:dist|egg)-info", name) for name in _names(place.parent)
@@ -311,6 +315,20 @@ def versions() -> str | None:
             text = (place / "_version.py").read_text()
             version = next(iter(re.findall(r"\"version\": \"([^\"]+)\"", text)), None)
     return f"{version or 'unknown'} {llvmlite.__version__}"
+
+
+def _spec(package: str) -> ModuleSpec | None:
+    """Return where a package is; None if it is not installed. It is not imported."""
+    try:
+        return importlib.util.find_spec(package)
+    except (ImportError, ValueError):
+        return None
+
+
+@functools.cache
+def has_linker() -> bool:
+    """Tell whether llvmlite is installed, which links what is not shipped."""
+    return _spec("llvmlite") is not None
 
 
 def _names(place: Path) -> list[str]:
@@ -542,14 +560,14 @@ def load(kernel: Any, kind: RecordType) -> Code:
     Raises
     ------
     NoCompilerError
-        It is in neither, and Numba is not installed.
+        It is in neither, and Numba or llvmlite is not installed.
     """
     ready = _shipped(kernel, kind)
     if ready is not None:
-        try:
-            return _linked(kernel, *ready, True)
-        except RuntimeError:
-            _say_unfit(f"{prebuilt_kernels.FOLDER}: {ready[0]} is no machine code")
+        USED.loaded.append(full_name(kernel))
+        return ready
+    if not has_linker():
+        raise _no_compiler(kernel)
     name, place = name_of(kernel, kind, host()), folder()
     if place is None:
         header, code = _compile(kernel, kind, name)
@@ -570,21 +588,21 @@ def load(kernel: Any, kind: RecordType) -> Code:
     return linked
 
 
-def _shipped(kernel: Any, kind: RecordType) -> tuple[str, str, bytes] | None:
+def _shipped(kernel: Any, kind: RecordType) -> Code | None:
     """
-    Return what came with the installation of a form: its name, its result and its object code.
+    Return the machine code of a form that came with the installation.
 
     None if nothing came, or if it is of no use: the first time that is told on standard error.
     """
-    if not kernel.__module__.startswith("rasterjit."):
+    if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
         return None
-    pack, problem = prebuilt_kernels.found()
-    if pack is not None:
-        name = name_of(kernel, kind, pack.target)
-        try:
-            return (name, *pack.code(name))
-        except prebuilt_kernels.UnfitError as error:
-            problem = str(error)
+    library, problem = prebuilt_kernels.found()
+    if library is not None:
+        symbol = prebuilt_kernels.symbol_of(kernel, kernel.declared.index(kind))
+        code = library.code(symbol)
+        if code is not None:
+            return Code(*code, True, library)
+        problem = f"{library.path} has no {symbol}"
     if problem is not None:
         _say_unfit(problem)
     return None
@@ -625,7 +643,7 @@ def is_kept(kernel: Any, kind: RecordType) -> bool:
     """Tell whether a form of a kernel came with the installation, or is in the store."""
     if _shipped(kernel, kind) is not None:
         return True
-    place = folder()
+    place = folder() if has_linker() else None
     return place is not None and read(path_of(place, name_of(kernel, kind, host()))) is not None
 
 
@@ -650,16 +668,20 @@ def tell_it_goes_on() -> None:
 
 
 class NoCompilerError(ImportError):
-    """A kernel must be compiled, and Numba is not installed."""
+    """A kernel must be compiled, and Numba or llvmlite is not installed."""
+
+
+def _no_compiler(kernel: Any) -> NoCompilerError:
+    reason = f"; {UNFIT[0]}: {prebuilt_kernels.REINSTALL}" if UNFIT else ""
+    return NoCompilerError(
+        f"{full_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
+    )
 
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
     target = host()
     if versions() is None:
-        reason = f"; {UNFIT[0]}: {prebuilt_kernels.REINSTALL}" if UNFIT else ""
-        raise NoCompilerError(
-            f"{full_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
-        )
+        raise _no_compiler(kernel)
     _tell()
     with COMPILER_CLOCK.running():
         returns, code = isolated_numba.compiler().compile_form(kernel, kind, name, target)

@@ -29,8 +29,6 @@ class Level(NamedTuple):
 
     cpu: str
     """As LLVM calls it; the file of its code is named by it."""
-    needs: frozenset[str]
-    """Features that a CPU must have, as LLVM calls them."""
     features: str = ""
     """What LLVM is told besides."""
 
@@ -44,32 +42,28 @@ class Platform(NamedTuple):
     """Of the wheel."""
     levels: tuple[Level, ...]
     """The best first."""
+    suffix: str = ".so"
+    """Of a shared library."""
 
     def targets(self) -> list[Target]:
         """Return what its code is compiled for, a target for each level."""
         return [Target(self.triple, level.cpu, level.features) for level in self.levels]
 
 
-X86_64_V2 = frozenset(["cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"])
-X86_64_V3 = X86_64_V2 | frozenset(
-    ["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]
-)
-X86_64_V4 = X86_64_V3 | frozenset(["avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"])
-
 PLATFORMS = {
     "x86_64": Platform(
         "x86_64-unknown-linux-gnu", "manylinux2014_x86_64.manylinux_2_17_x86_64",
         (
             # AMD's CPUs gather slowly, as do Intel's with the microcode of 2023.
-            Level("x86-64-v4", X86_64_V4, "+avx512vl,+prefer-no-gather"),
-            Level("x86-64-v3", X86_64_V3),
-            Level("x86-64-v2", X86_64_V2),
+            Level("x86-64-v4", "+avx512vl,+prefer-no-gather"),
+            Level("x86-64-v3"),
+            Level("x86-64-v2"),
         ),
     ),
+    # ARMv8.0, with the vectors of 128 bits that all have.
     "aarch64": Platform(
         "aarch64-unknown-linux-gnu", "manylinux2014_aarch64.manylinux_2_17_aarch64",
-        # ARMv8.0, with the vectors of 128 bits that all have.
-        (Level("generic", frozenset()),),
+        (Level("generic"),),
     ),
 }  # fmt: skip
 """By the name that ``RASTERJIT_PLATFORMS`` has for it."""
@@ -147,37 +141,16 @@ def _level_named(triple: str, cpu: str | None) -> Level | None:
     return next((level for level in levels if level.cpu == cpu), None)
 
 
-def best_target(triple: str, features: frozenset[str]) -> Target | None:
+def asked_cpu() -> str | None:
     """
-    Return the best target of a wheel whose code a CPU runs; None if there is none.
+    Return the CPU that the environment asks code for; an empty name for this machine's.
 
-    Parameters
-    ----------
-    triple : str
-        Of the machine.
-    features : frozenset of str
-        Of the CPU, as LLVM calls them.
+    None if it asks for features besides: no wheel has code for these.
     """
-    platform = platform_of(triple)
-    if platform is None:
+    cpu, features = (os.environ.get(name) for name in CHOICES)
+    if features or (features is not None and not cpu):
         return None
-    pairs = zip(platform.levels, platform.targets(), strict=True)
-    return next((target for level, target in pairs if level.needs <= features), None)
-
-
-def shipped_target() -> Target | None:
-    """Return the target of the wheel's code that this process runs; None if that is for others."""
-    from llvmlite import binding
-
-    _hold_llvm_over_forks()
-    triple = process_triple()
-    chosen, features = (os.environ.get(name) for name in CHOICES)
-    if chosen or features is not None:
-        platform, wanted = platform_of(triple), host()
-        targets = [] if platform is None else platform.targets()
-        return next((one for one in targets if one[1:] == wanted[1:]), None)
-    here = binding.get_host_cpu_features()
-    return best_target(triple, frozenset(name for name, has in here.items() if has))
+    return cpu or ""
 
 
 class _Compiling(threading.local):

@@ -95,7 +95,7 @@ def vectors_used(assembly):
     return {kind: len(re.findall(pattern, assembly)) for kind, pattern in WIDTHS.items()}
 
 
-def look_at(target=None, some=(), model=""):
+def look_at(target=None, some=(), model="", libraries=()):
     """
     Compile kernels, and return what the code of all their forms shows, and the kernels' names.
 
@@ -107,10 +107,12 @@ def look_at(target=None, some=(), model=""):
         Full names of kernels.
     model : str
         A file: kernels that drawing it needs are looked at, too. Without both, all are.
+    libraries : sequence of Target
+        Look at the code for shared libraries of these, of the target's CPU, instead.
     """
     # The compiler holds Python's lock: a process for each core.
     count = 1 if some or model else available_processors()
-    asked = [json.dumps([target, some, model, part, count]) for part in range(count)]
+    asked = [json.dumps([target, some, model, libraries, part, count]) for part in range(count)]
     started = [
         subprocess.Popen(
             [sys.executable, *STRICT, __file__, one], stdout=subprocess.PIPE, text=True,
@@ -125,13 +127,14 @@ def look_at(target=None, some=(), model=""):
     return names, [Form(*form) for _, part in parts for form in part]
 
 
-def main(target, some, model, part, count):
+def main(target, some, model, libraries, part, count):
     """Print what `look_at` returns, of every kernel whose number leaves a remainder."""
     from importlib import import_module
 
     from kernel_files import kernel_modules
 
     import rasterjit as rj
+    from rasterjit.cli import shared_libraries
     from rasterjit.runtime import compiler, jit, pack_arguments, stage_runner, store
 
     target = store.Target(*target) if target else store.host()
@@ -142,16 +145,21 @@ def main(target, some, model, part, count):
         import_module(name)
     every = (stage_runner.run_list, pack_arguments.pack, *jit.KERNELS, *jit.STAGES)
     asked = [one for one in every if not used or store.full_name(one) in used][part::count]
-    machine = compiler.machine_of(target)
+    libraries = [store.Target(*one) for one in libraries]
     forms = []
     for one in asked:
         for kind in one.declared:
             _, module = compiler.lower(one, kind, one.__name__, target)
-            needed = sorted(compiler.needed_symbols(machine.emit_object(module)))
-            assembly = machine.emit_assembly(module)
-            assert one.__name__ in assembly
-            dependent, vectors = cpu_dependent(assembly), vectors_used(assembly)
-            forms.append(Form(one.__name__, str(kind), dependent, vectors, needed))
+            made = [
+                (shared_libraries.machine_of(system), shared_libraries.module_for(module, system))
+                for system in libraries
+            ] or [(compiler.machine_of(target), module)]
+            for machine, code in made:
+                needed = sorted(compiler.needed_symbols(machine.emit_object(code)))
+                assembly = machine.emit_assembly(code)
+                assert one.__name__ in assembly
+                dependent, vectors = cpu_dependent(assembly), vectors_used(assembly)
+                forms.append(Form(one.__name__, str(kind), dependent, vectors, needed))
     print(json.dumps([[one.__name__ for one in asked], forms]))
 
 

@@ -22,6 +22,7 @@ import pytest
 from machine_code import MATH, WIDTHS, cpu_dependent, look_at
 
 import rasterjit as rj
+from rasterjit.cli import shared_libraries
 from rasterjit.runtime import jit, store, targets
 from rasterjit.runtime.isolated_numba import compiler
 
@@ -90,6 +91,31 @@ def test_kernels_fuse_nothing_and_call_no_math_library_on_the_arm_that_was_asked
     assert used["neon"] > 0
     assert (used["sve"] > 0) == (cpu != "generic")
     assert used["xmm"] == used["ymm"] == used["zmm"] == 0
+
+
+LIBRARIES = {
+    target: [
+        one for platform in targets.PLATFORMS.values() for one in platform.targets()
+        if one[1:] == target[1:] and one.triple.split("-")[0] == target.triple.split("-")[0]
+    ]
+    for name in ("x86_64", "aarch64") for target in targets.PLATFORMS[name].targets()
+}  # fmt: skip
+"""What wheels bring for each CPU, by the target that it is compiled for."""
+
+
+@compiled_only
+@pytest.mark.parametrize("target", LIBRARIES, ids=lambda target: target.cpu)
+def test_shipped_kernels_fuse_nothing_and_call_nothing_but_memory_functions(target):
+    names, forms = look_at(target, () if EVERY_KERNEL else A_FEW, libraries=LIBRARIES[target])
+    assert len(names) >= (100 if EVERY_KERNEL else len(A_FEW))
+    assert len(forms) >= len(names) * len(LIBRARIES[target])
+    used = vectors_of(names, forms)
+    assert {name for form in forms for name in form.needed} <= shared_libraries.CALLED
+    widest = {"x86-64-v2": "xmm", "x86-64-v3": "ymm", "x86-64-v4": "zmm", "generic": "neon"}
+    assert used[widest[target.cpu]] > 0
+    assert used["sve"] == 0
+    assert (used["ymm"] == 0) == (target.cpu in ("x86-64-v2", "generic"))
+    assert (used["zmm"] == 0) == (target.cpu != "x86-64-v4")
 
 
 # What the look at machine code must find, planted.

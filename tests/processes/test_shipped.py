@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import csv
+import ctypes
 import hashlib
 import importlib
 import io
 import json
 import os
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -20,7 +22,7 @@ from click.testing import CliRunner
 from kernel_files import kernel_modules
 
 import rasterjit as rj
-from rasterjit.cli import commands, doctor, wheels
+from rasterjit.cli import commands, doctor, shared_libraries, wheels
 from rasterjit.runtime import (
     background_compile,
     jit,
@@ -29,80 +31,123 @@ from rasterjit.runtime import (
     store,
     targets,
 )
-from rasterjit.runtime.prebuilt_kernels import UnfitError
+from rasterjit.runtime.prebuilt_kernels import Index, UnfitError
+from rasterjit.runtime.targets import Target
 
 compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
 
 TESTS = Path(__file__).parents[1]
 PLATFORM = targets.PLATFORMS["x86_64"]
-V4, V3, V2 = PLATFORM.levels
-FORMS = {"b_1": ("int", b"second"), "a_2": ("none", b"first")}
+HERE = targets.platform_of(store.host().triple)
+needs_library = pytest.mark.skipif(
+    jit.DISABLED or jit.CHECKED or HERE is None, reason="no library is made for this system"
+)
+
+NO_SOURCES = {"files": [], "hash": hashlib.sha256().hexdigest()}
+SYMBOL = prebuilt_kernels.symbol_of(stage_runner.run_list, 0)
+NO_CPU = "x86-64-v9"
+"""A level that no CPU reaches."""
 
 
-def write_pack(place, forms, target=None):
-    """Write a file of machine code, of this machine if no target is given; return its path."""
-    target = target or store.host()
-    path = place / prebuilt_kernels.file_name(target)
-    path.write_bytes(prebuilt_kernels.content_of(path.name, target, "something", forms))
-    return path
+def write(path, content):
+    """Write a file anew: processes that have opened the old one keep it."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(content)
 
 
-def test_a_file_gives_what_was_written_in_any_order(tmp_path):
-    path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
-    pack = prebuilt_kernels.read(path)
-    assert (pack.target, pack.made_with, sorted(pack.forms)) == (
-        PLATFORM.targets()[0], "something", sorted(FORMS)
-    )  # fmt: skip
-    assert {name: pack.code(name) for name in FORMS} == FORMS
-    assert pack.damaged() == []
-    other = prebuilt_kernels.content_of(
-        path.name, pack.target, "something", dict(sorted(FORMS.items()))
-    )
-    assert other == pack.content
-    with pytest.raises(UnfitError, match="other sources"):
-        pack.code("c_3")
+def write_index(place, libraries, forms, sources=NO_SOURCES):
+    """Write what says what is in a folder, given the bytes of libraries by their targets."""
+    listed = []
+    for target, content in libraries.items():
+        name = f"{target.cpu}.so"
+        write(place / name, content)
+        listed.append([name, hashlib.sha256(content).hexdigest(), *target])
+    index = Index("something", sources, listed, forms)
+    write(place / prebuilt_kernels.INDEX, prebuilt_kernels.content_of(index))
+    return index
 
 
-def is_damaged(path):
-    """Tell whether the damage of a file shows, in its table or in a form."""
-    try:
-        return bool(prebuilt_kernels.read(path).damaged())
-    except UnfitError:
-        return True
+def test_an_index_is_read_as_it_was_written_in_any_order(tmp_path):
+    path, forms = tmp_path / prebuilt_kernels.INDEX, {"b_1": "int", "a_2": "none"}
+    index = write_index(tmp_path, {PLATFORM.targets()[0]: b"code"}, forms)
+    assert prebuilt_kernels.read_index(path) == index
+    other = index._replace(forms=dict(sorted(forms.items())))
+    assert prebuilt_kernels.content_of(other) == path.read_bytes()
 
 
 def test_every_damaged_byte_is_found(tmp_path):
-    path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
-    content = path.read_bytes()
-    for n in range(len(content)):
-        path.write_bytes(content[:n] + bytes([content[n] ^ 16]) + content[n + 1 :])
-        assert is_damaged(path), n
-        path.write_bytes(content[:n])
-        assert is_damaged(path), n
-    path.write_bytes(content)
-    assert not is_damaged(path)
+    write_index(tmp_path, {PLATFORM.targets()[0]: b"code"}, {"a": "int"})
+    index, library = tmp_path / prebuilt_kernels.INDEX, tmp_path / "x86-64-v4.so"
+    checksum = hashlib.sha256(b"code").hexdigest()
+    for path, look in (
+        (index, prebuilt_kernels.read_index),
+        (library, lambda path: prebuilt_kernels.open_library(path, checksum)),
+    ):
+        content = path.read_bytes()
+        for n in range(len(content)):
+            for damaged in (content[:n] + bytes([content[n] ^ 16]) + content[n + 1 :], content[:n]):
+                path.write_bytes(damaged)
+                with pytest.raises(UnfitError, match="is damaged"):
+                    look(path)
+        path.write_bytes(content)
+    prebuilt_kernels.read_index(index)
+    with pytest.raises(OSError, match="x86-64-v4"):
+        prebuilt_kernels.open_library(library, checksum)
 
 
-def test_a_file_under_another_s_name_is_damaged(tmp_path):
-    path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
-    with pytest.raises(UnfitError, match="damaged"):
-        prebuilt_kernels.read(path.rename(tmp_path / "x86-64-v2.kernels"))
+# Levels of CPUs.
+
+V2 = {"cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"}
+V3 = V2 | {"avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"}
+V4 = V3 | {"avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"}
+LEVELS = {2: V2, 3: V3, 4: V4}
+"""Features of the levels of x86-64, as LLVM calls them."""
+
+EMULATED = {
+    "core2duo": 1, "Nehalem": 2, "Nehalem,-popcnt": 1, "IvyBridge": 2, "Haswell": 3,
+    "Haswell,-movbe": 2, "Haswell,-bmi2": 2, "Haswell,-abm": 2, "Haswell,-xsave": 2, "EPYC": 3,
+}  # fmt: skip
+"""Levels of CPUs that QEMU knows."""
+
+ASK = """
+import ctypes, sys
+print([getattr(ctypes.CDLL(path), "rasterjit_runs")() for path in sys.argv[1:]])
+"""
 
 
-@pytest.mark.parametrize(
-    ("features", "cpu"),
-    [
-        (targets.X86_64_V4 | {"amx-tile"}, "x86-64-v4"), (targets.X86_64_V3, "x86-64-v3"),
-        (targets.X86_64_V4 - {"avx512vl"}, "x86-64-v3"), (targets.X86_64_V2, "x86-64-v2"),
-        (targets.X86_64_V4 - {"fma"}, "x86-64-v2"), (targets.X86_64_V2 - {"popcnt"}, None),
-    ],
-)  # fmt: skip
-def test_a_cpu_gets_the_best_level_whose_features_it_has(features, cpu):
-    for triple in ("x86_64-unknown-linux-gnu", "x86_64-conda-linux-gnu"):
-        found = targets.best_target(triple, frozenset(features))
-        assert (found and found.cpu) == cpu
-    for triple in ("x86_64-apple-darwin23", "x86_64-pc-windows-msvc", "riscv64-unknown-linux-gnu"):
-        assert targets.best_target(triple, frozenset(features)) is None
+@pytest.fixture(scope="module")
+def levels(tmp_path_factory):
+    """Libraries without kernels that tell whether a CPU has a level, by its number."""
+    place = tmp_path_factory.mktemp("levels")
+    found = {}
+    for level in LEVELS:
+        target = Target(PLATFORM.triple, f"x86-64-v{level}", "")
+        found[level] = place / f"{level}.so"
+        found[level].write_bytes(shared_libraries.link(target, found[level].name, []))
+    return found
+
+
+@needs_library
+@pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
+def test_a_library_runs_where_the_cpu_has_the_features_of_its_level(levels):
+    from llvmlite import binding
+
+    here = {name for name, has in binding.get_host_cpu_features().items() if has}
+    for level, path in levels.items():
+        assert ctypes.CDLL(str(path)).rasterjit_runs() == (LEVELS[level] <= here)
+
+
+@needs_library
+@pytest.mark.takes_long
+@pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
+@pytest.mark.skipif(not shutil.which("qemu-x86_64-static"), reason="QEMU is not installed")
+@pytest.mark.parametrize("cpu", EMULATED)
+def test_a_library_runs_on_no_cpu_that_lacks_a_feature(levels, cpu):
+    words = ["qemu-x86_64-static", "-cpu", cpu, sys.executable, "-S", "-c", ASK]
+    done = subprocess.run(
+        [*words, *map(str, levels.values())], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == str([int(level <= EMULATED[cpu]) for level in levels])
 
 
 @pytest.mark.parametrize("level", PLATFORM.levels, ids=lambda level: level.cpu)
@@ -115,53 +160,87 @@ def test_a_level_that_the_user_names_is_the_shipped_one(monkeypatch, level):
     for features in (None, ""):
         if features is not None:
             monkeypatch.setenv("NUMBA_CPU_FEATURES", features)
-        assert targets.shipped_target() == (PLATFORM.triple, level.cpu, level.features)
+        assert targets.asked_cpu() == level.cpu
+        assert targets.host() == (PLATFORM.triple, level.cpu, level.features)
     monkeypatch.setenv("NUMBA_CPU_FEATURES", "+sse4a")
-    assert targets.shipped_target() is None
+    assert targets.asked_cpu() is None
     assert targets.host() == (PLATFORM.triple, level.cpu, "+sse4a")
 
 
 def test_an_empty_name_of_a_cpu_asks_for_none(monkeypatch):
-    from llvmlite import binding
-
-    monkeypatch.setattr(binding, "get_process_triple", lambda: PLATFORM.triple)
-    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: dict.fromkeys(V3.needs, True))
     monkeypatch.delenv("NUMBA_CPU_FEATURES", raising=False)
     monkeypatch.setenv("NUMBA_CPU_NAME", "")
-    assert targets.shipped_target() == PLATFORM.targets()[1]
+    assert targets.asked_cpu() == ""
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
+    assert targets.asked_cpu() is None
+
+
+# What came.
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """Given a CPU, a target of this system and a library of a raw kernel for it."""
+    place = tmp_path_factory.mktemp("library")
+
+    def make(cpu=HERE.levels[-1].cpu):
+        target = Target(HERE.triple, cpu, "")
+        compiled_for = target._replace(cpu=HERE.levels[-1].cpu)
+        kernel, path = stage_runner.run_list, place / f"{cpu}.o"
+        _, (content,) = shared_libraries.compile_form(
+            kernel, kernel.declared[0], SYMBOL, [compiled_for]
+        )
+        path.write_bytes(content)
+        return target, shared_libraries.link(target, f"{cpu}.so", [path])
+
+    return make
 
 
 @pytest.fixture
-def code():
-    """The name and the object code of a raw kernel, for this machine."""
-    target, (kind,) = store.host(), stage_runner.run_list.declared
-    name = store.name_of(stage_runner.run_list, kind, target)
-    from rasterjit.runtime import compiler
-
-    return name, compiler.compile_form(stage_runner.run_list, kind, name, target)
-
-
-@pytest.fixture
-def come(tmp_path, monkeypatch):
-    """A function that lets forms come with the installation; there is a store, and it is empty."""
+def come(tmp_path, monkeypatch, library):
+    """A function that lets code come with the installation; there is a store, and it is empty."""
     monkeypatch.setattr(store, "SAID", set())
     monkeypatch.setattr(store, "UNFIT", [])
     monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
-    monkeypatch.setattr(prebuilt_kernels, "shipped_target", store.host)
     monkeypatch.setattr(prebuilt_kernels, "found", prebuilt_kernels.found.__wrapped__)
+    for name in targets.CHOICES:
+        monkeypatch.delenv(name, raising=False)
     place = tmp_path / "store"
     place.mkdir(mode=0o700)
     monkeypatch.setattr(store, "folder", lambda: place)
-    return lambda forms: write_pack(tmp_path, forms)
+
+    def let_come(*cpus, forms=(SYMBOL,), sources=NO_SOURCES):
+        libraries = dict(map(library, cpus)) if cpus else dict([library()])
+        write_index(tmp_path, libraries, dict.fromkeys(forms, "int"), sources)
+        return tmp_path / f"{next(iter(libraries)).cpu}.so"
+
+    return let_come
 
 
 def load():
     return store.load(stage_runner.run_list, stage_runner.run_list.declared[0]).is_loaded
 
 
-@compiled_only
-def test_what_came_is_loaded_and_no_folder_is_looked_for(come, code, monkeypatch, capfd):
-    come(dict([code]))
+@needs_library
+@pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
+def test_the_best_level_that_the_cpu_has_is_taken_or_the_one_asked_for(come, monkeypatch):
+    come(NO_CPU, "x86-64-v2", "x86-64-v1")
+    assert prebuilt_kernels.found().library.target.cpu == "x86-64-v2"
+    monkeypatch.setenv("NUMBA_CPU_NAME", "x86-64-v1")
+    assert prebuilt_kernels.found().library.target.cpu == "x86-64-v1"
+    for name, value in (("NUMBA_CPU_NAME", "another"), ("NUMBA_CPU_FEATURES", "+avx")):
+        monkeypatch.setenv(name, value)
+        assert prebuilt_kernels.found() == (None, None)
+    monkeypatch.delenv("NUMBA_CPU_NAME")
+    monkeypatch.delenv("NUMBA_CPU_FEATURES")
+    come(NO_CPU)
+    assert prebuilt_kernels.found() == (None, None)
+
+
+@needs_library
+def test_what_came_is_loaded_and_no_folder_is_looked_for(come, monkeypatch, capfd):
+    come()
+    monkeypatch.setattr(store, "has_linker", lambda: pytest.fail("it is not needed"))
     monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
     assert load()
     assert store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
@@ -172,85 +251,149 @@ def test_what_came_is_loaded_and_no_folder_is_looked_for(come, code, monkeypatch
     assert "1 forms" in finding.text
 
 
-def damage_code(path):
-    content = path.read_bytes()
-    path.write_bytes(content[:-9] + b"?" + content[-8:])
+def code_of(path):
+    """Return the index and the bytes of a library that was written."""
+    return prebuilt_kernels.read_index(path.with_name(prebuilt_kernels.INDEX)), path.read_bytes()
 
 
-def damage_table(path):
-    path.write_bytes(path.read_bytes().replace(b"something", b"anything!"))
+def let_be(path, content=None, **changes):
+    """Write a library with other content or another index, both in good order by themselves."""
+    index, old = code_of(path)
+    index = index._replace(**changes)
+    target = Target(*index.libraries[0][2:])
+    content = old if content is None else content
+    write_index(path.parent, {target: content}, index.forms, index.sources)
 
+
+STRANGE = next(one for one in targets.PLATFORMS.values() if one is not HERE).targets()[-1]
+
+EDITED = {"files": ["__init__.py"], "hash": "of another text"}
 
 DAMAGES = {
-    "code": damage_code,
-    "table": damage_table,
-    "empty": lambda path: path.write_bytes(b""),
+    "code": lambda path: write(path, path.read_bytes()[:-9] + b"?" + path.read_bytes()[-8:]),
+    "cut off": lambda path: write(path, path.read_bytes()[:500]),
+    "empty": lambda path: write(path, b""),
     "missing": Path.unlink,
-    "other sources": lambda path: write_pack(path.parent, FORMS),
+    "no library": lambda path: let_be(path, b"no machine code"),
+    "another machine's": lambda path: let_be(path, shared_libraries.link(STRANGE, path.name, [])),
+    "index": lambda path: write(path.with_name("index"), b"?"),
+    "no index": lambda path: path.with_name("index").unlink(),
+    "other sources": lambda path: let_be(path, sources=EDITED),
+    "no source": lambda path: let_be(path, sources={**EDITED, "files": ["no_such_file.py"]}),
+    "no form": lambda path: let_be(path, forms={}),
 }
 
 
-@compiled_only
+def names(line, path):
+    """Tell whether a line names a library, its index or the source that is missing."""
+    return any(text in line for text in (str(path), str(path.with_name("index")), "no_such_file"))
+
+
+@needs_library
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_is_of_no_use_is_named_and_compiled_anew(come, code, damage, capfd):
-    path = come(dict([code]))
+def test_what_is_of_no_use_is_named_and_compiled_anew(come, damage, capfd):
+    path = come()
     DAMAGES[damage](path)
     assert not store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
     assert [load(), load()] == [False, True]
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("rasterjit: compiling instead of loading: ")
-    assert str(path) in line
+    assert names(line, path)
     assert prebuilt_kernels.REINSTALL in line
-    if damage != "other sources":
+    if damage != "no form":
         assert any(finding.passed is False for finding in doctor._check_prebuilt_kernels())
 
 
-@compiled_only
+@needs_library
+@pytest.mark.parametrize("lacking", ["numba", "llvmlite"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_without_numba_an_error_names_what_is_of_no_use(come, code, damage, capfd, monkeypatch):
+def test_without_a_compiler_an_error_names_what_is_of_no_use(
+    come, damage, lacking, capfd, monkeypatch
+):
     monkeypatch.setattr(store, "versions", lambda: None)
-    path = come(dict([code]))
-    assert load()
+    if lacking == "llvmlite":
+        monkeypatch.setattr(store, "has_linker", lambda: False)
+        monkeypatch.setattr(store, "host", lambda: pytest.fail("it imports llvmlite"))
+    path = come()
     DAMAGES[damage](path)
+    kind = stage_runner.run_list.declared[0]
+    assert not store.is_kept(stage_runner.run_list, kind)
     with pytest.raises(store.NoCompilerError, match="pip install numba") as caught:
         load()
-    assert str(path) in str(caught.value)
+    assert names(str(caught.value), path)
     assert prebuilt_kernels.REINSTALL in str(caught.value)
     assert capfd.readouterr().err == ""
 
 
-@compiled_only
-def test_code_that_cannot_be_linked_is_compiled_anew(come, code, capfd):
-    name, (returns, content) = code
-    come({name: (returns, content[:64])})
-    assert not load()
-    assert "is no machine code" in capfd.readouterr().err
+WITHOUT_LLVM = """
+import sys
+sys.modules.update(dict.fromkeys(("llvmlite", "numba")))
+from click.testing import CliRunner
+from rasterjit.cli import commands
+for words in sys.argv[1:]:
+    done = CliRunner().invoke(commands.program, words.split())
+    print(done.exit_code, done.output)
+"""
 
 
 @compiled_only
-def test_llvmlite_that_cannot_link_is_named(come, code, monkeypatch):
-    come(dict([code]))
-    monkeypatch.setattr(prebuilt_kernels, "LINKING", ("no_such_function",))
-    pack, problem = prebuilt_kernels.found()
-    assert pack is None
-    assert "llvmlite" in problem
-    assert "no_such_function" in problem
+def test_without_llvmlite_and_shipped_code_commands_say_what_is_missing(tmp_path):
+    picture = tmp_path / "picture.png"
+    words = ["doctor", f"render {TESTS.parent / 'models' / 'teapot.obj'} -o {picture}"]
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_LLVM, *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("must be compiled, which needs Numba: pip install numba") >= 3
+    assert "ModuleNotFoundError" not in done.stdout + done.stderr
+    assert not picture.exists()
 
 
-@compiled_only
-def test_where_all_came_warmup_compiles_nothing_and_needs_no_folder(come, code, monkeypatch):
-    come(dict([code]))
+@needs_library
+def test_a_library_needs_no_address_but_memset_and_no_memory_to_write_and_run(come):
+    content = come().read_bytes()
+    assert content.startswith(b"\x7fELF\x02\x01")
+    (start,) = struct.unpack_from("<Q", content, 0x20)
+    size, count = struct.unpack_from("<HH", content, 0x36)
+    parts = [struct.unpack_from("<II", content, start + size * k) for k in range(count)]
+    loaded, dynamic, executable, writable = 1, 2, 1, 2
+    flags = {flag for kind, flag in parts if kind == loaded}
+    assert any(flag & executable for flag in flags)
+    assert not any(flag & executable and flag & writable for flag in flags)
+    assert dynamic in [kind for kind, _ in parts]
+    assert relocated_names(content) <= shared_libraries.CALLED
+
+
+def relocated_names(content):
+    """Return the names of what a shared library of Linux has the system put addresses of."""
+    (start,) = struct.unpack_from("<Q", content, 0x28)
+    size, count = struct.unpack_from("<HH", content, 0x3A)
+    sections = [struct.unpack_from("<IIQQQQII", content, start + size * k) for k in range(count)]
+    found = set()
+    for _, kind, _, _, offset, length, link, _ in sections:
+        if kind != 4:
+            continue
+        symbols, texts = sections[link][4], sections[sections[link][6]][4]
+        for _, about, _ in struct.iter_unpack("<QQq", content[offset : offset + length]):
+            (name,) = struct.unpack_from("<I", content, symbols + 24 * (about >> 32))
+            found.add(content[texts + name : content.index(b"\0", texts + name)].decode())
+    return found
+
+
+@needs_library
+def test_where_all_came_warmup_compiles_nothing_and_needs_no_folder(come, monkeypatch):
+    come()
     monkeypatch.setattr(background_compile, "every_kernel", lambda: [stage_runner.run_list])
     monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
     done = CliRunner().invoke(commands.program, ["warmup"])
     assert (done.exit_code, done.output.partition(":")[0]) == (0, "nothing to compile")
 
 
-@compiled_only
+@needs_library
 @pytest.mark.parametrize("has_come", [True, False])
 def test_doctor_asks_for_a_folder_only_where_something_is_compiled(come, monkeypatch, has_come):
     if has_come:
-        come(FORMS)
+        come()
     else:
         monkeypatch.setattr(prebuilt_kernels, "found", lambda: prebuilt_kernels.Found(None, None))
     monkeypatch.setattr(store, "folder", lambda: None)
@@ -306,7 +449,7 @@ def pure_wheel(place, source=""):
 
 
 def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
-    packs = {"b.kernels": b"2", "a.kernels": b"1"}
+    packs = {"b.so": b"2", "a.so": b"1"}
     pure = pure_wheel(tmp_path)
     made = wheels.make_wheel(pure, PLATFORM, packs)
     assert made.name == f"rasterjit-9-py3-none-{PLATFORM.tag}.whl"
@@ -315,7 +458,7 @@ def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
     assert made.read_bytes() == content
     with zipfile.ZipFile(made) as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
-    assert files["rasterjit/machine_code/b.kernels"] == b"2"
+    assert files["rasterjit/machine_code/b.so"] == b"2"
     assert files["rasterjit/__init__.py"] == b""
     about = files["rasterjit-9.dist-info/WHEEL"].decode()
     assert about.count("Tag: py3-none-manylinux") == 2
@@ -333,7 +476,7 @@ def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
 def test_a_wheel_of_other_sources_gets_no_machine_code(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
-    monkeypatch.setattr(wheels, "pack_of", lambda target: b"code")
+    monkeypatch.setattr(wheels, "files_of", lambda platforms: [{"a.so": b"code"}])
     for source, status in (("edited", 2), (Path(rj.__file__).read_text(), 0)):
         wheel = pure_wheel(tmp_path, source)
         assert wheels.main([str(wheel), "x86_64"]) == status
@@ -341,35 +484,65 @@ def test_a_wheel_of_other_sources_gets_no_machine_code(tmp_path, monkeypatch, ca
         assert len(list(tmp_path.iterdir())) == (1 if status else 2)
 
 
+@needs_library
 def test_a_check_tells_the_same_bytes_from_others_and_from_none(come, monkeypatch, capsys):
-    path = come(FORMS)
-    content = path.read_bytes()
-    for installed, made, words in (
-        (content, content, "the same bytes"), (content, b"others", "other bytes"),
-        (content[:-1], content, "other bytes"), (b"", content, "damaged"),
-        (None, content, "no machine code"),
+    path = come()
+    files = {one.name: one.read_bytes() for one in path.parent.iterdir() if one.is_file()}
+    for name, installed, words in (
+        (path.name, files[path.name], "the same bytes"), (path.name, b"others", "other bytes"),
+        (path.name, None, "other bytes"), ("index", files["index"] + b" ", "damaged"),
+        ("index", None, "no machine code"),
     ):  # fmt: skip
-        path.unlink(missing_ok=True)
-        if installed is not None:
-            path.write_bytes(installed)
-        monkeypatch.setattr(wheels, "pack_of", lambda target, made=made: made)
+        for one, content in {**files, name: installed}.items():
+            (path.parent / one).unlink(missing_ok=True)
+            if content is not None:
+                write(path.parent / one, content)
+        monkeypatch.setattr(wheels, "files_of", lambda platforms: [files])
         assert wheels.check() == (words == "the same bytes")
         assert words in capsys.readouterr().out
 
 
-@compiled_only
+@needs_library
+def test_a_form_is_compiled_once_for_a_cpu_and_put_into_the_folder_of_each_target(tmp_path):
+    first, kernel = HERE.targets()[-1], stage_runner.run_list
+    second = first._replace(triple=first.triple.replace("gnu", "musl"))
+    folders = [(str(tmp_path / one.triple), [*one]) for one in (first, second)]
+    for folder, _ in folders:
+        Path(folder).mkdir()
+    wheels.compile_for(kernel.__module__, kernel.__name__, 0, *folders)
+    codes = [Path(folder, f"{SYMBOL}.o").read_bytes() for folder, _ in folders]
+    assert codes[0] == codes[1]
+    assert Path(folders[0][0], f"{SYMBOL}.returns").read_text() == "int"
+
+
+def test_the_sources_of_the_kernels_are_hashed_as_one_and_an_edit_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr(background_compile, "every_kernel", lambda: [stage_runner.run_list])
+    found = wheels.sources()
+    assert {"runtime/stage_runner.py", "runtime/compiler.py"} <= {*found["files"]}
+    assert "runtime/store.py" not in found["files"]
+    for name in found["files"]:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(store.ROOT / name, tmp_path / name)
+    monkeypatch.setattr(prebuilt_kernels, "ROOT", tmp_path)
+    assert prebuilt_kernels.hash_of(found["files"]) == found["hash"]
+    with (tmp_path / "runtime" / "stage_runner.py").open("a") as file:
+        file.write("\n")
+    assert prebuilt_kernels.hash_of(found["files"]) != found["hash"]
+
+
+@needs_library
 @pytest.mark.takes_long
-@pytest.mark.skipif(
-    targets.platform_of(store.host().triple) is not PLATFORM, reason="a wheel of another platform"
-)
-def test_all_frames_are_drawn_from_what_came_without_numba(tmp_path):
+@pytest.mark.skipif(HERE is not PLATFORM, reason="a wheel of another platform")
+def test_all_frames_are_drawn_from_what_came_without_a_compiler(tmp_path):
     copy = tmp_path / "rasterjit"
     shutil.copytree(Path(rj.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     target = PLATFORM.targets()[-1]
     (copy / "machine_code").mkdir()
-    content = wheels.pack_of(target)
-    (copy / "machine_code" / prebuilt_kernels.file_name(target)).write_bytes(content)
-    assert len(content) < 2 << 20
+    (files,) = wheels.files_of([PLATFORM._replace(levels=PLATFORM.levels[-1:])])
+    assert len(files) == 2
+    for name, content in files.items():
+        (copy / "machine_code" / name).write_bytes(content)
+        assert len(content) < 2 << 20
     program = TESTS / "hard_cases" / "shipped_frames.py"
     done = subprocess.run(
         [sys.executable, str(program), str(tmp_path)], capture_output=True, text=True, check=False,

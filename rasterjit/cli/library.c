@@ -1,0 +1,57 @@
+/* Whether this CPU, and its system, run the code of a library: on x86-64 the level that LEVEL names.
+
+   Compiled for the baseline, and linked into the library: ``shared_libraries.py``. Bits of CPUID are
+   named as in the manuals of Intel and AMD; the levels are those of the psABI of x86-64. */
+
+#ifdef _WIN32
+__declspec(dllexport)
+#endif
+int rasterjit_runs(void);
+
+#ifdef __x86_64__
+
+struct registers { unsigned eax, ebx, ecx, edx; };
+
+static struct registers cpuid(unsigned leaf) {
+    struct registers r;
+    __asm__ volatile("cpuid" : "=a"(r.eax), "=b"(r.ebx), "=c"(r.ecx), "=d"(r.edx) : "a"(leaf), "c"(0));
+    return r;
+}
+
+/* Parts of the registers that the system saves: 0x6 those of AVX, 0xe6 of AVX-512, too. */
+static unsigned saved(void) {
+    unsigned low, high;
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    return low;
+}
+
+#define BIT(n) (1u << (n))
+#define HAS(value, wanted) (((value) & (wanted)) == (wanted))
+
+static int level(void) {
+    unsigned most = cpuid(0).eax;
+    struct registers one = cpuid(1), seven = {0}, more = {0};
+    if (most >= 7) seven = cpuid(7);
+    if (cpuid(0x80000000u).eax >= 0x80000001u) more = cpuid(0x80000001u);
+
+    /* SSE3, SSSE3, CMPXCHG16B, SSE4.1, SSE4.2, POPCNT; LAHF. */
+    if (!HAS(one.ecx, BIT(0) | BIT(9) | BIT(13) | BIT(19) | BIT(20) | BIT(23))) return 1;
+    if (!HAS(more.ecx, BIT(0))) return 1;
+
+    /* FMA, MOVBE, XSAVE, OSXSAVE, AVX, F16C; BMI1, AVX2, BMI2; LZCNT. */
+    if (!HAS(one.ecx, BIT(12) | BIT(22) | BIT(26) | BIT(27) | BIT(28) | BIT(29))) return 2;
+    if (!HAS(seven.ebx, BIT(3) | BIT(5) | BIT(8)) || !HAS(more.ecx, BIT(5))) return 2;
+    if (!HAS(saved(), 0x6)) return 2;
+
+    /* AVX-512: F, DQ, CD, BW, VL. */
+    if (!HAS(seven.ebx, BIT(16) | BIT(17) | BIT(28) | BIT(30) | BIT(31))) return 3;
+    return HAS(saved(), 0xe6) ? 4 : 3;
+}
+
+int rasterjit_runs(void) { return level() >= LEVEL; }
+
+#else
+
+int rasterjit_runs(void) { return 1; }
+
+#endif
