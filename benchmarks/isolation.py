@@ -24,7 +24,7 @@ import click
 import numpy as np
 
 import rasterjit as rj
-from rasterjit.io.foreign import door
+from rasterjit.io.foreign import isolation
 
 TURNS = 5
 FILES = 12
@@ -115,7 +115,7 @@ WRITERS: dict[str, Callable[[Path, int], None]] = {
 def processor() -> float:
     """Return the processor time of this process and those that it keeps, seconds."""
     spent = time.process_time()
-    for one in door._ALL:
+    for one in isolation._ALL_READERS:
         said = Path(f"/proc/{one._process.pid}/stat").read_text().rpartition(")")[2].split()
         # Its own, in user and system mode, and that of its copies.
         spent += sum(map(int, said[11:15])) / os.sysconf("SC_CLK_TCK")
@@ -149,7 +149,7 @@ def main(megabytes: float) -> None:
     starts = []
     for _ in range(TURNS):
         start = time.perf_counter()
-        reader = door._Reader()
+        reader = isolation._ReaderProcess()
         starts.append((time.perf_counter() - start, processor() - time.process_time()))
         reader.end()
     clock, spent = map(statistics.median, zip(*starts, strict=True))

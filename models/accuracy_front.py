@@ -21,7 +21,8 @@ from rasterjit.accuracy.report.plots import (
 )
 from rasterjit.accuracy.results import Study, front_trials
 from rasterjit.accuracy.sentences import factor_in_words
-from rasterjit.io.images import checked_path, replacing
+from rasterjit.io.atomic_write import atomic_file
+from rasterjit.io.images import checked_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +78,7 @@ def save_front(study: Study, path: str | Path) -> Path:
         axes = add_axes(figure, width, above=TITLE)
         draw_points(axes, points, study.standard.median)
         _write_key(figure, study, lines)
-        with replacing(place) as temporary:
+        with atomic_file(place) as temporary:
             figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
     return place
 

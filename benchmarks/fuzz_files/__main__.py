@@ -34,7 +34,7 @@ from benchmarks.fuzz_files.all_samples import SAMPLES, without_package
 from benchmarks.fuzz_files.judging import judge, read_sound_files, sample_of
 from benchmarks.fuzz_files.tables import report, write_page
 from benchmarks.pairing import ROOT, package_environment
-from rasterjit.io.foreign import door
+from rasterjit.io.foreign import isolation
 
 LONGEST_SECONDS, WAITING_SECONDS = 10.0, 300.0
 """For one file: of the processor, and by the clock, as others use the processor as well."""
@@ -104,7 +104,7 @@ class Reader:
 def serve(seed: int, answers: TextIO) -> None:
     """Answer the numbers of cases that stand on standard input."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
-    door._SECONDS = READER_SECONDS
+    isolation._BASE_SECONDS = READER_SECONDS
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         read_sound_files(Path(folder))
     print("true", file=answers, flush=True)

@@ -20,7 +20,7 @@ from benchmarks.fuzz_files.strict import points_of, triangles_of
 from benchmarks.memory import reset_peak, resident
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.load_warnings import LoadWarning
-from rasterjit.io.meshes import OWN_FORMATS
+from rasterjit.io.meshes import BUILTIN_FORMATS
 from rasterjit.io.resources import extension_of
 
 MAX_BYTES = 32 << 20
@@ -29,7 +29,7 @@ MAX_BYTES = 32 << 20
 SLACK = 4 << 20
 """Bytes by which a process grows for other reasons, such as modules that it imports."""
 
-OWN = (*OWN_FORMATS, *GLTF_FORMATS, "3mf", "binvox")
+OWN = (*BUILTIN_FORMATS, *GLTF_FORMATS, "3mf", "binvox")
 """Formats that no package of others reads: what cannot be told by the letter is not counted."""
 
 ON_DAMAGE = ("error", "warn")

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import checked_path
 from rasterjit.scene.validation import in_short
 
@@ -150,7 +150,7 @@ def save_animation(
     shape = np.shape(first)
     check_animation(place, (*shape[1::-1], 0, 0)[:2], fps, opaque=True)
     checked = _checked(itertools.chain([first], pictures), shape, suffix)
-    with replacing(place) as temporary:
+    with atomic_file(place) as temporary:
         if suffix == ".gif":
             _write_gif(temporary, checked, fps)
         else:

@@ -113,14 +113,14 @@ def render_folder(
 
 def _settings_time(place: Path, settings: str, force: bool) -> int:
     """Return when pictures were first drawn with these settings, ns; with ``force``, now."""
-    from rasterjit.io.atomic_write import replacing
+    from rasterjit.io.atomic_write import atomic_file
 
     try:
         known = place.read_text()
     except (OSError, UnicodeDecodeError):
         known = ""
     if force or known != settings:
-        with replacing(place) as temporary:
+        with atomic_file(place) as temporary:
             temporary.write_text(settings)
     return place.stat().st_mtime_ns
 

@@ -25,7 +25,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import save_image
 from rasterjit.outputs.frame import Frame
 
@@ -127,7 +127,7 @@ class Golden:
         if place.suffix == ".png":
             save_image(place, array)
         else:
-            with replacing(place) as temporary, temporary.open("wb") as file:
+            with atomic_file(place) as temporary, temporary.open("wb") as file:
                 np.save(file, array)
         other = place.with_suffix(".npy" if place.suffix == ".png" else ".png")
         other.unlink(missing_ok=True)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rasterjit.animation.tracks import FULL_TURN, measured
 from rasterjit.io import images
-from rasterjit.io.atomic_write import replacing, write_text
+from rasterjit.io.atomic_write import atomic_file, write_text
 from rasterjit.io.meshes import ON_DAMAGE, OnDamage, load
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
@@ -419,7 +419,7 @@ def render_views(
                 with _as_mesh_error(place, name):
                     _annotate(annotation, paths["file_path"], frame.object_id, scene)
     if annotation:
-        with replacing(place / "coco.json") as temporary:
+        with atomic_file(place / "coco.json") as temporary:
             temporary.write_text(json.dumps(annotation), encoding="utf-8")
     with _as_mesh_error(place, name):
         document = _intrinsics(cameras[0], recipe.size) | _unit_cube_transform(scene)

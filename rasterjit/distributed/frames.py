@@ -26,7 +26,7 @@ from rasterjit.distributed.clusters import (
     check_client,
     count_threads,
 )
-from rasterjit.io.atomic_write import replacing, replacing_folder
+from rasterjit.io.atomic_write import atomic_file, atomic_folder
 from rasterjit.io.images import checked_path
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.output_table import Outputs
@@ -479,7 +479,7 @@ def _write_tiff(tifffile: Any, place: Path, tiles: Tiles, size: tuple[int, int],
             # Not held while the next one is drawn.
             del color
 
-    with replacing(place) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
+    with atomic_file(place) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
         file.write(
             padded(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
             photometric="rgb", extrasamples=["unassalpha"], compression="zlib",
@@ -500,7 +500,7 @@ def _squared(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
 def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
     """Write tiles to the chunks of a Zarr array."""
     width, height = size
-    with replacing_folder(place) as temporary:
+    with atomic_folder(place) as temporary:
         with _naming(place):
             array = zarr.create_array(
                 store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4),

@@ -1,5 +1,5 @@
 """
-Write files and folders whole, or not at all: under a temporary name, then moved in one step.
+Write files and folders atomically: under a temporary name, then renamed in one step.
 
 Who writes holds a lock on the temporary file. Those that nobody holds were left by processes that
 were killed, and are removed by the next that writes to the same folder. Where locks cannot be had,
@@ -22,127 +22,129 @@ from pathlib import Path
 
 from rasterjit.runtime.locks import lock, machine
 
-MARK = ".rasterjit-part-"
-"""What the names of temporary files begin with; then come the names of the machine."""
+PREFIX = ".rasterjit-part-"
+"""Beginning of the names of temporary files; the names of the machine follow."""
 
-ASIDE = "-was"
-"""How the name of a folder ends in which something lies that is about to be replaced."""
+BACKUP = "-was"
+"""End of the name of a folder that holds what is about to be replaced."""
 
-NAME = re.compile(rf"{re.escape(MARK)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{32}}(.*)", re.S)
+PATTERN = re.compile(
+    rf"{re.escape(PREFIX)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{32}}(.*)", re.S
+)
 """Host, system and end of the name of a temporary file."""
 
-UNHELD = ("0" * 8, "0" * 8)
-"""In place of the names of the machine: a file that nobody holds, though it is being written."""
+UNLOCKED = ("0" * 8, "0" * 8)
+"""Stands for the names of the machine in the name of a file that is written without a lock."""
 
-TRIES = 10
-"""How often a temporary file is made anew, before one is written that nobody holds."""
+MAX_ATTEMPTS = 10
+"""Attempts to create a locked temporary file, before one is written without a lock."""
 
-LEFT_AFTER = 24 * 3600.0
-"""Seconds after which nobody writes a temporary file any more, where locks do not tell."""
+STALE_SECONDS = 24 * 3600.0
+"""Age in seconds from which a temporary file counts as left by a killed process, without locks."""
 
-IS_LOCKED = sys.platform != "win32"
+USES_LOCKS = sys.platform != "win32"
 """Whether a temporary file is locked: Windows moves no file that is open."""
 
 
-def write_text(place: Path, text: str) -> None:
-    """Write text in UTF-8, whole or not at all; what is no letter of a name as JSON escapes it."""
-    with replacing(place) as temporary:
+def write_text(path: Path, text: str) -> None:
+    """Write text in UTF-8 atomically; lone surrogates become backslash escapes."""
+    with atomic_file(path) as temporary:
         temporary.write_text(text, "utf-8", "backslashreplace", newline="\n")
 
 
 @contextmanager
-def replacing(place: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """
-    Give a temporary file in the same folder; move it to ``place`` on success, else remove it.
+    Yield a temporary file in the same folder; rename it to ``path`` on success, else remove it.
 
     The first time in a folder, what killed processes left there is removed.
 
     Raises
     ------
     OSError
-        Naming ``place``.
+        Naming ``path``.
     """
-    remove_leftovers(place.parent)
-    with ExitStack() as stack, _naming(place):
-        temporary = _begun(place, stack, _make_file)
+    remove_stale_files(path.parent)
+    with ExitStack() as stack, _name_target_in_errors(path):
+        temporary = _create_temporary(path, stack, _make_file)
         yield temporary
-        os.replace(temporary, place)
+        os.replace(temporary, path)
 
 
 @contextmanager
-def replacing_folder(place: Path) -> Iterator[Path]:
+def atomic_folder(path: Path) -> Iterator[Path]:
     """
-    Give a temporary folder beside a place; move it there on success, else remove it.
+    Yield a temporary folder beside ``path``; rename it to that on success, else remove it.
 
     What is there, a folder or a link to one, goes only when the new one is there.
     """
-    remove_leftovers(place.parent)
+    remove_stale_files(path.parent)
     with ExitStack() as stack:
-        with _naming(place):
-            temporary = _begun(place, stack, os.mkdir)
+        with _name_target_in_errors(path):
+            temporary = _create_temporary(path, stack, os.mkdir)
         yield temporary
-        with _naming(place):
-            if os.path.lexists(place):
-                aside = temporary.with_name(temporary.name.removesuffix(place.suffix) + ASIDE)
+        with _name_target_in_errors(path):
+            if os.path.lexists(path):
+                aside = temporary.with_name(temporary.name.removesuffix(path.suffix) + BACKUP)
                 os.mkdir(aside)
-                stack.callback(_put_back, aside)
-                os.rename(place, aside / place.name)
-            os.replace(temporary, place)
+                stack.callback(_restore, aside)
+                os.rename(path, aside / path.name)
+            os.replace(temporary, path)
 
 
 @contextmanager
-def _naming(place: Path) -> Iterator[None]:
-    """Let errors of the system name what was asked for, not a temporary file, nor none."""
+def _name_target_in_errors(path: Path) -> Iterator[None]:
+    """Let errors of the system name the path that is written, not its temporary file."""
     try:
         yield
     except OSError as error:
-        if not os.path.basename(str(error.filename or MARK)).startswith(MARK):
+        if not os.path.basename(str(error.filename or PREFIX)).startswith(PREFIX):
             raise
         if error.errno is None:
             if isinstance(error, ConnectionError):
                 # A cluster that draws what is written is lost: no fault of the file.
                 raise
             # NumPy and encoders say in words how much was written.
-            said = f"could not be written whole: {error}"
-            raise OSError(errno.EIO, said, str(place)) from error
-        error.filename = str(place)
+            message = f"could not be written whole: {error}"
+            raise OSError(errno.EIO, message, str(path)) from error
+        error.filename = str(path)
         del error.filename2
         raise
 
 
-def _temporary(place: Path, end: str, names: tuple[str, str] | None = None) -> Path:
-    """Return a new name beside a place, with the names of this machine if none are given."""
+def _temporary_path(path: Path, end: str, names: tuple[str, str] | None = None) -> Path:
+    """Return a new temporary name beside a path, with the names of this machine by default."""
     host, system = names or machine()
-    return place.with_name(f"{MARK}{host}-{system}-{uuid.uuid4().hex}{end}")
+    return path.with_name(f"{PREFIX}{host}-{system}-{uuid.uuid4().hex}{end}")
 
 
 def _make_file(path: Path) -> None:
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
 
 
-def _begun(place: Path, stack: ExitStack, make: Callable[[Path], None]) -> Path:
-    """Make a temporary file or folder and hold it, until the stack is left: then it is removed."""
-    for _ in range(TRIES):
+def _create_temporary(path: Path, stack: ExitStack, make: Callable[[Path], None]) -> Path:
+    """Create and lock a temporary file or folder; the stack removes it when it is left."""
+    for _ in range(MAX_ATTEMPTS):
         with ExitStack() as attempt:
-            temporary = _temporary(place, place.suffix)
+            temporary = _temporary_path(path, path.suffix)
             attempt.callback(_remove, temporary)
             make(temporary)
             # One that is not held yet may be taken for nobody's, and removed.
-            if not _hold(temporary, attempt):
+            if not _lock_file(temporary, attempt):
                 continue
-            if not _lets_others_write(temporary):
+            if not _is_writable_while_locked(temporary):
                 break
             stack.enter_context(attempt.pop_all())
             return temporary
-    temporary = _temporary(place, place.suffix, UNHELD)
+    temporary = _temporary_path(path, path.suffix, UNLOCKED)
     stack.callback(_remove, temporary)
     make(temporary)
     return temporary
 
 
-def _lets_others_write(path: Path) -> bool:
-    """Tell whether an empty file can be written while it is held: not so on SMB shares."""
-    if IS_LOCKED and not path.is_dir():
+def _is_writable_while_locked(path: Path) -> bool:
+    """Tell whether an empty file can be written while it is locked: not so on SMB shares."""
+    if USES_LOCKS and not path.is_dir():
         try:
             with open(path, "r+b", buffering=0) as other:
                 other.write(b"\0")
@@ -154,62 +156,62 @@ def _lets_others_write(path: Path) -> bool:
     return True
 
 
-def _hold(path: Path, stack: ExitStack) -> bool:
-    """Hold a file or folder until the stack is left; return False if another has it, or had."""
-    if not IS_LOCKED:
+def _lock_file(path: Path, stack: ExitStack) -> bool:
+    """Lock a file or folder until the stack is left; return False if another process did so."""
+    if not USES_LOCKS:
         return True
     try:
-        found = lock(path)
+        held = lock(path)
     except FileNotFoundError:
         return False
-    return found is not None and stack.enter_context(found).is_of(path)
+    return held is not None and stack.enter_context(held).is_of(path)
 
 
 @functools.cache
-def remove_leftovers(folder: Path) -> None:
-    """Remove, once in a process, what processes that are no more left in a folder."""
+def remove_stale_files(folder: Path) -> None:
+    """Remove, once in a process, the temporary files that killed processes left in a folder."""
     with suppress(OSError):
         for name in os.listdir(folder):
-            if match := NAME.fullmatch(name):
+            if match := PATTERN.fullmatch(name):
                 with suppress(OSError, ValueError):
-                    _remove_if_left(folder / name, *match.groups())
+                    _remove_if_stale(folder / name, *match.groups())
 
 
-def _remove_if_left(path: Path, host: str, system: str, end: str) -> None:
-    """Remove a temporary file or folder that nobody holds; move back what was moved aside."""
-    if end == ASIDE:
-        _put_back_if_left(path)
-    elif not IS_LOCKED or (host, system) == UNHELD:
+def _remove_if_stale(path: Path, host: str, system: str, end: str) -> None:
+    """Remove a temporary file or folder that no process locks; restore a backup."""
+    if end == BACKUP:
+        _restore_if_stale(path)
+    elif not USES_LOCKS or (host, system) == UNLOCKED:
         if _is_old(path):
             _remove(path)
-    elif found := lock(path):
-        with found:
+    elif held := lock(path):
+        with held:
             is_near = host == machine()[0] or system == machine()[1]
-            if (is_near and found.is_sure) or _is_old(path):
+            if (is_near and held.is_sure) or _is_old(path):
                 _remove(path)
 
 
 def _is_old(path: Path) -> bool:
     """Tell whether nothing was written to a file, or anywhere in a folder, for long."""
-    since = time.time() - LEFT_AFTER
+    since = time.time() - STALE_SECONDS
     inside = (os.path.join(at, name) for at, *both in os.walk(path) for name in both[0] + both[1])
     return all(os.lstat(one).st_mtime < since for one in (os.fspath(path), *inside))
 
 
-def _put_back_if_left(aside: Path) -> None:
-    """Move back what was moved aside, unless who did so may still be there."""
-    begin = aside.name.removesuffix(ASIDE)
+def _restore_if_stale(aside: Path) -> None:
+    """Restore a backup, unless the process that made it may still run."""
+    begin = aside.name.removesuffix(BACKUP)
     for name in os.listdir(aside.parent):
-        if name.startswith(begin) and name != aside.name and (match := NAME.fullmatch(name)):
+        if name.startswith(begin) and name != aside.name and (match := PATTERN.fullmatch(name)):
             # Who still writes what shall replace it goes on with both.
-            _remove_if_left(aside.parent / name, *match.groups())
+            _remove_if_stale(aside.parent / name, *match.groups())
             if os.path.lexists(aside.parent / name):
                 return
-    _put_back(aside)
+    _restore(aside)
 
 
-def _put_back(aside: Path) -> None:
-    """Move what was moved aside to where it was; remove it if something else is there."""
+def _restore(aside: Path) -> None:
+    """Move a backup to where it was; remove it if something else is there."""
     if aside.is_symlink():
         return
     with suppress(FileNotFoundError):

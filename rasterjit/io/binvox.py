@@ -14,25 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
-from rasterjit.io.resources import LONGEST_NAME, Resources
+from rasterjit.io.resources import MAX_NAME_LENGTH, Resources
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 
-_LONGEST_HEADER = 1 << 16
-"""Bytes among which the word ``data`` has to stand."""
+_MAX_HEADER_BYTES = 1 << 16
+"""The word ``data`` must come within so many bytes."""
 
-_LONGEST_SIDE = 4096
-"""Most voxels along an axis."""
+_MAX_SIDE = 4096
+"""Most voxels along an axis of the grid."""
 
-_VOXEL_BYTES, _SIDE_BYTES = 5, 1500
-"""What a voxel takes, and what its side does as two faces of a mesh."""
+_VOXEL_BYTES, _FACE_BYTES = 5, 1500
+"""Memory of a voxel, and of one of its faces as two triangles of a mesh."""
 
-_KNOWN = {"#binvox", "dim", "translate", "scale"}
-"""Lines of the head that are read."""
+_HEADER_KEYS = {"#binvox", "dim", "translate", "scale"}
+"""Keys of the header lines that are read."""
 
-_CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-"""Of a square, counter-clockwise, along the two axes after the one that it is square to."""
+_SQUARE_CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+"""Corners of a square, counter-clockwise, along the two axes after that of its normal."""
 
 
 def load_binvox(path: Path, resources: Resources, left_out: LeftOut) -> Scene:
@@ -51,18 +51,18 @@ def load_binvox(path: Path, resources: Resources, left_out: LeftOut) -> Scene:
         If the file cannot be read or has no full voxel.
     """
     try:
-        content = resources.read_itself(path)
-        full, scale, translate = read_voxels(content, resources.budget, left_out)
-        resources.budget.take("the sides of its voxels", count_sides(full) * _SIDE_BYTES)
+        content = resources.read_mesh_file(path)
+        filled, scale, translate = read_voxels(content, resources.budget, left_out)
+        resources.budget.take("the sides of its voxels", count_exposed_faces(filled) * _FACE_BYTES)
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path} could not be read as .binvox: {reason_of(error)}") from error
-    if not full.any():
-        raise MeshFileError(f"{path} holds {full.size} voxels, no full one, so no faces")
-    corners, faces = voxel_faces(full)
+    if not filled.any():
+        raise MeshFileError(f"{path} holds {filled.size} voxels, no full one, so no faces")
+    corners, faces = voxel_faces(filled)
     scene = Scene()
     try:
         # All axes have the scale of the longest: that of the file is the side of the whole grid.
-        mesh = Mesh(corners * (scale / max(full.shape)) + translate, faces).split_creases(0.0)
+        mesh = Mesh(corners * (scale / max(filled.shape)) + translate, faces).split_creases(0.0)
         scene.add(mesh, name=path.name)
     except ValueError as error:
         raise MeshFileError(f"{path}: {error}") from error
@@ -77,7 +77,7 @@ def read_voxels(
 
     Returns
     -------
-    full : (X, Y, Z) bool
+    filled : (X, Y, Z) bool
     scale : float
     translate : (3,) float64
 
@@ -87,11 +87,11 @@ def read_voxels(
         If the header is none of binvox, or the voxels are fewer or more than it says.
     """
     words, start = _header(content)
-    for key in words.keys() - _KNOWN:
-        left_out.note(f"line {key[:LONGEST_NAME]!r} of its head")
+    for key in words.keys() - _HEADER_KEYS:
+        left_out.note(f"line {key[:MAX_NAME_LENGTH]!r} of its head")
     shape = _numbers(words, "dim", 3, None)
-    if any(side != int(side) or not 1 <= side <= _LONGEST_SIDE for side in shape):
-        raise ValueError(f"dim must be three whole numbers in 1..{_LONGEST_SIDE}, got {shape}")
+    if any(side != int(side) or not 1 <= side <= _MAX_SIDE for side in shape):
+        raise ValueError(f"dim must be three whole numbers in 1..{_MAX_SIDE}, got {shape}")
     depth, height, width = map(int, shape)
     translate = np.array(_numbers(words, "translate", 3, [0.0, 0.0, 0.0]))
     (scale,) = _numbers(words, "scale", 1, [1.0])
@@ -104,15 +104,15 @@ def read_voxels(
         raise ValueError(f"dim says {expected} voxels, but the file holds {total}")
     budget.take(f"a grid of {expected} voxels", expected * _VOXEL_BYTES)
     # y runs fastest, then z, then x.
-    full = np.repeat(values != 0, counts).reshape(depth, height, width)
-    return full.transpose(0, 2, 1), scale, translate
+    filled = np.repeat(values != 0, counts).reshape(depth, height, width)
+    return filled.transpose(0, 2, 1), scale, translate
 
 
 def _header(content: bytes) -> tuple[dict[str, list[str]], int]:
-    """Return the words behind each key of the header, and where the voxels begin."""
+    """Return the words after each key of the header, and where the voxels begin."""
     words: dict[str, list[str]] = {}
     at = 0
-    while at < min(len(content), _LONGEST_HEADER):
+    while at < min(len(content), _MAX_HEADER_BYTES):
         end = content.find(b"\n", at)
         line = content[at : end if end >= 0 else len(content)].decode("latin-1").split()
         if at == 0 and line[:1] != ["#binvox"]:
@@ -128,44 +128,44 @@ def _header(content: bytes) -> tuple[dict[str, list[str]], int]:
 def _numbers(
     words: dict[str, list[str]], key: str, count: int, default: list[float] | None
 ) -> list[float]:
-    """Return the finite numbers behind a key, or raise ``ValueError``."""
+    """Return the finite numbers after a key, or raise ``ValueError``."""
     if key not in words and default is not None:
         return default
-    said = words.get(key, [])
+    values = words.get(key, [])
     try:
-        numbers = [float(word) for word in said]
+        numbers = [float(word) for word in values]
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise ValueError(f"{key} must be {count} numbers, got {' '.join(said)[:80]!r}")
+        raise ValueError(f"{key} must be {count} numbers, got {' '.join(values)[:80]!r}")
     return numbers
 
 
-def count_sides(full: NDArray[np.bool_]) -> int:
-    """Return the number of sides of full voxels that no other full one touches."""
+def count_exposed_faces(filled: NDArray[np.bool_]) -> int:
+    """Count the faces of filled voxels towards empty ones."""
     # A row of full voxels has two ends, so there are as many upper sides as lower ones.
-    return 2 * sum(int(np.count_nonzero(_open_sides(full, axis, True))) for axis in range(3))
+    return 2 * sum(int(np.count_nonzero(_exposed_faces(filled, axis, True))) for axis in range(3))
 
 
-def _open_sides(full: NDArray[np.bool_], axis: int, is_upper: bool) -> NDArray[np.bool_]:
-    """Tell of each voxel, (X, Y, Z), whether it is full and the next one along an axis is not."""
-    beside = np.zeros_like(full)
+def _exposed_faces(filled: NDArray[np.bool_], axis: int, is_upper: bool) -> NDArray[np.bool_]:
+    """Mark the filled voxels, (X, Y, Z), whose neighbour along an axis is empty."""
+    next_filled = np.zeros_like(filled)
     inner, outer = [slice(None)] * 3, [slice(None)] * 3
     inner[axis], outer[axis] = slice(0, -1), slice(1, None)
     if is_upper:
-        beside[tuple(inner)] = full[tuple(outer)]
+        next_filled[tuple(inner)] = filled[tuple(outer)]
     else:
-        beside[tuple(outer)] = full[tuple(inner)]
-    return full & ~beside
+        next_filled[tuple(outer)] = filled[tuple(inner)]
+    return filled & ~next_filled
 
 
-def voxel_faces(full: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def voxel_faces(filled: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
-    Return the sides of full voxels that no other full one touches, outside to the front.
+    Return the faces of filled voxels towards empty ones as triangles, outside to the front.
 
     Parameters
     ----------
-    full : (X, Y, Z) bool
+    filled : (X, Y, Z) bool
 
     Returns
     -------
@@ -177,9 +177,9 @@ def voxel_faces(full: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.
     for axis in range(3):
         across, up = (axis + 1) % 3, (axis + 2) % 3
         for is_upper in (False, True):
-            at = np.argwhere(_open_sides(full, axis, is_upper))
+            at = np.argwhere(_exposed_faces(filled, axis, is_upper))
             square = np.repeat(at[:, np.newaxis], 4, axis=1)
-            steps = _CORNERS if is_upper else _CORNERS[::-1]
+            steps = _SQUARE_CORNERS if is_upper else _SQUARE_CORNERS[::-1]
             square[:, :, across] += steps[:, 0]
             square[:, :, up] += steps[:, 1]
             square[:, :, axis] += is_upper

@@ -1,5 +1,5 @@
 """
-Cameras as other programs describe them, to ours and back.
+Convert cameras of OpenCV, OpenGL, PyTorch3D, Blender and trimesh to ours and back.
 
 Each pair of functions keeps to one convention: where the axes of the camera point, whether vectors
 are columns or rows, and where on the first pixel the origin of pixel coordinates is. World axes are
@@ -62,7 +62,7 @@ Float64 = NDArray[np.float64]
 
 ScreenSpace: TypeAlias = Literal["ndc", "screen"]
 SCREEN_SPACES: tuple[ScreenSpace, ...] = get_args(ScreenSpace)
-"""What PyTorch3D's focal length and principal point count in: half sides of the picture; pixels."""
+"""Units of PyTorch3D's focal length and principal point: half sides of the picture; pixels."""
 
 BlenderType: TypeAlias = Literal["PERSP", "ORTHO"]
 BLENDER_TYPES: tuple[BlenderType, ...] = get_args(BlenderType)
@@ -71,15 +71,15 @@ SensorFit: TypeAlias = Literal["AUTO", "HORIZONTAL", "VERTICAL"]
 SENSOR_FITS: tuple[SensorFit, ...] = get_args(SensorFit)
 """Which side of the picture Blender's sensor fits: the longer one; the width; the height."""
 
-_RIGID = 1e-3
-"""How far the columns of a rotation may be from unit length and right angles: float32 poses that
+_ROTATION_TOLERANCE = 1e-3
+"""By how much columns of a rotation may miss unit length and right angles: float32 poses that
 were multiplied many times are within it, and a scaled or mirrored one is not."""
 
-_SAME_SHARE = 1e-6
-"""Share of the larger by which two focal lengths, or pixels of a principal point, may differ that
-a convention knows one of: float32 matrices keep seven digits."""
+_RELATIVE_TOLERANCE = 1e-6
+"""Relative difference of two focal lengths, or of pixels of a principal point, up to which
+they count as equal: float32 matrices keep seven digits."""
 
-_FLIPS = {"opencv": (1.0, -1.0, -1.0), "pytorch3d": (-1.0, 1.0, -1.0)}
+_AXIS_SIGNS = {"opencv": (1.0, -1.0, -1.0), "pytorch3d": (-1.0, 1.0, -1.0)}
 """Signs of our view axes in another camera's."""
 
 
@@ -104,7 +104,7 @@ class OpenCVCamera(NamedTuple):
 
 
 class OpenGLCamera(NamedTuple):
-    """Matrices for column vectors; OpenGL itself takes them column by column."""
+    """OpenGL's view and projection for column vectors; OpenGL takes them column by column."""
 
     view: Matrix
     """(4, 4): eye coordinates from world."""
@@ -114,7 +114,7 @@ class OpenGLCamera(NamedTuple):
 
 class PyTorch3DCamera(NamedTuple):
     """
-    What ``PerspectiveCameras`` of PyTorch3D takes, without its leading axis.
+    The arguments of PyTorch3D's ``PerspectiveCameras``, without their batch axis.
 
     ``camera = world R + T``, of row vectors.
     """
@@ -130,7 +130,7 @@ class PyTorch3DCamera(NamedTuple):
 
 
 class BlenderCamera(NamedTuple):
-    """What an object with a camera holds in Blender, under its names."""
+    """The properties of a camera object of Blender, under Blender's names."""
 
     matrix_world: Matrix
     """(4, 4): of the object."""
@@ -153,7 +153,7 @@ class BlenderCamera(NamedTuple):
 
 
 class TrimeshCamera(NamedTuple):
-    """What ``scene.camera`` and ``scene.camera_transform`` of trimesh take."""
+    """A camera of trimesh and its pose: ``scene.camera`` and ``scene.camera_transform``."""
 
     camera: trimesh.scene.Camera
     transform: Matrix
@@ -174,7 +174,7 @@ class _Pinhole(NamedTuple):
 
 def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
     """
-    Return ``view_from_world`` of a camera that stands somewhere.
+    Return ``view_from_world`` of a camera, given its pose.
 
     Parameters
     ----------
@@ -188,12 +188,12 @@ def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
     ValueError
         If it is not affine, or mirrors or shears.
     """
-    place = finite_array(name, pose, (4, 4))
-    if place[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {place[3].tolist()}")
-    axes = np.stack([transforms.unit_vector(name, place[:3, k]) for k in range(3)], axis=1)
+    matrix = finite_array(name, pose, (4, 4))
+    if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {matrix[3].tolist()}")
+    axes = np.stack([transforms.unit_vector(name, matrix[:3, k]) for k in range(3)], axis=1)
     _check_rotation(name, axes)
-    return _inverse(_affine(axes, place[:3, 3]))
+    return _inverse(_affine(axes, matrix[:3, 3]))
 
 
 def intrinsic_matrix(name: str, value: ArrayLike) -> Float64:
@@ -252,7 +252,7 @@ def from_opencv(
             ("translation", np.zeros(3) if translation is None else translation),
         )
     pinhole = _Pinhole(k[0, 0], k[1, 1], k[0, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, near, far)
-    return _camera(pinhole, size, transforms.compose(_flip("opencv"), pose))
+    return _matrix_camera(pinhole, size, transforms.compose(_axis_flip("opencv"), pose))
 
 
 def to_opencv(camera: Camera, size: tuple[int, int]) -> OpenCVCamera:
@@ -270,8 +270,8 @@ def to_opencv(camera: Camera, size: tuple[int, int]) -> OpenCVCamera:
     ValueError
         If the camera is no pinhole (a parallel or an oblique projection), or its view scales.
     """
-    pinhole = _pinhole(camera, size)
-    pose = transforms.compose(_flip("opencv"), _rigid_view(camera))
+    pinhole = _pinhole_of(camera, size)
+    pose = transforms.compose(_axis_flip("opencv"), _rigid_view(camera))
     k = [[pinhole.fx, pinhole.skew, pinhole.cx - 0.5], [0.0, pinhole.fy, pinhole.cy - 0.5]]
     return OpenCVCamera(np.array([*k, [0.0, 0.0, 1.0]]), pose[:3, :3].copy(), pose[:3, 3].copy())
 
@@ -300,8 +300,8 @@ def from_opengl(view: ArrayLike, projection: ArrayLike) -> MatrixCamera:
     try:
         return MatrixCamera(eye, clip)
     except ValueError as error:
-        told = str(error).replace("view_from_world", "view")
-        raise ValueError(told.replace("clip_from_view", "projection")) from None
+        message = str(error).replace("view_from_world", "view")
+        raise ValueError(message.replace("clip_from_view", "projection")) from None
 
 
 def to_opengl(camera: Camera, size: tuple[int, int]) -> OpenGLCamera:
@@ -378,7 +378,7 @@ def from_pytorch3d(
         cx, cy = (cx - x * unit, cy - y * unit) if space == "ndc" else (x, y)
     pose = _rigid_pose(("R", matrix.T), ("T", shift))
     pinhole = _Pinhole(fx * unit, fy * unit, 0.0, cx, cy, near, far)
-    return _camera(pinhole, size, transforms.compose(_flip("pytorch3d"), pose))
+    return _matrix_camera(pinhole, size, transforms.compose(_axis_flip("pytorch3d"), pose))
 
 
 def to_pytorch3d(
@@ -402,8 +402,8 @@ def to_pytorch3d(
     """
     width, height = image_size("size", size)
     one_of("space", space, SCREEN_SPACES)
-    pinhole = _without_skew(_pinhole(camera, size))
-    pose = transforms.compose(_flip("pytorch3d"), _rigid_view(camera))
+    pinhole = _check_no_skew(_pinhole_of(camera, size))
+    pose = transforms.compose(_axis_flip("pytorch3d"), _rigid_view(camera))
     focal, point = np.array([pinhole.fx, pinhole.fy]), np.array([pinhole.cx, pinhole.cy])
     if space == "ndc":
         unit = min(width, height) / 2.0
@@ -479,20 +479,20 @@ def from_blender(
         right, up = right * side * pixel, up * side * pixel
         clip = transforms.orthographic(right - x, right + x, up - y, up + y, clip_start, clip_end)
         return MatrixCamera(view, clip, (width, height))
-    _check_planes(("clip_start", "clip_end"), clip_start, clip_end)
+    _check_near_far(("clip_start", "clip_end"), clip_start, clip_end)
     if sensor_fit == "VERTICAL":
-        wide = positive_number("sensor_height", sensor_height)
+        sensor = positive_number("sensor_height", sensor_height)
     else:
-        wide = positive_number("sensor_width", sensor_width)
+        sensor = positive_number("sensor_width", sensor_width)
     if fov is not None:
         if lens is not None:
             raise ValueError(f"lens must be None where fov is given, got {lens!r}")
         focal = transforms.focal_length(fov) * side / 2.0
     else:
-        focal = positive_number("lens", 50.0 if lens is None else lens) * side / wide
+        focal = positive_number("lens", 50.0 if lens is None else lens) * side / sensor
     cx, cy = width / 2.0 - right * side, height / 2.0 + up * side
     pinhole = _Pinhole(focal, focal, 0.0, cx, cy, clip_start, clip_end)
-    return _camera(pinhole, size, view)
+    return _matrix_camera(pinhole, size, view)
 
 
 def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0) -> BlenderCamera:
@@ -513,25 +513,25 @@ def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0
         If the camera's pixels are not square, it has skew, or its view scales.
     """
     width, height = image_size("size", size)
-    wide = positive_number("sensor_width", sensor_width)
+    sensor = positive_number("sensor_width", sensor_width)
     view = _rigid_view(camera)
     clip = camera.projection_matrix((width, height))
-    place = _inverse(view)
+    pose = _inverse(view)
     if not clip[3, :3].any():
-        x, y, near, far = _parallel(clip)
-        shown = 2.0 / x[0]
-        _check_same("the scale of x and y", shown / width, 2.0 / y[0] / height)
-        shifts = -x[1] / 2.0, -y[1] / y[0] / shown
-        return BlenderCamera(place, "ORTHO", 50.0, wide, "HORIZONTAL", *shifts, shown, near, far)
-    pinhole = _without_skew(_pinhole(camera, size))
-    _check_same("the focal lengths", pinhole.fx, pinhole.fy)
+        x, y, near, far = _orthographic_parameters(clip)
+        extent = 2.0 / x[0]
+        _check_square_pixels("the scale of x and y", extent / width, 2.0 / y[0] / height)
+        shifts = -x[1] / 2.0, -y[1] / y[0] / extent
+        return BlenderCamera(pose, "ORTHO", 50.0, sensor, "HORIZONTAL", *shifts, extent, near, far)
+    pinhole = _check_no_skew(_pinhole_of(camera, size))
+    _check_square_pixels("the focal lengths", pinhole.fx, pinhole.fy)
     shifts = (width / 2.0 - pinhole.cx) / width, (pinhole.cy - height / 2.0) / width
-    lens = pinhole.fx * wide / width
+    lens = pinhole.fx * sensor / width
     return BlenderCamera(
-        place,
+        pose,
         "PERSP",
         lens,
-        wide,
+        sensor,
         "HORIZONTAL",
         *shifts,
         6.0,
@@ -565,22 +565,22 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
         Naming the argument that is wrong.
     """
     pinhole, size = _trimesh_pinhole(camera)
-    return _camera(pinhole, size, view_from_pose(transform, "transform"))
+    return _matrix_camera(pinhole, size, view_from_pose(transform, "transform"))
 
 
 def perspective_from_trimesh(camera: trimesh.scene.Camera, pose: Matrix) -> PerspectiveCamera:
-    """Return the camera that `from_trimesh` does, for images of any size, or raise alike."""
+    """Return the camera of a trimesh scene for images of any size, or raise ``ValueError``."""
     pinhole, _ = _trimesh_pinhole(camera)
     pose = finite_array("pose", pose, (4, 4))
     eye, shape = pose[:3, 3], pinhole.fy / pinhole.fx
     return PerspectiveCamera(
         eye, eye - pose[:3, 2], pose[:3, 1], fov_y=float(camera.fov[1]), near=pinhole.near,
-        far=pinhole.far, pixel_aspect=1.0 if abs(shape - 1.0) <= _SAME_SHARE else shape,
+        far=pinhole.far, pixel_aspect=1.0 if abs(shape - 1.0) <= _RELATIVE_TOLERANCE else shape,
     )  # fmt: skip
 
 
 def _trimesh_pinhole(camera: Any) -> tuple[_Pinhole, tuple[int, int]]:
-    """Return what a camera of trimesh is as a pinhole, and its resolution, or raise."""
+    """Return a camera of trimesh as a pinhole, and its resolution, or raise ``ValueError``."""
     try:
         fx, fy = (float(length) for length in camera.focal)
         size = image_size("camera.resolution", tuple(camera.resolution.tolist()))
@@ -590,7 +590,7 @@ def _trimesh_pinhole(camera: Any) -> tuple[_Pinhole, tuple[int, int]]:
     for length in (fx, fy):
         positive_number("camera.focal", length)
     far = math.inf if far == _TRIMESH_FAR else far
-    _check_planes(("camera.z_near", "camera.z_far"), near, far)
+    _check_near_far(("camera.z_near", "camera.z_far"), near, far)
     pinhole = _Pinhole(fx, fy, 0.0, size[0] / 2.0, size[1] / 2.0, near, far)
     return pinhole, size
 
@@ -614,22 +614,22 @@ def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
     from trimesh.scene import Camera as SceneCamera
 
     width, height = image_size("size", size)
-    pinhole = _without_skew(_pinhole(camera, size))
-    for axis, found, middle in (("x", pinhole.cx, width / 2.0), ("y", pinhole.cy, height / 2.0)):
-        if abs(found - middle) > _SAME_SHARE * middle:
+    pinhole = _check_no_skew(_pinhole_of(camera, size))
+    for axis, value, middle in (("x", pinhole.cx, width / 2.0), ("y", pinhole.cy, height / 2.0)):
+        if abs(value - middle) > _RELATIVE_TOLERANCE * middle:
             raise ValueError(
                 "camera must have its principal point in the middle of the image for trimesh, got "
-                f"{axis} = {found!r} of {2.0 * middle:g}"
+                f"{axis} = {value!r} of {2.0 * middle:g}"
             )
-    made = SceneCamera(
+    trimesh_camera = SceneCamera(
         resolution=(width, height), focal=(pinhole.fx, pinhole.fy), z_near=pinhole.near,
         z_far=pinhole.far,
     )  # fmt: skip
-    return TrimeshCamera(made, _inverse(_rigid_view(camera)))
+    return TrimeshCamera(trimesh_camera, _inverse(_rigid_view(camera)))
 
 
-def _check_planes(names: tuple[str, str], near: float, far: float) -> None:
-    """Raise ``ValueError`` if there is no room between a near and a far plane."""
+def _check_near_far(names: tuple[str, str], near: float, far: float) -> None:
+    """Raise ``ValueError`` if a far plane is not sufficiently beyond the near plane."""
     start = positive_number(names[0], near)
     end = math.inf if is_infinite(far) else finite_number(names[1], far)
     if start < transforms.MIN_NEAR * end < math.inf:
@@ -641,7 +641,7 @@ def _check_planes(names: tuple[str, str], near: float, far: float) -> None:
         raise ValueError(f"{names[1]} must be above {names[0]} = {start!r}, got {end!r}")
 
 
-def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCamera:
+def _matrix_camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCamera:
     """Return the camera of a pinhole, for an image of (width, height) pixels."""
     width, height = image_size("size", size)
     fx, fy = (positive_number("focal length", one) for one in (pinhole.fx, pinhole.fy))
@@ -656,8 +656,8 @@ def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCam
     return MatrixCamera(view, clip + 0.0, (width, height), pinhole.near is None)
 
 
-def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:
-    """Return what a perspective camera is as a pinhole, or raise ``ValueError``."""
+def _pinhole_of(camera: Camera, size: tuple[int, int]) -> _Pinhole:
+    """Return a perspective camera as a pinhole, or raise ``ValueError``."""
     check_camera("camera", camera)
     width, height = image_size("size", size)
     clip = camera.projection_matrix((width, height))
@@ -680,10 +680,10 @@ def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:
     )
 
 
-def _parallel(
+def _orthographic_parameters(
     clip: Matrix,
 ) -> tuple[tuple[float, float], tuple[float, float], float, float]:
-    """Return scale and offset of x and of y, and the planes, or raise ``ValueError``."""
+    """Return scale and offset of x and of y, near and far of a parallel view, or raise."""
     clip = clip / clip[3, 3]
     if clip[0, [1, 2]].any() or clip[1, [0, 2]].any() or clip[2, :2].any():
         raise ValueError(f"camera must look along its own z axis, got {clip.tolist()}")
@@ -702,8 +702,8 @@ def _rigid_view(camera: Camera) -> Matrix:
 
 def _extrinsic(name: str, value: ArrayLike) -> Matrix:
     """Return a (3, 4) or (4, 4) pose as (4, 4), or raise ``ValueError``."""
-    given = unmasked_array(name, value)
-    rows = finite_array(name, given, (3, 4) if given.shape == (3, 4) else (4, 4))
+    array = unmasked_array(name, value)
+    rows = finite_array(name, array, (3, 4) if array.shape == (3, 4) else (4, 4))
     if len(rows) == 4 and rows[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {rows[3].tolist()}")
     _check_rotation(name, rows[:3, :3])
@@ -712,21 +712,21 @@ def _extrinsic(name: str, value: ArrayLike) -> Matrix:
 
 def _rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLike]) -> Matrix:
     """Return a pose from a rotation and a translation, each with its name."""
-    turn = finite_array(*rotation, (3, 3))
-    _check_rotation(rotation[0], turn)
+    matrix = finite_array(*rotation, (3, 3))
+    _check_rotation(rotation[0], matrix)
     shift = unmasked_array(translation[0], translation[1])
     shift = shift[:, 0] if shift.shape == (3, 1) else shift
-    return _affine(turn, finite_array(translation[0], shift, (3,)))
+    return _affine(matrix, finite_array(translation[0], shift, (3,)))
 
 
-def _check_rotation(name: str, turn: Float64) -> None:
+def _check_rotation(name: str, matrix: Float64) -> None:
     """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
-    (a, b, c) = (turn[:, k].tolist() for k in range(3))
+    (a, b, c) = (matrix[:, k].tolist() for k in range(3))
     lengths = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(c, c) - 1.0]
     angles = [dot(a, b), dot(b, c), dot(c, a)]
-    if max(map(abs, lengths + angles)) > _RIGID or dot(cross(a, b), c) <= 0.0:
+    if max(map(abs, lengths + angles)) > _ROTATION_TOLERANCE or dot(cross(a, b), c) <= 0.0:
         raise ValueError(
-            f"{name} must hold a rotation, neither scaled nor mirrored, got {turn.tolist()}"
+            f"{name} must hold a rotation, neither scaled nor mirrored, got {matrix.tolist()}"
         )
 
 
@@ -743,21 +743,21 @@ def _affine(linear: Float64, shift: Float64) -> Matrix:
     return matrix
 
 
-def _flip(convention: str) -> Matrix:
+def _axis_flip(convention: str) -> Matrix:
     """Return the matrix between our view axes and another camera's, its own inverse."""
-    return np.diag([*_FLIPS[convention], 1.0])
+    return np.diag([*_AXIS_SIGNS[convention], 1.0])
 
 
-def _without_skew(pinhole: _Pinhole) -> _Pinhole:
+def _check_no_skew(pinhole: _Pinhole) -> _Pinhole:
     """Return a pinhole, or raise ``ValueError`` if the convention cannot hold its skew."""
-    if abs(pinhole.skew) > _SAME_SHARE * pinhole.fx:
+    if abs(pinhole.skew) > _RELATIVE_TOLERANCE * pinhole.fx:
         raise ValueError(f"camera must have no skew, got {pinhole.skew!r} pixels")
     return pinhole
 
 
-def _check_same(what: str, one: float, other: float) -> None:
+def _check_square_pixels(what: str, one: float, other: float) -> None:
     """Raise ``ValueError`` if the camera's pixels are not square."""
-    if abs(one - other) > _SAME_SHARE * max(abs(one), abs(other)):
+    if abs(one - other) > _RELATIVE_TOLERANCE * max(abs(one), abs(other)):
         raise ValueError(f"camera must have square pixels, got {what} {one!r} and {other!r}")
 
 

@@ -35,47 +35,47 @@ ON_CURVE, SHORT_X, SHORT_Y, REPEATED, SAME_X, SAME_Y = 1, 2, 4, 8, 16, 32
 WORDS, OFFSETS, SCALE, MORE, TWO_SCALES, MATRIX = 1, 2, 8, 32, 64, 128
 """Flags of a part of a composite glyph."""
 
-DEEPEST = 8
-"""Composite glyphs in composite glyphs; deeper ones are left out."""
+MAX_DEPTH = 8
+"""How deep composite glyphs may nest; deeper ones are left out."""
 
-MAX_PARTS = 4096
+MAX_COMPONENTS = 4096
 """Parts of a composite glyph, with those of its parts: a short file could name endless ones."""
 
 MAX_SUBTABLES = 64
 """Subtables of cmap, of which each may name all characters; fonts have a few."""
 
-MAX_NUMBERS = 1 << 23
-"""Numbers of GPOS that are read, and pairs of kern."""
+MAX_READS = 1 << 23
+"""Numbers of GPOS that are read at most, and pairs of kern."""
 
 X_ADVANCE = 4
 """The bit of a value record of GPOS that moves what follows."""
 
 COLLECTION = b"ttcf"
-"""How files begin that hold several fonts."""
+"""First bytes of files that hold several fonts."""
 
 SUFFIXES = (".ttf", ".ttc", ".otf", ".otc")
 
 FALLBACKS = ("DejaVuSans.ttf",)
-"""Fonts that are looked in first for what a font lacks; then all others of the system."""
+"""Fonts searched first for characters that a font lacks; then all others of the system."""
 
-PLACEHOLDERS = (
+PLACEHOLDER_FONTS = (
     "lastresort", "adobeblank", "unifont", "cmex", "cmmi", "cmr", "cmss", "cmsy", "cmtt", "cmb",
     "stix",
 )  # fmt: skip
-"""How the names of fonts begin that have boxes or signs of their own in place of characters."""
+"""Beginnings of names of fonts that have boxes or symbols in place of characters."""
 
 MAX_CHARACTERS = 0x110000
-"""Codes of Unicode."""
+"""Number of Unicode code points."""
 
 MAX_FILE = 1 << 28
-"""Bytes that a font file may have at most."""
+"""Most bytes of a font file."""
 
 Float64 = NDArray[np.float64]
 
 
 class Font:
     """
-    A font.
+    A TrueType or OpenType font.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ class Font:
                 self.tables[tag.decode("latin-1")] = data[first : first + size]
             (self.em,) = struct.unpack(">H", self.tables["head"][18:20])
             ascent, descent, gap = struct.unpack(">hhh", self.tables["hhea"][4:10])
-            self.ascent, self.descent, self.gap = ascent, -descent, gap
-            (self._advances,) = struct.unpack(">H", self.tables["hhea"][34:36])
-            is_short = len(self.tables["hmtx"]) < 4 * max(self._advances, 1)
+            self.ascent, self.descent, self.line_gap = ascent, -descent, gap
+            (self._advance_count,) = struct.unpack(">H", self.tables["hhea"][34:36])
+            is_short = len(self.tables["hmtx"]) < 4 * max(self._advance_count, 1)
             if (
                 is_short
                 or "cmap" not in self.tables
@@ -119,13 +119,13 @@ class Font:
     @cached_property
     def characters(self) -> dict[int, int]:
         """The glyph of each character, by its code."""
-        found: dict[int, int] = {}
+        glyphs: dict[int, int] = {}
         table = self.tables["cmap"]
         (count,) = struct.unpack(">H", table[2:4])
         starts: dict[int, None] = {}
         for n in range(count):
-            platform, coding, start = struct.unpack(">HHI", table[4 + 8 * n : 12 + 8 * n])
-            if platform not in (0, 3) or (platform == 3 and coding not in (1, 10)):
+            platform, encoding, start = struct.unpack(">HHI", table[4 + 8 * n : 12 + 8 * n])
+            if platform not in (0, 3) or (platform == 3 and encoding not in (1, 10)):
                 continue  # Signs that stand at places of other characters, such as Symbol.
             # Each once, where it comes last: later ones win.
             starts.pop(start, None)
@@ -133,35 +133,35 @@ class Font:
         if len(starts) > MAX_SUBTABLES:
             raise ValueError(f"it has more than {MAX_SUBTABLES} tables of characters")
         for start in starts:
-            (form,) = struct.unpack(">H", table[start : start + 2])
-            if form == 4:
-                found |= _segments(table[start:])
-            elif form == 12:
+            (format_number,) = struct.unpack(">H", table[start : start + 2])
+            if format_number == 4:
+                glyphs |= _read_cmap_format_4(table[start:])
+            elif format_number == 12:
                 (groups,) = struct.unpack(">I", table[start + 12 : start + 16])
                 rows = table[start + 16 : start + 16 + 12 * groups]
                 ranges = np.frombuffer(rows[: len(rows) // 12 * 12], ">u4").astype(int)
                 ranges = ranges.reshape(-1, 3)
                 _check_ranges(ranges[:, 0], ranges[:, 1])
                 for first, last, glyph in ranges.tolist():
-                    found |= {code: glyph + code - first for code in range(first, last + 1)}
-        return {code: glyph for code, glyph in found.items() if glyph}
+                    glyphs |= {code: glyph + code - first for code in range(first, last + 1)}
+        return {code: glyph for code, glyph in glyphs.items() if glyph}
 
     def advance(self, glyph: int) -> int:
-        """Return how far the next glyph stands, units."""
-        at = 4 * max(min(glyph, self._advances - 1), 0)
+        """Return the advance width of a glyph, font units."""
+        at = 4 * max(min(glyph, self._advance_count - 1), 0)
         return int(struct.unpack(">H", self.tables["hmtx"][at : at + 2])[0])
 
     def kerning(self, first: int, second: int) -> int:
-        """Return how much farther apart two neighbours stand, units; below 0: closer."""
+        """Return the kerning of two neighbours, font units; below 0: closer."""
         for pairs in self._kerning:
-            found = pairs(first, second)
-            if found is not None:
-                return found
+            distance = pairs(first, second)
+            if distance is not None:
+                return distance
         return 0
 
     @cached_property
-    def _kerning(self) -> list[_Pairs]:
-        """The tables of kerning; of GPOS, else of kern."""
+    def _kerning(self) -> list[_KerningPairs]:
+        """The kerning tables: of GPOS, else of kern."""
         try:
             return _gpos_pairs(self.tables.get("GPOS", b"")) or _kern_pairs(
                 self.tables.get("kern", b"")
@@ -182,7 +182,7 @@ class Font:
         try:
             if "glyf" not in self.tables:
                 return self._postscript_outline(glyph)
-            parts = iter(range(MAX_PARTS))
+            parts = iter(range(MAX_COMPONENTS))
             return [_curves(points, is_on) for points, is_on in self._contours(glyph, parts)]
         except (struct.error, IndexError, ValueError):
             return []
@@ -190,25 +190,25 @@ class Font:
     def _contours(
         self, glyph: int, parts: Iterator[int], depth: int = 0
     ) -> list[tuple[Float64, NDArray[np.bool_]]]:
-        """Return the points of each contour, (N, 2), and which lie on it; ``parts`` may come."""
+        """Return the points of each contour, (N, 2), and which lie on it; ``parts`` limits them."""
         (is_long,) = struct.unpack(">h", self.tables["head"][50:52])
-        places = np.frombuffer(self.tables["loca"], ">u4" if is_long else ">u2").astype(int)
-        places *= 1 if is_long else 2
-        data = self.tables["glyf"][places[glyph] : places[glyph + 1]]
+        offsets = np.frombuffer(self.tables["loca"], ">u4" if is_long else ">u2").astype(int)
+        offsets *= 1 if is_long else 2
+        data = self.tables["glyf"][offsets[glyph] : offsets[glyph + 1]]
         count = struct.unpack(">h", data[:2])[0] if data else 0
         if count < 0:
-            return self._parts(data, parts, depth)
+            return self._composite_contours(data, parts, depth)
         return _split_contours(data, count) if count else []
 
-    def _parts(
+    def _composite_contours(
         self, data: bytes, parts: Iterator[int], depth: int
     ) -> list[tuple[Float64, NDArray[np.bool_]]]:
-        """Return the contours of a glyph that is made of others."""
-        found: list[tuple[Float64, NDArray[np.bool_]]] = []
-        at, flags = 10, MORE if depth < DEEPEST else 0
+        """Return the contours of a composite glyph."""
+        contours: list[tuple[Float64, NDArray[np.bool_]]] = []
+        at, flags = 10, MORE if depth < MAX_DEPTH else 0
         while flags & MORE:
             if next(parts, None) is None:
-                raise ValueError(f"it has more than {MAX_PARTS} parts")
+                raise ValueError(f"it has more than {MAX_COMPONENTS} parts")
             flags, glyph = struct.unpack(">HH", data[at : at + 4])
             size = 4 if flags & WORDS else 2
             move = struct.unpack(">hh" if flags & WORDS else ">bb", data[at + 4 : at + 4 + size])
@@ -221,169 +221,169 @@ class Font:
             if number == 1:
                 matrix = scales[0] * np.eye(2)
             offset = np.array(move if flags & OFFSETS else (0, 0), np.float64)
-            found += [
+            contours += [
                 (points @ matrix + offset, is_on)
                 for points, is_on in self._contours(glyph, parts, depth + 1)
             ]
-        return found
+        return contours
 
     def _postscript_outline(self, glyph: int) -> list[Float64]:
         """Return the contours of a glyph whose curves are cubic, each as quadratic ones."""
         from fontTools.pens.recordingPen import DecomposingRecordingPen
 
-        font = self._opened
+        font = self._fonttools_font
         glyphs = font.getGlyphSet()
         pen = DecomposingRecordingPen(glyphs)
         glyphs[font.getGlyphName(glyph)].draw(pen)
         contours: list[list[Float64]] = []
         here = start = np.zeros(2)
-        for step, given in pen.value:
-            points = [np.array(one, np.float64) for one in given]
-            if step == "moveTo":
+        for command, arguments in pen.value:
+            points = [np.array(point, np.float64) for point in arguments]
+            if command == "moveTo":
                 here = start = points[0]
                 contours.append([])
-            elif step == "lineTo":
+            elif command == "lineTo":
                 contours[-1].append(np.stack([here, (here + points[0]) / 2.0, points[0]]))
                 here = points[0]
-            elif step == "curveTo":
-                contours[-1] += _quadratics(here, *points)
+            elif command == "curveTo":
+                contours[-1] += _cubic_to_quadratics(here, *points)
                 here = points[-1]
-            elif step == "closePath" and not np.array_equal(here, start):
+            elif command == "closePath" and not np.array_equal(here, start):
                 contours[-1].append(np.stack([here, (here + start) / 2.0, start]))
                 here = start
-        return [np.array(one) for one in contours if one]
+        return [np.array(point) for point in contours if point]
 
     @cached_property
-    def _opened(self) -> Any:
-        """What fontTools made of the file."""
+    def _fonttools_font(self) -> Any:
+        """The font as fontTools opens it."""
         from fontTools.ttLib import TTFont
 
         return TTFont(io.BytesIO(self._data), fontNumber=self._number, lazy=True)
 
 
-class _Pairs:
+class _KerningPairs:
     """
-    Distances between neighbours: of glyphs that are listed, or of classes of glyphs.
+    Kerning of pairs of glyphs, or of pairs of classes of glyphs.
 
     Parameters
     ----------
-    listed : dict of (int, int) to int
-        By pairs of glyphs, or of classes; units.
-    covered : set of int, optional
-        The first glyphs that classes tell of.
+    distances : dict of (int, int) to int
+        Kerning by pairs of glyphs, or of classes; font units.
+    coverage : set of int, optional
+        First glyphs for which classes hold; None: pairs are of glyphs.
     firsts, seconds : dict of int to int
         Classes of glyphs; those that are not there have class 0.
     """
 
     def __init__(
         self,
-        listed: dict[tuple[int, int], int],
-        covered: set[int] | None = None,
+        distances: dict[tuple[int, int], int],
+        coverage: set[int] | None = None,
         firsts: dict[int, int] | None = None,
         seconds: dict[int, int] | None = None,
     ) -> None:
-        self._listed, self._covered = listed, covered
+        self._distances, self._coverage = distances, coverage
         self._firsts, self._seconds = firsts or {}, seconds or {}
 
     def __call__(self, first: int, second: int) -> int | None:
-        """Return the distance of two glyphs, units; None if it is not told here."""
-        if self._covered is None:
-            return self._listed.get((first, second))
-        if first not in self._covered:
+        """Return the kerning of two glyphs, font units; None if this table has none."""
+        if self._coverage is None:
+            return self._distances.get((first, second))
+        if first not in self._coverage:
             return None
-        return self._listed.get((self._firsts.get(first, 0), self._seconds.get(second, 0)), 0)
+        return self._distances.get((self._firsts.get(first, 0), self._seconds.get(second, 0)), 0)
 
 
-def _kern_pairs(table: bytes) -> list[_Pairs]:
+def _kern_pairs(table: bytes) -> list[_KerningPairs]:
     """Return the horizontal pairs of the table kern, subtables of format 0."""
-    found: dict[tuple[int, int], int] = {}
+    distances: dict[tuple[int, int], int] = {}
     if table[:2] == b"\0\0":
-        at, left = 4, MAX_NUMBERS
+        at, pairs_left = 4, MAX_READS
         for _ in range(struct.unpack(">H", table[2:4])[0]):
             _, size, coverage = struct.unpack(">HHH", table[at : at + 6])
             if coverage & 0xFF07 == 1:
                 (count,) = struct.unpack(">H", table[at + 6 : at + 8])
-                left -= count
-                if left < 0:
+                pairs_left -= count
+                if pairs_left < 0:
                     raise IndexError("too many pairs")
                 pairs = struct.iter_unpack(">HHh", table[at + 14 : at + 14 + 6 * count])
-                found |= {(first, second): units for first, second, units in pairs}
+                distances |= {(first, second): units for first, second, units in pairs}
             at += size
-    return [_Pairs(found)] if found else []
+    return [_KerningPairs(distances)] if distances else []
 
 
-def _gpos_pairs(table: bytes) -> list[_Pairs]:
-    """Return the pairs of the feature kern of the table GPOS."""
+def _gpos_pairs(table: bytes) -> list[_KerningPairs]:
+    """Return the pairs of the kern feature of the table GPOS."""
     if not table:
         return []
-    words = _Words(table)
+    words = _Uint16Reader(table)
     features, lookups = words[6], words[8]
-    chosen: dict[int, None] = {}
+    numbers: dict[int, None] = {}
     for n in range(words[features]):
         record = features + 2 + 6 * n
         if table[record : record + 4] == b"kern":
             feature = features + words[record + 4]
-            chosen |= dict.fromkeys(words[feature + 4 + 2 * k] for k in range(words[feature + 2]))
-    found = []
-    for lookup in (lookups + words[lookups + 2 + 2 * n] for n in chosen):
+            numbers |= dict.fromkeys(words[feature + 4 + 2 * k] for k in range(words[feature + 2]))
+    tables = []
+    for lookup in (lookups + words[lookups + 2 + 2 * n] for n in numbers):
         for k in range(words[lookup + 4]):
             kind, start = words[lookup], lookup + words[lookup + 6 + 2 * k]
             if kind == 9:  # One that stands farther away than 16 bits tell.
                 kind = words[start + 2]
                 start += struct.unpack(">I", table[start + 4 : start + 8])[0]
             if kind == 2:
-                found.append(_pair_positions(words, start))
-    return found
+                tables.append(_pair_positions(words, start))
+    return tables
 
 
-def _pair_positions(words: _Words, start: int) -> _Pairs:
-    """Return the pairs of one subtable."""
-    form, covered = words[start], _coverage(words, start + words[start + 2])
+def _pair_positions(words: _Uint16Reader, start: int) -> _KerningPairs:
+    """Return the pairs of a GPOS subtable of pair adjustments."""
+    format_number, coverage = words[start], _coverage(words, start + words[start + 2])
     formats = words[start + 4], words[start + 6]
     sizes = [2 * bin(one & 0xFF).count("1") for one in formats]
     # Of the first glyph's values the advance counts; before it stand the two of its place.
     advance = 2 * bin(formats[0] & (X_ADVANCE - 1)).count("1")
     has_advance = bool(formats[0] & X_ADVANCE)
-    listed: dict[tuple[int, int], int] = {}
+    distances: dict[tuple[int, int], int] = {}
     if not has_advance:
-        return _Pairs(listed)
-    if form == 1:
-        for n, first in enumerate(covered):
+        return _KerningPairs(distances)
+    if format_number == 1:
+        for n, first in enumerate(coverage):
             pairs = start + words[start + 10 + 2 * n]
             for k in range(words[pairs]):
                 record = pairs + 2 + k * (2 + sum(sizes))
-                listed[first, words[record]] = words.signed(record + 2 + advance)
-        return _Pairs(listed)
+                distances[first, words[record]] = words.signed(record + 2 + advance)
+        return _KerningPairs(distances)
     firsts, seconds = (_classes(words, start + words[start + at]) for at in (8, 10))
     count = words[start + 14]
     for one in range(words[start + 12]):
         for other in range(count):
             record = start + 16 + (one * count + other) * sum(sizes)
             if units := words.signed(record + advance):
-                listed[one, other] = units
-    return _Pairs(listed, set(covered), firsts, seconds)
+                distances[one, other] = units
+    return _KerningPairs(distances, set(coverage), firsts, seconds)
 
 
-class _Words:
-    """The 16-bit numbers of a table, by their place in bytes."""
+class _Uint16Reader:
+    """Reads 16-bit numbers of a table at byte offsets, up to a limit."""
 
     def __init__(self, table: bytes) -> None:
-        self._table, self._left = table, MAX_NUMBERS
+        self._table, self._reads_left = table, MAX_READS
 
     def __getitem__(self, at: int) -> int:
-        """Return an unsigned one; ``IndexError`` after very many."""
-        self._left -= 1
-        if self._left < 0:
+        """Return an unsigned number; raise ``IndexError`` after `MAX_READS`."""
+        self._reads_left -= 1
+        if self._reads_left < 0:
             raise IndexError("too many numbers")
         return int.from_bytes(self._table[at : at + 2], "big")
 
     def signed(self, at: int) -> int:
-        """Return a signed one."""
+        """Return a signed number."""
         return int.from_bytes(self._table[at : at + 2], "big", signed=True)
 
 
-def _coverage(words: _Words, start: int) -> list[int]:
-    """Return the glyphs that a table tells of, in order."""
+def _coverage(words: _Uint16Reader, start: int) -> list[int]:
+    """Return the glyphs of a coverage table, in order."""
     count = words[start + 2]
     if words[start] == 1:
         return [words[start + 4 + 2 * n] for n in range(count)]
@@ -391,8 +391,8 @@ def _coverage(words: _Words, start: int) -> list[int]:
             for glyph in range(first, last + 1)]  # fmt: skip
 
 
-def _classes(words: _Words, start: int) -> dict[int, int]:
-    """Return the class of each glyph that has one."""
+def _classes(words: _Uint16Reader, start: int) -> dict[int, int]:
+    """Return the class of each glyph of a class definition table."""
     if words[start] == 1:
         first = words[start + 2]
         return {first + n: words[start + 6 + 2 * n] for n in range(words[start + 4])}
@@ -400,15 +400,15 @@ def _classes(words: _Words, start: int) -> dict[int, int]:
             for glyph in range(first, last + 1)}  # fmt: skip
 
 
-def _ranges(words: _Words, start: int, count: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the first and the last glyph of ranges, and what stands with them."""
+def _ranges(words: _Uint16Reader, start: int, count: int) -> Iterator[tuple[int, int, int]]:
+    """Yield the first and the last glyph of each range, and its value."""
     for at in range(start, start + 6 * count, 6):
         yield words[at], words[at + 2], words[at + 4]
 
 
-def _segments(table: bytes) -> dict[int, int]:
-    """Return the glyphs of a subtable of format 4 of cmap, by character."""
-    found: dict[int, int] = {}
+def _read_cmap_format_4(table: bytes) -> dict[int, int]:
+    """Return the glyphs of a cmap subtable of format 4, by character."""
+    glyphs: dict[int, int] = {}
     size = len(table) // 2
     words = np.frombuffer(table[: 2 * size], ">u2").astype(int)
     segments = words[3] // 2
@@ -418,27 +418,27 @@ def _segments(table: bytes) -> dict[int, int]:
     for k in range(segments):
         for code in range(firsts[k], ends[k] + 1):
             at = 8 + 3 * segments + k + ranges[k] // 2 + code - firsts[k]
-            listed = 0 if ranges[k] == 0 or at >= len(words) else words[at]
-            if ranges[k] == 0 or listed:
-                found[code] = int((code if ranges[k] == 0 else listed) + steps[k]) & 0xFFFF
-    return found
+            distances = 0 if ranges[k] == 0 or at >= len(words) else words[at]
+            if ranges[k] == 0 or distances:
+                glyphs[code] = int((code if ranges[k] == 0 else distances) + steps[k]) & 0xFFFF
+    return glyphs
 
 
 def _check_ranges(firsts: NDArray[np.int_], lasts: NDArray[np.int_]) -> None:
-    """Raise ``ValueError`` if ranges of characters are more than all that there are."""
+    """Raise ``ValueError`` if ranges hold more characters than Unicode has."""
     if np.maximum(lasts - firsts + 1, 0).sum() > MAX_CHARACTERS:
         raise ValueError("its ranges of characters overlap")
 
 
-def _quadratics(a: Float64, b: Float64, c: Float64, d: Float64) -> list[Float64]:
-    """Return a cubic curve as four quadratic ones that begin, end and point as it does."""
-    found = []
+def _cubic_to_quadratics(a: Float64, b: Float64, c: Float64, d: Float64) -> list[Float64]:
+    """Approximate a cubic curve by four quadratic ones with the same ends and tangents."""
+    curves = []
     for n in range(4):
         s, t = n / 4.0, (n + 1) / 4.0
         points = [_blossom(a, b, c, d, *at) for at in ((s, s, s), (s, s, t), (s, t, t), (t, t, t))]
         middle = (3.0 * (points[1] + points[2]) - points[0] - points[3]) / 4.0
-        found.append(np.stack([points[0], middle, points[3]]))
-    return found
+        curves.append(np.stack([points[0], middle, points[3]]))
+    return curves
 
 
 def _blossom(
@@ -452,7 +452,7 @@ def _blossom(
 
 
 def _split_contours(data: bytes, count: int) -> list[tuple[Float64, NDArray[np.bool_]]]:
-    """Return the contours of a glyph: their points, (N, 2), and which of them lie on it."""
+    """Return the contours of a simple glyph: points, (N, 2), and which of them are on curve."""
     ends = struct.unpack(f">{count}H", data[10 : 10 + 2 * count])
     total = ends[-1] + 1
     (skipped,) = struct.unpack(">H", data[10 + 2 * count : 12 + 2 * count])
@@ -464,16 +464,16 @@ def _split_contours(data: bytes, count: int) -> list[tuple[Float64, NDArray[np.b
         flags += [flag] * (1 + repeats)
     axes = []
     for short, same in ((SHORT_X, SAME_X), (SHORT_Y, SAME_Y)):
-        place, places = 0, []
+        coordinate, coordinates = 0, []
         for flag in flags:
             if flag & short:
-                place += data[at] if flag & same else -data[at]
+                coordinate += data[at] if flag & same else -data[at]
                 at += 1
             elif not flag & same:
-                place += struct.unpack(">h", data[at : at + 2])[0]
+                coordinate += struct.unpack(">h", data[at : at + 2])[0]
                 at += 2
-            places.append(place)
-        axes.append(places)
+            coordinates.append(coordinate)
+        axes.append(coordinates)
     points = np.array(axes, np.float64).T
     is_on = np.array([bool(flag & ON_CURVE) for flag in flags])
     cuts = [end + 1 for end in ends[:-1]]
@@ -521,19 +521,19 @@ def shipped_font() -> Font:
     from PIL import ImageFont
 
     try:
-        found = ImageFont.load_default(16)
+        font = ImageFont.load_default(16)
     except ImportError as error:
         raise ImportError(
             "texts are drawn with the font that Pillow ships, and this Pillow was built without "
             f"FreeType ({error}), so it has none; that of PyPI has: pip install --force pillow"
         ) from error
-    assert isinstance(found, ImageFont.FreeTypeFont)  # As it was asked for by its size.
-    return Font(found.font_bytes)
+    assert isinstance(font, ImageFont.FreeTypeFont)  # As it was asked for by its size.
+    return Font(font.font_bytes)
 
 
-def font_named(name: str | os.PathLike[str] | None) -> Font:
+def find_font(name: str | os.PathLike[str] | None) -> Font:
     """
-    Return a font.
+    Return a font by its name or file.
 
     Parameters
     ----------
@@ -555,18 +555,18 @@ def font_named(name: str | os.PathLike[str] | None) -> Font:
         if not path.is_file():
             raise ValueError(f"font must be a file that is there, got {str(name)!r}")
         try:
-            found = _opened(os.path.abspath(path))
+            font = _open_font(os.path.abspath(path))
             # Read now, so that a damaged table is named here.
-            found.characters  # noqa: B018
+            font.characters  # noqa: B018
         except (OSError, ValueError, struct.error, IndexError) as error:
             raise ValueError(f"font must be a font, got {str(name)!r}: {error}") from None
-        return found
-    wanted = _plain(str(name))
+        return font
+    normalized = _normalize(str(name))
     # Most files are named as their font: look there first.
-    for file in sorted(font_files(), key=lambda file: wanted not in _plain(file)):
-        for number, names in enumerate(_names_of(file)):
-            if wanted in names:
-                return _opened(file, number)
+    for file in sorted(font_files(), key=lambda file: normalized not in _normalize(file)):
+        for number, names in enumerate(_font_names(file)):
+            if normalized in names:
+                return _open_font(file, number)
     raise ValueError(
         f"font must be a file, or the name of a font that Matplotlib brings or the system has, got "
         f"{str(name)!r}"
@@ -574,27 +574,27 @@ def font_named(name: str | os.PathLike[str] | None) -> Font:
 
 
 @functools.lru_cache(maxsize=1024)
-def font_for(character: str, font: Font) -> Font | None:
+def font_with(character: str, font: Font) -> Font | None:
     """Return the first font that has a character: the given one, Pillow's, or any other."""
     for one in (font, shipped_font()):
         if ord(character) in one.characters:
             return one
     for file in font_files():
-        if _plain(Path(file).stem).startswith(PLACEHOLDERS):
+        if _normalize(Path(file).stem).startswith(PLACEHOLDER_FONTS):
             continue
-        if ord(character) in _codes_of(file):
-            found = _opened(file)
-            if found.outline(found.characters[ord(character)]):
-                return found
+        if ord(character) in _character_codes(file):
+            other = _open_font(file)
+            if other.outline(other.characters[ord(character)]):
+                return other
     return None
 
 
 @functools.lru_cache(maxsize=1024)
-def _codes_of(file: str) -> NDArray[np.int32]:
+def _character_codes(file: str) -> NDArray[np.int32]:
     """Return the codes of the characters that a font file has, (N,); none if it cannot be read."""
     try:
         # The font itself is not kept: there may be many, of many megabytes.
-        return np.array(list(_opened.__wrapped__(file).characters), np.int32)
+        return np.array(list(_open_font.__wrapped__(file).characters), np.int32)
     except (OSError, ValueError, struct.error, IndexError):
         return np.empty(0, np.int32)
 
@@ -609,13 +609,13 @@ def font_files() -> tuple[str, ...]:
         folders = [home / "Library/Fonts", Path("/Library/Fonts"), Path("/System/Library/Fonts")]
     elif os.name == "nt":
         folders = [Path(os.environ.get("WINDIR", "C:/Windows")) / "Fonts"]
-    found = importlib.util.find_spec("matplotlib")
-    if found is not None and found.submodule_search_locations:
-        folders.insert(0, Path(found.submodule_search_locations[0]) / "mpl-data/fonts/ttf")
+    matplotlib = importlib.util.find_spec("matplotlib")
+    if matplotlib is not None and matplotlib.submodule_search_locations:
+        folders.insert(0, Path(matplotlib.submodule_search_locations[0]) / "mpl-data/fonts/ttf")
     files = [
-        os.path.join(place, name)
+        os.path.join(root, name)
         for folder in folders
-        for place, _, names in sorted(os.walk(folder))
+        for root, _, names in sorted(os.walk(folder))
         for name in sorted(names)
         if name.lower().endswith(SUFFIXES)
     ]
@@ -629,17 +629,17 @@ def font_files() -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=8)
-def _opened(file: str, number: int = 0) -> Font:
-    """Return a font of a file; one of PostScript needs fontTools."""
-    found = Font(_content(file), number)
-    if "glyf" not in found.tables and importlib.util.find_spec("fontTools") is None:
+def _open_font(file: str, number: int = 0) -> Font:
+    """Return a font of a file; PostScript outlines need fontTools."""
+    font = Font(_read_font_file(file), number)
+    if "glyf" not in font.tables and importlib.util.find_spec("fontTools") is None:
         raise ValueError(
             "its outlines are PostScript's, which need fontTools: pip install fonttools"
         )
-    return found
+    return font
 
 
-def _content(file: str) -> bytes:
+def _read_font_file(file: str) -> bytes:
     """Return a font file, or raise ``ValueError`` for one that is too large."""
     with open(file, "rb") as stream:
         data = stream.read(MAX_FILE + 1)
@@ -649,33 +649,36 @@ def _content(file: str) -> bytes:
 
 
 @functools.lru_cache(maxsize=4096)
-def _names_of(file: str) -> list[set[str]]:
-    """Return the names of the fonts in a file: family, family with style, file; none if damaged."""
+def _font_names(file: str) -> list[set[str]]:
+    """Return the names of each font in a file: family, style, file; none if it is damaged."""
     try:
-        data = _content(file)
+        data = _read_font_file(file)
         count = struct.unpack(">I", data[8:12])[0] if data[:4] == COLLECTION else 1
-        return [{_plain(Path(file).stem)} | _names_in(Font(data, n)) for n in range(min(count, 64))]
+        return [
+            {_normalize(Path(file).stem)} | _read_names(Font(data, n))
+            for n in range(min(count, 64))
+        ]
     except (OSError, ValueError, struct.error):
         return []
 
 
-def _names_in(font: Font) -> set[str]:
-    """Return the names that a font gives itself; a regular one has its family's, too."""
+def _read_names(font: Font) -> set[str]:
+    """Return the names of a font's name table; a regular font has its family's, too."""
     table = font.tables.get("name", b"")
-    found: dict[int, str] = {}
+    strings: dict[int, str] = {}
     count, start = struct.unpack(">HH", table[2:6]) if table else (0, 0)
     for n in range(count):
         platform, _, _, kind, size, at = struct.unpack(">6H", table[6 + 12 * n : 18 + 12 * n])
         text = table[start + at : start + at + size]
-        found.setdefault(
+        strings.setdefault(
             kind, text.decode("utf-16-be" if platform in (0, 3) else "latin-1", "ignore")
         )
-    names = {found[kind] for kind in (4, 6) if kind in found}
-    if found.get(17, found.get(2, "Regular")) in ("Regular", "Book", "Roman", "Normal"):
-        names |= {found[kind] for kind in (1, 16) if kind in found}
-    return {_plain(name) for name in names}
+    names = {strings[kind] for kind in (4, 6) if kind in strings}
+    if strings.get(17, strings.get(2, "Regular")) in ("Regular", "Book", "Roman", "Normal"):
+        names |= {strings[kind] for kind in (1, 16) if kind in strings}
+    return {_normalize(name) for name in names}
 
 
-def _plain(name: str) -> str:
-    """Return a name as names are compared: small letters and digits."""
+def _normalize(name: str) -> str:
+    """Return a name in lower case with letters and digits only, for comparison."""
     return "".join(one for one in name.casefold() if one.isalnum())

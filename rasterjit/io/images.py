@@ -1,5 +1,5 @@
 """
-Read the pictures inside mesh files, and write pictures, depth maps and arrays, whole or not at all.
+Decode the pictures of mesh files; write pictures, depth maps and arrays atomically.
 
 OpenEXR files have named channels, so that other programs know them: R, G, B, A and Z [1]_, and
 X, Y, Z and U, V [2]_. ``outputs.save`` chooses the names, `write_exr` writes the channels.
@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.scene.color import decoding_table, srgb_to_linear
 from rasterjit.scene.memory_limits import TEXEL_BYTES, MemoryBudget
 from rasterjit.scene.picture_codes import picture_codes
@@ -46,34 +46,34 @@ IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gi
 """Extensions that ``save_image`` writes."""
 
 OPAQUE_FORMATS = (".jpg", ".jpeg", ".bmp")
-"""Those of them without an alpha channel."""
+"""Formats without an alpha channel."""
 
 ENCODER_OPTIONS: dict[str, dict[str, Any]] = {
     ".jpg": {"quality": 95},
     ".jpeg": {"quality": 95},
     ".webp": {"lossless": True},
 }
-"""What differs from the encoders' defaults, which lose visible detail."""
+"""Options of encoders whose defaults lose visible detail."""
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOR_TYPES = {(): 0, (3,): 2, (4,): 6}
 """PNG's colour types, by the channels of a pixel: grey, RGB, RGBA."""
-_EFFORT = 2
-"""Of deflate, 1..9: 6 takes four times as long, and its files are a quarter smaller."""
-_UP = 2
+_LEVEL = 2
+"""Deflate level, 1..9: 6 takes four times as long, for files a quarter smaller."""
+_UP_FILTER = 2
 """PNG's filter that stores the difference from the row above: smooth pictures pack better."""
-_LONGEST_KEY = 79
+_MAX_KEY_LENGTH = 79
 
-_PACKED_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
-"""What a PNG file may hold packed beside its texels."""
+_COMPRESSED_CHUNKS = (b"zTXt", b"iTXt", b"iCCP")
+"""Chunks of a PNG file that are compressed, besides its texels."""
 TEXT_BYTES, MAX_TEXTS = 1 << 20, 64
-"""How large each may be unpacked, and how many of that size there may be, before Pillow refuses."""
+"""Most bytes of such a chunk unpacked, and most chunks of that size, that Pillow accepts."""
 
-_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 TAG_BYTES = 16
-"""How much memory a byte of a TIFF file takes as a Python number."""
-_LONGEST_VALUE = 8
-"""Bytes of a value of a tag, at most."""
+"""Memory of a byte of a TIFF file as a Python number."""
+_MAX_VALUE_BYTES = 8
+"""Most bytes of a value of a TIFF tag."""
 
 
 def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -96,7 +96,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    place = checked_path(path, IMAGE_FORMATS)
+    target = checked_path(path, IMAGE_FORMATS)
     pixels = unmasked_array("image", image)
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.size == 0:
@@ -106,7 +106,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
         )
     if channels not in (1, 3, 4) or (pixels.ndim == 3 and channels == 1):
         raise ValueError(f"image must have 3 or 4 channels or no channel axis, got {pixels.shape}")
-    suffix = place.suffix.lower()
+    suffix = target.suffix.lower()
     if channels == 4 and suffix in OPAQUE_FORMATS:
         transparent = int(np.count_nonzero(pixels[:, :, 3] < 255))
         if transparent:
@@ -119,7 +119,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     elif channels == 4 and suffix == ".gif":
         alpha = np.where(pixels[:, :, 3:] < 128, np.uint8(0), np.uint8(255))
         pixels = np.concatenate([pixels[:, :, :3], alpha], axis=2)
-    with replacing(place) as temporary:
+    with atomic_file(target) as temporary:
         _write_pixels(temporary, pixels, ENCODER_OPTIONS.get(suffix, {}))
 
 
@@ -132,13 +132,13 @@ def save_arrays(path: str | Path, **arrays: NDArray[Any]) -> None:
     ValueError
         If the folder does not exist, the extension is not ``.npz``, or no array is given.
     """
-    place = checked_path(path, (".npz",))
+    target = checked_path(path, (".npz",))
     if not arrays:
         raise ValueError("arrays must hold at least one array, got none")
-    with replacing(place) as temporary:
+    with atomic_file(target) as temporary:
         # Old NumPy knows no option of its own beside the arrays.
-        named: dict[str, Any] = arrays
-        np.savez_compressed(temporary, **named)
+        table: dict[str, Any] = arrays
+        np.savez_compressed(temporary, **table)
 
 
 def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> None:
@@ -155,27 +155,27 @@ def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> 
 
 
 def checked_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Path:
-    """Return the path if its extension and its folder are good, or raise ``ValueError``."""
+    """Return the path if its extension and its folder are valid, or raise ``ValueError``."""
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"path must be a file name, got {path!r}")
-    place = Path(os.fsdecode(path))
-    shown = str(place)
-    if not _is_name(shown):
-        raise ValueError(f"path must be a name that a file can have, got {shown!r}")
-    if place.suffix.lower() not in formats:
-        raise ValueError(f"path {str(place)!r} must end in one of {', '.join(formats)}")
+    target = Path(os.fsdecode(path))
+    name = str(target)
+    if not _is_encodable(name):
+        raise ValueError(f"path must be a name that a file can have, got {name!r}")
+    if target.suffix.lower() not in formats:
+        raise ValueError(f"path {str(target)!r} must end in one of {', '.join(formats)}")
     try:
-        if not place.parent.is_dir():
-            raise ValueError(f"path {shown!r}: the folder {str(place.parent)!r} does not exist")
-        if place.is_dir():
-            raise ValueError(f"path {shown!r} is a folder")
+        if not target.parent.is_dir():
+            raise ValueError(f"path {name!r}: the folder {str(target.parent)!r} does not exist")
+        if target.is_dir():
+            raise ValueError(f"path {name!r} is a folder")
     except OSError as error:
-        raise ValueError(f"path {shown!r} cannot be a file: {error.strerror}") from None
-    return place
+        raise ValueError(f"path {name!r} cannot be a file: {error.strerror}") from None
+    return target
 
 
-def _is_name(path: str) -> bool:
-    """Tell whether the system can be asked for a file of that name."""
+def _is_encodable(path: str) -> bool:
+    """Tell whether a path can be encoded as a file name of the system."""
     try:
         return b"\0" not in os.fsencode(path)
     except UnicodeEncodeError:
@@ -187,18 +187,18 @@ class MissingOpenEXRError(ImportError, ValueError):
 
 
 def write_exr(
-    place: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
+    path: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
 ) -> None:
     """
-    Write channels to a scan-line file with lossless ZIP compression, whole or not at all.
+    Write channels to an OpenEXR scan-line file with lossless ZIP compression, atomically.
 
     Parameters
     ----------
-    place : Path
+    path : Path
     channels : mapping of str to (H, W) float32 or uint32
         All of one shape; the file's data window is columns 0..W-1 and rows 0..H-1.
     attributes : mapping of str to str, optional
-        What the header says besides.
+        Further entries of the header.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def write_exr(
         import OpenEXR
     except ImportError:
         raise MissingOpenEXRError(
-            f'path {str(place)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
+            f'path {str(path)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
         ) from None
     header = {
         **(attributes or {}),
@@ -219,32 +219,32 @@ def write_exr(
         "type": OpenEXR.scanlineimage,
     }
     pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
-    with replacing(place) as temporary, OpenEXR.File(header, pixels) as file:
+    with atomic_file(path) as temporary, OpenEXR.File(header, pixels) as file:
         try:
             file.write(str(temporary))
         except RuntimeError as error:
-            raise _as_os_error(error, temporary, place) from None
+            raise _as_os_error(error, temporary, path) from None
 
 
-def _as_os_error(error: RuntimeError, temporary: Path, place: Path) -> OSError:
-    """Return what OpenEXR says in words alone as the system's error, naming the file wanted."""
-    said = str(error)
+def _as_os_error(error: RuntimeError, temporary: Path, path: Path) -> OSError:
+    """Convert OpenEXR's ``RuntimeError`` to an ``OSError`` that names the target file."""
+    message = str(error)
     for code in sorted(errno.errorcode):
-        if os.strerror(code) in said:
-            return OSError(code, os.strerror(code), str(place))
-    return OSError(errno.EIO, said.replace(str(temporary), str(place)), str(place))
+        if os.strerror(code) in message:
+            return OSError(code, os.strerror(code), str(path))
+    return OSError(errno.EIO, message.replace(str(temporary), str(path)), str(path))
 
 
 def encode_png(pixels: NDArray[Any], texts: Mapping[str, str] | None = None) -> bytes:
     """
-    Return a PNG file.
+    Encode pixels as a PNG file.
 
     Parameters
     ----------
     pixels : (H, W), (H, W, 3) or (H, W, 4) uint8 or uint16
         Grey, RGB or RGBA.
     texts : mapping of str to str, optional
-        What its ``tEXt`` chunks say: keys of 1 to 79 characters and values, Latin-1.
+        Its ``tEXt`` chunks: keys of 1 to 79 characters and values, Latin-1.
 
     Raises
     ------
@@ -265,16 +265,16 @@ def encode_png(pixels: NDArray[Any], texts: Mapping[str, str] | None = None) -> 
     bits = 8 * pixels.dtype.itemsize
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0))]
     chunks += [(b"tEXt", _text(key, value)) for key, value in (texts or {}).items()]
-    chunks += [(b"IDAT", zlib.compress(_filtered_rows(pixels).data, _EFFORT)), (b"IEND", b"")]
-    return _SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
+    chunks += [(b"IDAT", zlib.compress(_filtered_rows(pixels).data, _LEVEL)), (b"IEND", b"")]
+    return _PNG_SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
 
 
 def _filtered_rows(pixels: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return each row as its filter's number and its bytes less those of the row above."""
+    """Apply PNG's filter Up to each row: its number, then differences from the row above."""
     stored = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder(">"))
     stored = stored.reshape(len(pixels), -1).view(np.uint8)
     rows = np.empty((len(stored), stored.shape[1] + 1), np.uint8)
-    rows[:, 0] = _UP
+    rows[:, 0] = _UP_FILTER
     rows[0, 1:] = stored[0]
     np.subtract(stored[1:], stored[:-1], out=rows[1:, 1:])
     return rows
@@ -283,35 +283,35 @@ def _filtered_rows(pixels: NDArray[Any]) -> NDArray[np.uint8]:
 def _text(key: str, value: str) -> bytes:
     """Return the content of a ``tEXt`` chunk."""
     try:
-        name, said = key.encode("latin-1"), value.encode("latin-1")
+        keyword, text = key.encode("latin-1"), value.encode("latin-1")
     except UnicodeEncodeError:
         raise ValueError(f"texts must be Latin-1, got {key!r}: {value!r}") from None
-    if not 1 <= len(name) <= _LONGEST_KEY or b"\0" in name + said:
-        raise ValueError(f"texts must have keys of 1..{_LONGEST_KEY} characters, got {key!r}")
-    return name + b"\0" + said
+    if not 1 <= len(keyword) <= _MAX_KEY_LENGTH or b"\0" in keyword + text:
+        raise ValueError(f"texts must have keys of 1..{_MAX_KEY_LENGTH} characters, got {key!r}")
+    return keyword + b"\0" + text
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
-    """Return a chunk: its length, name and content, and the check sum of the last two."""
+    """Return a PNG chunk: length, type, data, and the CRC of the last two."""
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def picture_pixels(
+def decode_picture(
     content: bytes,
-    what: str = "a picture",
-    further: tuple[str, ...] = (),
+    label: str = "a picture",
+    extra_formats: tuple[str, ...] = (),
     budget: MemoryBudget | None = None,
 ) -> NDArray[Any]:
     """
-    Decode a picture's file.
+    Decode the content of a picture file.
 
     Parameters
     ----------
     content : bytes
-    what : str
+    label : str
         What a message calls it.
-    further : tuple of str
-        Formats that it may have besides, by Pillow's names.
+    extra_formats : tuple of str
+        Further formats that are allowed, by Pillow's names.
     budget : MemoryBudget, optional
         Counts what its texels take, by its header.
 
@@ -328,29 +328,29 @@ def picture_pixels(
     Exception
         Whatever Pillow raises about a picture that is damaged.
     """
-    beside = _bytes_of_head(content)
+    header_memory = _header_memory(content)
     if budget is not None:
-        budget.take(what, beside)
-    with _opened(content, further) as image:
+        budget.take(label, header_memory)
+    with _open_picture(content, extra_formats) as image:
         if budget is not None:
             # What opening took is free again.
             width, height = image.size
-            budget.take(what, max(width * height * TEXEL_BYTES - beside, 0))
+            budget.take(label, max(width * height * TEXEL_BYTES - header_memory, 0))
         return image_pixels(image)
 
 
-def _bytes_of_head(content: bytes) -> int:
-    """Return how much memory opening a picture takes at most, by what its head says."""
+def _header_memory(content: bytes) -> int:
+    """Return the most memory that opening a picture takes besides texels, by its header."""
     if content.startswith(b"\x89PNG"):
-        packed = sum(map(content.count, _PACKED_TEXTS))
+        packed = sum(map(content.count, _COMPRESSED_CHUNKS))
         return min(packed, MAX_TEXTS) * TEXT_BYTES
-    if content[:4] in _TIFF:
-        return TAG_BYTES * _bytes_of_tags(content)
+    if content[:4] in _TIFF_SIGNATURES:
+        return TAG_BYTES * _tag_bytes(content)
     return 0
 
 
-def _bytes_of_tags(content: bytes) -> int:
-    """Return how long all tags of a TIFF file are together at most; several may share bytes."""
+def _tag_bytes(content: bytes) -> int:
+    """Return the most bytes of all tags of a TIFF file together; several may share bytes."""
     order = "<" if content[:1] == b"I" else ">"
     # Large files have places of 8 bytes.
     is_large = content[2:4].strip(b"\0") == b"+"
@@ -360,33 +360,33 @@ def _bytes_of_tags(content: bytes) -> int:
         (tags,) = struct.unpack_from(order + count, content, at)
         at += struct.calcsize(order + count)
         rows = content[at : at + tags * struct.calcsize(order + entry)]
-        sizes = (_LONGEST_VALUE * n for _, n in struct.iter_unpack(order + entry, rows))
+        sizes = (_MAX_VALUE_BYTES * n for _, n in struct.iter_unpack(order + entry, rows))
         return sum(min(size, len(content)) for size in sizes)
     except struct.error:
         # Pillow says what is wrong with it.
         return 0
 
 
-def take_texels(size: tuple[int, int], what: str, budget: MemoryBudget) -> None:
-    """Count what the texels of a picture, (width, height), take."""
-    budget.take(what, size[0] * size[1] * TEXEL_BYTES)
+def take_texels(size: tuple[int, int], label: str, budget: MemoryBudget) -> None:
+    """Count the memory of the texels of a picture, (width, height)."""
+    budget.take(label, size[0] * size[1] * TEXEL_BYTES)
 
 
 def check_picture(content: bytes) -> None:
-    """Raise what `picture_pixels` does about the beginning of a picture's file."""
-    with _opened(content):
+    """Raise the error that `decode_picture` would about the header of a picture file."""
+    with _open_picture(content):
         pass
 
 
 @contextmanager
-def _opened(content: bytes, further: tuple[str, ...] = ()) -> Iterator[Image.Image]:
-    """Open a picture's file, warning of nothing."""
+def _open_picture(content: bytes, extra_formats: tuple[str, ...] = ()) -> Iterator[Image.Image]:
+    """Open a picture with Pillow, without its warnings."""
     from PIL import UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            with opened_picture("it", io.BytesIO(content), further) as image:
+            with opened_picture("it", io.BytesIO(content), extra_formats) as image:
                 yield image
         except UnidentifiedImageError:
             # Pillow names the place in memory.
@@ -398,9 +398,9 @@ def image_pixels(image: Image.Image) -> NDArray[Any]:
     return picture_codes(image.convert("RGBA") if image.mode == "F" else image)
 
 
-def nearest_codes(linear: NDArray[np.float32], color_space: str) -> tuple[NDArray[np.uint8], bool]:
+def quantize(linear: NDArray[np.float32], color_space: str) -> tuple[NDArray[np.uint8], bool]:
     """
-    Return colours or texels as bytes.
+    Quantize linear colours or texels to bytes.
 
     Parameters
     ----------
@@ -426,13 +426,13 @@ def nearest_codes(linear: NDArray[np.float32], color_space: str) -> tuple[NDArra
     return codes, bool((read == linear).all())
 
 
-def in_16_bits(codes: NDArray[Any]) -> NDArray[np.uint16]:
-    """Return a picture of 8 or 16 bits as one of 16."""
+def to_uint16(codes: NDArray[Any]) -> NDArray[np.uint16]:
+    """Convert a picture of 8 or 16 bits to 16 bits."""
     return codes if codes.dtype == np.uint16 else codes.astype(np.uint16) * np.uint16(257)
 
 
-def resized(grey: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
-    """Return a grey picture, uint8 or uint16, in another size, (width, height), or the same."""
+def resize_grey(grey: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
+    """Resize a grey picture, uint8 or uint16, to (width, height)."""
     if (grey.shape[1], grey.shape[0]) == size:
         return grey
     from PIL import Image

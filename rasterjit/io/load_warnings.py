@@ -1,4 +1,4 @@
-"""Say what of a file or scene is not shown: all of it, or once and in one line, a part."""
+"""Errors and warnings of loading and saving: what cannot be read, shown or kept."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LoadWarning(UserWarning):
     Attributes
     ----------
     left_out : dict of str to int
-        How many things of each kind; empty for a warning of another thing.
+        Count of each kind of thing that is left out; empty for other warnings.
     """
 
     def __init__(self, *arguments: object) -> None:
@@ -37,34 +37,34 @@ class MissingFileError(ValueError):
     """A file that another one names is not there."""
 
 
-LONGEST_REASON = 200
-"""Characters of a reason that a message shows."""
+MAX_REASON_LENGTH = 200
+"""Most characters of a reason in a message."""
 
-MAX_NAMED = 3
-"""Things that a message names that are left out for the same reason."""
+MAX_LISTED = 3
+"""Most things that a message lists for one reason."""
 
 
 DAMAGED = "it is damaged or something else"
 
-OF_READERS = (AttributeError, TypeError, IndexError, UnicodeError, AssertionError, StopIteration)
-"""Errors of a reader that met what it does not expect: they speak of it, not of the file."""
+READER_ERRORS = (AttributeError, TypeError, IndexError, UnicodeError, AssertionError, StopIteration)
+"""Errors of a reader's own code on unexpected input: their messages do not describe the file."""
 
 
 def reason_of(error: Exception) -> str:
-    """Return in one line why something cannot be read, whatever was raised about it."""
+    """Return an error's reason in one line, for a message about something unreadable."""
     if isinstance(error, (MissingFileError, FileNotFoundError)):
         return "it is missing"
     if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str):
         return f"{error.args[0]} is missing"
-    if isinstance(error, OF_READERS):
+    if isinstance(error, READER_ERRORS):
         return DAMAGED
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__
+    return " ".join(text.split())[:MAX_REASON_LENGTH] or type(error).__name__
 
 
 @contextmanager
-def as_mesh_file_error(file: Path, extension: str) -> Iterator[None]:
-    """Raise `MeshFileError` about what the system refuses, or has too little memory for."""
+def raise_mesh_file_error(file: Path, extension: str) -> Iterator[None]:
+    """Convert ``OSError`` and ``MemoryError`` to `MeshFileError`."""
     try:
         yield
     except (OSError, MemoryError) as error:
@@ -72,44 +72,44 @@ def as_mesh_file_error(file: Path, extension: str) -> Iterator[None]:
         raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error
 
 
-class NotSaved:
-    """Collect what is saved otherwise than it is, to warn about everything at once."""
+class SaveNotes:
+    """Collect what a file format cannot hold or rounds, to warn of everything at once."""
 
-    def __init__(self, form: str) -> None:
-        self._form = form
-        self._lost: dict[str, None] = {}
+    def __init__(self, format_name: str) -> None:
+        self._format = format_name
+        self._missing: dict[str, None] = {}
         self._rounded: dict[str, None] = {}
 
     def note(self, what: str) -> None:
-        """Add what the form has no place for, such as ``"fog"``."""
-        self._lost[what] = None
+        """Add something that the format cannot hold, such as ``"fog"``."""
+        self._missing[what] = None
 
     def note_rounded(self, what: str) -> None:
-        """Add what the form keeps with fewer digits than would do."""
+        """Add something that the format rounds noticeably."""
         self._rounded[what] = None
 
     def warn(self, source: str) -> None:
-        """Warn, if anything was noted, of what is lost and, apart from it, what is rounded."""
-        said = []
-        if self._lost:
-            said.append(f"{self._form} has no place for {', '.join(self._lost)}")
+        """Warn, if anything was noted, of what is missing and what is rounded."""
+        messages = []
+        if self._missing:
+            messages.append(f"{self._format} has no place for {', '.join(self._missing)}")
         if self._rounded:
-            said.append(f"rounded: {', '.join(self._rounded)}")
-        if said:
-            warn_caller(f"{source}: {'; '.join(said)}; all else is kept", SaveWarning)
+            messages.append(f"rounded: {', '.join(self._rounded)}")
+        if messages:
+            warn_caller(f"{source}: {'; '.join(messages)}; all else is kept", SaveWarning)
 
 
 class LeftOut:
     """
-    Tell what a file holds from what is made of it, to warn of the rest at once.
+    Collect what of a file is left out, to warn of everything at once.
 
     A reader that meets what it cannot show notes it. One that could pass over things without
-    meeting them counts by kind all that the file holds (`found`) and what it makes something of
-    (`read`); what is left between the two is left out as well.
+    meeting them counts by kind all that the file holds (`expect`) and what it makes something of
+    (`mark_read`); the difference is left out as well.
     """
 
     def __init__(self) -> None:
-        self._noted: dict[str, Counter[str]] = {}
+        self._counts: dict[str, Counter[str]] = {}
         self._unread: Counter[str] = Counter()
 
     def note(self, what: str, count: int = 1, reason: str = "") -> None:
@@ -119,35 +119,35 @@ class LeftOut:
         Of those that are left out for one reason, such as ``": it is missing"``, a few are named.
         """
         if count:
-            self._noted.setdefault(reason or what, Counter())[what] += count
+            self._counts.setdefault(reason or what, Counter())[what] += count
 
-    def found(self, what: str, count: int = 1) -> None:
-        """Add ``count`` things of a kind that the file holds."""
+    def expect(self, what: str, count: int = 1) -> None:
+        """Count ``count`` things of a kind as held by the file."""
         self._unread[what] += count
 
-    def read(self, what: str, count: int = 1) -> None:
-        """Add ``count`` things of a kind that something is made of."""
+    def mark_read(self, what: str, count: int = 1) -> None:
+        """Count ``count`` things of a kind as read."""
         self._unread[what] -= count
 
-    def all(self) -> list[tuple[str, str, int]]:
-        """Return reason, kind and number of all that is left out, for `add_all` of another one."""
+    def entries(self) -> list[tuple[str, str, int]]:
+        """Return reason, kind and number of all that is left out, for `extend` of another one."""
         return [
             (reason, what, count)
             for reason, counts in self._by_reason().items()
             for what, count in counts.items()
         ]
 
-    def add_all(self, notes: list[tuple[str, str, int]]) -> None:
-        """Add what another one noted."""
+    def extend(self, notes: list[tuple[str, str, int]]) -> None:
+        """Add the entries of another one."""
         for reason, what, count in notes:
             self.note(what, count, reason)
 
     def _by_reason(self) -> dict[str, Counter[str]]:
-        """Return what is left out: by reason, or by its name if it has none."""
+        """Return the counts of what is left out, by reason, or by kind where it has none."""
         rest = +self._unread
-        alone = {what: self._noted.get(what, Counter()) + Counter({what: rest[what]})
+        alone = {what: self._counts.get(what, Counter()) + Counter({what: rest[what]})
                  for what in rest}  # fmt: skip
-        return {**self._noted, **alone}
+        return {**self._counts, **alone}
 
     def counts(self) -> dict[str, int]:
         """Return how many things of each kind are left out."""
@@ -158,22 +158,22 @@ class LeftOut:
         }
 
     def __str__(self) -> str:
-        return ", ".join(_told(reason, counts) for reason, counts in self._by_reason().items())
+        return ", ".join(_describe(reason, counts) for reason, counts in self._by_reason().items())
 
     def warn(self, source: str) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
-        said = str(self)
-        if said:
-            warning = LoadWarning(f"{source}: left out {said}; the rest is there")
+        omissions = str(self)
+        if omissions:
+            warning = LoadWarning(f"{source}: left out {omissions}; the rest is there")
             warning.left_out = self.counts()
             warn_caller(warning)
 
 
-def _told(reason: str, counts: Counter[str]) -> str:
-    """Return in one line what is left out for a reason, and how much of it."""
+def _describe(reason: str, counts: Counter[str]) -> str:
+    """Describe in one line the things left out for one reason, and their number."""
     names = list(counts)
-    said = ", ".join(names[:MAX_NAMED])
-    if len(names) > MAX_NAMED:
-        said += f" and {len(names) - MAX_NAMED} more"
-    because = "" if reason in counts else reason
-    return f"{said}{because} ({counts.total()})"
+    text = ", ".join(names[:MAX_LISTED])
+    if len(names) > MAX_LISTED:
+        text += f" and {len(names) - MAX_LISTED} more"
+    suffix = "" if reason in counts else reason
+    return f"{text}{suffix} ({counts.total()})"

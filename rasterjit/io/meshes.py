@@ -1,4 +1,4 @@
-"""Files, objects of other packages and meshes become scenes; packages are imported when needed."""
+"""Load files, objects of other packages and meshes as scenes."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
 
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.foreign.codecs import Decoder, Isolation
-from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
+from rasterjit.io.foreign.objects import foreign_name, foreign_package, foreign_scene
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.load_warnings import (
     DAMAGED,
-    OF_READERS,
+    READER_ERRORS,
     LeftOut,
     LoadWarning,
     MeshFileError,
-    as_mesh_file_error,
+    raise_mesh_file_error,
 )
 from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
-from rasterjit.io.primitives import Reading
-from rasterjit.io.resources import Resources, extension_of, other_kind
-from rasterjit.io.text.mesh_builder import Assembly, Thing, scene_of_assembly, scene_of_parts
+from rasterjit.io.primitives import Context
+from rasterjit.io.resources import Resources, detect_kind, extension_of
+from rasterjit.io.text.mesh_builder import Geometry, SceneRecord, build_scene, scene_of_record
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
@@ -49,15 +49,15 @@ from rasterjit.scene.warning import warn_caller
 if TYPE_CHECKING:
     import trimesh
 
-    from rasterjit.io.foreign.door import Session
+    from rasterjit.io.foreign.isolation import Session
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load", "scene_to_add"]
 
-WITH_EXTRAS = (".3dxml", ".dae", ".xaml", ".zae")
-"""Mesh files that trimesh reads with ``rasterjit[formats]``: without it they fail, and say why."""
+EXTRA_FORMATS = (".3dxml", ".dae", ".xaml", ".zae")
+"""Mesh files that need ``rasterjit[formats]``: without it, `load` says so."""
 
-MOSTLY_OTHER = (".xml", ".dat", ".node")
-"""Extensions of meshes that, in a folder, mostly end the names of something else."""
+AMBIGUOUS = (".xml", ".dat", ".node")
+"""Extensions of mesh files that most other files of a folder share."""
 
 
 def mesh_files(folder: str | Path) -> list[Path]:
@@ -72,15 +72,15 @@ def mesh_files(folder: str | Path) -> list[Path]:
     ValueError
         If there is no such folder.
     """
-    place = existing_folder("folder", folder).resolve()
+    top = existing_folder("folder", folder).resolve()
     suffixes = mesh_suffixes()
-    found = []
-    for root, folders, files in os.walk(place):
+    meshes = []
+    for root, folders, files in os.walk(top):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
             if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
-                found.append(Path(root, name))
-    return sorted(found, key=lambda file: file.relative_to(place).as_posix())
+                meshes.append(Path(root, name))
+    return sorted(meshes, key=lambda file: file.relative_to(top).as_posix())
 
 
 def mesh_suffixes() -> frozenset[str]:
@@ -89,31 +89,31 @@ def mesh_suffixes() -> frozenset[str]:
 
     from rasterjit.io.gltf.scene import GLTF_FORMATS
 
-    known = (*mesh_formats(), *GLTF_FORMATS, "3mf")
-    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS)).difference(MOSTLY_OTHER)
+    extensions = (*mesh_formats(), *GLTF_FORMATS, "3mf")
+    return frozenset((*(f".{name}" for name in extensions), *EXTRA_FORMATS)).difference(AMBIGUOUS)
 
 
 OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
-"""What to do about a damaged file: refuse it; load what there is, and warn."""
+"""For a damaged file: refuse it; or load the rest and warn."""
 
-OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *ROW_FORMATS)
+BUILTIN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *ROW_FORMATS)
 """Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
 
 FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
 
-_Z_UP = ("3mf", *LAS_FORMATS)
-"""Formats by whose definition z is up."""
+_Z_UP_FORMATS = ("3mf", *LAS_FORMATS)
+"""Formats that define z as up."""
 
 _UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>")
-"""What a COLLADA file says, near its beginning."""
+"""The up axis in the header of a COLLADA file."""
 
-_HEAD = 1 << 16
-"""Bytes of a COLLADA file that are looked through for it."""
+_COLLADA_HEADER_BYTES = 1 << 16
+"""Bytes of a COLLADA file that are searched for the up axis."""
 
 _CREASE_ANGLE = 40.0
-"""Degrees between faces that an edge is seen from, of meshes without normals."""
+"""Angle between faces, degrees, from which an edge is sharp, for meshes without normals."""
 
 
 def load(
@@ -220,12 +220,12 @@ def load(
             ("isolate", isolate, True),
         ):
             if value != default:
-                said = (
+                source = (
                     "a trimesh object"
                     if _is_trimesh(path)
                     else f"an object of {foreign_package(path)}"
                 )
-                raise ValueError(f"{name} must not be given for {said}, got {value!r}")
+                raise ValueError(f"{name} must not be given for {source}, got {value!r}")
         if _is_trimesh(path):
             return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
         return _from_foreign(path, on_invalid, crease_angle)
@@ -236,11 +236,11 @@ def load(
     left_out, resources = LeftOut(), Resources(file, root, budget, decoder)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
-        scene.up = _up_of(file)
+        scene.up = _up_axis(file)
     except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
-        kind = other_kind(file, extension_of(file))
+        kind = detect_kind(file, extension_of(file))
         if kind is None:
             raise
         raise MeshFileError(f"{file} is {kind}; its name says .{extension_of(file)}") from error
@@ -263,30 +263,30 @@ def _load(
 ) -> Scene:
     """Read a mesh file with the reader of its format."""
     extension = extension_of(file)
-    reading = Reading(str(file), on_invalid, crease_angle, left_out, resources.budget)
+    context = Context(str(file), on_invalid, crease_angle, left_out, resources.budget)
     if extension in GLTF_FORMATS:
-        return load_gltf(file, resources, reading)
+        return load_gltf(file, resources, context)
     if extension == "3mf":
-        return load_3mf(file, resources, reading)
+        return load_3mf(file, resources, context)
     if extension == "binvox":
         return load_binvox(file, resources, left_out)
-    if extension in OWN_FORMATS:
+    if extension in BUILTIN_FORMATS:
         damage = Damage(file, on_damage, left_out)
-        found: Any = _read_parts(file, resources, damage, left_out)
+        data: Any = _read_parts(file, resources, damage, left_out)
         damage.note()
     elif isolate:
-        from rasterjit.io.foreign.door import read_isolated
+        from rasterjit.io.foreign.isolation import read_isolated
 
-        found = read_isolated(file, resources, on_invalid, on_damage, left_out)
+        data = read_isolated(file, resources, on_invalid, on_damage, left_out)
     else:
         from rasterjit.io.foreign.readers import read_file
 
-        found = read_file(file, resources, on_invalid, on_damage, left_out)
-    make = scene_of_assembly if isinstance(found, Assembly) else scene_of_parts
+        data = read_file(file, resources, on_invalid, on_damage, left_out)
+    make = scene_of_record if isinstance(data, SceneRecord) else build_scene
     try:
-        return make(found, reading)
-    except OF_READERS as error:
-        if extension in OWN_FORMATS or not isolate:
+        return make(data, context)
+    except READER_ERRORS as error:
+        if extension in BUILTIN_FORMATS or not isolate:
             raise
         # What the process of another package sent is not trusted either.
         raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
@@ -296,26 +296,26 @@ def readable_formats() -> frozenset[str]:
     """Return the extensions that `load` takes with what is installed, in lower case, no dot."""
     from rasterjit.io.foreign.readers import foreign_formats
 
-    return frozenset({*GLTF_FORMATS, "3mf", "binvox", *OWN_FORMATS, *foreign_formats()})
+    return frozenset({*GLTF_FORMATS, "3mf", "binvox", *BUILTIN_FORMATS, *foreign_formats()})
 
 
 def _begin_session(budget: MemoryBudget) -> Session:
-    """Begin to decode what a file holds packed in a process with limits."""
-    from rasterjit.io.foreign.door import Session
+    """Start a session that decodes the compressed data of a file in an isolated process."""
+    from rasterjit.io.foreign.isolation import Session
 
     return Session(budget)
 
 
-def _up_of(file: Path) -> tuple[float, float, float] | None:
-    """Return which way is up by a file or the definition of its format; None if neither tells."""
+def _up_axis(file: Path) -> tuple[float, float, float] | None:
+    """Return the up axis by a file or the definition of its format; None if unknown."""
     extension = extension_of(file)
     if extension == "dae":
         with file.open("rb") as opened:
-            said = _UP_AXIS.search(opened.read(_HEAD))
-        axis = said[1] if said else b"Y"
+            match = _UP_AXIS.search(opened.read(_COLLADA_HEADER_BYTES))
+        axis = match[1] if match else b"Y"
     elif extension in GLTF_FORMATS:
         axis = b"Y"
-    elif extension in _Z_UP:
+    elif extension in _Z_UP_FORMATS:
         axis = b"Z"
     else:
         return None
@@ -324,10 +324,10 @@ def _up_of(file: Path) -> tuple[float, float, float] | None:
 
 def _read_parts(
     file: Path, resources: Resources, damage: Damage, left_out: LeftOut
-) -> Sequence[Thing]:
-    """Read a file of `OWN_FORMATS`, or raise `MeshFileError`."""
+) -> Sequence[Geometry]:
+    """Read a file of `BUILTIN_FORMATS`, or raise `MeshFileError`."""
     extension = extension_of(file)
-    with as_mesh_file_error(file, extension):
+    with raise_mesh_file_error(file, extension):
         if extension == "obj":
             return read_obj(file, resources, damage, left_out)
         if extension == "ply":
@@ -342,7 +342,7 @@ def _read_parts(
 
 
 def _warn_if_invisible(file: Path, scene: Scene) -> None:
-    """Warn if a file's materials hide all that it holds."""
+    """Warn if all materials of a file are fully transparent."""
     materials = [node.mesh.material for node in scene.nodes]
     if all(one.alpha_mode == "blend" and one.base_color_over(False)[3] == 0.0 for one in materials):
         warn_caller(
@@ -392,7 +392,7 @@ def from_trimesh(
         )
     left_out = LeftOut()
     source = f"trimesh {type(what).__name__}"
-    scene = TrimeshAdapter(Reading(source, on_invalid, crease_angle, left_out), False).scene(what)
+    scene = TrimeshAdapter(Context(source, on_invalid, crease_angle, left_out), False).scene(what)
     left_out.warn(source)
     return scene
 
@@ -400,14 +400,14 @@ def from_trimesh(
 def _from_foreign(what: Any, on_invalid: OnInvalid, crease_angle: float) -> Scene:
     """Turn an object of another package into a scene; warn of what was left out."""
     left_out = LeftOut()
-    scene = scene_of_foreign(what, on_invalid, crease_angle, left_out)
+    scene = foreign_scene(what, on_invalid, crease_angle, left_out)
     left_out.warn(foreign_name(what))
     return scene
 
 
 def as_scene(what: Any, name: str = "what") -> Scene:
     """
-    Return anything that can be drawn as a scene.
+    Convert anything that can be drawn to a scene.
 
     Parameters
     ----------
@@ -455,9 +455,9 @@ def scene_to_add(what: Any) -> Scene:
     left_out = LeftOut()
     if _is_trimesh(what):
         source = f"trimesh {type(what).__name__}"
-        scene = TrimeshAdapter(Reading(source, "raise", _CREASE_ANGLE, left_out), False).scene(what)
+        scene = TrimeshAdapter(Context(source, "raise", _CREASE_ANGLE, left_out), False).scene(what)
     elif foreign_package(what) is not None:
-        scene = scene_of_foreign(what, "raise", _CREASE_ANGLE, left_out)
+        scene = foreign_scene(what, "raise", _CREASE_ANGLE, left_out)
     elif isinstance(what, Scene):
         scene = what
     else:
@@ -478,7 +478,7 @@ def scene_to_add(what: Any) -> Scene:
 
 
 def _is_trimesh(what: Any) -> TypeGuard[trimesh.Trimesh | trimesh.Scene]:
-    """Tell trimesh's objects, which only exist if somebody has imported it."""
+    """Tell whether this is an object of trimesh, which exists only if trimesh is imported."""
     trimesh = sys.modules.get("trimesh")
     return trimesh is not None and isinstance(what, (trimesh.parent.Geometry, trimesh.Scene))
 

@@ -1,4 +1,4 @@
-"""What readers find, as RasterJIT draws it: attributes of meshes, `Lines`, `Points`."""
+"""Turn line sets and point clouds of files into `Lines` and `Points`; check attributes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
-from rasterjit.io.resources import LONGEST_NAME
+from rasterjit.io.resources import MAX_NAME_LENGTH
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.lines import Lines, strip_segments
 from rasterjit.scene.material import Material
@@ -21,15 +21,15 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.warning import MADE_NORMALS, told_elsewhere
 
 _SAGITTA = 1e-4
-"""Share of a drawing's extent by which segments may lie beside an arc: .4 pixels of 4096."""
+"""Largest distance of segments from an arc, as a share of the drawing: .4 pixels of 4096."""
 
-_LONGEST_STEP = 0.08
-"""Radians of a segment at most: of circles that are small in their drawing, but looked at."""
+_MAX_STEP = 0.08
+"""Most radians of a segment: circles that are small in their drawing may be looked at closely."""
 
-_MIN = 4
-"""Segments of an arc."""
+_MIN_SEGMENTS = 4
+"""Fewest segments of an arc."""
 
-_STRAIGHT = 1e-7
+_STRAIGHT_SINE = 1e-7
 """Sine of the angle at which an arc is a line: its middle is seen nowhere else, and its centre lies
 so far away that points around it are no longer exact."""
 
@@ -42,7 +42,7 @@ class Arc(NamedTuple):
     ----------
     center : (D,) float
     radius : float
-    first, second : (D,) float
+    x_axis, y_axis : (D,) float
         Unit vectors at right angles: towards where the arc begins, and where it goes from there.
     span : float
         Radians, up to 2 pi.
@@ -50,36 +50,36 @@ class Arc(NamedTuple):
 
     center: NDArray[np.float64]
     radius: float
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
+    x_axis: NDArray[np.float64]
+    y_axis: NDArray[np.float64]
     span: float
 
-    def at(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points_at(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points, (N, D), at angles from the beginning."""
-        along = np.cos(angles)[:, None] * self.first + np.sin(angles)[:, None] * self.second
+        along = np.cos(angles)[:, None] * self.x_axis + np.sin(angles)[:, None] * self.y_axis
         return self.center + self.radius * along
 
     def bounds(self) -> NDArray[np.float64]:
         """Return the corners of the box around the arc, (2, D)."""
         # Along each axis it reaches farthest where it begins or ends, or turns back.
-        turns = np.arctan2(self.second, self.first)
-        angles = np.concatenate([turns, turns + np.pi]) % (2.0 * np.pi)
-        reached = self.at(np.append(angles[angles <= self.span], [0.0, self.span]))
-        return np.array([reached.min(axis=0), reached.max(axis=0)])
+        extremes = np.arctan2(self.y_axis, self.x_axis)
+        angles = np.concatenate([extremes, extremes + np.pi]) % (2.0 * np.pi)
+        points = self.points_at(np.append(angles[angles <= self.span], [0.0, self.span]))
+        return np.array([points.min(axis=0), points.max(axis=0)])
 
-    def segments(self, scale: float) -> int:
-        """Return in how many segments it is cut in a drawing of an extent, which holds it."""
-        beside = min(_SAGITTA * scale / self.radius, 1.0)
-        step = min(4.0 * math.asin(math.sqrt(0.5 * beside)), _LONGEST_STEP)
-        return max(math.ceil(self.span / step), _MIN)
+    def segment_count(self, scale: float) -> int:
+        """Return the number of segments for the arc in a drawing of a given extent."""
+        sagitta = min(_SAGITTA * scale / self.radius, 1.0)
+        step = min(4.0 * math.asin(math.sqrt(0.5 * sagitta)), _MAX_STEP)
+        return max(math.ceil(self.span / step), _MIN_SEGMENTS)
 
-    def points(
-        self, segments: int, through: NDArray[np.float64], is_closed: bool
+    def sample(
+        self, segments: int, control: NDArray[np.float64], is_closed: bool
     ) -> NDArray[np.float64]:
-        """Return points along it, (segments + 1, D), the ends just as they were given."""
-        points = self.at(np.linspace(0.0, self.span, segments + 1))
-        points[0] = through[0]
-        points[-1] = through[0 if is_closed else -1]
+        """Return points along the arc, (segments + 1, D), with the ends exactly as given."""
+        points = self.points_at(np.linspace(0.0, self.span, segments + 1))
+        points[0] = control[0]
+        points[-1] = control[0 if is_closed else -1]
         return points
 
 
@@ -111,58 +111,58 @@ def arc_through(points: NDArray[np.float64], is_closed: bool) -> Arc | None:
     middle, end = (np.append(side, 0.0)[:3] for side in flat[1:])
     normal = np.cross(middle, end)
     area, lengths = math.hypot(*normal), math.hypot(*middle) * math.hypot(*end)
-    if area <= _STRAIGHT * lengths:
+    if area <= _STRAIGHT_SINE * lengths:
         if is_closed:
             raise ValueError(f"a circle's points must not lie on a line, got {points.tolist()}")
         return None
     across = (end @ end) * np.cross(normal, middle) - (middle @ middle) * np.cross(normal, end)
     center = across / (2.0 * area * area)
     radius = math.hypot(*center)
-    first = -center / radius
-    second = np.cross(normal / area, first)
+    x_axis = -center / radius
+    y_axis = np.cross(normal / area, x_axis)
     to_end = end - center
-    angle = math.atan2(to_end @ second, to_end @ first) % (2.0 * math.pi)
+    angle = math.atan2(to_end @ y_axis, to_end @ x_axis) % (2.0 * math.pi)
     span = 2.0 * math.pi if is_closed else angle
-    kept = points.shape[1]
-    return Arc(points[0] + size * center[:kept], size * radius, first[:kept], second[:kept], span)
+    axes = points.shape[1]
+    return Arc(points[0] + size * center[:axes], size * radius, x_axis[:axes], y_axis[:axes], span)
 
 
-def usable_attributes(
-    given: Mapping[Any, Any], count: int, left_out: LeftOut
+def finite_attributes(
+    attributes: Mapping[Any, Any], count: int, left_out: LeftOut
 ) -> dict[str, NDArray[np.float32]]:
     """
-    Return the attributes that are finite numbers.
+    Return the attributes that are finite numbers, as rows of float32.
 
     Parameters
     ----------
-    given : mapping of str to (count, ...) array
+    attributes : mapping of str to (count, ...) array
         Rows of several axes are laid out in one.
     count : int
         Vertices or faces of the mesh.
     left_out : LeftOut
-        Notes the others.
+        Notes all other attributes.
 
     Returns
     -------
     dict of str to (count, D) float32
     """
     usable = {}
-    for name, values in given.items():
-        said, array = f"attribute {str(name)[:LONGEST_NAME]!r}", np.asarray(values)
+    for name, values in attributes.items():
+        label, array = f"attribute {str(name)[:MAX_NAME_LENGTH]!r}", np.asarray(values)
         is_numbers = array.dtype.kind in "buif" and array.shape[:1] == (count,) and array.size > 0
         if not (is_numbers and isinstance(name, str) and name):
-            left_out.note(f"{said}, which is not a number for each vertex or face")
+            left_out.note(f"{label}, which is not a number for each vertex or face")
             continue
         rows = array.reshape(count, -1)
         try:
-            usable[name] = value_rows(said, rows.astype(np.uint8) if rows.dtype == bool else rows)
+            usable[name] = value_rows(label, rows.astype(np.uint8) if rows.dtype == bool else rows)
         except ValueError:
-            left_out.note(f"{said} with NaN, infinity or what no float32 holds")
+            left_out.note(f"{label} with NaN, infinity or what no float32 holds")
     return usable
 
 
-def mesh_of(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
-    """Return the mesh of what `Mesh` takes, and note how many of its normals had to be made."""
+def make_mesh(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
+    """Make a `Mesh`, and note how many zero normals it replaced by those of faces."""
     with told_elsewhere(MADE_NORMALS):
         mesh = Mesh(**arrays)
     if mesh._repaired_normals:
@@ -171,20 +171,20 @@ def mesh_of(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
 
 
 _LINE_POINT_BYTES, _SEGMENT_BYTES, _VALUE_BYTES = 96, 64, 12
-"""What a point and a segment take besides attributes, and what a value of these does."""
+"""Memory of a point and of a segment without attributes, and of a value of an attribute."""
 
 _CUT_BYTES = 64
-"""What a point of a curve takes while the curve is cut: itself, its number and a segment."""
+"""Memory of a sampled point of a curve: itself, its number and a segment."""
 
-_OF_EACH_POINT = 20
-"""Points of a curve for each of those that it follows."""
+_SAMPLES_PER_POINT = 20
+"""Sampled points for each control point of a curve."""
 
-_SAME_PLACE = 1e-9
-"""Share of a drawing's extent by which the end of a curve may lie beside its point."""
+_JOIN_TOLERANCE = 1e-9
+"""Largest distance between a curve's end and its point, as a share of the drawing's extent."""
 
 
-class Reading(NamedTuple):
-    """How what a file holds becomes meshes."""
+class Context(NamedTuple):
+    """The settings of one load, its budget, and the notes of what is left out."""
 
     source: str
     """What messages call the file or object."""
@@ -195,18 +195,18 @@ class Reading(NamedTuple):
     left_out: LeftOut
     """Notes what the file has and the scene has not."""
     budget: MemoryBudget | None = None
-    """None for what is in memory already: it has been paid for."""
+    """None for an object that is in memory already."""
 
     def take(self, what: str, count: int) -> None:
-        """Ask for bytes of memory."""
+        """Count bytes of memory, if there is a budget."""
         if self.budget is not None:
             self.budget.take(what, count)
 
 
 @dataclass(frozen=True)
-class LineDrawing:
+class LineSet:
     """
-    Segments between points as a file has them.
+    Line segments as a file has them.
 
     Parameters
     ----------
@@ -238,36 +238,36 @@ class LineDrawing:
     segment_scalars: NDArray[Any] | None = None
 
 
-def lines_of(drawing: LineDrawing, reading: Reading) -> Lines:
-    """Return a drawing as `Lines`, or raise `MeshFileError`, naming its source."""
-    name = drawing.name[:LONGEST_NAME]
-    points, segments = len(drawing.points), len(drawing.segments)
-    own = (*drawing.attributes.values(), *drawing.segment_attributes.values())
-    needed = _LINE_POINT_BYTES * points + _SEGMENT_BYTES * segments
-    reading.take(f"the lines {name!r}", needed + _VALUE_BYTES * sum(one.size for one in own))
-    of_points, material = None if drawing.by_segment else drawing.colors, drawing.material
-    is_colored = drawing.colors is not None or drawing.segment_scalars is not None
+def make_lines(data: LineSet, context: Context) -> Lines:
+    """Return a line set as `Lines`, or raise `MeshFileError`, naming its source."""
+    name = data.name[:MAX_NAME_LENGTH]
+    points, segments = len(data.points), len(data.segments)
+    values = (*data.attributes.values(), *data.segment_attributes.values())
+    memory = _LINE_POINT_BYTES * points + _SEGMENT_BYTES * segments
+    context.take(f"the lines {name!r}", memory + _VALUE_BYTES * sum(one.size for one in values))
+    of_points, material = None if data.by_segment else data.colors, data.material
+    is_colored = data.colors is not None or data.segment_scalars is not None
     if material is None and is_colored:
         # Those without colours are drawn in ink.
         material = Material("unlit")
     try:
         lines = Lines(
-            drawing.points, drawing.segments, material=material, on_invalid=reading.on_invalid,
-            attributes=usable_attributes(drawing.attributes, points, reading.left_out),
-            colors=of_points, scalars=drawing.scalars if drawing.colors is None else None,
+            data.points, data.segments, material=material, on_invalid=context.on_invalid,
+            attributes=finite_attributes(data.attributes, points, context.left_out),
+            colors=of_points, scalars=data.scalars if data.colors is None else None,
         )  # fmt: skip
-        of_segments = usable_attributes(drawing.segment_attributes, segments, reading.left_out)
-        with_face_values(lines, drawing.colors if drawing.by_segment else None, of_segments)
-        if drawing.segment_scalars is not None:
-            with_face_scalars(lines, drawing.segment_scalars)
+        of_segments = finite_attributes(data.segment_attributes, segments, context.left_out)
+        with_face_values(lines, data.colors if data.by_segment else None, of_segments)
+        if data.segment_scalars is not None:
+            with_face_scalars(lines, data.segment_scalars)
     except ValueError as error:
-        raise MeshFileError(f"{reading.source}: lines {name!r}: {error}") from error
+        raise MeshFileError(f"{context.source}: lines {name!r}: {error}") from error
     return lines
 
 
-def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | None:
+def lines_of_path(name: str, path: Any, context: Context) -> LineSet | None:
     """
-    Return a trimesh ``Path2D`` or ``Path3D``, its curves in short segments; None if it is empty.
+    Return a trimesh ``Path2D`` or ``Path3D`` as a line set, its curves sampled; None if empty.
 
     How short they are follows from the extent of the drawing, and the memory for them is asked for
     before any curve is cut. trimesh's own bounds of arcs are not asked for: it cuts them into
@@ -278,7 +278,7 @@ def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | Non
     name : str
     path : trimesh.path.Path
         Of two dimensions: it lies in the plane z = 0.
-    reading : Reading
+    context : Context
         Texts, and entities that are damaged, are noted. What it says of invalid points is for
         curves; those of lines are left as they are.
 
@@ -287,7 +287,7 @@ def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | Non
     MeshFileError
         If a curve has NaN or infinite points: it names the entity.
     """
-    vertices, left_out = np.asarray(path.vertices, np.float64), reading.left_out
+    vertices, left_out = np.asarray(path.vertices, np.float64), context.left_out
     curves = []
     for number, entity in enumerate(path.entities):
         kind = type(entity).__name__
@@ -297,12 +297,12 @@ def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | Non
         try:
             control = vertices[np.asarray(entity.points, np.int64)]
             if kind != "Line" and not np.isfinite(control).all():
-                raise _InvalidError(f"its points must be finite, got {control.tolist()}")
+                raise _NonFiniteError(f"its points must be finite, got {control.tolist()}")
             curves.append((entity, arc_through(control, entity.closed) if kind == "Arc" else None))
         except (ValueError, IndexError, TypeError, ArithmeticError) as error:
-            if isinstance(error, _InvalidError) and reading.on_invalid == "raise":
+            if isinstance(error, _NonFiniteError) and context.on_invalid == "raise":
                 raise MeshFileError(
-                    f"{reading.source}: {kind} {number} of the drawing {name!r}: {error}; "
+                    f"{context.source}: {kind} {number} of the drawing {name!r}: {error}; "
                     "on_invalid='drop' leaves it out"
                 ) from None
             reason = f": {reason_of(error)}"
@@ -311,8 +311,8 @@ def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | Non
         return None
     bounds = [vertices[entity.points] if arc is None else arc.bounds() for entity, arc in curves]
     scale = extent(np.concatenate(bounds))
-    counts = [_points_of(entity, arc, scale) for entity, arc in curves]
-    reading.take(f"the curves of the drawing {name[:LONGEST_NAME]!r}", _CUT_BYTES * sum(counts))
+    counts = [_count_points(entity, arc, scale) for entity, arc in curves]
+    context.take(f"the curves of the drawing {name[:MAX_NAME_LENGTH]!r}", _CUT_BYTES * sum(counts))
     pieces, segments, colors = [vertices], [], []
     total = len(vertices)
     for (entity, arc), count in zip(curves, counts, strict=True):
@@ -321,12 +321,12 @@ def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | Non
             if kind == "Line":
                 strip = np.asarray(entity.points, np.int64)
             else:
-                curve = _cut(entity, arc, count, vertices, scale)
+                curve = _sample_curve(entity, arc, count, vertices, scale)
                 # Where it begins and ends are points of the path, by which it may be joined.
                 ends = np.asarray(entity.end_points, np.int64)
                 gap = np.abs(vertices[ends] - curve[[0, -1]]).max()
                 is_ring = bool(entity.closed) or np.array_equal(curve[0], curve[-1])
-                is_joined = not is_ring and len(curve) > 2 and gap <= _SAME_PLACE * scale
+                is_joined = not is_ring and len(curve) > 2 and gap <= _JOIN_TOLERANCE * scale
                 piece = curve[1:-1] if is_joined else curve
                 strip = np.arange(total, total + len(piece))
                 if is_joined:
@@ -349,15 +349,15 @@ def drawing_of_path(name: str, path: Any, reading: Reading) -> LineDrawing | Non
     points = np.concatenate(pieces)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
-    return LineDrawing(name, points, np.concatenate(segments), _entity_colors(colors), True)
+    return LineSet(name, points, np.concatenate(segments), _entity_colors(colors), True)
 
 
-class _InvalidError(ValueError):
+class _NonFiniteError(ValueError):
     """A curve has NaN or infinite points."""
 
 
 def extent(points: NDArray[np.float64]) -> float:
-    """Return the diagonal of the box around those of (N, D) points that are finite; 0 of none."""
+    """Return the diagonal of the bounds of points, (N, D), that are finite; 0 without any."""
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return 0.0
@@ -365,20 +365,20 @@ def extent(points: NDArray[np.float64]) -> float:
         return math.hypot(*np.ptp(finite, axis=0).tolist())
 
 
-def _points_of(entity: Any, arc: Arc | None, scale: float) -> int:
-    """Return in how many points an entity is cut, or about."""
+def _count_points(entity: Any, arc: Arc | None, scale: float) -> int:
+    """Return about how many points an entity is sampled at."""
     count = len(entity.points)
     if arc is not None:
-        return arc.segments(scale) + 1
-    return count if type(entity).__name__ == "Line" else _OF_EACH_POINT * count
+        return arc.segment_count(scale) + 1
+    return count if type(entity).__name__ == "Line" else _SAMPLES_PER_POINT * count
 
 
-def _cut(
+def _sample_curve(
     entity: Any, arc: Arc | None, count: int, vertices: NDArray[np.float64], scale: float
 ) -> NDArray[np.float64]:
-    """Return the points of a curve."""
+    """Return the sampled points of a curve."""
     if arc is not None:
-        return arc.points(count - 1, vertices[entity.points], bool(entity.closed))
+        return arc.sample(count - 1, vertices[entity.points], bool(entity.closed))
     if type(entity).__name__ in ("Bezier", "BSpline"):
         return np.asarray(entity.discrete(vertices, count=count), np.float64)
     if type(entity).__name__ == "Arc":
@@ -387,38 +387,38 @@ def _cut(
     return np.asarray(entity.discrete(vertices, scale=scale or 1.0), np.float64)
 
 
-def _entity_colors(found: list[tuple[int, Any]]) -> NDArray[np.float32] | None:
+def _entity_colors(colors: list[tuple[int, Any]]) -> NDArray[np.float32] | None:
     """Return the colours of segments, linear RGBA; None if no entity has one."""
-    if all(color is None for _, color in found):
+    if all(color is None for _, color in colors):
         return None
-    rows = np.zeros((len(found), 4), np.uint8)
+    rows = np.zeros((len(colors), 4), np.uint8)
     rows[:, 3] = 255
-    for number, (_, color) in enumerate(found):
+    for number, (_, color) in enumerate(colors):
         code = np.asarray([] if color is None else color)
         if code.shape in ((3,), (4,)) and code.dtype.kind in "ui":
             rows[number, : len(code)] = np.clip(code, 0, 255)
     rgba = np.ones((len(rows), 4), np.float32)
     rgba[:, :3] = srgb_to_linear(rows[:, :3])
     rgba[:, 3] = rows[:, 3] / np.float32(255.0)
-    return np.repeat(rgba, [count for count, _ in found], axis=0)
+    return np.repeat(rgba, [count for count, _ in colors], axis=0)
 
 
 INTENSITY = "intensity"
-"""The attribute that shows a cloud without colours."""
+"""Name of the attribute that colours a cloud without colours."""
 
-USUAL_SIZE, _MAX_SIZE = 3.0, 12.0
-"""Pixels of a point of a cloud, and of one of a few points."""
+DEFAULT_POINT_SIZE, _MAX_SIZE = 3.0, 12.0
+"""Point sizes in pixels: the default, and the largest, of clouds of a few points."""
 
 _SPREAD_CUBED = 26.0 * 26.0 * 26.0
-"""Pixels of a lone point, but for the largest size; sizes shrink as distances between them do."""
+"""Cube of the size of a single point; sizes shrink as the distances between points do."""
 
-_PIXELS = 1e6
-"""How many pixels the points of a large cloud cover, as squares side by side."""
+_COVERED_PIXELS = 1e6
+"""Total area in pixels that the points of a large cloud cover without overlap."""
 
 _POINT_BYTES = 160
-"""What a point takes besides its attributes."""
+"""Memory of a point without its attributes."""
 
-NOT_MEASURED = "point without a position (NaN)"
+NAN_POINT = "point without a position (NaN)"
 INFINITE = "point at infinity"
 
 
@@ -454,11 +454,11 @@ class Cloud:
 
 def default_size(count: int) -> float:
     """
-    Return the size in pixels of the points of a cloud of so many.
+    Return the point size, pixels, for a cloud of ``count`` points.
 
     3, of large ones down to 1, of those of fewer than four hundred up to 12.
     """
-    large = min(USUAL_SIZE, max(1.0, float(round(math.sqrt(_PIXELS / count)))))
+    large = min(DEFAULT_POINT_SIZE, max(1.0, float(round(math.sqrt(_COVERED_PIXELS / count)))))
     # The largest whole size whose cube, times the points, does not pass that of the spread.
     size = _MAX_SIZE
     while size > large and (size - 0.5) * (size - 0.5) * (size - 0.5) * count > _SPREAD_CUBED:
@@ -466,7 +466,7 @@ def default_size(count: int) -> float:
     return max(large, size)
 
 
-def points_of(cloud: Cloud, reading: Reading) -> Points:
+def make_points(cloud: Cloud, context: Context) -> Points:
     """
     Return a cloud as `Points`, or raise `MeshFileError`, naming its source.
 
@@ -474,11 +474,11 @@ def points_of(cloud: Cloud, reading: Reading) -> Points:
     are infinite ones if ``on_invalid`` is ``"drop"``. Clouds without colours and normals are shown
     by their intensity, if they have one.
     """
-    name = cloud.name[:LONGEST_NAME]
+    name = cloud.name[:MAX_NAME_LENGTH]
     positions, count = cloud.positions, len(cloud.positions)
-    source, left_out = reading.source, reading.left_out
+    source, left_out = context.source, context.left_out
     values = sum(one.size for one in cloud.attributes.values())
-    reading.take(f"the points of {name!r}", _POINT_BYTES * count + _VALUE_BYTES * values)
+    context.take(f"the points of {name!r}", _POINT_BYTES * count + _VALUE_BYTES * values)
     if not count:
         raise MeshFileError(f"{source} holds a point cloud of no points")
     sound = np.isfinite(positions).all(axis=1)
@@ -489,26 +489,26 @@ def points_of(cloud: Cloud, reading: Reading) -> Points:
     attributes, normals = cloud.attributes, cloud.normals
     if not sound.all():
         infinite = int(np.count_nonzero(np.isinf(positions).any(axis=1)))
-        if infinite and reading.on_invalid == "raise":
+        if infinite and context.on_invalid == "raise":
             raise MeshFileError(
                 f"{source}: points {name!r}: positions must be finite, or NaN where nothing was "
                 f"measured, got {infinite} of {count} at infinity; on_invalid='drop' leaves them "
                 "out"
             )
         for what, number in (
-            (NOT_MEASURED, count - int(np.count_nonzero(sound)) - infinite), (INFINITE, infinite),
+            (NAN_POINT, count - int(np.count_nonzero(sound)) - infinite), (INFINITE, infinite),
         ):  # fmt: skip
             if number:
                 left_out.note(what, number)
         # What was measured nowhere has no values either.
-        attributes = {key: _held(values, sound) for key, values in attributes.items()}
-        normals = None if normals is None else _held(normals, sound)
-    usable = usable_attributes(attributes, count, left_out)
+        attributes = {key: _zero_elsewhere(values, sound) for key, values in attributes.items()}
+        normals = None if normals is None else _zero_elsewhere(normals, sound)
+    usable = finite_attributes(attributes, count, left_out)
     normals = finite_normals(normals, left_out)
     normals = normals if normals is not None and normals.any() else None
     scalars = cloud.scalars if cloud.colors is None else None
     if scalars is None and cloud.colors is None and normals is None and cloud.material is None:
-        scalars = _shown_intensity(usable)
+        scalars = _intensity_scalars(usable)
     try:
         return Points(
             positions, colors=cloud.colors, normals=normals,
@@ -519,17 +519,17 @@ def points_of(cloud: Cloud, reading: Reading) -> Points:
         raise MeshFileError(f"{source}: points {name!r}: {error}") from error
 
 
-def _held(values: NDArray[Any], rows: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return values that are zero beside some rows; values that fit no rows as they are."""
+def _zero_elsewhere(values: NDArray[Any], rows: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return values with zeros outside some rows; values of another length unchanged."""
     if len(values) != len(rows) or values.dtype.kind != "f":
         return values
-    held = np.array(values)
-    held[~rows] = 0
-    return held
+    result = np.array(values)
+    result[~rows] = 0
+    return result
 
 
 def finite_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
-    """Return normals, zero, with a note, where one is not finite."""
+    """Return normals with zeros, and a note, where they are not finite."""
     if values is None:
         return None
     finite = np.isfinite(values).all(axis=1)
@@ -539,7 +539,7 @@ def finite_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[An
     return values
 
 
-def _shown_intensity(attributes: dict[str, NDArray[np.float32]]) -> NDArray[np.float32] | None:
+def _intensity_scalars(attributes: dict[str, NDArray[np.float32]]) -> NDArray[np.float32] | None:
     """Return the intensity of points, (N,), if it is one number that differs between them."""
     values = next((rows for key, rows in attributes.items() if key.lower() == INTENSITY), None)
     if values is None or values.shape[1] != 1 or values.min() == values.max():

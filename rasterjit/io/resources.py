@@ -1,5 +1,5 @@
 """
-Files that a mesh file names: textures, buffers, libraries of materials.
+Read the files that a mesh file refers to: textures, buffers, libraries of materials.
 
 A mesh file may come from anywhere, so what it names is opened only if it is a regular file inside
 the folder of the mesh file, or another folder that the caller allows. A model of Gazebo and a
@@ -32,42 +32,42 @@ from rasterjit.io.load_warnings import MissingFileError, reason_of
 from rasterjit.scene.memory_limits import MemoryBudget
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
-"""The beginning of ``http:``, ``file:`` and the like, and of a path with a drive letter."""
+"""The scheme of a URL, such as ``http:``, or a drive letter."""
 
 _PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)", re.DOTALL)
-"""A file of a package of ROS, or of a model of Gazebo, by the name of either."""
+"""A URL of a file in a ROS package or a Gazebo model."""
 
-_MARKS = ("model.config", "package.xml")
+_MANIFESTS = ("model.config", "package.xml")
 """Files that mark the folder of a model or a package."""
 
-_FLAGS = ("O_NONBLOCK", "O_NOFOLLOW", "O_BINARY", "O_CLOEXEC")
-"""How files are opened, where the system has it."""
+_OPEN_FLAGS = ("O_NONBLOCK", "O_NOFOLLOW", "O_BINARY", "O_CLOEXEC")
+"""Flags with which files are opened, where the system has them."""
 
-_HIGHEST = 4
-"""How many folders above that of a mesh file such a folder is looked for."""
+_MAX_PARENTS = 4
+"""Parent folders of a mesh file that are searched for a manifest."""
 
-_TEXTURES = "materials/textures"
-"""Where a model of Gazebo keeps pictures that meshes name without a folder."""
+_TEXTURE_FOLDER = "materials/textures"
+"""Folder of a Gazebo model for pictures that meshes name without a folder."""
 
-_MAX_OF_MARK = 1 << 16
-"""Bytes among which such a file has its name."""
+_MANIFEST_BYTES = 1 << 16
+"""Bytes of a manifest that are searched for its name."""
 
-LONGEST_NAME = 80
-"""Characters of a name that a message shows: the last ones, which tell files apart."""
+MAX_NAME_LENGTH = 80
+"""Most characters of a name in a message: the last ones, which tell files apart."""
 
 
-def shown_name(name: str) -> str:
-    """Return a file's name as messages show it."""
-    return repr(name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}")
+def quoted_name(name: str) -> str:
+    """Return a file's name in quotes, shortened, for a message."""
+    return repr(name if len(name) <= MAX_NAME_LENGTH else f"...{name[-MAX_NAME_LENGTH:]}")
 
 
 class RefusedFileError(ValueError):
-    """A mesh file names what it may not open."""
+    """A mesh file refers to a file that it may not open."""
 
 
 class Resources:
     """
-    The files that a mesh file may name.
+    Reads the files that a mesh file may refer to.
 
     Parameters
     ----------
@@ -77,14 +77,14 @@ class Resources:
         The folder that all of them must lie in; ``None`` -> that of the model or package that the
         mesh file is in, or else that of the mesh file.
     budget : MemoryBudget, optional
-        Counts what is read, here and by who makes something of it.
+        Counts the memory of what is read.
     decoder : Decoder, optional
-        Decodes what the files hold packed; default: in this process.
+        Decodes compressed data of the files; default: in this process.
 
     Attributes
     ----------
     folder, root : Path
-        That of the mesh file, and that which all files must lie in, all symbolic links followed.
+        Folder of the mesh file, and the folder that all files must lie in, without symbolic links.
     """
 
     def __init__(
@@ -122,128 +122,128 @@ class Resources:
         ValueError
             If it cannot be read.
         """
-        shown = shown_name(name)
-        place = self._place(name, shown)
-        if self._model is not None and not os.path.exists(place):
+        label = quoted_name(name)
+        path = self._resolve(name, label)
+        if self._model is not None and not os.path.exists(path):
             # Beside meshes of Gazebo's models lie no pictures.
-            textures = self._model / _TEXTURES / Path(name.replace("\\", "/")).name
-            place = self._inside(textures, shown) if os.path.isfile(textures) else place
+            textures = self._model / _TEXTURE_FOLDER / Path(name.replace("\\", "/")).name
+            path = self._resolve_inside(textures, label) if os.path.isfile(textures) else path
         try:
-            return _regular_content(place, shown, self.budget)
+            return _regular_content(path, label, self.budget)
         except FileNotFoundError:
-            raise MissingFileError(f"the file {shown} beside it is missing") from None
+            raise MissingFileError(f"the file {label} beside it is missing") from None
         except OSError as error:
-            raise ValueError(f"the file {shown}: {reason_of(error)}") from None
+            raise ValueError(f"the file {label}: {reason_of(error)}") from None
 
-    def read_itself(self, path: Path) -> bytes:
+    def read_mesh_file(self, path: Path) -> bytes:
         """Return the content of the mesh file."""
         self.budget.take("the file", path.stat().st_size)
         return path.read_bytes()
 
-    def _place(self, name: str, shown: str) -> Path:
-        """Return where a file lies, all symbolic links followed."""
-        plain = name.replace("\\", "/")
+    def _resolve(self, name: str, label: str) -> Path:
+        """Return the real path of a file name, or raise `RefusedFileError`."""
+        slashed = name.replace("\\", "/")
         folder = self.folder
-        if found := _PACKAGE.fullmatch(plain):
-            folder, plain = self._package(found[1], shown), found[2].lstrip("/")
-        if _SCHEME.match(plain) or plain.startswith("/"):
-            raise RefusedFileError(f"{shown} is not a file beside this one")
-        if "\0" in plain:
-            raise RefusedFileError(f"{shown} is no name of a file")
-        return self._inside(Path(os.path.realpath(folder)) / plain, shown)
+        if match := _PACKAGE.fullmatch(slashed):
+            folder, slashed = self._package_folder(match[1], label), match[2].lstrip("/")
+        if _SCHEME.match(slashed) or slashed.startswith("/"):
+            raise RefusedFileError(f"{label} is not a file beside this one")
+        if "\0" in slashed:
+            raise RefusedFileError(f"{label} is no name of a file")
+        return self._resolve_inside(Path(os.path.realpath(folder)) / slashed, label)
 
-    def _package(self, name: str, shown: str) -> Path:
+    def _package_folder(self, name: str, label: str) -> Path:
         """Return the folder of a package or model, or raise `RefusedFileError`."""
-        if self._model is not None and name in (self._model.name, _name_in(self._model)):
+        if self._model is not None and name in (self._model.name, _manifest_name(self._model)):
             return self._model
         if name == self.root.name:
             return self.root
         if name not in ("", ".", "..") and (self.root / name).is_dir():
             return self.root / name
         raise RefusedFileError(
-            f"{shown} is of a package or model that this file is not in; resource_root names the "
+            f"{label} is of a package or model that this file is not in; resource_root names the "
             "folder that has it"
         )
 
-    def _inside(self, named: Path, shown: str) -> Path:
-        """Return where a file lies, all links followed, if it is inside what the caller allows."""
+    def _resolve_inside(self, unresolved: Path, label: str) -> Path:
+        """Return the real path of a path inside the root, or raise `RefusedFileError`."""
         # First as it is written: a link out of the folder must not be followed on the way back.
-        written = Path(os.path.normpath(named))
-        place = Path(os.path.realpath(written))
-        for one in (written, place):
+        written = Path(os.path.normpath(unresolved))
+        path = Path(os.path.realpath(written))
+        for one in (written, path):
             if not one.is_relative_to(self.root):
                 raise RefusedFileError(
-                    f"the file {shown} lies outside {str(self.root)!r}; resource_root names "
+                    f"the file {label} lies outside {str(self.root)!r}; resource_root names "
                     "another folder"
                 )
-        return place
+        return path
 
 
 def _model_folder(folder: Path) -> Path | None:
-    """Return the nearest folder, this one or above, of a model or package; None without one."""
-    for one in (folder, *folder.parents[:_HIGHEST]):
-        if one.parent != one and any(_is_regular(one / mark) for mark in _MARKS):
+    """Return the nearest folder, this one or a parent, with a manifest; None without one."""
+    for one in (folder, *folder.parents[:_MAX_PARENTS]):
+        if one.parent != one and any(_is_regular(one / manifest) for manifest in _MANIFESTS):
             return one
     return None
 
 
-def _is_regular(place: Path) -> bool:
+def _is_regular(path: Path) -> bool:
     """Tell whether there is a regular file, not a link to one."""
     try:
-        return stat.S_ISREG(os.lstat(place).st_mode)
+        return stat.S_ISREG(os.lstat(path).st_mode)
     except OSError:
         return False
 
 
-def _name_in(folder: Path) -> str | None:
-    """Return the name that the file of a model or package gives it."""
-    for mark in _MARKS:
+def _manifest_name(folder: Path) -> str | None:
+    """Return the name of a model or package by its manifest."""
+    for manifest in _MANIFESTS:
         try:
-            with _open_regular(folder / mark, mark) as file:
-                found = re.search(rb"<name>([^<]*)</name>", file.read(_MAX_OF_MARK))
+            with _open_regular(folder / manifest, manifest) as file:
+                match = re.search(rb"<name>([^<]*)</name>", file.read(_MANIFEST_BYTES))
         except (OSError, RefusedFileError):
             continue
-        if found:
-            return found[1].decode("utf-8", "replace").strip()
+        if match:
+            return match[1].decode("utf-8", "replace").strip()
     return None
 
 
-def _open_regular(place: Path, shown: str) -> BinaryIO:
+def _open_regular(path: Path, label: str) -> BinaryIO:
     """Open a regular file, no link to one; never wait for a pipe, never touch a device."""
-    if not stat.S_ISREG(os.lstat(place).st_mode):
-        raise RefusedFileError(f"{shown} is no regular file")
+    if not stat.S_ISREG(os.lstat(path).st_mode):
+        raise RefusedFileError(f"{label} is no regular file")
     # It may have become another since; opening a pipe would wait for who writes to it.
-    flags = os.O_RDONLY | sum(getattr(os, name, 0) for name in _FLAGS)
-    file = open(os.open(place, flags), "rb")  # noqa: SIM115
+    flags = os.O_RDONLY | sum(getattr(os, name, 0) for name in _OPEN_FLAGS)
+    file = open(os.open(path, flags), "rb")  # noqa: SIM115
     if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         return file
     file.close()
-    raise RefusedFileError(f"{shown} is no regular file")
+    raise RefusedFileError(f"{label} is no regular file")
 
 
-def _regular_content(place: Path, shown: str, budget: MemoryBudget) -> bytes:
+def _regular_content(path: Path, label: str, budget: MemoryBudget) -> bytes:
     """Return the content of a regular file."""
-    with _open_regular(place, shown) as file:
+    with _open_regular(path, label) as file:
         size = os.fstat(file.fileno()).st_size
-        budget.take(f"the file {shown}", size)
+        budget.take(f"the file {label}", size)
         # It may have grown since.
         return file.read(size)
 
 
 _GZIP, _BZIP2, _TAR = b"\x1f\x8b", b"BZh", b"ustar"
-_TAR_AT = 257
-"""Where the header of a file in a plain TAR archive says that it is one."""
+_TAR_OFFSET = 257
+"""Offset of the signature in a plain TAR archive."""
 
-_LISTED, MEMBER_BYTES = b"PK\1\2", 640
-"""How an entry of a ZIP archive's list begins, and the memory that it takes."""
+_ZIP_ENTRY, ZIP_ENTRY_BYTES = b"PK\1\2", 640
+"""Signature of an entry of a ZIP archive's central directory, and its memory."""
 
-_PIECE = 1 << 20
-"""Bytes that are unpacked at once to count them."""
+_CHUNK = 1 << 20
+"""Bytes that are read or unpacked at once to count them."""
 
 
 def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) -> None:
     """
-    Count the members of a packed file.
+    Count the memory of the members of an archive.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) 
     extension : str
         Lower case, without a dot. Any file that is a ZIP archive is counted as one.
     factor : int
-        How much memory reading a byte takes.
+        Memory that reading a byte takes.
     budget : MemoryBudget
 
     Raises
@@ -275,17 +275,17 @@ def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) 
 
 
 def _take_zip(path: Path, factor: int, budget: MemoryBudget) -> None:
-    """Count what is declared, then what is there besides: unpacking may make all of it at once."""
+    """Count the declared sizes of members, then what they hold beyond these."""
     with path.open("rb") as file:
-        listed = sum(piece.count(_LISTED) for piece in iter(lambda: file.read(_PIECE), b""))
-    budget.take("its list of members", listed * MEMBER_BYTES)
+        listed = sum(chunk.count(_ZIP_ENTRY) for chunk in iter(lambda: file.read(_CHUNK), b""))
+    budget.take("its list of members", listed * ZIP_ENTRY_BYTES)
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         members = [one for one in archive.infolist() if not one.is_dir()]
         for one in members:
             budget.take(f"its member {one.filename[-80:]!r}", one.file_size * factor)
         for one in members:
             if one.compress_type == zipfile.ZIP_DEFLATED:
-                _take_rest(file, one, factor, budget)
+                _take_extra(file, one, factor, budget)
             elif one.compress_type != zipfile.ZIP_STORED:
                 raise ValueError(
                     f"its member {one.filename[-80:]!r} must be stored or deflated, got method "
@@ -293,18 +293,18 @@ def _take_zip(path: Path, factor: int, budget: MemoryBudget) -> None:
                 )
 
 
-def _take_rest(file: BinaryIO, member: zipfile.ZipInfo, factor: int, budget: MemoryBudget) -> None:
-    """Count what a deflated member holds beyond what it declares."""
+def _take_extra(file: BinaryIO, member: zipfile.ZipInfo, factor: int, budget: MemoryBudget) -> None:
+    """Count the bytes of a deflated member beyond its declared size."""
     file.seek(member.header_offset)
     name, extra = struct.unpack("<26xHH", file.read(30))
     file.seek(name + extra, os.SEEK_CUR)
     left, size, stream = member.compress_size, 0, zlib.decompressobj(-zlib.MAX_WBITS)
     while left > 0 and not stream.eof:
-        packed = stream.unconsumed_tail or file.read(min(left, _PIECE))
+        packed = stream.unconsumed_tail or file.read(min(left, _CHUNK))
         if not packed:
             return
         before = size
-        size += len(stream.decompress(packed, _PIECE))
+        size += len(stream.decompress(packed, _CHUNK))
         left -= len(packed) - len(stream.unconsumed_tail)
         if size > member.file_size:
             what = f"its member {member.filename[-80:]!r}, which is larger than it says,"
@@ -313,17 +313,17 @@ def _take_rest(file: BinaryIO, member: zipfile.ZipInfo, factor: int, budget: Mem
 
 def _take_tar(path: Path, factor: int, budget: MemoryBudget) -> None:
     """
-    Count what is packed, headers too, and sparse members, which are as large as they say.
+    Count the content of a TAR archive with its headers, and the full size of sparse members.
 
     The headers of a member may be longer than it, and are read whole.
     """
     with path.open("rb") as file:
-        head = file.read(_TAR_AT + len(_TAR))
+        head = file.read(_TAR_OFFSET + len(_TAR))
     if head.startswith((_GZIP, _BZIP2)):
         unpack = gzip.open if head.startswith(_GZIP) else bz2.open
         with unpack(path) as opened:
             _take_content(opened, factor, budget)
-    elif head[_TAR_AT:] == _TAR:
+    elif head[_TAR_OFFSET:] == _TAR:
         budget.take("what it holds", path.stat().st_size * factor)
     else:
         raise ValueError("it must be packed by gzip or bzip2")
@@ -334,12 +334,12 @@ def _take_tar(path: Path, factor: int, budget: MemoryBudget) -> None:
 
 
 def _take_content(opened: BufferedIOBase, factor: int, budget: MemoryBudget) -> None:
-    """Count by unpacking."""
-    while piece := opened.read(_PIECE):
-        budget.take("what it holds", len(piece) * factor)
+    """Count the bytes of an unpacked stream."""
+    while chunk := opened.read(_CHUNK):
+        budget.take("what it holds", len(chunk) * factor)
 
 
-_KINDS: tuple[tuple[bytes, int, str, tuple[str, ...]], ...] = (
+_SIGNATURES: tuple[tuple[bytes, int, str, tuple[str, ...]], ...] = (
     (b"\x89PNG\r\n", 0, "a PNG picture", ()),
     (b"\xff\xd8\xff", 0, "a JPEG picture", ()),
     (b"GIF8", 0, "a GIF picture", ()),
@@ -364,29 +364,29 @@ _KINDS: tuple[tuple[bytes, int, str, tuple[str, ...]], ...] = (
     (b"<html", 0, "a page of HTML", ()),
     (b"version https://git-lfs", 0, "a pointer of Git LFS: the file itself was not fetched", ()),
 )
-"""First bytes, where they begin, what begins so, and the extensions that mean it."""
+"""Signature, its offset, a description, and the extensions of such files."""
 
-_HEAD = 4096
-"""Bytes at the beginning of a file that are looked at."""
+_HEADER_BYTES = 4096
+"""Bytes of a file that are searched for a signature."""
 
-_COUNTS = struct.Struct("<4i")
+_MUJOCO_COUNTS = struct.Struct("<4i")
 _UCD = re.compile(rb"(?:#[^\n]*\n)*[ \t]*\d+(?:[ \t]+\d+){4}[ \t]*\r?\n")
 """The first line of AVS UCD: how many points, cells, and numbers of each; comments before it."""
 
 
-def other_kind(file: Path, extension: str) -> str | None:
-    """Return what a file is that its extension does not say, such as ``"a PNG picture"``."""
+def detect_kind(file: Path, extension: str) -> str | None:
+    """Describe a file whose content contradicts its extension, such as ``"a PNG picture"``."""
     try:
         with file.open("rb") as opened:
-            head = opened.read(_HEAD)
+            head = opened.read(_HEADER_BYTES)
         size = file.stat().st_size
     except OSError:
         return None
-    for begin, start, kind, extensions in _KINDS:
+    for begin, start, description, extensions in _SIGNATURES:
         if head[start:].startswith(begin):
-            known = extension.rpartition(".")[2]
-            return None if known in extensions else kind
-    if extension == "msh" and _is_of_mujoco(head, size):
+            last_extension = extension.rpartition(".")[2]
+            return None if last_extension in extensions else description
+    if extension == "msh" and _is_mujoco_mesh(head, size):
         return "a mesh of MuJoCo"
     if extension == "inp" and _UCD.match(head):
         return "a file of AVS UCD, which is read where it ends in .avs"
@@ -394,16 +394,16 @@ def other_kind(file: Path, extension: str) -> str | None:
 
 
 def extension_of(file: Path) -> str:
-    """Return a file's extension as trimesh names it: lower case, no dot."""
+    """Return a file's extension in lower case, without a dot; of archives both, ``tar.gz``."""
     name = file.name.lower()
     double = [ending for ending in ("tar.gz", "tar.bz2") if name.endswith("." + ending)]
     return double[0] if double else file.suffix.lower().removeprefix(".")
 
 
-def _is_of_mujoco(head: bytes, size: int) -> bool:
-    """Tell a file that is as long as its four counts say: vertices, normals, uv and faces."""
-    if len(head) < _COUNTS.size:
+def _is_mujoco_mesh(head: bytes, size: int) -> bool:
+    """Tell a MuJoCo mesh by its length: its header counts vertices, normals, uv and faces."""
+    if len(head) < _MUJOCO_COUNTS.size:
         return False
-    vertices, normals, coordinates, faces = counts = _COUNTS.unpack_from(head)
-    needed = _COUNTS.size + 12 * (vertices + normals + faces) + 8 * coordinates
-    return min(counts) >= 0 and vertices > 0 and size == needed
+    vertices, normals, coordinates, faces = counts = _MUJOCO_COUNTS.unpack_from(head)
+    expected_size = _MUJOCO_COUNTS.size + 12 * (vertices + normals + faces) + 8 * coordinates
+    return min(counts) >= 0 and vertices > 0 and size == expected_size

@@ -1,5 +1,5 @@
 """
-Lay out texts, and cover pixels with them: by the exact area of flattened outlines.
+Lay out text and rasterize it, with coverage by the exact area of flattened outlines.
 
 Each character's coverage is found once for a size and a quarter of a pixel, and kept. A character
 that the font lacks comes from another one that has it; one that none has is an empty box.
@@ -17,77 +17,77 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.fonts import Float64, Font, font_for, font_named
+from rasterjit.io.fonts import Float64, Font, find_font, font_with
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 
-QUARTERS = 4
-"""Places of a character between two pixels."""
+SUBPIXELS = 4
+"""Horizontal subpixel positions of a glyph."""
 
 PADDING = 0.25
-"""How far a box reaches beyond its text on each side, as a share of the size."""
+"""Padding of a box around its text on each side, as a share of the font size."""
 
-ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
-"""Share of what a line is narrower than its text that lies to its left."""
+ALIGNMENTS = {"left": 0.0, "center": 0.5, "right": 1.0}
+"""Share of a line's free width that lies to its left."""
 
-PAST = 2
-"""Pixels by which the last character may reach beyond the width of its text."""
+OVERHANG = 2
+"""Pixels by which the last glyph may reach beyond the width of its text."""
 
-MAX_NAMED = 8
-"""Missing characters that a warning names."""
+MAX_LISTED = 8
+"""Most missing characters that a warning lists."""
 
 RIGHT_TO_LEFT = ("R", "AL")
 """Bidirectional classes of letters of Unicode: Hebrew and the like, Arabic and the like."""
 
 MAX_LAYOUTS = 1024
-"""Texts whose layout is kept."""
+"""Layouts in the cache."""
 
 MAX_GLYPHS = 1024
-"""Characters kept, each of one size and place."""
+"""Rasterized glyphs in the cache, each of one size and subpixel position."""
 
 
-class PlacedGlyph(NamedTuple):
-    """A character of a text."""
+class GlyphPosition(NamedTuple):
+    """A glyph of a text and its position."""
 
     font: Font
     glyph: int
     column: int
-    """Pixel that its origin is in, from the left of the text."""
-    quarter: int
-    """Where in that pixel, quarters."""
+    """Pixel column of its origin, from the left of the text."""
+    subpixel: int
+    """Position in that pixel, of `SUBPIXELS`."""
     row: int
-    """First pixel row below the base line, from the top of the text."""
+    """First pixel row below the baseline, from the top of the text."""
 
 
 class Layout(NamedTuple):
-    """Where the characters of a text stand."""
+    """The positions of the glyphs of a text."""
 
     width: int
     """Pixels."""
     height: int
     """Pixels."""
-    placed: tuple[PlacedGlyph, ...]
+    glyphs: tuple[GlyphPosition, ...]
     missing: str
     """Characters that no font has."""
-    turned: str
-    """Characters of scripts that run from right to left, which stand from left to right."""
+    rtl: str
+    """Characters of right-to-left scripts, which are laid out from left to right."""
 
 
-class Glyph(NamedTuple):
-    """The pixels of a character."""
+class GlyphBitmap(NamedTuple):
+    """The coverage of a glyph's pixels."""
 
     left: int
-    """Columns from the pixel of its origin to the first."""
+    """First column, relative to the pixel of its origin."""
     top: int
-    """Rows from the base line to the first; below 0: above it."""
-    cover: NDArray[np.uint8]
-    """(R, C): the share of each pixel, of 255."""
+    """First row, relative to the baseline; below 0: above it."""
+    coverage: NDArray[np.uint8]
+    """(R, C): 0..255 for each pixel."""
 
 
 def lay_out(
     text: str, size: float, align: str = "left", font: str | os.PathLike[str] | None = None
 ) -> Layout:
     """
-    Return where the characters of a text stand.
+    Return the positions of the glyphs of a text.
 
     Parameters
     ----------
@@ -99,24 +99,24 @@ def lay_out(
     align : {"left", "center", "right"}
         Where lines of different widths meet.
     font : str, path or None
-        See `rasterjit.io.fonts.font_named`.
+        See `rasterjit.io.fonts.find_font`.
     """
-    return _lay_out(unicodedata.normalize("NFC", text), size, align, font_named(font))
+    return _lay_out(unicodedata.normalize("NFC", text), size, align, find_font(font))
 
 
 def warn_of_missing(layout: Layout) -> None:
-    """Warn of characters of a text that no font has, and of those that stand the wrong way."""
-    if layout.turned:
+    """Warn of characters that no font has, and of right-to-left scripts."""
+    if layout.rtl:
         warn_caller(
-            f"texts run from left to right, and characters are not joined: {layout.turned[0]!r} "
-            f"(U+{ord(layout.turned[0]):04X}) is of a script that runs from right to left",
+            f"texts run from left to right, and characters are not joined: {layout.rtl[0]!r} "
+            f"(U+{ord(layout.rtl[0]):04X}) is of a script that runs from right to left",
             kind=EACH_FRAME,
         )
     if layout.missing:
-        named = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MAX_NAMED])
-        more = f" and {len(layout.missing) - MAX_NAMED} more" * (len(layout.missing) > MAX_NAMED)
+        listed = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MAX_LISTED])
+        more = f" and {len(layout.missing) - MAX_LISTED} more" * (len(layout.missing) > MAX_LISTED)
         warn_caller(
-            f"no font has {named}{more}: drawn as empty boxes. Give font= a file or a name that "
+            f"no font has {listed}{more}: drawn as empty boxes. Give font= a file or a name that "
             "has them, or install one: Matplotlib brings DejaVu Sans, Debian has fonts-noto-cjk",
             kind=EACH_FRAME,
         )
@@ -124,61 +124,61 @@ def warn_of_missing(layout: Layout) -> None:
 
 @functools.lru_cache(maxsize=MAX_LAYOUTS)
 def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
-    """Return where the characters of a text stand."""
+    """Return the positions of the glyphs of a text in Unicode's normal form C."""
     lines = text.replace("\t", "    ").split("\n")
     missing: dict[str, None] = {}
     scale = size / font.em
     ascent = math.ceil(scale * font.ascent)
-    pitch = max(1, math.floor(scale * (font.ascent + font.descent + font.gap) + 0.5))
-    found, units = [], []
+    pitch = max(1, math.floor(scale * (font.ascent + font.descent + font.line_gap) + 0.5))
+    rows, starts_of_rows = [], []
     for line in lines:
-        shown = [
+        characters = [
             " " if unicodedata.category(one) == "Zs" else one
             for one in line
             if unicodedata.category(one) not in ("Cc", "Cf")
         ]
-        glyphs = [_glyph(one, font, missing) for one in shown]
+        glyphs = [_glyph(one, font, missing) for one in characters]
         # Where each character begins, and the last one ends, units of the font.
         starts = [0.0]
-        for n, (own, glyph) in enumerate(glyphs):
+        for n, (used, glyph) in enumerate(glyphs):
             following = glyphs[n + 1] if n + 1 < len(glyphs) else None
-            kern = own.kerning(glyph, following[1]) if following and following[0] is own else 0
-            starts.append(starts[-1] + (own.advance(glyph) + kern) * (font.em / own.em))
-        found.append(glyphs)
-        units.append(starts)
-    widths = [scale * own[-1] for own in units]
+            kern = used.kerning(glyph, following[1]) if following and following[0] is used else 0
+            starts.append(starts[-1] + (used.advance(glyph) + kern) * (font.em / used.em))
+        rows.append(glyphs)
+        starts_of_rows.append(starts)
+    widths = [scale * used[-1] for used in starts_of_rows]
     width = math.ceil(max(widths))
-    placed = []
-    for number, glyphs in enumerate(found):
-        start = ALIGNED[align] * (width - widths[number])
-        for (own, glyph), place in zip(glyphs, units[number][:-1], strict=True):
-            quarters = math.floor(QUARTERS * (start + scale * place) + 0.5)
-            column, quarter = divmod(quarters, QUARTERS)
-            placed.append(PlacedGlyph(own, glyph, column, quarter, ascent + number * pitch))
+    layout = []
+    for number, glyphs in enumerate(rows):
+        start = ALIGNMENTS[align] * (width - widths[number])
+        for (used, glyph), offset in zip(glyphs, starts_of_rows[number][:-1], strict=True):
+            subpixels = math.floor(SUBPIXELS * (start + scale * offset) + 0.5)
+            column, subpixel = divmod(subpixels, SUBPIXELS)
+            layout.append(GlyphPosition(used, glyph, column, subpixel, ascent + number * pitch))
     height = ascent + math.ceil(scale * font.descent) + (len(lines) - 1) * pitch
-    turned = [one for one in text if unicodedata.bidirectional(one) in RIGHT_TO_LEFT]
-    return Layout(width, height, tuple(placed), "".join(missing), "".join(dict.fromkeys(turned)))
+    rtl = [one for one in text if unicodedata.bidirectional(one) in RIGHT_TO_LEFT]
+    return Layout(width, height, tuple(layout), "".join(missing), "".join(dict.fromkeys(rtl)))
 
 
 def _glyph(character: str, font: Font, missing: dict[str, None]) -> tuple[Font, int]:
     """Return the font and the glyph of a character; note one that no font has."""
-    own = font_for(character, font)
-    if own is not None:
-        return own, own.characters[ord(character)]
+    glyph_font = font_with(character, font)
+    if glyph_font is not None:
+        return glyph_font, glyph_font.characters[ord(character)]
     if not character.isspace():
         missing[character] = None
     return font, 0
 
 
-def width_of(text: str, size: float, font: str | os.PathLike[str] | None = None) -> int:
-    """Return how wide a line of text is, pixels; 0 without one."""
+def text_width(text: str, size: float, font: str | os.PathLike[str] | None = None) -> int:
+    """Return the width of a line of text, pixels."""
     return lay_out(text, size, "left", font).width if text else 0
 
 
-def write(
+def draw_text(
     pixels: NDArray[np.uint8],
     text: str,
-    place: tuple[float, float],
+    position: tuple[float, float],
     size: float,
     color: Sequence[int],
     *,
@@ -186,14 +186,14 @@ def write(
     font: str | os.PathLike[str] | None = None,
 ) -> None:
     """
-    Write a text over a picture; codes are mixed.
+    Draw a text over a picture, mixing its sRGB codes.
 
     Parameters
     ----------
     pixels : (H, W, 3) uint8
         Changed.
     text : str
-    place : (float, float)
+    position : (float, float)
         Column and row of its anchor, pixels.
     size : float
         Of an em, pixels.
@@ -206,24 +206,24 @@ def write(
     warn_of_missing(layout)
     left, top = (
         math.floor(at - share * length + 0.5)
-        for at, share, length in zip(place, anchor, (layout.width, layout.height), strict=True)
+        for at, share, length in zip(position, anchor, (layout.width, layout.height), strict=True)
     )
     height, width = pixels.shape[:2]
     first, last = (max(left, 0), max(top, 0)), (
-        min(left + layout.width + PAST, width),
+        min(left + layout.width + OVERHANG, width),
         min(top + layout.height, height),
     )  # fmt: skip
     if first[0] >= last[0] or first[1] >= last[1]:
         return
     window = (first[0] - left, first[1] - top, last[0] - first[0], last[1] - first[1])
-    share = cover_text(layout, size, window)[..., np.newaxis]
+    share = text_coverage(layout, size, window)[..., np.newaxis]
     under = pixels[first[1] : last[1], first[0] : last[0]]
     under[...] = np.floor(under + share * (np.array(color, np.float64) - under) + 0.5)
 
 
-def cover_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -> Float64:
+def text_coverage(layout: Layout, size: float, window: tuple[int, int, int, int]) -> Float64:
     """
-    Return which share of the pixels in a window a text covers.
+    Return the coverage of the pixels in a window by a text.
 
     Parameters
     ----------
@@ -240,22 +240,22 @@ def cover_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -
     """
     left, top, width, height = window
     total = np.zeros((height, width), np.int64)
-    for one in layout.placed:
-        glyph = cover_glyph(one.font, one.glyph, size, one.quarter)
+    for one in layout.glyphs:
+        glyph = rasterize_glyph(one.font, one.glyph, size, one.subpixel)
         column, row = one.column + glyph.left - left, one.row + glyph.top - top
-        rows, columns = glyph.cover.shape
+        rows, columns = glyph.coverage.shape
         first_row, first_column = max(0, -row), max(0, -column)
         last_row, last_column = min(rows, height - row), min(columns, width - column)
         if first_row < last_row and first_column < last_column:
             total[
                 row + first_row : row + last_row, column + first_column : column + last_column
-            ] += glyph.cover[first_row:last_row, first_column:last_column]
+            ] += glyph.coverage[first_row:last_row, first_column:last_column]
     return np.minimum(total, 255) / 255.0
 
 
 @functools.lru_cache(maxsize=MAX_GLYPHS)
-def cover_glyph(font: Font, glyph: int, size: float, quarter: int) -> Glyph:
-    """Return the pixels of a glyph whose em has a size, and which stands at a quarter of one."""
+def rasterize_glyph(font: Font, glyph: int, size: float, subpixel: int) -> GlyphBitmap:
+    """Rasterize a glyph of a font size, pixels, at a subpixel position."""
     pieces = math.ceil(math.sqrt(size))
     shares = np.arange(pieces + 1)[:, np.newaxis, np.newaxis] / pieces
     ends = []
@@ -265,22 +265,22 @@ def cover_glyph(font: Font, glyph: int, size: float, quarter: int) -> Glyph:
         points = (rest * rest * a + 2.0 * rest * shares * b) + shares * shares * c
         ends.append(np.concatenate([points[:-1], points[1:]], axis=2).reshape(-1, 4))
     if not ends:
-        return Glyph(0, 0, np.zeros((0, 0), np.uint8))
+        return GlyphBitmap(0, 0, np.zeros((0, 0), np.uint8))
     lines = np.concatenate(ends) * (size / font.em)
-    lines[:, [0, 2]] += quarter / QUARTERS
+    lines[:, [0, 2]] += subpixel / SUBPIXELS
     lines[:, [1, 3]] *= -1.0
     low, high = lines.reshape(-1, 2).min(axis=0), lines.reshape(-1, 2).max(axis=0)
     (left, top), (right, bottom) = np.floor(low).astype(int), np.ceil(high).astype(int)
     lines -= np.array([left, top, left, top], np.float64)
-    shares_covered = cover_area(lines, (int(bottom - top), int(right - left)))
+    shares_covered = area_coverage(lines, (int(bottom - top), int(right - left)))
     codes = np.floor(255.0 * shares_covered + 0.5).astype(np.uint8)
     codes.flags.writeable = False
-    return Glyph(int(left), int(top), codes)
+    return GlyphBitmap(int(left), int(top), codes)
 
 
-def cover_area(lines: Float64, shape: tuple[int, int]) -> Float64:
+def area_coverage(lines: Float64, shape: tuple[int, int]) -> Float64:
     """
-    Return the share of each pixel that lies inside of closed outlines.
+    Return the share of each pixel that lies inside closed outlines.
 
     A piece of a line within one pixel covers, of its rows, all that lies to the right of it: a part
     of its own pixel, and the pixels behind it whole. The sums of all lines, those that go up
@@ -299,21 +299,21 @@ def cover_area(lines: Float64, shape: tuple[int, int]) -> Float64:
         0..1.
     """
     rows, columns = shape
-    pieces = _cut(_cut(lines, 1), 0)
+    pieces = _split_at_integers(_split_at_integers(lines, 1), 0)
     x0, y0, x1, y1 = pieces.T
     column = np.minimum(np.floor((x0 + x1) / 2.0).astype(int), columns - 1)
     row = np.minimum(np.floor((y0 + y1) / 2.0).astype(int), rows - 1)
     height = y1 - y0
-    behind = height * ((x0 + x1) / 2.0 - column)
+    next_pixel = height * ((x0 + x1) / 2.0 - column)
     sums = np.zeros((rows, columns + 1))
-    np.add.at(sums, (row, column), height - behind)
-    np.add.at(sums, (row, column + 1), behind)
+    np.add.at(sums, (row, column), height - next_pixel)
+    np.add.at(sums, (row, column + 1), next_pixel)
     around = np.abs(np.cumsum(sums, axis=1)[:, :columns])
     return np.minimum(around, 1.0)
 
 
-def _cut(lines: Float64, axis: int) -> Float64:
-    """Return lines, (N, 4), cut wherever x (axis 0) or y (axis 1) is a whole number."""
+def _split_at_integers(lines: Float64, axis: int) -> Float64:
+    """Split lines, (N, 4), wherever x (axis 0) or y (axis 1) is a whole number."""
     a, b = lines[:, axis], lines[:, axis + 2]
     low, high = np.minimum(a, b), np.maximum(a, b)
     first = np.floor(low) + 1.0
@@ -334,10 +334,10 @@ def _cut(lines: Float64, axis: int) -> Float64:
     from_, to = from_[source], to[source]
     near = np.where(is_first, from_, from_ + (to - from_) * ((starts - low[source]) / span))
     far = np.where(is_last, to, from_ + (to - from_) * ((ends - low[source]) / span))
-    found = np.empty((len(source), 4))
-    found[:, axis], found[:, axis + 2] = (
+    pieces = np.empty((len(source), 4))
+    pieces[:, axis], pieces[:, axis + 2] = (
         np.where(is_up, ends, starts),
         np.where(is_up, starts, ends),
     )
-    found[:, other], found[:, other + 2] = np.where(is_up, far, near), np.where(is_up, near, far)
-    return found
+    pieces[:, other], pieces[:, other + 2] = np.where(is_up, far, near), np.where(is_up, near, far)
+    return pieces

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.text_layout import width_of, write
+from rasterjit.io.text_layout import draw_text, text_width
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.validation import index_below
@@ -107,10 +107,10 @@ def draw_colorbar(
         ticks, note = [low, high], ""
         labels = [f"{end:.{PLAIN_DIGITS}g}" for end in ticks]
     texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
-    widest = max(width_of(text, size, font) for text in texts)
+    widest = max(text_width(text, size, font) for text in texts)
     text_left = right + size
     width = (
-        max(text_left + widest, left + max(width_of(one, size, font) for one in (title, note)))
+        max(text_left + widest, left + max(text_width(one, size, font) for one in (title, note)))
         + size
     )
     image = Image.new("RGB", (width, height), PAPER)
@@ -143,7 +143,7 @@ def draw_colorbar(
     drawn = np.full((height, width, 4), 255, np.uint8)
     drawn[..., :3] = np.array(image)
     for text, place, anchor in written:
-        write(drawn[..., :3], text, place, size, INK, anchor=anchor, font=font)
+        draw_text(drawn[..., :3], text, place, size, INK, anchor=anchor, font=font)
     return drawn
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.text_layout import write
+from rasterjit.io.text_layout import draw_text
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
 from rasterjit.scene.validation import (
@@ -114,7 +114,7 @@ def grid(
         if labels is not None:
             strip = np.full((LINE, width, 3), paper, np.uint8)
             middle = width / 2, LINE / 2
-            write(strip, labels[number], middle, FONT_SIZE, ink, anchor=(0.5, 0.5), font=font)
+            draw_text(strip, labels[number], middle, FONT_SIZE, ink, anchor=(0.5, 0.5), font=font)
             sheet.paste(Image.fromarray(strip), (left, top + height))
     return sheet
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import checked_path
 from rasterjit.scene.validation import (
     in_short,
@@ -349,7 +349,7 @@ def save_coco(
     """
     place = checked_path(path, (".json",))
     text = json.dumps(coco(images, categories, info=info))
-    with replacing(place) as temporary:
+    with atomic_file(place) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io import images
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.outputs.output_table import is_attribute, row_of
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Bool, Float64
@@ -177,7 +177,7 @@ def _check_count(suffix: str, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def _save_array(place: Path, array: NDArray[Any]) -> None:
     """Write an array, whole or not at all."""
-    with replacing(place) as temporary:
+    with atomic_file(place) as temporary:
         np.save(temporary, array)
 
 
@@ -193,7 +193,7 @@ def _save_png(place: Path, name: str, array: NDArray[Any], scale: float | None) 
     else:
         codes = as_codes(name, array, scale)
         data = images.encode_png(codes.pixels, codes.texts(name))
-        with replacing(place) as temporary:
+        with atomic_file(place) as temporary:
             temporary.write_bytes(data)
 
 

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import forks
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.outputs.frame import Frame, QualityChoice
 from rasterjit.outputs.output_table import OutputName
 from rasterjit.runtime.store import cache_folder, cpu_features
@@ -664,7 +664,7 @@ def save_profile(profile: Profile) -> Path:
     path = profile_file()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(content, indent=1))
     except OSError as error:
         raise ValueError(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.text_layout import lay_out, width_of, write
+from rasterjit.io.text_layout import draw_text, lay_out, text_width
 from rasterjit.outputs.frame import Frame
 
 OUTPUTS_OF = {
@@ -179,19 +179,19 @@ def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], ND
     columns = max(map(len, rows))
     # A cell that is alone in its row is a heading, and makes no column wider.
     widths = [
-        max((width_of(row[k], em) for row in rows if k < len(row) > 1), default=0)
+        max((text_width(row[k], em) for row in rows if k < len(row) > 1), default=0)
         for k in range(columns)
     ]
     starts = [margin]
     for cells in widths[:-1]:
         starts.append(starts[-1] + cells + gap)
-    ends = (starts[k] + width_of(cell, em) for row in rows for k, cell in enumerate(row))
+    ends = (starts[k] + text_width(cell, em) for row in rows for k, cell in enumerate(row))
     width, height = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
     panel = np.full((height, width, 3), PANEL, np.uint8)
     for number, row in enumerate(rows):
         for k, (start, cell) in enumerate(zip(starts, row, strict=False)):
             place = start, margin + number * line
-            write(panel, cell, place, em, FAINT if k else TEXT)
+            draw_text(panel, cell, place, em, FAINT if k else TEXT)
     colors = panel.astype(np.float32)
     is_text = (colors != np.float32(PANEL)).any(axis=2, keepdims=True)
     return colors, np.where(is_text, 1.0, OPACITY).astype(np.float32)

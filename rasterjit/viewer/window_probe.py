@@ -23,7 +23,7 @@ from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 
-from rasterjit.io.atomic_write import replacing
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.runtime.store import cache_folder
 
 TOOLKITS = {
@@ -340,5 +340,5 @@ def _write_kept(kept: Mapping[str, tuple[str, float]]) -> None:
     with contextlib.suppress(OSError, RuntimeError):
         path = kept_file()
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with replacing(path) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(dict(latest)), encoding="utf-8")

@@ -58,7 +58,7 @@ def columns_and_rows(mask):
 
 def test_the_font_is_the_one_that_pixels_are_promised_for():
     found = FONT
-    assert (found.em, found.ascent, found.descent, found.gap) == (1000, 970, 230, 0)
+    assert (found.em, found.ascent, found.descent, found.line_gap) == (1000, 970, 230, 0)
     from PIL import ImageFont
 
     assert hashlib.sha256(ImageFont.load_default(20).font_bytes).hexdigest() == FONT_HASH
@@ -78,7 +78,7 @@ def test_outlines_are_those_of_freetype():
         mask = ImageFont.load_default(size).getmask(character)
         theirs = np.array(mask).reshape(mask.size[::-1])
         theirs = theirs[:, theirs.any(axis=0)]
-        own = text_layout.cover_glyph(FONT, GLYPHS[ord(character)], float(size), 0).cover
+        own = text_layout.rasterize_glyph(FONT, GLYPHS[ord(character)], float(size), 0).coverage
         assert np.abs(np.subtract(own.shape, theirs.shape)).max() <= 2
         assert own.sum() == pytest.approx(theirs.sum(), rel=0.02)
 
@@ -130,7 +130,7 @@ def test_a_font_may_be_given_by_its_file(tmp_path, cube):
 def test_neighbours_are_kerned(tmp_path, kern):
     kern = kern.replace("A", "g41").replace("B", "g42").replace("C", "g43")
     place = write_font(tmp_path / "made.ttf", dict.fromkeys("ABC", 500), kern=kern)
-    found = fonts.font_named(place)
+    found = fonts.find_font(place)
     numbers = [found.characters[ord(one)] for one in "ABC"]
     assert [found.kerning(numbers[0], one) for one in numbers[:2]] == [0, -250]
     assert found.kerning(numbers[1], numbers[0]) == 100
@@ -171,21 +171,21 @@ def test_every_kind_of_space_is_as_wide_as_a_space():
 def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
     snow = write_font(tmp_path / "snow.ttf", {"\N{SNOWMAN}": 700}, names=("Snow", "Book"))
     monkeypatch.setattr(fonts, "font_files", lambda: (str(snow),))
-    fonts.font_for.cache_clear()
+    fonts.font_with.cache_clear()
     text_layout._lay_out.cache_clear()
     try:
         layout = text_layout.lay_out("a\N{SNOWMAN}\N{COMET}\t\x00\u202e", 20.0)
-        assert [one.font is FONT for one in layout.placed[:3]] == [True, False, True]
+        assert [one.font is FONT for one in layout.glyphs[:3]] == [True, False, True]
         assert layout.missing == "\N{COMET}"
-        assert len(layout.placed) == 7
+        assert len(layout.glyphs) == 7
         pixels = np.full((40, 90, 3), 255, np.uint8)
         with pytest.warns(UserWarning, match=r"no font has '.' \(U\+2604\).*font="):
-            text_layout.write(pixels, "\N{COMET}", (0, 0), 20.0, (0, 0, 0))
-        assert fonts.font_named("snow").characters == {0x2603: 1}
+            text_layout.draw_text(pixels, "\N{COMET}", (0, 0), 20.0, (0, 0, 0))
+        assert fonts.find_font("snow").characters == {0x2603: 1}
         with pytest.raises(ValueError, match=r"font must be .* got 'Rain'"):
-            fonts.font_named("Rain")
+            fonts.find_font("Rain")
     finally:
-        fonts.font_for.cache_clear()
+        fonts.font_with.cache_clear()
         text_layout._lay_out.cache_clear()
 
 
@@ -193,8 +193,8 @@ def test_whatever_is_no_control_is_shown_as_a_box_at_least():
     # One of each kind of characters that say nothing, of private ones and of ones without meaning.
     for shown in "\ue000\U000f0001\U0010fffd\ufffe\U0003fffd\udc80\u0378":
         layout = text_layout.lay_out(f"a{shown}b", 20.0)
-        assert len(layout.placed) == 3
-        assert layout.missing == shown * (fonts.font_for(shown, FONT) is None)
+        assert len(layout.glyphs) == 3
+        assert layout.missing == shown * (fonts.font_with(shown, FONT) is None)
     assert text_layout.lay_out("\U000f0001", 20.0).missing
     for silent in "\x00\x1b\x85\u00ad\u200d\u202e\ufeff\U000e0041":
         assert (
@@ -213,9 +213,9 @@ def test_what_is_no_font_is_named(tmp_path, content):
     place = tmp_path / "bad.ttf"
     place.write_bytes(content)
     with pytest.raises(ValueError, match=r"font must be a font, got .*bad\.ttf"):
-        fonts.font_named(place)
+        fonts.find_font(place)
     with pytest.raises(ValueError, match=r"font must be a file that is there, got .*none\.ttf"):
-        fonts.font_named(tmp_path / "none.ttf")
+        fonts.find_font(tmp_path / "none.ttf")
     with pytest.raises(ValueError, match="font must be"):
         rj.Label((0, 0, 0), "x", font=3)
 
@@ -228,7 +228,7 @@ def test_a_font_with_a_damaged_table_is_named(tmp_path):
     data[at : at + 4] = (3).to_bytes(4, "big")
     place.write_bytes(data)
     with pytest.raises(ValueError, match=r"font must be a font, got .*bad\.ttf"):
-        fonts.font_named(place)
+        fonts.find_font(place)
 
 
 def area_in_pixel(polygon, column, row):
@@ -275,7 +275,7 @@ POLYGONS = [
 @pytest.mark.parametrize("turned", [1, -1])
 def test_areas_are_those_of_the_slow_twin(polygons, turned):
     polygons = [np.array(one, float)[::turned] for one in polygons]
-    found = text_layout.cover_area(lines_of(polygons), (3, 4))
+    found = text_layout.area_coverage(lines_of(polygons), (3, 4))
     for row in range(3):
         for column in range(4):
             area = sum(area_in_pixel(one.tolist(), column, row) for one in polygons)
@@ -286,7 +286,7 @@ def test_areas_are_those_of_the_slow_twin(polygons, turned):
 def test_a_glyph_covers_what_its_outlines_enclose(character):
     size, quarter = 13.0, 3
     number = GLYPHS[ord(character)]
-    glyph = text_layout.cover_glyph(FONT, number, size, quarter)
+    glyph = text_layout.rasterize_glyph(FONT, number, size, quarter)
     pieces = math.ceil(math.sqrt(size))
     polygons = []
     for curves in FONT.outline(number):
@@ -297,7 +297,7 @@ def test_a_glyph_covers_what_its_outlines_enclose(character):
                 x, y = (1 - t) * (1 - t) * a + 2 * t * (1 - t) * b + t * t * c
                 points.append([0.013 * x + 0.75 - glyph.left, -0.013 * y - glyph.top])
         polygons.append(points)
-    for (row, column), code in np.ndenumerate(glyph.cover):
+    for (row, column), code in np.ndenumerate(glyph.coverage):
         area = abs(sum(area_in_pixel(one, column, row) for one in polygons))
         assert abs(code - 255.0 * area) <= 0.5 + 1e-6
 
@@ -331,12 +331,12 @@ def test_lines_lie_below_each_other_and_begin_or_end_together():
     }
     for layout in layouts.values():
         assert layout.height == 2 * 24 + 1
-        assert [one.row for one in layout.placed] == [20] * 8 + [44]
-    first, last = layouts["left"].placed[0], layouts["left"].placed[-1]
-    assert (first.column, first.quarter) == (last.column, last.quarter) == (0, 0)
+        assert [one.row for one in layout.glyphs] == [20] * 8 + [44]
+    first, last = layouts["left"].glyphs[0], layouts["left"].glyphs[-1]
+    assert (first.column, first.subpixel) == (last.column, last.subpixel) == (0, 0)
     advance = FONT.advance(GLYPHS[ord("I")]) * 20 / 1000
-    last = layouts["right"].placed[-1]
-    assert abs(last.column + last.quarter / 4 + advance - layouts["right"].width) <= 0.125
+    last = layouts["right"].glyphs[-1]
+    assert abs(last.column + last.subpixel / 4 + advance - layouts["right"].width) <= 0.125
 
 
 def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
@@ -351,7 +351,7 @@ def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
         box = box_of(label, camera.project(label.position, SIZE).pixels.tolist())
         layout = text_layout.lay_out(label.text, label.size, "left")
         window = (-box.padding, -box.padding, box.width, box.height)
-        cover = text_layout.cover_text(layout, label.size, window)
+        cover = text_layout.text_coverage(layout, label.size, window)
         assert box.padding == 4
         wanted = plain.copy()
         for row in range(box.height):

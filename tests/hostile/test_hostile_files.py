@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.io.foreign import door
+from rasterjit.io.foreign import isolation
 from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.io.meshes import readable_formats
 
@@ -52,7 +52,7 @@ FACES = {"off": 20, "glb": 50, "3mf": 36, "dae": 18, "binvox": 28}
 def readers_of_others_are_given_up_soon():
     """Files here are small."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(door, "_SECONDS", command.READER_SECONDS)
+        patch.setattr(isolation, "_BASE_SECONDS", command.READER_SECONDS)
         yield
 
 

@@ -311,7 +311,7 @@ FORBIDDEN_OPERATORS = {ast.MatMult: "@", ast.Pow: "**"}
 
 ALLOWED = {
     ("runtime/float_math.py", "log2"): "our own polynomial, of IEEE operations alone",
-    ("io/foreign/door.py", "sum"): "of whole numbers: the bytes of a request",
+    ("io/foreign/isolation.py", "sum"): "of whole numbers: the bytes of a request",
     ("runtime/float_math.py", "exp2"): "our own polynomial, of IEEE operations alone",
     ("pipeline/lighting/blinn_phong.py", "power"): "that of runtime/float_math.py",
     ("pipeline/lighting/sheen.py", "power"): "that of runtime/float_math.py",
@@ -347,7 +347,7 @@ ALLOWED = {
     ("distributed/sort_last.py", "sum"): "whole numbers: counts of faces",
     ("distributed/clusters.py", "sum"): "whole numbers: threads of a cluster",
     ("viewer/browser.py", "sum"): "whole numbers: bytes",
-    ("io/foreign/wire.py", "prod"): "whole numbers of Python",
+    ("io/foreign/serialization.py", "prod"): "whole numbers of Python",
     ("io/primitives.py", "hypot"): "curves of drawings, as trimesh and ezdxf cut them",
     ("io/primitives.py", "atan2"): "curves of drawings, as trimesh and ezdxf cut them",
     ("io/primitives.py", "arctan2"): "curves of drawings, as trimesh and ezdxf cut them",

@@ -8,7 +8,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.io.trimesh.resolver import trimesh_told
+from rasterjit.io.trimesh.resolver import note_trimesh_warnings
 
 pytest.importorskip("collada")
 
@@ -118,7 +118,7 @@ def test_controllers_in_a_circle_are_named_and_the_rest_is_there(tmp_path):
 
 def test_what_trimesh_logs_with_a_traceback_is_a_note_of_a_line(capfd):
     left_out = LeftOut()
-    with trimesh_told(left_out):
+    with note_trimesh_warnings(left_out):
         try:
             raise ValueError("no such\npicture")
         except ValueError:

@@ -297,7 +297,7 @@ def test_an_arc_goes_through_its_points_and_reaches_as_far_as_its_bounds(axes, i
     for _ in range(50):
         through = ARC_RNG.normal(size=(3, axes)) * 10.0 ** ARC_RNG.integers(-9, 9)
         arc = arc_through(through, is_closed)
-        dense = arc.points(4_000, through, is_closed)
+        dense = arc.sample(4_000, through, is_closed)
         gaps = np.linalg.norm(dense[:, None] - through, axis=2).min(axis=0)
         assert (gaps <= 1e-3 * arc.radius).all()
         assert np.linalg.norm(dense - arc.center, axis=1) == pytest.approx(arc.radius, rel=1e-6)

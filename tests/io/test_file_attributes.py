@@ -12,8 +12,8 @@ from test_text_formats import CORNERS, XYZ, as_binary, ply, write
 
 import rasterjit as rj
 from rasterjit.io.load_warnings import LeftOut, LoadWarning
-from rasterjit.io.primitives import Reading
-from rasterjit.io.text.mesh_builder import Part, scene_of_parts
+from rasterjit.io.primitives import Context
+from rasterjit.io.text.mesh_builder import MeshData, build_scene
 from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 
 HEAT = [*XYZ, "float heat"]
@@ -103,11 +103,11 @@ def test_attributes_count_in_the_memory_that_a_file_may_take():
     places, faces = np.eye(4)[:, :3], np.array([[0, 1, 2], [0, 2, 3]])
     own = {"attributes": {"a": np.zeros((4, 500))}, "face_attributes": {"b": np.zeros((2, 1000))}}
     for name in own:
-        part = Part("part", places, faces, **{name: own[name]})
+        part = MeshData("part", places, faces, **{name: own[name]})
         rest = "a.ply", "raise", 30.0, LeftOut()
         with pytest.raises(FileSizeError, match="part"):
-            scene_of_parts([part], Reading(*rest, MemoryBudget("a.ply", 20_000)))
-        (node,) = scene_of_parts([part], Reading(*rest, MemoryBudget("a.ply", 40_000))).nodes
+            build_scene([part], Context(*rest, MemoryBudget("a.ply", 20_000)))
+        (node,) = build_scene([part], Context(*rest, MemoryBudget("a.ply", 40_000))).nodes
         assert len(node.mesh.vertex_attributes) + len(node.mesh.face_attributes) == 1
 
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from rasterjit.io.fonts import font_named
+from rasterjit.io.fonts import find_font
 
 SQUARE = struct.pack(">h8xHH3B3h3h", 1, 2, 0, 1, 1, 1, 0, 100, 0, 0, 0, 100)
 LETTER_A = (65, 65, 1)
@@ -49,7 +49,7 @@ def test_parts_of_parts_of_glyphs_come_to_an_end(tmp_path):
         place = tmp_path / f"{count}.ttf"
         place.write_bytes(font(glyphs, 1, LETTER_A))
         before = time.thread_time()
-        assert bool(font_named(place).outline(1)) == has_outline
+        assert bool(find_font(place).outline(1)) == has_outline
         assert time.thread_time() - before < 10.0
 
 
@@ -57,7 +57,7 @@ def test_a_font_of_many_tables_of_all_characters_is_refused(tmp_path):
     place = tmp_path / "a.ttf"
     place.write_bytes(font([b"", SQUARE], 1000, (0, 0x10FFFF, 1)))
     with pytest.raises(ValueError, match=r"font must be a font, .* more than 64 tables"):
-        font_named(place)
+        find_font(place)
 
 
 def test_pairs_of_kerning_come_to_an_end(tmp_path):
@@ -66,5 +66,5 @@ def test_pairs_of_kerning_come_to_an_end(tmp_path):
     kern = struct.pack(">HHHHHHHHH", 0, 0xFFFF, 0, 0, 1, 60_000, 0, 0, 0) + bytes(6 * 60_000)
     place.write_bytes(font([b"", SQUARE], 1, LETTER_A, kern=kern))
     before = time.thread_time()
-    assert font_named(place).kerning(1, 1) == 0
+    assert find_font(place).kerning(1, 1) == 0
     assert time.thread_time() - before < 20.0

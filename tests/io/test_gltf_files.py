@@ -18,7 +18,7 @@ from sample_models import QUAD_FACES, Model, blank_png, encode_png, quad
 import rasterjit as rj
 from rasterjit.cli.options import SceneOptions
 from rasterjit.io.gltf.file import GltfFile
-from rasterjit.io.gltf.meshes_materials import FAN, STRIP, TRIANGLES, join_corners
+from rasterjit.io.gltf.meshes_materials import FAN, STRIP, TRIANGLES, list_triangles
 from rasterjit.io.gltf.scene import parent_from_node
 from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.resources import Resources
@@ -368,9 +368,9 @@ def test_strips_and_fans_are_the_triangles_that_opengl_makes(mode):
         STRIP: [[7, 3, 9], [3, 4, 9], [9, 4, 8]],
         FAN: [[3, 9, 7], [9, 4, 7], [4, 8, 7]],
     }[mode]
-    assert join_corners(corners, mode).tolist() == want
+    assert list_triangles(corners, mode).tolist() == want
     for few in range(3):
-        assert len(join_corners(corners[:few], mode)) == 0
+        assert len(list_triangles(corners[:few], mode)) == 0
 
 
 def test_a_mesh_without_indices_is_drawn_in_order(tmp_path):

@@ -241,6 +241,6 @@ def test_without_the_library_a_file_says_how_to_get_it(tmp_path, monkeypatch):
     path = square(Packed()).save(tmp_path / "a.glb")
     with pytest.raises(rj.MeshFileError, match=rf'a\.glb: {EXT} needs meshopt; pip install "raste'):
         rj.load(path)
-    monkeypatch.setattr("rasterjit.io.gltf.extensions._OLDEST", {"meshopt": (99, 1)})
+    monkeypatch.setattr("rasterjit.io.gltf.extensions._MIN_PYTHON", {"meshopt": (99, 1)})
     with pytest.raises(rj.MeshFileError, match=f"{EXT} needs meshopt on Python 99.1 or newer"):
         rj.load(path)

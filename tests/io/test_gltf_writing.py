@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
-from rasterjit.io.gltf.writing import lasting_units, rounded_units
+from rasterjit.io.gltf.writing import rounded_units, stable_normals
 from rasterjit.io.load_warnings import SaveWarning
 from rasterjit.styles.small_preview import SIZE
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
@@ -237,7 +237,7 @@ def test_normals_stay_when_they_are_brought_to_unit_length_again():
     normals = rounded_units(rng.normal(size=(100_000, 3)).astype(np.float32))
     normals[0] = 0.0
     assert (rounded_units(normals) != normals).any(axis=1).mean() > 0.005
-    lasting, lost = lasting_units(normals)
+    lasting, lost = stable_normals(normals)
     assert (rounded_units(lasting) != normals).any(axis=1).sum() == lost < 5
     assert np.abs(lasting - normals).max() < 0.0005
 

@@ -151,7 +151,7 @@ def test_a_refused_file_is_named_as_it_was_asked_for(tmp_path):
     def write(temporary):
         raise PermissionError(13, "Permission denied", str(temporary))
 
-    with pytest.raises(PermissionError) as refusal, images.replacing(path) as temporary:
+    with pytest.raises(PermissionError) as refusal, images.atomic_file(path) as temporary:
         write(temporary)
     assert str(path) in str(refusal.value)
     assert str(temporary) not in str(refusal.value)

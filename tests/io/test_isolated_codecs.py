@@ -18,7 +18,7 @@ from PIL import Image, features
 
 import rasterjit as rj
 from rasterjit.cli import commands
-from rasterjit.io.foreign import codecs, door
+from rasterjit.io.foreign import codecs, isolation
 
 PACKED = Path(__file__).parent / "packed"
 PIXELS = np.random.default_rng(1).integers(0, 256, (6, 5, 3), np.uint8)
@@ -197,34 +197,38 @@ def test_packages_of_others_see_no_byte_here(tmp_path, monkeypatch, name, write,
 
 
 def test_pictures_alone_start_no_process(tmp_path):
-    door._end_all()
+    isolation._kill_all()
     path = textured(tmp_path / "a.glb")
     rj.load(path)
-    assert not door._ALL
+    assert not isolation._ALL_READERS
     rj.load(path, isolate="all")
-    assert len(door._ALL) == 1
+    assert len(isolation._ALL_READERS) == 1
 
 
 def test_parts_of_a_file_share_a_copy_of_the_process(tmp_path, monkeypatch):
-    begun, ask = [], door._Reader.ask
+    begun, ask = [], isolation._ReaderProcess.ask
     monkeypatch.setattr(
-        door._Reader, "ask", lambda self, *rest: begun.append(self._is_busy) or ask(self, *rest)
+        isolation._ReaderProcess,
+        "ask",
+        lambda self, *rest: begun.append(self._is_busy) or ask(self, *rest),
     )
     rj.load(textured(tmp_path / "a.glb", count=5), isolate="all")
     assert begun == [False, True, True, True, True]
 
 
 def test_systems_without_forks_do_the_same(tmp_path, monkeypatch):
-    door._end_all()
-    monkeypatch.setattr(door, "_IDLE", [])
+    isolation._kill_all()
+    monkeypatch.setattr(isolation, "_IDLE_READERS", [])
     start = "import rasterjit.io.foreign.child as child\nchild._FORKS = False\nserve(file)"
-    monkeypatch.setattr(door, "_START", door._START.replace("serve(file)", start))
+    monkeypatch.setattr(
+        isolation, "_START_SCRIPT", isolation._START_SCRIPT.replace("serve(file)", start)
+    )
     path, other = with_draco(tmp_path / "a.glb", 3), textured(tmp_path / "b.glb")
     for _ in range(2):
         assert outcome(path, "all") == outcome(path, False)
         assert outcome(other, "all") == outcome(other, False)
-    assert len(door._ALL) == 1
-    door._end_all()
+    assert len(isolation._ALL_READERS) == 1
+    isolation._kill_all()
 
 
 # What harms
@@ -257,11 +261,11 @@ def harm(tmp_path, monkeypatch):
             "  self.faces, self.attributes = np.zeros(size, np.uint32), []\n"
             f"def decode(stream): {code}\n"
         )
-        door._end_all()
+        isolation._kill_all()
         monkeypatch.syspath_prepend(folder)
 
     yield ready
-    door._end_all()
+    isolation._kill_all()
 
 
 @linux
@@ -272,7 +276,7 @@ def test_a_codec_that_harms_is_an_error_that_names_file_and_package(
     code, said = HARMS[name]
     path, other = with_draco(tmp_path / "a.glb", 9), textured(tmp_path / "b.glb")
     harm(code)
-    monkeypatch.setattr(door, "_SECONDS", 1)
+    monkeypatch.setattr(isolation, "_BASE_SECONDS", 1)
     begin = time.monotonic()
     with pytest.raises(rj.MeshFileError, match=said) as refused:
         rj.load(path, max_bytes=300 << 20)

@@ -21,7 +21,7 @@ import pytest
 from planted_files import PLANTED
 
 import rasterjit as rj
-from rasterjit.io.foreign import door, sandbox, wire
+from rasterjit.io.foreign import isolation, sandbox, serialization
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.io.resources import Resources
 from rasterjit.scene.memory_limits import MemoryBudget
@@ -116,8 +116,8 @@ def test_what_was_found_comes_back_as_it_was():
         "same": [shared, shared],
     }
     with open(os.memfd_create("found"), "w+b", buffering=0) as file:
-        wire.write_found(found, file.fileno())
-        read = wire.read_found(file.fileno())
+        serialization.write_value(found, file.fileno())
+        read = serialization.read_value(file.fileno())
     assert read["numbers"] == found["numbers"]
     assert isinstance(read["tuple"], tuple)
     for one, other in zip(read["tuple"], found["tuple"], strict=True):
@@ -140,10 +140,10 @@ def test_what_was_found_comes_back_as_it_was():
 )  # fmt: skip
 def test_what_no_reader_writes_is_refused(said):
     with open(os.memfd_create("found"), "w+b", buffering=0) as file:
-        head = wire._HEAD.pack(wire._MARK, 24, len(said))
+        head = serialization._HEADER.pack(serialization._MAGIC, 24, len(said))
         file.write(head + said)
         with pytest.raises(ValueError, match=r"found|Expecting"):
-            wire.read_found(file.fileno())
+            serialization.read_value(file.fileno())
 
 
 def test_what_a_reader_says_is_said_once_and_here(tmp_path):
@@ -196,7 +196,7 @@ def all_of_meshio(tmp_path, monkeypatch):
         (tmp_path / "beside" / f"{HDF5}.py").write_text("")
         monkeypatch.syspath_prepend(tmp_path / "beside")
     yield
-    door._end_all()
+    isolation._kill_all()
     if not is_there:
         sys.modules.pop(HDF5, None)
 
@@ -273,10 +273,10 @@ def test_the_kernel_itself_opens_nothing_else(tmp_path):
     (tmp_path / "b").write_text("b")
     code = f"""
 import ctypes, os, socket
-from rasterjit.io.foreign.sandbox import keep_to_files, library_places, without_network
+from rasterjit.io.foreign.sandbox import restrict_files, library_paths, isolate_network
 libc = ctypes.CDLL(None, use_errno=True)
-without_network()
-kept = keep_to_files([{str(tmp_path / "in")!r}, *library_places()])
+isolate_network()
+kept = restrict_files([{str(tmp_path / "in")!r}, *library_paths()])
 opened = [libc.open(place.encode(), flags) for place, flags in [
     ({str(tmp_path / "in" / "a")!r}, 0), ({str(tmp_path / "b")!r}, 0), ("/etc/passwd", 0),
     ({str(tmp_path / "in" / "a")!r}, 1), ({str(tmp_path / "in" / "c")!r}, 0o101)]]
@@ -301,7 +301,7 @@ def small(folder, name="a.vtk"):
 
 def idle():
     """Return the number of the process that waits for the next file."""
-    return door._IDLE[-1]._process.pid
+    return isolation._IDLE_READERS[-1]._process.pid
 
 
 def test_a_process_is_kept_for_the_next_file_and_replaced_when_it_is_gone(tmp_path):
@@ -311,7 +311,7 @@ def test_a_process_is_kept_for_the_next_file_and_replaced_when_it_is_gone(tmp_pa
     rj.load(path)
     assert idle() == first
     os.kill(first, signal.SIGKILL)
-    door._IDLE[-1]._process.wait()
+    isolation._IDLE_READERS[-1]._process.wait()
     assert rj.load(path).nodes
     assert idle() != first
 
@@ -348,7 +348,7 @@ def test_a_forked_child_reads_by_a_process_of_its_own(tmp_path):
         try:
             rj.load(path)
             status = int(idle() == before)
-            door._end_all()
+            isolation._kill_all()
         finally:
             os._exit(status)
     assert os.waitpid(child, 0)[1] == 0
@@ -359,9 +359,9 @@ def test_a_forked_child_reads_by_a_process_of_its_own(tmp_path):
 ENDS = """
 import os, signal, sys
 import rasterjit as rj
-from rasterjit.io.foreign import door
+from rasterjit.io.foreign import isolation
 rj.load(sys.argv[1])
-print(door._IDLE[-1]._process.pid, flush=True)
+print(isolation._IDLE_READERS[-1]._process.pid, flush=True)
 if sys.argv[2] == "killed":
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -391,7 +391,9 @@ def test_nothing_of_it_is_loaded_for_formats_of_our_own(tmp_path):
         f"import sys, rasterjit as rj; rj.load({str(tmp_path / 'a.obj')!r});"
         "print([name for name in sys.modules if name.startswith('rasterjit.io.foreign.')])"
     )
-    assert not {"door", "wire", "limits", "readers"} & set(said.replace("'", ".").split("."))
+    assert not {"isolation", "serialization", "limits", "readers"} & set(
+        said.replace("'", ".").split(".")
+    )
 
 
 @pytest.mark.parametrize("isolate", [None, 1, "yes"])
@@ -431,19 +433,19 @@ LARGE = {
 @linux
 @pytest.mark.parametrize("name", LARGE)
 def test_what_is_counted_is_half_of_what_the_process_takes_at_least(tmp_path, monkeypatch, name):
-    peaks, ask = [], door._Reader.ask
+    peaks, ask = [], isolation._ReaderProcess.ask
 
     def watched(reader, *request):
         answer, found = ask(reader, *request)
         peaks.append(answer["peak"])
         return answer, found
 
-    monkeypatch.setattr(door._Reader, "ask", watched)
+    monkeypatch.setattr(isolation._ReaderProcess, "ask", watched)
     for side in (3, 3, 200):
         # The first imports what reads it.
         path = LARGE[name](tmp_path / name, side)
         budget = MemoryBudget(str(path))
-        door.read_isolated(path, Resources(path, None, budget), "raise", "error", LeftOut())
+        isolation.read_isolated(path, Resources(path, None, budget), "raise", "error", LeftOut())
     assert 0 < peaks[-1] - peaks[-2] < 2 * (budget.max_bytes - budget.left)
 
 
@@ -517,7 +519,7 @@ HARMFUL = {
 @linux
 @pytest.mark.parametrize("name", HARMFUL)
 def test_what_crashes_or_never_ends_is_an_error_that_names_the_file(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(door, "_SECONDS", 3)
+    monkeypatch.setattr(isolation, "_BASE_SECONDS", 3)
     path, begin = HARMFUL[name](tmp_path), time.monotonic()
     with pytest.raises(ValueError, match=r"could not be read|max_bytes|damaged") as refused:
         rj.load(path, max_bytes=300 << 20)

@@ -13,16 +13,16 @@ import rasterjit as rj
 from rasterjit.io.foreign.readers import CELL_FORMATS
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.load_warnings import LeftOut, LoadWarning
-from rasterjit.io.meshes import OWN_FORMATS
+from rasterjit.io.meshes import BUILTIN_FORMATS
 from rasterjit.io.text.xyz import ROW_FORMATS
 
 
 def test_what_is_found_and_not_read_is_left_out():
     tally = LeftOut()
-    tally.found("strip", 5)
-    tally.read("strip", 3)
-    tally.found("face", 7)
-    tally.read("face", 7)
+    tally.expect("strip", 5)
+    tally.mark_read("strip", 3)
+    tally.expect("face", 7)
+    tally.mark_read("face", 7)
     assert str(tally) == "strip (2)"
     assert tally.counts() == {"strip": 2}
 
@@ -30,7 +30,7 @@ def test_what_is_found_and_not_read_is_left_out():
 def test_what_is_noted_and_what_is_not_read_of_a_kind_is_summed():
     tally = LeftOut()
     tally.note("strip", 2)
-    tally.found("strip", 3)
+    tally.expect("strip", 3)
     tally.note("fog.png", reason=": it is missing")
     assert tally.counts() == {"strip": 5, "fog.png: it is missing": 1}
     assert str(tally) == "strip (5), fog.png: it is missing (1)"
@@ -38,16 +38,16 @@ def test_what_is_noted_and_what_is_not_read_of_a_kind_is_summed():
 
 def test_a_tally_of_what_was_all_read_warns_of_nothing(recwarn):
     tally = LeftOut()
-    tally.found("face", 2)
-    tally.read("face")
-    tally.read("face")
+    tally.expect("face", 2)
+    tally.mark_read("face")
+    tally.mark_read("face")
     tally.warn("a.ply")
     assert not recwarn
 
 
 def test_a_warning_has_kinds_and_numbers():
     tally = LeftOut()
-    tally.found("strip", 2)
+    tally.expect("strip", 2)
     with pytest.warns(LoadWarning, match=r"^a\.ply: left out strip \(2\); the rest") as said:
         tally.warn("a.ply")
     assert said[0].message.left_out == {"strip": 2}
@@ -75,7 +75,7 @@ def test_every_reader_of_ours_is_planted_with_something():
         "laz": "las", "glb": "gltf", "vrm": "gltf", **dict.fromkeys(ROW_FORMATS, "xyz"),
         **dict.fromkeys(CELL_FORMATS, "vtu"),
     }  # fmt: skip
-    ours = {*OWN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg", "3mf"}
+    ours = {*BUILTIN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg", "3mf"}
     assert {alike.get(form, form) for form in ours} <= formats
 
 

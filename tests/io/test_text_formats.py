@@ -18,13 +18,13 @@ from PIL import Image
 import rasterjit as rj
 from rasterjit.cli import commands
 from rasterjit.io.load_warnings import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.primitives import Reading
+from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import Names, joined, triangles
+from rasterjit.io.text.mesh_builder import Names, triangles, unique_rows
 from rasterjit.io.text.mtl import MtlLibrary
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.text.obj import read_obj
-from rasterjit.io.trimesh.resolver import resolver_of
+from rasterjit.io.trimesh.resolver import make_resolver
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -189,8 +189,8 @@ def through_trimesh(path, on_invalid="raise"):
     left_out, resources = LeftOut(), Resources(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        read = trimesh.load_scene(path, resolver=resolver_of(resources, left_out), process=False)
-    adapter = WithLibrary(Reading(str(path), on_invalid, 40.0, left_out), True)
+        read = trimesh.load_scene(path, resolver=make_resolver(resources, left_out), process=False)
+    adapter = WithLibrary(Context(str(path), on_invalid, 40.0, left_out), True)
     if path.suffix == ".obj" and "mtllib a.mtl" in path.read_text():
         used = [line.split()[1] for line in path.read_text().splitlines() if line[:6] == "usemtl"]
         adapter.library = MtlLibrary(["a.mtl"], used, resources, left_out)
@@ -625,7 +625,7 @@ def test_rows_are_joined_by_their_numbers():
     rng = np.random.default_rng(5)
     for most in (4, 1 << 40):
         table = rng.integers(0, 4, (50, 3)) * (most // 4)
-        rows, which = joined(table)
+        rows, which = unique_rows(table)
         assert np.array_equal(table[rows][which], table)
         assert len(rows) == len(np.unique(table, axis=0))
         assert np.array_equal(table[rows], np.unique(table, axis=0))

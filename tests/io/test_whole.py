@@ -36,7 +36,7 @@ def files(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-@pytest.fixture(params=["replacing", "replacing_folder"])
+@pytest.fixture(params=["atomic_file", "atomic_folder"])
 def way(request):
     return request.param
 
@@ -55,8 +55,8 @@ def writing(way, place):
 
 
 def sweep(folder):
-    atomic_write.remove_leftovers.cache_clear()
-    atomic_write.remove_leftovers(folder)
+    atomic_write.remove_stale_files.cache_clear()
+    atomic_write.remove_stale_files(folder)
 
 
 def make_old(path):
@@ -77,7 +77,7 @@ def test_only_what_a_killed_process_left_is_removed(tmp_path, way):
 
 def test_whoever_was_there_long_ago_or_elsewhere(tmp_path, way):
     """A lock that another machine holds may not be seen from here."""
-    name = f"{atomic_write.MARK}00000000-00000000-{'0' * 32}.bin"
+    name = f"{atomic_write.PREFIX}00000000-00000000-{'0' * 32}.bin"
     with writing(way, tmp_path / "a.bin") as (process, held):
         (tmp_path / held).rename(tmp_path / name)
         process.kill()
@@ -91,9 +91,9 @@ def test_whoever_was_there_long_ago_or_elsewhere(tmp_path, way):
 
 @pytest.mark.parametrize("shared", [0, 1])
 def test_containers_share_the_system_and_replicas_the_name(tmp_path, monkeypatch, shared):
-    with writing("replacing", tmp_path / "a.bin"):
+    with writing("atomic_file", tmp_path / "a.bin"):
         pass
-    with writing("replacing", tmp_path / "a.bin") as (_, live):
+    with writing("atomic_file", tmp_path / "a.bin") as (_, live):
         names = [*locks.machine()]
         names[1 - shared] = "0" * 8
         monkeypatch.setattr(atomic_write, "machine", lambda: tuple(names))
@@ -116,14 +116,14 @@ def test_files_of_others_are_kept(tmp_path):
     names = [
         ".mine.png",
         ".rasterjit-0-1-0123.png",
-        f"{atomic_write.MARK}x-y-z.png",
-        atomic_write.MARK,
+        f"{atomic_write.PREFIX}x-y-z.png",
+        atomic_write.PREFIX,
     ]
     for name in names:
         (tmp_path / name).touch()
-    os.mkfifo(tmp_path / f"{atomic_write.MARK}{'-'.join(locks.machine())}-{'1' * 32}")
+    os.mkfifo(tmp_path / f"{atomic_write.PREFIX}{'-'.join(locks.machine())}-{'1' * 32}")
     (tmp_path / "kept").touch()
-    link = f"{atomic_write.MARK}{'-'.join(locks.machine())}-{'2' * 32}"
+    link = f"{atomic_write.PREFIX}{'-'.join(locks.machine())}-{'2' * 32}"
     (tmp_path / link).symlink_to(tmp_path / "kept")
     sweep(tmp_path)
     assert files(tmp_path) == sorted([*names, "kept", link])
@@ -151,8 +151,8 @@ def test_a_file_that_is_taken_for_nobodys_before_it_is_held(tmp_path, monkeypatc
 
 def write_again_and_again(folder, number):
     for turn in range(100):
-        atomic_write.remove_leftovers.cache_clear()
-        with atomic_write.replacing(Path(folder, f"{number}.txt")) as temporary:
+        atomic_write.remove_stale_files.cache_clear()
+        with atomic_write.atomic_file(Path(folder, f"{number}.txt")) as temporary:
             temporary.write_text(f"{turn}")
 
 
@@ -178,11 +178,11 @@ def folder_at(place, content):
 def test_a_folder_is_replaced_or_kept(tmp_path):
     place = tmp_path / "a.zarr"
     folder_at(place, "old")
-    with suppress(KeyError), atomic_write.replacing_folder(place) as temporary:
+    with suppress(KeyError), atomic_write.atomic_folder(place) as temporary:
         (temporary / "chunk").write_text("new")
         raise KeyError
     assert (place / "chunk").read_text() == "old"
-    with atomic_write.replacing_folder(place) as temporary:
+    with atomic_write.atomic_folder(place) as temporary:
         (temporary / "chunk").write_text("new")
     assert (place / "chunk").read_text() == "new"
     assert files(tmp_path) == ["a.zarr"]
@@ -191,7 +191,7 @@ def test_a_folder_is_replaced_or_kept(tmp_path):
 @pytest.mark.parametrize("name", ["a.zarr", f"{'long' * 60}.zarr"])
 def test_a_folder_of_any_name_is_replaced(tmp_path, name):
     folder_at(tmp_path / name, "old")
-    with atomic_write.replacing_folder(tmp_path / name):
+    with atomic_write.atomic_folder(tmp_path / name):
         pass
     assert files(tmp_path) == [name]
     assert files(tmp_path / name) == []
@@ -211,7 +211,7 @@ def kill(source, target):
     os.replace = plain
     plain(source, target)
 os.replace = kill
-with atomic_write.replacing_folder(place) as temporary:
+with atomic_write.atomic_folder(place) as temporary:
     (temporary / "chunk").write_text("new")
 """
 """Replaces a folder, and waits before or after the last step."""
@@ -266,17 +266,17 @@ def test_what_cannot_be_replaced_is_moved_back(old, monkeypatch):
         raise PermissionError(errno.EACCES, "open", str(source), None, str(target))
 
     monkeypatch.setattr(os, "replace", refuse)
-    with pytest.raises(PermissionError, match=old.name), atomic_write.replacing_folder(old):
+    with pytest.raises(PermissionError, match=old.name), atomic_write.atomic_folder(old):
         pass
     assert files(old.parent) == [old.name]
     assert (old / "chunk").read_text() == "old"
 
 
 def test_files_named_nearly_like_ours_stop_no_save(tmp_path, way):
-    begin = f"{atomic_write.MARK}{'-'.join(locks.machine())}-{'1' * 32}"
+    begin = f"{atomic_write.PREFIX}{'-'.join(locks.machine())}-{'1' * 32}"
     for end in (".", "..", "-was-.", "-was-..", "-was-", "-was", "-was-a"):
         (tmp_path / f"{begin}{end}").touch()
-    atomic_write.remove_leftovers.cache_clear()
+    atomic_write.remove_stale_files.cache_clear()
     with getattr(atomic_write, way)(tmp_path / "b.bin"):
         pass
     assert (tmp_path / "b.bin").exists()
@@ -284,7 +284,7 @@ def test_files_named_nearly_like_ours_stop_no_save(tmp_path, way):
 
 def test_a_folder_is_as_old_as_the_newest_in_it(tmp_path, monkeypatch):
     monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
-    folder = atomic_write._temporary(tmp_path / "a.zarr", ".zarr")
+    folder = atomic_write._temporary_path(tmp_path / "a.zarr", ".zarr")
     (folder / "deep").mkdir(parents=True)
     (folder / "deep/chunk").touch()
     for one in (folder / "deep", folder):
@@ -303,10 +303,10 @@ def test_errors_name_what_was_asked_for(tmp_path, way):
     ):
         pass
     assert caught.value.filename == str(tmp_path / "none" / "a.bin")
-    assert atomic_write.MARK not in str(caught.value)
+    assert atomic_write.PREFIX not in str(caught.value)
     (tmp_path / "b").mkdir()
     (tmp_path / "b/full").touch()
-    with pytest.raises(OSError, match=r"b'$") as caught, atomic_write.replacing(tmp_path / "b"):
+    with pytest.raises(OSError, match=r"b'$") as caught, atomic_write.atomic_file(tmp_path / "b"):
         pass
     assert files(tmp_path) == ["b"]
 
@@ -331,7 +331,7 @@ def mandatory(monkeypatch):
 
 
 def test_where_locks_forbid_others_to_write_nothing_is_held(tmp_path, mandatory):
-    with atomic_write.replacing(tmp_path / "a.bin") as temporary:
+    with atomic_write.atomic_file(tmp_path / "a.bin") as temporary:
         assert files(tmp_path) == [temporary.name]
         with open(temporary, "wb") as file:
             file.write(b"whole")
@@ -343,7 +343,7 @@ def test_where_locks_forbid_others_to_write_nothing_is_held(tmp_path, mandatory)
 
 
 def test_what_is_not_held_is_left_when_it_is_old(tmp_path):
-    old = atomic_write._temporary(tmp_path / "a.bin", ".bin", atomic_write.UNHELD)
+    old = atomic_write._temporary_path(tmp_path / "a.bin", ".bin", atomic_write.UNLOCKED)
     old.touch()
     sweep(tmp_path)
     assert old.exists()
@@ -370,7 +370,7 @@ def test_where_files_cannot_be_open_age_tells(tmp_path, monkeypatch, way):
 
     with writing(way, tmp_path / "a.bin") as (_, name):
         pass
-    monkeypatch.setattr(atomic_write, "IS_LOCKED", False)
+    monkeypatch.setattr(atomic_write, "USES_LOCKS", False)
     monkeypatch.setattr(atomic_write, "lock", refuse)
     sweep(tmp_path)
     assert files(tmp_path) == [name]

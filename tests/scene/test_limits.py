@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.io.images import picture_pixels
+from rasterjit.io.images import decode_picture
 from rasterjit.io.load_warnings import LoadWarning
 from rasterjit.scene.fog import SHORTEST_RAMP
 from rasterjit.scene.texture import MAX_TEXELS
@@ -40,7 +40,7 @@ def test_picture_with_too_many_texels_is_refused_by_the_name_of_its_file(tmp_pat
         ):
             read(file)
     with pytest.raises(ValueError, match="at most 134,217,728 texels"):
-        picture_pixels(png_of(*size))
+        decode_picture(png_of(*size))
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.images import picture_pixels
+from rasterjit.io.images import decode_picture
 
 KINDS = {1: 0, 2: 4, 3: 2, 4: 6}
 """How PNG calls pictures of so many channels."""
@@ -42,7 +42,7 @@ def both_ways(tmp_path, content):
     """Return the linear texels of a file as a texture and as part of a mesh file."""
     (tmp_path / "a.png").write_bytes(content)
     alone = rj.Texture.from_file(tmp_path / "a.png", color_space="linear").image
-    inside = rj.Texture(picture_pixels(content), color_space="linear").image
+    inside = rj.Texture(decode_picture(content), color_space="linear").image
     assert np.array_equal(alone, inside)
     return alone
 
@@ -76,7 +76,7 @@ def test_sixteen_bits_of_a_tiff_file_are_kept(channels, order):
         head += struct.pack(f"{mark}HHI", tag, of, count)
         head += struct.pack(f"{mark}HH", value, 0) if short else struct.pack(f"{mark}I", value)
     head += struct.pack(f"{mark}I", 0) + struct.pack(f"{mark}{channels}H", *[16] * channels)
-    assert np.array_equal(picture_pixels(head + data), codes)
+    assert np.array_equal(decode_picture(head + data), codes)
 
 
 @pytest.mark.parametrize("bits", [1, 2, 4, 8, 16])

@@ -16,7 +16,7 @@ from rasterjit.accuracy.choice import choose, is_measured
 from rasterjit.accuracy.report.plots import PAGE_MODULES
 from rasterjit.accuracy.results import EffectCost, Study, Trial
 from rasterjit.accuracy.sentences import answer, options_of, sentences
-from rasterjit.io.atomic_write import replacing, write_text
+from rasterjit.io.atomic_write import atomic_file, write_text
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
 
@@ -44,7 +44,7 @@ def prepare_folder(output: str | Path) -> Path:
     folder = Path(output)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with replacing(folder / ".probe") as temporary:
+        with atomic_file(folder / ".probe") as temporary:
             temporary.touch()
         (folder / ".probe").unlink()
     except FileExistsError:
@@ -72,7 +72,7 @@ def write_files(study: Study, output: str | Path) -> list[Path]:
     text = json.dumps(as_json(study), indent=1, allow_nan=False, ensure_ascii=False)
     write_text(folder / JSON_NAME, text + "\n")
     with (
-        replacing(folder / CSV_NAME) as temporary,
+        atomic_file(folder / CSV_NAME) as temporary,
         temporary.open("w", -1, "utf-8", "backslashreplace", newline="") as file,
     ):
         table = csv.DictWriter(file, COLUMNS)

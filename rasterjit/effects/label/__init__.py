@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.text_layout import PADDING, Float64, cover_text, lay_out, warn_of_missing
+from rasterjit.io.text_layout import PADDING, Float64, lay_out, text_coverage, warn_of_missing
 from rasterjit.pipeline.srgb_encoding import BUCKET_BITS, encoding_table
 from rasterjit.scene.camera import planes_of
 from rasterjit.scene.color import decoding_table
@@ -120,7 +120,7 @@ def draw_label(
         left + corner[0] - box.left - box.padding,
         top + corner[1] - box.top - box.padding,
     )
-    cover = cover_text(layout, label.size, (*first, right - left, bottom - top))
+    cover = text_coverage(layout, label.size, (*first, right - left, bottom - top))
     layers = [] if label.background is None else [(np.ones_like(cover), label.background)]
     mix(color[top:bottom, left:right], [*layers, (cover, label.color)], in_codes)
 

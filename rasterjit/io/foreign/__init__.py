@@ -1,1 +1,1 @@
-"""Objects of other packages, and files that only these read, become what our own readers find."""
+"""Read objects of other packages, and files by these packages, isolated in a process."""

@@ -1,5 +1,5 @@
 """
-The process in which packages of others read files, and decode what files hold.
+The child process in which other packages read files and decode data.
 
 It waits for requests, lines of JSON on standard input. For the first of a file it forks, where the
 system can: the copy holds itself to its limits for good, does what is asked, leaves what it found
@@ -25,21 +25,21 @@ from typing import Any
 
 from rasterjit.io.foreign import sandbox
 
-_OURS = ("rasterjit.io.foreign.readers", "rasterjit.io.foreign.wire")
-"""Modules of this package that a copy needs."""
+_READER_MODULES = ("rasterjit.io.foreign.readers", "rasterjit.io.foreign.serialization")
+"""Modules of this package that a fork needs."""
 
-_PAUSE = 1.0
-"""Seconds between two looks at whether anybody still waits."""
+_POLL_SECONDS = 1.0
+"""Seconds between two checks of whether the parent still waits."""
 
-_LONGEST_SLEEP = 15.0
-"""Seconds in which a copy does nothing, as one does that waits for a pipe."""
+_MAX_IDLE_SECONDS = 15.0
+"""Seconds after which a fork that does nothing is killed."""
 
 _FORKS = sys.platform == "linux"
-"""Other systems' libraries do not all stand a fork."""
+"""Whether a fork serves each file: other systems' libraries may not survive one."""
 
 
 def serve(file: int) -> None:
-    """Answer requests until there are no more; ``file`` takes what is given and what is found."""
+    """Serve requests until standard input ends; ``file`` carries arguments and results."""
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     silent = os.open(os.devnull, os.O_RDWR)
@@ -47,45 +47,45 @@ def serve(file: int) -> None:
         # What libraries print is nobody's answer.
         os.dup2(silent, number)
     sys.dont_write_bytecode = True
-    sandbox.without_network()
-    sandbox.refuse_endless_reads()
+    sandbox.isolate_network()
+    sandbox.limit_empty_reads()
     guard = sandbox.Guard()
-    _answer(answers, {"ready": True})
+    _send(answers, {"ready": True})
     for line in requests:
         request = json.loads(line)
         if "end" not in request:
-            _import_for(request)
+            _import_modules(request)
             if _FORKS:
-                _serve_by_copy(request, file, guard, requests, answers)
+                _serve_by_fork(request, file, guard, requests, answers)
                 continue
             if "hidden" in request:
-                _hold(request, guard)
-            _do(request, file, guard, sandbox.seconds_used())
-        _answer(answers, {"status": 0})
+                _apply_limits(request, guard)
+            _run_request(request, file, guard, sandbox.seconds_used())
+        _send(answers, {"status": 0})
 
 
-def _answer(answers: Any, what: dict[str, Any]) -> None:
-    """Write a line."""
+def _send(answers: Any, what: dict[str, Any]) -> None:
+    """Write a value as a line of JSON."""
     answers.write(json.dumps(what).encode() + b"\n")
 
 
-def _import_for(request: dict[str, Any]) -> None:
-    """Import what a request needs, for all copies to come."""
+def _import_modules(request: dict[str, Any]) -> None:
+    """Import the modules of a request, for all forks to come."""
     sys.path[:] = request.get("sys_path", sys.path)
-    for name in (*_OURS, *request["modules"]):
+    for name in (*_READER_MODULES, *request["modules"]):
         # What is missing is told by who needs it.
         with contextlib.suppress(Exception):
             importlib.import_module(name)
     # Found here, it is known to the copies.
-    sandbox.library_places()
+    sandbox.library_paths()
 
 
-def _serve_by_copy(
+def _serve_by_fork(
     request: dict[str, Any], file: int, guard: sandbox.Guard, requests: Any, answers: Any
 ) -> None:
-    """Have a copy of this process do a request and those that follow, until it ends."""
-    asked, asks = os.pipe()
-    done, says = os.pipe()
+    """Let a fork of this process serve a request and those that follow, until it ends."""
+    child_in, to_child = os.pipe()
+    from_child, child_out = os.pipe()
     gc.freeze()
     process = os.fork()
     if process == 0:
@@ -93,70 +93,70 @@ def _serve_by_copy(
             sandbox.die_with_parent()
             for one in (requests, answers):
                 one.close()
-            for number in (asks, done):
+            for number in (to_child, from_child):
                 os.close(number)
-            _be_copy(request, file, guard, asked, says)
+            _run_fork(request, file, guard, child_in, child_out)
         finally:
             os._exit(1)
-    os.close(asked)
-    os.close(says)
+    os.close(child_in)
+    os.close(child_out)
     try:
         while True:
-            answer = _outcome(process, done, request["longest"], requests)
-            _answer(answers, answer)
+            answer = _wait_for(process, from_child, request["timeout"], requests)
+            _send(answers, answer)
             if answer["has_ended"]:
                 return
             line = requests.readline()
             request = json.loads(line) if line else {"end": True}
             if "end" in request:
-                _end(process)
-                _answer(answers, {"status": 0})
+                _kill(process)
+                _send(answers, {"status": 0})
                 return
-            _import_for(request)
+            _import_modules(request)
             with contextlib.suppress(BrokenPipeError):
-                os.write(asks, line)
+                os.write(to_child, line)
     finally:
-        os.close(asks)
-        os.close(done)
+        os.close(to_child)
+        os.close(from_child)
 
 
-def _be_copy(
-    request: dict[str, Any], file: int, guard: sandbox.Guard, asked: int, says: int
+def _run_fork(
+    request: dict[str, Any], file: int, guard: sandbox.Guard, child_in: int, child_out: int
 ) -> None:
-    """Do one request after the other, within limits, and end after the last one."""
+    """Run one request after the other within limits, and exit after the last one."""
     start = sandbox.seconds_used()
-    _hold(request, guard)
-    with os.fdopen(asked, "rb") as following:
+    _apply_limits(request, guard)
+    with os.fdopen(child_in, "rb") as following:
         while True:
-            _do(request, file, guard, start)
+            _run_request(request, file, guard, start)
             if request["is_last"]:
                 os._exit(0)
-            os.write(says, b".")
+            os.write(child_out, b".")
             request = json.loads(following.readline())
 
 
-def _outcome(process: int, done: int, longest: float, requests: Any) -> dict[str, Any]:
-    """Wait until a copy is done or has ended, and end it when it takes too long; say which."""
+def _wait_for(process: int, from_child: int, limit: float, requests: Any) -> dict[str, Any]:
+    """Wait until a fork has answered or ended; kill it after the time limit; return which."""
     begin, poll = time.monotonic(), select.poll()
     poll.register(requests, 0)
-    poll.register(done, select.POLLIN)
-    moved, before = begin, b""
+    poll.register(from_child, select.POLLIN)
+    last_active, before = begin, b""
     while True:
-        events = dict(poll.poll(1000.0 * _PAUSE))
-        if done in events:
-            if os.read(done, 1):
+        events = dict(poll.poll(1000.0 * _POLL_SECONDS))
+        if from_child in events:
+            if os.read(from_child, 1):
                 return {"status": 0, "has_ended": False}
-            return {**_end(process), "is_late": False}
+            return {**_kill(process), "is_late": False}
         now, state = time.monotonic(), _state(process)
         if state != before or state.startswith(b"R"):
-            moved, before = now, state
-        is_late = now - moved > _LONGEST_SLEEP or now - begin > longest
+            last_active, before = now, state
+        is_late = now - last_active > _MAX_IDLE_SECONDS or now - begin > limit
         if is_late or events:
-            return {**_end(process), "is_late": is_late}
+            return {**_kill(process), "is_late": is_late}
 
 
-def _end(process: int) -> dict[str, Any]:
-    """End a copy, if it has not ended; return how it did, and most of the memory it had, bytes."""
+def _kill(process: int) -> dict[str, Any]:
+    """Kill a fork if it still runs; return its exit status and peak memory, bytes."""
     os.kill(process, signal.SIGKILL)
     _, status, usage = os.wait4(process, 0)
     peak = 1024 * usage.ru_maxrss
@@ -164,45 +164,45 @@ def _end(process: int) -> dict[str, Any]:
 
 
 def _state(process: int) -> bytes:
-    """Return whether a process runs or sleeps, and its processor time."""
+    """Return a process's state letter and processor time, of /proc."""
     with open(f"/proc/{process}/stat", "rb") as file:
         fields = file.read().rpartition(b")")[2].split()
     return b" ".join([fields[0], *fields[11:13]])
 
 
-def _hold(request: dict[str, Any], guard: sandbox.Guard) -> None:
-    """Keep this process to the files that a request allows, for good where it can."""
+def _apply_limits(request: dict[str, Any], guard: sandbox.Guard) -> None:
+    """Restrict this process to the files and memory that a request allows."""
     root, path = os.path.realpath(request["root"]), os.path.realpath(request["path"])
-    places = [root, path, *sandbox.library_places()]
+    paths = [root, path, *sandbox.library_paths()]
     # What a program hides from itself it hides from its readers.
     sys.modules.update(dict.fromkeys(request["hidden"]))
     os.chdir(request["folder"])
-    sandbox.hold_to_memory(request["memory"])
-    sandbox.keep_to_files(places)
-    guard.keep_to(root, places)
+    sandbox.limit_memory(request["memory"])
+    sandbox.restrict_files(paths)
+    guard.restrict(root, paths)
 
 
-def _do(request: dict[str, Any], file: int, guard: sandbox.Guard, start: int) -> None:
-    """Do what a request asks for; leave in a file what was found, or why not."""
-    from rasterjit.io.foreign.wire import read_found, write_found
+def _run_request(request: dict[str, Any], file: int, guard: sandbox.Guard, start: int) -> None:
+    """Run a request; write its result, or the reason for none, to a file."""
+    from rasterjit.io.foreign.serialization import read_value, write_value
 
-    sandbox.hold_to_seconds(start + request["seconds"])
-    arguments = read_found(file) if request["is_given"] else ()
+    sandbox.limit_cpu_time(start + request["seconds"])
+    arguments = read_value(file) if request["has_arguments"] else ()
     os.truncate(file, 0)
     guard.is_armed = True
     try:
-        answer = _result(request, arguments)
+        result = _result(request, arguments)
     finally:
         guard.is_armed = False
     try:
-        write_found(answer, file)
+        write_value(result, file)
     except (OSError, MemoryError):
         os.truncate(file, 0)
-        write_found({"error": "MemoryError", "said": ""}, file)
+        write_value({"error": "MemoryError", "message": ""}, file)
 
 
 def _result(request: dict[str, Any], arguments: Any) -> dict[str, Any]:
-    """Return what a reader found or a codec made, and what was said about it."""
+    """Return the result of a reader or codec, with its errors, warnings and notes."""
     from rasterjit.io.foreign.codecs import CODECS
     from rasterjit.io.foreign.readers import read_file
     from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
@@ -213,28 +213,28 @@ def _result(request: dict[str, Any], arguments: Any) -> dict[str, Any]:
     budget = MemoryBudget(request["source"], request["max_bytes"])
     budget.left = request["left"]
     left_out = LeftOut()
-    answer: dict[str, Any] = {"found": None, "error": None, "said": ""}
-    with warnings.catch_warnings(record=True) as told:
+    result: dict[str, Any] = {"value": None, "error": None, "message": ""}
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
         try:
             if codec is not None:
-                answer["found"] = CODECS[codec].decode(*arguments, budget)
+                result["value"] = CODECS[codec].decode(*arguments, budget)
             else:
                 resources = Resources(path, Path(request["root"]), budget)
-                answer["found"] = read_file(
+                result["value"] = read_file(
                     path, resources, request["on_invalid"], request["on_damage"], left_out
                 )
         except (MeshFileError, FileSizeError) as error:
-            answer |= {"error": type(error).__name__, "said": str(error)}
+            result |= {"error": type(error).__name__, "message": str(error)}
         except MemoryError:
-            answer["error"] = "MemoryError"
+            result["error"] = "MemoryError"
         except Exception as error:
             # Codecs raise what they like about damaged data.
             if codec is None:
                 raise
-            answer |= {"error": "ValueError", "said": reason_of(error)}
+            result |= {"error": "ValueError", "message": reason_of(error)}
     if budget.refusal is not None:
-        answer |= {"error": "FileSizeError", "said": str(budget.refusal)}
-    said = [str(one.message) for one in told if one.category is UserWarning]
-    return {**answer, "left": budget.left, "left_out": left_out.all(), "warnings": said}
+        result |= {"error": "FileSizeError", "message": str(budget.refusal)}
+    messages = [str(one.message) for one in caught if one.category is UserWarning]
+    return {**result, "left": budget.left, "left_out": left_out.entries(), "warnings": messages}

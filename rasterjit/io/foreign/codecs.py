@@ -1,7 +1,7 @@
 """
-Packages of others that decode what our own readers find packed in a file: pictures and meshes.
+Codecs of other packages for compressed pictures and meshes in files.
 
-They decode in this process, or where they can do no harm; see `rasterjit.io.foreign.door`.
+They decode in this process, or isolated; see `rasterjit.io.foreign.isolation`.
 """
 
 from __future__ import annotations
@@ -9,34 +9,34 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
-from rasterjit.io.gltf.compression import transcoded, unpacked_mesh, unpacked_rows
+from rasterjit.io.gltf.compression import decode_draco_arrays, decode_meshopt_rows, transcode_ktx2
 from rasterjit.io.gltf.extensions import BASIS, DRACO, LIBRARIES, MESHOPT
-from rasterjit.io.images import picture_pixels
+from rasterjit.io.images import decode_picture
 from rasterjit.scene.memory_limits import MemoryBudget
 
 if TYPE_CHECKING:
-    from rasterjit.io.foreign.door import Session
+    from rasterjit.io.foreign.isolation import Session
 
 Isolation: TypeAlias = bool | Literal["all"]
-"""What works in a process with limits: all packages but Pillow, none, or Pillow as well."""
+"""Which packages run in an isolated process: all but Pillow, none, or Pillow as well."""
 
 _PLUGINS = ("Png", "Jpeg", "WebP", "Tiff", "Bmp", "Tga", "Gif", "Dds", "Avif")
-"""What Pillow calls the formats that are opened, as parts of names of modules."""
+"""Pillow's plugins for the formats that are opened."""
 
 
 class Codec(NamedTuple):
     """
-    What decodes a kind of data.
+    A decoder of one kind of data.
 
     Parameters
     ----------
     library : str
-        What messages call the package.
+        Name of the package in messages.
     decode : callable
         Given bytes, numbers and texts, and last the `MemoryBudget`, returns arrays; raises whatever
         the package does about damaged data.
     modules : tuple of str
-        What it imports.
+        Modules that it imports.
     """
 
     library: str
@@ -44,7 +44,7 @@ class Codec(NamedTuple):
     modules: tuple[str, ...]
 
 
-def _of_gltf(extension: str, decode: Callable[..., Any]) -> Codec:
+def _gltf_codec(extension: str, decode: Callable[..., Any]) -> Codec:
     """Return the codec of an extension of glTF."""
     return Codec(LIBRARIES[extension], decode, (LIBRARIES[extension],))
 
@@ -52,16 +52,16 @@ def _of_gltf(extension: str, decode: Callable[..., Any]) -> Codec:
 _PICTURE = "picture"
 
 CODECS = {
-    _PICTURE: Codec("Pillow", picture_pixels,
+    _PICTURE: Codec("Pillow", decode_picture,
                     ("PIL.Image", *(f"PIL.{name}ImagePlugin" for name in _PLUGINS))),
-    "ktx2": _of_gltf(BASIS, transcoded),
-    "draco": _of_gltf(DRACO, unpacked_mesh),
-    "meshopt": _of_gltf(MESHOPT[0], unpacked_rows),
+    "ktx2": _gltf_codec(BASIS, transcode_ktx2),
+    "draco": _gltf_codec(DRACO, decode_draco_arrays),
+    "meshopt": _gltf_codec(MESHOPT[0], decode_meshopt_rows),
 }  # fmt: skip
 
 
 def _isolated_codecs(isolate: Isolation) -> frozenset[str]:
-    """Return the names of those that decode in a process with limits."""
+    """Return the names of the codecs that run in an isolated process."""
     if isolate == "all":
         return frozenset(CODECS)
     return frozenset(CODECS) - {_PICTURE} if isolate else frozenset()
@@ -69,15 +69,15 @@ def _isolated_codecs(isolate: Isolation) -> frozenset[str]:
 
 class Decoder:
     """
-    Decodes what one file, and all that it names, holds packed.
+    Decodes the compressed data of one file and the files that it refers to.
 
     Parameters
     ----------
     budget : MemoryBudget
     isolate : bool or "all"
-        Which codecs decode in a process with limits.
+        Which codecs run in an isolated process.
     begin : callable, optional
-        Begins a session of that process; not needed if none do.
+        Starts a session of that process; unused if no codec does.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Decoder:
 
     def decode(self, name: str, *arguments: Any) -> Any:
         """
-        Return what a codec makes of its arguments.
+        Return the result of a codec.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Decoder:
         return self._session.decode(name, arguments)
 
     def close(self) -> None:
-        """Let others have the process, if there is one."""
+        """Release the process, if there is one."""
         if self._session is not None:
             self._session.close()
             self._session = None

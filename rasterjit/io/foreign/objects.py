@@ -1,4 +1,4 @@
-"""Objects of meshio, PyVista and Open3D, told without importing these packages, and their parts."""
+"""Convert objects of meshio, PyVista and Open3D, without importing these packages."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.load_warnings import LONGEST_REASON, LeftOut, MeshFileError
-from rasterjit.io.primitives import Cloud, LineDrawing, Reading
-from rasterjit.io.resources import LONGEST_NAME
+from rasterjit.io.load_warnings import MAX_REASON_LENGTH, LeftOut, MeshFileError
+from rasterjit.io.primitives import Cloud, Context, LineSet
+from rasterjit.io.resources import MAX_NAME_LENGTH
 from rasterjit.io.text.mesh_builder import (
-    Part,
-    Thing,
+    Geometry,
+    MeshData,
+    build_scene,
     linear_rgba,
-    scene_of_parts,
     srgb_bytes,
     strip_triangles,
     triangles,
@@ -30,22 +30,22 @@ from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.normals import is_creased, safe_scale
 from rasterjit.scene.scene import Scene
 
-NONE = np.zeros(0, np.int64)
+NO_NUMBERS = np.zeros(0, np.int64)
 
 
-def padded_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def split_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
-    Take apart cells that stand one behind the other, each behind the number of its corners.
+    Split VTK's padded cells: for each its number of corners, then the corners.
 
     Returns
     -------
     corners : (N,) int64
     counts : (C,) int64
-        How many of them each cell has.
+        Number of corners of each cell.
     """
     cells = np.asarray(padded, np.int64).reshape(-1)
     if not len(cells):
-        return NONE, NONE
+        return NO_NUMBERS, NO_NUMBERS
     width = int(cells[0]) + 1
     if len(cells) % width == 0 and (cells[::width] == cells[0]).all():
         rows = cells.reshape(-1, width)
@@ -68,90 +68,90 @@ def check_corners(corners: NDArray[Any], count: int, source: str) -> None:
         )
 
 
-def check_count(cells: str, counts: NDArray[Any], wanted: int, source: str) -> None:
-    """Raise `MeshFileError` if cells of a kind have more or fewer points than all of it have."""
-    wrong = counts[counts != wanted]
+def check_count(cells: str, counts: NDArray[Any], expected: int, source: str) -> None:
+    """Raise `MeshFileError` if cells of a kind have another number of points than expected."""
+    wrong = counts[counts != expected]
     if len(wrong):
         raise MeshFileError(
-            f"{source} must have {wanted} points in each {cells} cell, got {int(wrong[0])}"
+            f"{source} must have {expected} points in each {cells} cell, got {int(wrong[0])}"
         )
 
 
-def is_colors(values: NDArray[Any]) -> bool:
-    """Tell colours in bytes."""
+def are_byte_colors(values: NDArray[Any]) -> bool:
+    """Tell whether values are colours in bytes."""
     return values.dtype == np.uint8 and values.ndim == 2 and values.shape[1] in (3, 4)
 
 
 def is_scalar(values: NDArray[Any]) -> bool:
-    """Tell a number for each of something."""
+    """Tell whether values are one number for each row."""
     single = values.ndim == 1 or (values.ndim == 2 and values.shape[1] == 1)
     return single and values.dtype.kind in "buif"
 
 
-def rgba_of(values: NDArray[Any]) -> NDArray[np.float32]:
+def srgb_rgba(values: NDArray[Any]) -> NDArray[np.float32]:
     """Return colours, which are sRGB, as linear RGBA."""
     return linear_rgba(srgb_bytes(values), False)
 
 
-def own_normals(
+def usable_normals(
     points: NDArray[Any], faces: NDArray[np.int64], normals: NDArray[Any] | None
 ) -> NDArray[Any] | None:
-    """Return normals, or None if one is not there, or they are averages that round off edges."""
+    """Return normals; None if some are missing, or they smooth over sharp edges."""
     if normals is None or not len(faces) or not np.isfinite(normals).all():
         return None
     if not normals.any(axis=1).all() or not np.isfinite(points).all():
         return None
-    places = np.asarray(points, np.float64)
-    scale = safe_scale(places.min(axis=0), places.max(axis=0))
-    return None if is_creased(places, faces.astype(np.int32), scale) else normals
+    positions = np.asarray(points, np.float64)
+    scale = safe_scale(positions.min(axis=0), positions.max(axis=0))
+    return None if is_creased(positions, faces.astype(np.int32), scale) else normals
 
 
-def rows_of(
+def pick_rows(
     values: Mapping[str, NDArray[Any]], rows: NDArray[np.int64] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return some rows, or all, of values by name."""
+    """Return some rows, or all, of named arrays."""
     return {name: one if rows is None else one[rows] for name, one in values.items()}
 
 
-def kept_by_name(values: dict[str, NDArray[Any]], shown: str | None) -> dict[str, NDArray[Any]]:
-    """Return values by name: those that are shown only where they are finite, as attributes are."""
+def drop_nonfinite(values: dict[str, NDArray[Any]], scalars: str | None) -> dict[str, NDArray[Any]]:
+    """Return named arrays, without the scalars that are shown if these are not finite."""
     return {
-        name: one for name, one in values.items() if name != shown or bool(np.isfinite(one).all())
+        name: one for name, one in values.items() if name != scalars or bool(np.isfinite(one).all())
     }
 
 
-_FLAT = {
+_FACE_CELLS = {
     "triangle": 3, "triangle6": 3, "triangle7": 3, "triangle10": 3,
     "quad": 4, "quad8": 4, "quad9": 4, "quad16": 4,
 }  # fmt: skip
-"""Cells that are faces, and how many corners they have."""
+"""Types of cells that are faces, and their numbers of corners."""
 
 _HEXAHEDRON = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
-_SIDES = {
+_SOLID_FACES = {
     "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
     "hexahedron": _HEXAHEDRON,
     "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
 }
-"""Corners of the faces of solids, counter-clockwise seen from outside, as VTK numbers them."""
+"""Corners of the faces of solid cells, counter-clockwise from outside, as VTK numbers them."""
 
-_STRIPS = {"line": (0, 1), "line3": (0, 2, 1), "line4": (0, 2, 3, 1)}
-"""Cells that are lines, and in which order they pass their points."""
+_LINE_CELLS = {"line": (0, 1), "line3": (0, 2, 1), "line4": (0, 2, 3, 1)}
+"""Types of cells that are lines, and the order of points along them."""
 
-_POINTS = {
+_CELL_POINTS = {
     "vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6,
     "hexahedron": 8,
 }  # fmt: skip
-"""Points of a cell, where the name of its kind does not end in their number."""
+"""Points of a cell whose type does not end in their number."""
 
-_BESIDE = ("point_sets", "cell_sets", "field_data", "gmsh_periodic")
-"""What a ``meshio.Mesh`` has besides points, cells and their values."""
+_UNREAD_FIELDS = ("point_sets", "cell_sets", "field_data", "gmsh_periodic")
+"""Fields of a ``meshio.Mesh`` that are not read."""
 
 _TAG = ":"
-"""What names have that readers make up, such as ``gmsh:physical``."""
+"""Part of the names that meshio's readers make up, such as ``gmsh:physical``."""
 
 
-def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
+def meshio_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return the faces, lines and points of a ``meshio.Mesh``, or raise `MeshFileError`."""
     # Points in space; blocks of cells of one kind.
     points = np.asarray(what.points)
@@ -164,31 +164,31 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
     # Values of points and of cells.
     of_points = {str(name): np.asarray(values) for name, values in what.point_data.items()}
     of_cells = {
-        str(name): _joined([np.asarray(one) for one in values])
+        str(name): _concatenate_blocks([np.asarray(one) for one in values])
         for name, values in what.cell_data.items()
     }
     count = sum(len(data) for _, data in blocks)
     for name in [name for name, values in of_cells.items() if len(values) != count]:
-        left_out.note(f"values {name[:LONGEST_NAME]!r} that do not fit all cells")
+        left_out.note(f"values {name[:MAX_NAME_LENGTH]!r} that do not fit all cells")
         del of_cells[name]
-    for kind in _BESIDE:
+    for kind in _UNREAD_FIELDS:
         left_out.note(kind.replace("_", " "), len(getattr(what, kind, None) or ()))
     # Cells by what is drawn of them.
-    polygons, strips, lone = _Rows(), _Rows(), _Rows()
-    solids = _Rows()
+    polygons, strips, lone = _CellRows(), _CellRows(), _CellRows()
+    solids = _CellRows()
     for (kind, data), begin in zip(blocks, begins, strict=False):
         numbers = np.arange(begin, begin + len(data))
         stem = kind.rstrip("0123456789")
-        if stem in _POINTS:
-            wanted = int(kind.removeprefix(stem) or _POINTS[stem])
-            check_count(kind, np.full(len(data), data.shape[-1]), wanted, source)
-        if kind in _FLAT or kind.startswith("polygon"):
-            polygons.add(data[:, : _FLAT.get(kind, data.shape[1])], numbers)
-        elif stem in _SIDES and data.ndim == 2:
-            for side in _SIDES[stem]:
+        if stem in _CELL_POINTS:
+            expected = int(kind.removeprefix(stem) or _CELL_POINTS[stem])
+            check_count(kind, np.full(len(data), data.shape[-1]), expected, source)
+        if kind in _FACE_CELLS or kind.startswith("polygon"):
+            polygons.add(data[:, : _FACE_CELLS.get(kind, data.shape[1])], numbers)
+        elif stem in _SOLID_FACES and data.ndim == 2:
+            for side in _SOLID_FACES[stem]:
                 solids.add(data[:, side], numbers)
-        elif kind in _STRIPS:
-            order = _STRIPS[kind]
+        elif kind in _LINE_CELLS:
+            order = _LINE_CELLS[kind]
             for first, last in pairwise(order):
                 strips.add(data[:, [first, last]], numbers)
         elif kind == "vertex":
@@ -196,47 +196,47 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
         else:
             left_out.note(f"{kind} cell", len(data))
     # Of solids their outside.
-    outer = solids.outer()
+    outer = solids.boundary()
     if outer.blocks:
-        polygons, before = polygons.without(outer), polygons
-        twice = len(before.numbers()) - len(polygons.numbers())
-        left_out.note("values of a face that is a side of a solid", twice if of_cells else 0)
+        polygons, all_polygons = polygons.without(outer), polygons
+        duplicates = len(all_polygons.numbers()) - len(polygons.numbers())
+        left_out.note("values of a face that is a side of a solid", duplicates if of_cells else 0)
     polygons.add_all(outer)
     is_solid = bool(solids.blocks)
-    return _parts_of_cells(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
+    return _geometries(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
 
 
-class _Rows:
-    """Corners of polygons, and the numbers of the cells that they are of."""
+class _CellRows:
+    """Polygons in blocks of equal numbers of corners, with the numbers of their cells."""
 
     def __init__(self) -> None:
         self.blocks: list[tuple[NDArray[Any], NDArray[np.int64]]] = []
 
     def add(self, corners: NDArray[Any], numbers: NDArray[np.int64]) -> None:
-        """Add polygons of as many corners."""
+        """Add polygons of one number of corners."""
         if len(corners):
             self.blocks.append((corners.astype(np.int64), numbers))
 
-    def add_all(self, other: _Rows) -> None:
-        """Add all polygons of others."""
+    def add_all(self, other: _CellRows) -> None:
+        """Add all polygons of another one."""
         self.blocks += other.blocks
 
-    def outer(self) -> _Rows:
-        """Return the polygons whose corners no second one has."""
-        _, which, counts = self._sides()
-        return self._some(counts[which] == 1)
+    def boundary(self) -> _CellRows:
+        """Return the polygons that occur once: the boundary of solid cells."""
+        _, which, counts = self._face_keys()
+        return self._select(counts[which] == 1)
 
-    def without(self, other: _Rows) -> _Rows:
-        """Return the polygons whose corners no other one has."""
-        keys, _, _ = self._sides()
+    def without(self, other: _CellRows) -> _CellRows:
+        """Return the polygons that another one does not hold."""
+        keys, _, _ = self._face_keys()
         both, which = np.unique(
-            np.concatenate([keys, other._sides()[0]]), axis=0, return_inverse=True
+            np.concatenate([keys, other._face_keys()[0]]), axis=0, return_inverse=True
         )
         is_other = np.zeros(len(both), bool)
         is_other[which.reshape(-1)[len(keys) :]] = True
-        return self._some(~is_other[which.reshape(-1)[: len(keys)]])
+        return self._select(~is_other[which.reshape(-1)[: len(keys)]])
 
-    def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def _face_keys(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """
         Return the corners of all polygons, sorted; which of the different ones each is; how often.
 
@@ -255,61 +255,61 @@ class _Rows:
         _, which, counts = np.unique(every, axis=0, return_inverse=True, return_counts=True)
         return every, which.reshape(-1), counts
 
-    def _some(self, kept: NDArray[np.bool_]) -> _Rows:
-        """Return some of the polygons, of all blocks one after the other."""
-        found, at = _Rows(), 0
+    def _select(self, selected: NDArray[np.bool_]) -> _CellRows:
+        """Return the polygons of a mask over all blocks."""
+        result, at = _CellRows(), 0
         for corners, numbers in self.blocks:
-            rows = kept[at : at + len(corners)]
+            rows = selected[at : at + len(corners)]
             at += len(corners)
-            found.add(corners[rows], numbers[rows])
-        return found
+            result.add(corners[rows], numbers[rows])
+        return result
 
     def corners(self) -> NDArray[np.int64]:
         """Return all corners, block by block."""
-        return np.concatenate([NONE, *(corners.reshape(-1) for corners, _ in self.blocks)])
+        return np.concatenate([NO_NUMBERS, *(corners.reshape(-1) for corners, _ in self.blocks)])
 
     def numbers(self) -> NDArray[np.int64]:
         """Return the numbers of all cells, block by block."""
-        return np.concatenate([NONE, *(numbers for _, numbers in self.blocks)])
+        return np.concatenate([NO_NUMBERS, *(numbers for _, numbers in self.blocks)])
 
 
-def _joined(blocks: list[NDArray[Any]]) -> NDArray[Any]:
-    """Return values of all blocks of cells; none if they do not fit each other."""
+def _concatenate_blocks(blocks: list[NDArray[Any]]) -> NDArray[Any]:
+    """Concatenate the values of all blocks of cells; empty if their shapes differ."""
     if not blocks or len({one.shape[1:] for one in blocks}) != 1:
         return np.zeros(0)
     return np.concatenate(blocks)
 
 
-def _parts_of_cells(
+def _geometries(
     points: NDArray[Any], of_points: dict[str, NDArray[Any]], of_cells: dict[str, NDArray[Any]],
-    rows: tuple[_Rows, _Rows, _Rows], is_solid: bool, source: str,
-) -> list[Thing]:  # fmt: skip
-    """Return meshes, lines and lone points; a file without cells is a cloud of its points."""
+    rows: tuple[_CellRows, _CellRows, _CellRows], is_solid: bool, source: str,
+) -> list[Geometry]:  # fmt: skip
+    """Return the mesh, lines and points of cells; without cells, a cloud of all points."""
     polygons, strips, lone = rows
-    shown = _first_scalar(of_points, len(points))
-    scalars = None if shown is None else of_points[shown].reshape(-1)
-    of_cell = None if scalars is not None else _first_scalar(of_cells, None)
-    cell_scalars = None if of_cell is None else of_cells[of_cell].reshape(-1)
-    of_points = kept_by_name(of_points, shown)
+    point_scalars = _first_scalar(of_points, len(points))
+    scalars = None if point_scalars is None else of_points[point_scalars].reshape(-1)
+    cell_scalar = None if scalars is not None else _first_scalar(of_cells, None)
+    cell_scalars = None if cell_scalar is None else of_cells[cell_scalar].reshape(-1)
+    of_points = drop_nonfinite(of_points, point_scalars)
     of_cells = {name: values for name, values in of_cells.items() if len(values)}
-    cell_own = kept_by_name(of_cells, of_cell)
-    found: list[Thing] = []
+    cell_data = drop_nonfinite(of_cells, cell_scalar)
+    geometries: list[Geometry] = []
     if polygons.blocks:
         counts = np.concatenate(
             [np.full(len(corners), corners.shape[1]) for corners, _ in polygons.blocks]
         )
         corners = polygons.corners()
-        places, which = triangles(counts, by_size=False)
+        picked, polygon_numbers = triangles(counts, by_size=False)
         check_corners(corners, len(points), source)
-        cells, used = polygons.numbers()[which], None
+        cells, used = polygons.numbers()[polygon_numbers], None
         if is_solid:
             # Most points of a solid lie inside.
             used, corners = np.unique(corners, return_inverse=True)
             corners = corners.reshape(-1)
-        found.append(
-            Part(
-                "", points if used is None else points[used], corners[places], None, None, None,
-                None, rows_of(of_points, used), rows_of(cell_own, cells),
+        geometries.append(
+            MeshData(
+                "", points if used is None else points[used], corners[picked], None, None, None,
+                None, pick_rows(of_points, used), pick_rows(cell_data, cells),
                 scalars if scalars is None or used is None else scalars[used],
                 None if cell_scalars is None else cell_scalars[cells],
             )
@@ -317,29 +317,29 @@ def _parts_of_cells(
     if strips.blocks:
         segments, cells = np.concatenate([one for one, _ in strips.blocks]), strips.numbers()
         check_corners(segments, len(points), source)
-        found.append(
-            LineDrawing(
-                "", points, segments, None, False, of_points, rows_of(cell_own, cells), None,
+        geometries.append(
+            LineSet(
+                "", points, segments, None, False, of_points, pick_rows(cell_data, cells), None,
                 scalars, None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip
-    places = lone.corners()
-    check_corners(places, len(points), source)
-    if found:
+    picked = lone.corners()
+    check_corners(picked, len(points), source)
+    if geometries:
         # The others are corners of what is shown.
-        places = np.setdiff1d(places, np.concatenate([polygons.corners(), strips.corners()]))
-    elif not len(places):
-        places = np.arange(len(points))
-    if len(places):
-        found.append(
-            Cloud("", points[places], None, None, rows_of(of_points, places), None,
-                  None if scalars is None else scalars[places])
+        picked = np.setdiff1d(picked, np.concatenate([polygons.corners(), strips.corners()]))
+    elif not len(picked):
+        picked = np.arange(len(points))
+    if len(picked):
+        geometries.append(
+            Cloud("", points[picked], None, None, pick_rows(of_points, picked), None,
+                  None if scalars is None else scalars[picked])
         )  # fmt: skip
-    return found
+    return geometries
 
 
 def _first_scalar(values: dict[str, NDArray[Any]], count: int | None) -> str | None:
-    """Return the name of the first values that are a number for each and differ, or None."""
+    """Return the name of the first array that is one number for each row and varies, or None."""
     for name, one in values.items():
         if _TAG in name or not is_scalar(one) or not len(one) or len(one) != (count or len(one)):
             continue
@@ -348,23 +348,23 @@ def _first_scalar(values: dict[str, NDArray[Any]], count: int | None) -> str | N
     return None
 
 
-_INTERNAL = "vtk"
-"""What names of values begin with that VTK keeps for itself."""
+_INTERNAL_PREFIX = "vtk"
+"""Prefix of the names of VTK's internal arrays."""
 
 
-_LAST_OF_ONE_SIZE = 37
-"""The last type of cells, by VTK's numbers, of which each has as many points as all others."""
+_LAST_FIXED_SIZE_TYPE = 37
+"""Last of VTK's cell types with a fixed number of points."""
 
 _ADDRESS = re.compile(r" ?\(0x[0-9a-fA-F]+\)")
-"""What VTK writes behind the name of an object."""
+"""Address that VTK writes after the name of an object."""
 
-_FOLLOWS = "returned failure for request"
-"""In what VTK says once more after another error."""
+_REPEATED_ERROR = "returned failure for request"
+"""Part of a message of VTK that repeats an earlier error."""
 
 
 @contextmanager
-def noting_what_vtk_says(left_out: LeftOut) -> Iterator[None]:
-    """Note the errors and warnings of VTK, which goes on with what it has, in place of printing."""
+def note_vtk_messages(left_out: LeftOut) -> Iterator[None]:
+    """Note the errors and warnings of VTK instead of printing them."""
     import pyvista
 
     catcher = pyvista.VtkErrorCatcher(send_to_logging=False)
@@ -374,39 +374,39 @@ def noting_what_vtk_says(left_out: LeftOut) -> Iterator[None]:
             yield
         finally:
             for event in catcher.events:
-                line = _ADDRESS.sub("", event.alert.strip().partition("\n")[0])[:LONGEST_REASON]
-                if _FOLLOWS not in line:
+                line = _ADDRESS.sub("", event.alert.strip().partition("\n")[0])[:MAX_REASON_LENGTH]
+                if _REPEATED_ERROR not in line:
                     left_out.note(f"what VTK says: {line}")
 
 
-def things_of_pyvista(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
-    """Return what a data set of PyVista's, or blocks of them, hold, or raise `MeshFileError`."""
-    things = _things_of_block(what, "", source, left_out)
+def pyvista_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
+    """Return the geometries of a data set of PyVista or its blocks, or raise `MeshFileError`."""
+    things = _block_geometries(what, "", source, left_out)
     if not things:
         raise MeshFileError(f"{source} holds no faces, lines or points")
     return things
 
 
-def _things_of_block(what: Any, name: str, source: str, left_out: LeftOut) -> list[Thing]:
-    """Return what a data set holds, or all blocks of one."""
+def _block_geometries(what: Any, name: str, source: str, left_out: LeftOut) -> list[Geometry]:
+    """Return the geometries of a data set, or of all blocks of one."""
     for key in getattr(what, "field_data", {}).keys():  # noqa: SIM118 - it is no mapping
-        left_out.note(f"field data {str(key)[:LONGEST_NAME]!r}")
+        left_out.note(f"field data {str(key)[:MAX_NAME_LENGTH]!r}")
     if hasattr(what, "keys") and not hasattr(what, "points"):
-        found: list[Thing] = []
+        geometries: list[Geometry] = []
         for key in what.keys():  # noqa: SIM118 - it is no mapping
             block = what[key]
             if block is not None:
-                found += _things_of_block(block, str(key), source, left_out)
-        return found
+                geometries += _block_geometries(block, str(key), source, left_out)
+        return geometries
     if not hasattr(what, "faces") and what.n_cells:
         _check_cells(what, source, left_out)
-        with noting_what_vtk_says(left_out):
+        with note_vtk_messages(left_out):
             what = what.extract_surface(pass_pointid=False, pass_cellid=False)
-    return _of_surface(what, name, source, left_out) if what.n_points else []
+    return _surface_geometries(what, name, source, left_out) if what.n_points else []
 
 
 def _check_cells(what: Any, source: str, left_out: LeftOut) -> None:
-    """Raise `MeshFileError` if cells do not have the points of their type: VTK reads on behind."""
+    """Raise `MeshFileError` if cells lack points of their type: VTK reads out of bounds."""
     if not hasattr(what, "celltypes"):
         return
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
@@ -417,36 +417,36 @@ def _check_cells(what: Any, source: str, left_out: LeftOut) -> None:
         cell, of_type = vtkGenericCell.InstantiateCell(number), types == number
         if cell is None:
             left_out.note(f"cell of type {number}", int(np.count_nonzero(of_type)))
-        elif number <= _LAST_OF_ONE_SIZE and cell.GetNumberOfPoints():
+        elif number <= _LAST_FIXED_SIZE_TYPE and cell.GetNumberOfPoints():
             name = cell.GetClassName().removeprefix("vtk")
             check_count(name, counts[of_type], cell.GetNumberOfPoints(), source)
 
 
 @dataclass
-class _Values:
-    """Values of points or cells: what shows them, and all but colours by name."""
+class _DataArrays:
+    """Arrays of points or cells: colours, active scalars, and all but colours by name."""
 
     colors: NDArray[np.float32] | None
     scalars: NDArray[Any] | None
     others: dict[str, NDArray[Any]]
 
 
-def _values(data: Any, active: str | None, known: set[str]) -> _Values:
-    """Sort the values of points or cells."""
-    found = _Values(None, None, {})
+def _read_arrays(data: Any, active: str | None, excluded: set[str]) -> _DataArrays:
+    """Sort the arrays of points or cells by their use."""
+    arrays = _DataArrays(None, None, {})
     for name in data.keys():  # noqa: SIM118 - it is no mapping
         values = np.asarray(data[name])
-        if name == active and is_colors(values):
-            found.colors = rgba_of(values)
+        if name == active and are_byte_colors(values):
+            arrays.colors = srgb_rgba(values)
         elif name == active and is_scalar(values):
-            found.scalars = found.others[name] = values.reshape(-1)
-        elif name not in known and not name.startswith(_INTERNAL):
-            found.others[name] = values
-    found.others = kept_by_name(found.others, active)
-    return found
+            arrays.scalars = arrays.others[name] = values.reshape(-1)
+        elif name not in excluded and not name.startswith(_INTERNAL_PREFIX):
+            arrays.others[name] = values
+    arrays.others = drop_nonfinite(arrays.others, active)
+    return arrays
 
 
-def _of_surface(what: Any, name: str, source: str, left_out: LeftOut) -> list[Thing]:
+def _surface_geometries(what: Any, name: str, source: str, left_out: LeftOut) -> list[Geometry]:
     """Return the faces, lines and points of a ``PolyData``, or a ``PointSet``."""
     points = np.asarray(what.points)
     active, is_of_cells = what.active_scalars_name, False
@@ -454,35 +454,36 @@ def _of_surface(what: Any, name: str, source: str, left_out: LeftOut) -> list[Th
         is_of_cells = active not in what.point_data or (
             int(getattr(what.active_scalars_info.association, "value", 0)) == 1
         )
-    known = set()
+    excluded = set()
     for kind in ("normals", "texture_coordinates"):
-        said = getattr(what.point_data, f"active_{kind}_name", None)
-        known |= {said} if said is not None else set()
-    of_points = _values(what.point_data, None if is_of_cells else active, known)
-    of_cells = _values(what.cell_data, active if is_of_cells else None, {"Normals"})
+        array_name = getattr(what.point_data, f"active_{kind}_name", None)
+        excluded |= {array_name} if array_name is not None else set()
+    of_points = _read_arrays(what.point_data, None if is_of_cells else active, excluded)
+    of_cells = _read_arrays(what.cell_data, active if is_of_cells else None, {"Normals"})
     cells = {
-        kind: padded_cells(getattr(what, kind, ()))
-        for kind in ("verts", "lines", "faces", "strips")
+        kind: split_cells(getattr(what, kind, ())) for kind in ("verts", "lines", "faces", "strips")
     }
     begins, first = {}, 0
     for kind, (corners, counts) in cells.items():
         check_corners(corners, len(points), source)
         begins[kind] = first
         first += len(counts)
-    found: list[Thing] = []
+    geometries: list[Geometry] = []
     faces, numbers = _faces(cells, begins, left_out)
     if len(faces):
-        found.append(_part(what, name, points, faces, numbers, of_points, of_cells))
+        geometries.append(_mesh(what, name, points, faces, numbers, of_points, of_cells))
     corners, counts = cells["lines"]
     if len(counts):
         segments, lines = strip_segments(corners, counts)
-        found.append(_drawing(name, points, segments, lines + begins["lines"], of_points, of_cells))
+        geometries.append(
+            _lines(name, points, segments, lines + begins["lines"], of_points, of_cells)
+        )
     corners, counts = cells["verts"]
-    if len(counts) or not found:
+    if len(counts) or not geometries:
         rows = corners if len(counts) and len(corners) != len(points) else None
         cells_of_points = np.repeat(np.arange(len(counts)), counts)
-        found.append(_cloud(what, name, points, rows, cells_of_points, of_points, of_cells))
-    return found
+        geometries.append(_points(what, name, points, rows, cells_of_points, of_points, of_cells))
+    return geometries
 
 
 def _faces(
@@ -492,59 +493,59 @@ def _faces(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the triangles of polygons and strips, and the numbers of their cells."""
     corners, counts = cells["faces"]
-    kept = counts >= 3
-    left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(~kept)))
-    corners = corners[np.repeat(kept, counts)]
-    numbers = np.flatnonzero(kept) + begins["faces"]
+    is_polygon = counts >= 3
+    left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(~is_polygon)))
+    corners = corners[np.repeat(is_polygon, counts)]
+    numbers = np.flatnonzero(is_polygon) + begins["faces"]
     faces, polygons = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
     if len(numbers):
-        places, polygons = triangles(counts[kept], by_size=False)
-        faces, polygons = corners[places], numbers[polygons]
+        corner_rows, polygons = triangles(counts[is_polygon], by_size=False)
+        faces, polygons = corners[corner_rows], numbers[polygons]
     corners, counts = cells["strips"]
-    places, strips = strip_triangles(counts)
-    faces = np.concatenate([faces, corners[places]])
+    corner_rows, strips = strip_triangles(counts)
+    faces = np.concatenate([faces, corners[corner_rows]])
     return faces, np.concatenate([polygons, strips + begins["strips"]])
 
 
-def _part(
+def _mesh(
     what: Any, name: str, points: NDArray[Any], faces: NDArray[np.int64],
-    numbers: NDArray[np.int64], of_points: _Values, of_cells: _Values,
-) -> Part:  # fmt: skip
-    """Return the faces of a surface."""
-    normals = own_normals(points, faces, _rows(what, "active_normals", 3))
+    numbers: NDArray[np.int64], of_points: _DataArrays, of_cells: _DataArrays,
+) -> MeshData:  # fmt: skip
+    """Return the faces of a surface as mesh data."""
+    normals = usable_normals(points, faces, _rows(what, "active_normals", 3))
     uv = _rows(what, "active_texture_coordinates", 2)
     colors, scalars = of_points.colors, of_points.scalars
     if of_cells.colors is not None:
         colors = of_cells.colors[numbers]
-    return Part(
+    return MeshData(
         name, points, faces, normals, uv, colors, None, of_points.others,
-        rows_of(of_cells.others, numbers), scalars,
+        pick_rows(of_cells.others, numbers), scalars,
         None if of_cells.scalars is None else of_cells.scalars[numbers],
     )  # fmt: skip
 
 
-def _drawing(
+def _lines(
     name: str, points: NDArray[Any], segments: NDArray[np.int64], lines: NDArray[np.int64],
-    of_points: _Values, of_cells: _Values,
-) -> LineDrawing:  # fmt: skip
-    """Return the lines of a surface."""
+    of_points: _DataArrays, of_cells: _DataArrays,
+) -> LineSet:  # fmt: skip
+    """Return the lines of a surface as a line set."""
     colors = of_points.colors if of_cells.colors is None else of_cells.colors[lines]
-    return LineDrawing(
+    return LineSet(
         name, points, segments, colors, of_cells.colors is not None, of_points.others,
-        rows_of(of_cells.others, lines), None, of_points.scalars,
+        pick_rows(of_cells.others, lines), None, of_points.scalars,
         None if of_cells.scalars is None else of_cells.scalars[lines],
     )  # fmt: skip
 
 
-def _cloud(
+def _points(
     what: Any, name: str, points: NDArray[Any], rows: NDArray[np.int64] | None,
-    cells: NDArray[np.int64], of_points: _Values, of_cells: _Values,
+    cells: NDArray[np.int64], of_points: _DataArrays, of_cells: _DataArrays,
 ) -> Cloud:  # fmt: skip
-    """Return the points of a surface, all or some, with what their cells have, if they have any."""
+    """Return all or some points of a surface as a cloud, with the values of their cells."""
     normals = _rows(what, "active_normals", 3)
 
     def picked(values: NDArray[Any] | None, of_cell: NDArray[Any] | None) -> NDArray[Any] | None:
-        """Return values of the points that are shown."""
+        """Return the values of the shown points, or those of their cells."""
         if values is None:
             return None if of_cell is None or not len(cells) else of_cell[cells]
         return values if rows is None else values[rows]
@@ -553,12 +554,12 @@ def _cloud(
     assert positions is not None
     return Cloud(
         name, positions, picked(of_points.colors, of_cells.colors), picked(normals, None),
-        rows_of(of_points.others, rows), None, picked(of_points.scalars, of_cells.scalars),
+        pick_rows(of_points.others, rows), None, picked(of_points.scalars, of_cells.scalars),
     )  # fmt: skip
 
 
 def _rows(what: Any, name: str, width: int) -> NDArray[Any] | None:
-    """Return rows of numbers for the points that fit them, or None."""
+    """Return an array of points of the given width if it is finite, else None."""
     values = getattr(what, name, None)
     if values is None or np.shape(values) != (what.n_points, width):
         return None
@@ -566,70 +567,70 @@ def _rows(what: Any, name: str, width: int) -> NDArray[Any] | None:
     return array if np.isfinite(array).all() else None
 
 
-_PLACES = {"positions", "normals", "colors", "indices", "texture_uvs"}
-"""Values of points, lines and triangles that have a meaning."""
+_OPEN3D_FIELDS = {"positions", "normals", "colors", "indices", "texture_uvs"}
+"""Arrays of points, lines and triangles that are read; others become attributes."""
 
 
-def things_of_open3d(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
-    """Return what a geometry of Open3D's holds, or raise `MeshFileError`."""
+def open3d_geometries(what: Any, source: str, left_out: LeftOut) -> list[Geometry]:
+    """Return a geometry of Open3D, or raise `MeshFileError`."""
     kind = type(what).__name__
     if kind not in ("TriangleMesh", "PointCloud", "LineSet"):
         raise MeshFileError(f"{source} must be a TriangleMesh, a PointCloud or a LineSet")
     is_tensor = hasattr(what, "vertex") or hasattr(what, "point")
-    thing = (_of_tensors if is_tensor else _of_vectors)(kind, what, left_out)
-    if isinstance(thing, Part) and not len(thing.faces):
-        raise MeshFileError(f"{source} holds a mesh of {len(thing.vertices)} vertices, no faces")
-    if isinstance(thing, LineDrawing) and not len(thing.segments):
+    geometry = (_tensor_geometry if is_tensor else _legacy_geometry)(kind, what, left_out)
+    if isinstance(geometry, MeshData) and not len(geometry.faces):
+        raise MeshFileError(f"{source} holds a mesh of {len(geometry.vertices)} vertices, no faces")
+    if isinstance(geometry, LineSet) and not len(geometry.segments):
         raise MeshFileError(f"{source} holds no lines")
-    return [thing]
+    return [geometry]
 
 
-def _of_vectors(kind: str, what: Any, left_out: LeftOut) -> Thing:
-    """Return a geometry of vectors, which NumPy reads where they are."""
+def _legacy_geometry(kind: str, what: Any, left_out: LeftOut) -> Geometry:
+    """Return a geometry of Open3D's legacy classes, which hold vectors."""
     if kind == "PointCloud":
         points = np.asarray(what.points)
-        return Cloud("", points, _colors(what.colors, points), _fitting(what.normals, points))
+        return Cloud("", points, _colors(what.colors, points), _if_fits(what.normals, points))
     if kind == "LineSet":
         lines = np.asarray(what.lines).reshape(-1, 2)
-        return LineDrawing("", np.asarray(what.points), lines, _colors(what.colors, lines), True)
+        return LineSet("", np.asarray(what.points), lines, _colors(what.colors, lines), True)
     vertices = np.asarray(what.vertices)
     if what.has_textures():
         left_out.note("textures of a TriangleMesh")
     faces = np.asarray(what.triangles).reshape(-1, 3)
-    normals = own_normals(vertices, faces, _fitting(what.vertex_normals, vertices))
-    return Part("", vertices, faces, normals, None, _colors(what.vertex_colors, vertices))
+    normals = usable_normals(vertices, faces, _if_fits(what.vertex_normals, vertices))
+    return MeshData("", vertices, faces, normals, None, _colors(what.vertex_colors, vertices))
 
 
-def _of_tensors(kind: str, what: Any, left_out: LeftOut) -> Thing:
-    """Return a geometry of tensors."""
+def _tensor_geometry(kind: str, what: Any, left_out: LeftOut) -> Geometry:
+    """Return a geometry of Open3D's tensor classes."""
     what = what.cpu()
-    places = _arrays(what.vertex if kind == "TriangleMesh" else what.point)
-    points = places.get("positions", np.zeros((0, 3)))
-    colors, normals = places.get("colors"), places.get("normals")
-    own = {name: values for name, values in places.items() if name not in _PLACES}
+    arrays = _arrays(what.vertex if kind == "TriangleMesh" else what.point)
+    points = arrays.get("positions", np.zeros((0, 3)))
+    colors, normals = arrays.get("colors"), arrays.get("normals")
+    attributes = {name: values for name, values in arrays.items() if name not in _OPEN3D_FIELDS}
     if kind == "PointCloud":
-        return Cloud("", points, _colors(colors, points), _fitting(normals, points), own)
+        return Cloud("", points, _colors(colors, points), _if_fits(normals, points), attributes)
     cells = _arrays(what.triangle if kind == "TriangleMesh" else what.line)
     width = 3 if kind == "TriangleMesh" else 2
     rows = cells.get("indices", np.zeros((0, width), np.int64))
-    of_cells = {name: values for name, values in cells.items() if name not in _PLACES}
+    of_cells = {name: values for name, values in cells.items() if name not in _OPEN3D_FIELDS}
     rgba = _colors(cells.get("colors"), rows)
     by_cell = rgba is not None
     rgba = rgba if by_cell else _colors(colors, points)
     if kind == "LineSet":
-        return LineDrawing("", points, rows, rgba, by_cell, own, of_cells)
+        return LineSet("", points, rows, rgba, by_cell, attributes, of_cells)
     if "texture_uvs" in cells:
         left_out.note("textures of a TriangleMesh")
-    normals = own_normals(points, rows, _fitting(normals, points))
-    return Part("", points, rows, normals, None, rgba, None, own, of_cells)
+    normals = usable_normals(points, rows, _if_fits(normals, points))
+    return MeshData("", points, rows, normals, None, rgba, None, attributes, of_cells)
 
 
 def _arrays(tensors: Any) -> dict[str, NDArray[Any]]:
-    """Return the values that a map of tensors has."""
+    """Return the arrays of a map of tensors."""
     return {name: tensors[name].numpy() for name in tensors}
 
 
-def _fitting(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
+def _if_fits(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
     """Return values if there are as many as rows, else None."""
     array = None if values is None else np.asarray(values)
     return array if array is not None and len(array) == len(rows) else None
@@ -637,20 +638,20 @@ def _fitting(values: Any, rows: NDArray[Any]) -> NDArray[Any] | None:
 
 def _colors(values: Any, rows: NDArray[Any]) -> NDArray[np.float32] | None:
     """Return colours, linear RGBA, if there are as many as rows."""
-    array = _fitting(values, rows)
-    return None if array is None or not len(array) else rgba_of(array)
+    array = _if_fits(values, rows)
+    return None if array is None or not len(array) else srgb_rgba(array)
 
 
-_READERS: dict[str, Callable[[Any, str, LeftOut], list[Thing]]] = {
-    "pyvista": things_of_pyvista,
-    "open3d": things_of_open3d,
-    "meshio": things_of_cells,
+_READERS: dict[str, Callable[[Any, str, LeftOut], list[Geometry]]] = {
+    "pyvista": pyvista_geometries,
+    "open3d": open3d_geometries,
+    "meshio": meshio_geometries,
 }
-"""What reads the objects of a package."""
+"""Converters of objects, by their package."""
 
 
 def foreign_package(what: Any) -> str | None:
-    """Return the package that an object is of: one of PyVista's, Open3D's, meshio's, or None."""
+    """Return the package of an object: pyvista, open3d, meshio, or None."""
     for kind in type(what).__mro__:
         package = kind.__module__.partition(".")[0]
         if package in _READERS:
@@ -659,18 +660,18 @@ def foreign_package(what: Any) -> str | None:
 
 
 def foreign_name(what: Any) -> str:
-    """Return what messages call an object of another package, such as ``pyvista PolyData``."""
+    """Return an object's package and type for messages, such as ``pyvista PolyData``."""
     return f"{foreign_package(what)} {type(what).__name__}"
 
 
-def scene_of_foreign(
+def foreign_scene(
     what: Any, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
 ) -> Scene:
     """
-    Return a scene of what an object of another package holds, or raise `MeshFileError`.
+    Return an object of another package as a scene, or raise `MeshFileError`.
 
     Its arrays are read where they are; each is copied once, into the mesh that owns it.
     """
     source = foreign_name(what)
     things = _READERS[str(foreign_package(what))](what, source, left_out)
-    return scene_of_parts(things, Reading(source, on_invalid, crease_angle, left_out))
+    return build_scene(things, Context(source, on_invalid, crease_angle, left_out))

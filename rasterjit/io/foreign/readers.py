@@ -1,4 +1,4 @@
-"""Files that packages of others read: LAS, cells of simulations, drawings, and all of trimesh's."""
+"""Read files by other packages: laspy, meshio, PyVista, ezdxf and trimesh."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.io.dxf import note_entities, read_dxf
-from rasterjit.io.foreign.objects import noting_what_vtk_says, things_of_cells, things_of_pyvista
+from rasterjit.io.dxf import note_unread_entities, read_dxf
+from rasterjit.io.foreign.objects import meshio_geometries, note_vtk_messages, pyvista_geometries
 from rasterjit.io.load_warnings import (
     DAMAGED,
-    LONGEST_REASON,
+    MAX_REASON_LENGTH,
     LeftOut,
     MeshFileError,
-    as_mesh_file_error,
+    raise_mesh_file_error,
     reason_of,
 )
 from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
-from rasterjit.io.primitives import Reading
+from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources, extension_of, take_members
-from rasterjit.io.text.mesh_builder import Assembly, Thing
+from rasterjit.io.text.mesh_builder import Geometry, SceneRecord
 from rasterjit.io.text.number_parser import Damage
 from rasterjit.io.threemf.package import XML_BYTES
-from rasterjit.io.trimesh.resolver import resolver_of, trimesh_told
+from rasterjit.io.trimesh.resolver import make_resolver, note_trimesh_warnings
 from rasterjit.io.trimesh.scene import TrimeshAdapter
-from rasterjit.io.trimesh.skins import note_what_is_not_read, with_bound_shapes
+from rasterjit.io.trimesh.skins import bake_controllers, note_unread_elements
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.transforms import compose
 
@@ -46,74 +46,78 @@ CELL_FORMATS = (
 VTK_FORMATS = ("vtp", "vti", "vtr", "vts", "vtm")
 """Formats of VTK's that meshio does not read, and PyVista does."""
 
-_BY_PROGRAM = "drc"
-"""Format that trimesh reads by a program, where PATH has it: not alike on all machines."""
+_EXTERNAL_PROGRAM_FORMAT = "drc"
+"""Format that trimesh reads by an external program, which not all machines have: not read."""
 
 _WARNING, _UNREAD = "Warning:", "cannot handle"
-"""What meshio prints before a warning, and in one about cells that it drops."""
+"""Prefix of meshio's printed warnings, and part of one about cells that it drops."""
 
-_BYTES = 12
-"""What a byte of a file takes, with all that is made of it."""
-
-
-_XDMF = (".xdmf", ".xmf")
+_BYTES_PER_FILE_BYTE = 12
+"""Memory for a byte of a file, with all arrays that are made of it."""
 
 
-def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]:
+_XDMF_SUFFIXES = (".xdmf", ".xmf")
+
+
+def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Geometry]:
     """
-    Return what a file of `CELL_FORMATS` holds, or raise `MeshFileError`.
+    Return the geometries of a file of `CELL_FORMATS`, or raise `MeshFileError`.
 
     meshio reads unstructured grids alone of ``.vtk`` files, and of these and ``.vtu`` files neither
     strips nor some other cells; where PyVista is installed, it reads what meshio does not.
     """
-    form = path.suffix.lower()
-    is_vtk = form in (".vtk", ".vtu")
-    resources.budget.take("the file", path.stat().st_size * _BYTES)
+    suffix = path.suffix.lower()
+    is_vtk = suffix in (".vtk", ".vtu")
+    resources.budget.take("the file", path.stat().st_size * _BYTES_PER_FILE_BYTE)
     try:
         import meshio
     except ImportError as error:
         if is_vtk and find_spec("pyvista") is not None:
-            return _by_pyvista(path, left_out)
+            return _read_by_pyvista(path, left_out)
         raise MeshFileError(
-            f"{path}: reading {form} needs a package that is not installed ({error}); "
+            f"{path}: reading {suffix} needs a package that is not installed ({error}); "
             "pip install 'rasterjit[vtk]' brings it"
         ) from error
-    said = io.StringIO()
+    output = io.StringIO()
     try:
         # It says why it cannot read a file, and ends the program.
         with (
-            contextlib.redirect_stdout(said),
-            contextlib.redirect_stderr(said),
-            warnings.catch_warnings(record=True) as told,
+            contextlib.redirect_stdout(output),
+            contextlib.redirect_stderr(output),
+            warnings.catch_warnings(record=True) as caught,
         ):
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
-            mesh: Any = _read_xdmf(path) if form in _XDMF else meshio.read(path)
+            mesh: Any = _read_xdmf(path) if suffix in _XDMF_SUFFIXES else meshio.read(path)
     except MemoryError:
         # VTK, which would need as much, ends the process.
         raise
     except (Exception, SystemExit) as error:
         if is_vtk and find_spec("pyvista") is not None:
-            return _by_pyvista(path, left_out)
+            return _read_by_pyvista(path, left_out)
         if isinstance(error, ImportError):
             raise MeshFileError(
-                f"{path}: reading {form} needs a package that is not installed ({error}); "
+                f"{path}: reading {suffix} needs a package that is not installed ({error}); "
                 "pip install 'meshio[all]' brings it"
             ) from error
-        text = said.getvalue() if isinstance(error, SystemExit) else reason_of(error)
+        text = output.getvalue() if isinstance(error, SystemExit) else reason_of(error)
         reason = " ".join(text.split())[:200] or "it is damaged or something else"
         has_other = is_vtk and find_spec("pyvista") is None
         other = "; PyVista may read it: pip install pyvista" if has_other else ""
-        raise MeshFileError(f"{path} could not be read as {form}: {reason}{other}") from error
-    if _UNREAD in " ".join(said.getvalue().split()) and is_vtk and find_spec("pyvista") is not None:
-        return _by_pyvista(path, left_out)
-    for text in [*said.getvalue().split(_WARNING)[1:], *(str(one.message) for one in told)]:
-        left_out.note(f"what meshio says: {' '.join(text.split())[:LONGEST_REASON]}")
-    return things_of_cells(mesh, str(path), left_out)
+        raise MeshFileError(f"{path} could not be read as {suffix}: {reason}{other}") from error
+    if (
+        _UNREAD in " ".join(output.getvalue().split())
+        and is_vtk
+        and find_spec("pyvista") is not None
+    ):
+        return _read_by_pyvista(path, left_out)
+    for text in [*output.getvalue().split(_WARNING)[1:], *(str(one.message) for one in caught)]:
+        left_out.note(f"what meshio says: {' '.join(text.split())[:MAX_REASON_LENGTH]}")
+    return meshio_geometries(mesh, str(path), left_out)
 
 
 def _read_xdmf(path: Path) -> Any:
-    """Return what meshio reads of an XDMF file; binary numbers that it names lie beside it."""
+    """Return the mesh of an XDMF file by meshio; its binary files lie beside it."""
     from meshio.xdmf.main import XdmfReader
 
     class Reader(XdmfReader):
@@ -125,56 +129,56 @@ def _read_xdmf(path: Path) -> Any:
     return Reader(path).read()
 
 
-def read_vtk(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]:
-    """Return what a file of `VTK_FORMATS` holds, or raise `MeshFileError`."""
-    resources.budget.take("the file", path.stat().st_size * _BYTES)
+def read_vtk(path: Path, resources: Resources, left_out: LeftOut) -> list[Geometry]:
+    """Return the geometries of a file of `VTK_FORMATS`, or raise `MeshFileError`."""
+    resources.budget.take("the file", path.stat().st_size * _BYTES_PER_FILE_BYTE)
     if find_spec("pyvista") is None:
         raise MeshFileError(
             f"{path}: reading {path.suffix.lower()} needs a package that is not installed "
             "(pyvista, for meshio does not read it); pip install pyvista brings it"
         )
-    return _by_pyvista(path, left_out)
+    return _read_by_pyvista(path, left_out)
 
 
-def _by_pyvista(path: Path, left_out: LeftOut) -> list[Thing]:
-    """Return what a file holds that PyVista reads, or raise `MeshFileError`."""
+def _read_by_pyvista(path: Path, left_out: LeftOut) -> list[Geometry]:
+    """Return the geometries of a file by PyVista, or raise `MeshFileError`."""
     import pyvista
 
-    said = LeftOut()
+    messages = LeftOut()
     try:
         # PyVista prints, too, what is wrong with a file.
-        with noting_what_vtk_says(said), contextlib.redirect_stderr(io.StringIO()):
-            found = pyvista.read(path)
+        with note_vtk_messages(messages), contextlib.redirect_stderr(io.StringIO()):
+            dataset = pyvista.read(path)
     except Exception as error:
         raise MeshFileError(
             f"{path} could not be read as {path.suffix.lower()}: {reason_of(error)}"
         ) from error
-    left_out.add_all(said.all())
+    left_out.extend(messages.entries())
     try:
-        return things_of_pyvista(found, str(path), left_out)
+        return pyvista_geometries(dataset, str(path), left_out)
     except MeshFileError as error:
-        if not str(said):
+        if not str(messages):
             raise
-        lack = str(error).removeprefix(f"{path} ")
+        problem = str(error).removeprefix(f"{path} ")
         raise MeshFileError(
-            f"{path} could not be read as {path.suffix.lower()}: it {lack}; {said}"
+            f"{path} could not be read as {path.suffix.lower()}: it {problem}; {messages}"
         ) from error
 
 
 _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
-"""Modules that trimesh asks for when a file is not the text it should be."""
+"""Modules that trimesh imports when a text file is not UTF-8."""
 
-_NEEDED = {"svg": ("svg.path", "lxml")}
-"""Modules without which trimesh takes a format for one that it does not know."""
+_REQUIRED_MODULES = {"svg": ("svg.path", "lxml")}
+"""Modules that a format needs, and without which trimesh does not list it."""
 
 _XML_FORMATS = ("3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
-"""Formats that are XML or may hold it, packed or not."""
+"""Formats that are or may contain XML."""
 
-_OTHER_BYTES = 4
-"""What a byte takes of a file that trimesh reads and that is no XML."""
+_BINARY_BYTES = 4
+"""Memory for a byte of a file that trimesh reads and that is no XML."""
 
-_UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
-"""Turns a page over, whose y points down."""
+_FLIP_Y = np.diag([1.0, -1.0, 1.0, 1.0])
+"""Mirrors y, which points down on an SVG page."""
 
 _EXPECTED = {
     "3dxml": "a ZIP archive whose Manifest.xml names a Root",
@@ -184,20 +188,20 @@ _EXPECTED = {
     "svg": "XML with an svg element, whose shapes have all their numbers",
     "zip": "a ZIP archive with files of meshes or drawings",
 }
-"""What is there in a file of formats whose readers do not say what they look for."""
+"""Expected content, for messages, of formats whose readers do not describe it."""
 
-_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
+_LISTED_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
 
-_SHOWN_OWN = ("xyz", "pcd", "las", "vtk")
-"""Others that messages name."""
+_LISTED_POINT_FORMATS = ("xyz", "pcd", "las", "vtk")
+"""Further formats that messages list."""
 
 
 def read_file(
     file: Path, resources: Resources, on_invalid: OnInvalid, on_damage: str, left_out: LeftOut
-) -> Sequence[Thing] | Assembly:
-    """Return what a file holds, or raise `MeshFileError`; ``on_invalid`` is for curves."""
+) -> Sequence[Geometry] | SceneRecord:
+    """Read a file by the package for its format, or raise `MeshFileError`."""
     extension = extension_of(file)
-    with as_mesh_file_error(file, extension):
+    with raise_mesh_file_error(file, extension):
         if extension in LAS_FORMATS:
             damage = Damage(file, on_damage, left_out)
             clouds = read_las(file, resources, damage, left_out)
@@ -213,7 +217,7 @@ def read_file(
 
 
 def foreign_formats() -> set[str]:
-    """Return the extensions that packages of others read, as far as these are installed."""
+    """Return the extensions that the installed other packages read."""
     by_package = {"laspy": LAS_FORMATS, "meshio": CELL_FORMATS, "pyvista": VTK_FORMATS}
     known = [name for package, names in by_package.items() if find_spec(package) for name in names]
     return {*known, *_trimesh_formats()}
@@ -223,19 +227,19 @@ def _trimesh_formats() -> set[str]:
     """Return the extensions that trimesh reads with what is installed."""
     from trimesh.exchange import load as loaders
 
-    found = loaders.available_formats() | set(loaders.voxel_loaders)
+    formats = loaders.available_formats() | set(loaders.voxel_loaders)
     # It has some of meshio's, too, which are read by meshio itself, or have no such extension.
-    left_out = {*CELL_FORMATS, _BY_PROGRAM}
-    return {name for name in found if name not in left_out and name == _extension(name)}
+    excluded = {*CELL_FORMATS, _EXTERNAL_PROGRAM_FORMAT}
+    return {name for name in formats if name not in excluded and name == _extension(name)}
 
 
 def _extension(name: str) -> str:
-    """Return the extension of a file whose name ends in one, as `extension_of` tells it."""
+    """Return a format's name as `extension_of` would return it."""
     return extension_of(Path(f"a.{name}"))
 
 
 def modules_for(extension: str) -> tuple[str, ...]:
-    """Return the modules that a format is read with, as far as they are installed."""
+    """Return the modules that read a format."""
     if extension in LAS_FORMATS:
         return "laspy", "lazrs", "laszip"
     if extension in VTK_FORMATS:
@@ -248,48 +252,48 @@ def modules_for(extension: str) -> tuple[str, ...]:
 
 def _read_by_trimesh(
     file: Path, extension: str, resources: Resources, on_invalid: OnInvalid, left_out: LeftOut
-) -> Assembly:
-    """Return what a file holds that trimesh reads."""
-    loaded = _loaded(file, extension, resources, left_out)
-    note_what_is_not_read(file, extension, left_out)
+) -> SceneRecord:
+    """Return the scene of a file that trimesh reads."""
+    loaded = _load_by_trimesh(file, extension, resources, left_out)
+    note_unread_elements(file, extension, left_out)
     if extension == "dxf":
-        note_entities(file, left_out)
-    adapter = TrimeshAdapter(Reading(str(file), on_invalid, 0.0, left_out, resources.budget), True)
-    found = adapter.assembly(loaded)
+        note_unread_entities(file, left_out)
+    adapter = TrimeshAdapter(Context(str(file), on_invalid, 0.0, left_out, resources.budget), True)
+    record = adapter.scene_record(loaded)
     if extension == "svg":
         # Its y points down.
-        places = [
+        nodes = [
             one if one.parent is not None else replace(
-                one, transform=compose(_UPWARDS, one.transform)
+                one, transform=compose(_FLIP_Y, one.transform)
             )
-            for one in found.places
+            for one in record.nodes
         ]  # fmt: skip
-        found = replace(found, places=places)
-    return found
+        record = replace(record, nodes=nodes)
+    return record
 
 
-def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut) -> Any:
-    """Read a file with trimesh, and what it names with a resolver, or raise `MeshFileError`."""
+def _load_by_trimesh(file: Path, extension: str, resources: Resources, left_out: LeftOut) -> Any:
+    """Read a file, and the files it refers to, with trimesh, or raise `MeshFileError`."""
     import trimesh
 
     loaders = trimesh.exchange.load
-    known = _trimesh_formats() | set(_NEEDED)
-    if extension not in known and (
-        extension == _BY_PROGRAM or extension not in loaders.mesh_loaders
+    formats = _trimesh_formats() | set(_REQUIRED_MODULES)
+    if extension not in formats and (
+        extension == _EXTERNAL_PROGRAM_FORMAT or extension not in loaders.mesh_loaders
     ):
-        named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
-        shown = ", ".join(f".{name}" for name in named)
+        listed = [*(name for name in _LISTED_FORMATS if name in formats), *_LISTED_POINT_FORMATS]
+        listing = ", ".join(f".{name}" for name in listed)
         kind = f"the extension .{extension}" if extension else "no extension"
-        raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
-    factor = XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
+        raise MeshFileError(f"{file} has {kind}; readable formats are {listing} and more")
+    factor = XML_BYTES if extension in _XML_FORMATS else _BINARY_BYTES
     resources.budget.take("the file", file.stat().st_size * factor)
-    resolver = resolver_of(resources, left_out, extension == "dae")
+    resolver = make_resolver(resources, left_out, extension == "dae")
     try:
-        for module in _NEEDED.get(extension, ()):
+        for module in _REQUIRED_MODULES.get(extension, ()):
             import_module(module)
         take_members(file, extension, factor, resources.budget)
-        bound = with_bound_shapes(file, left_out) if extension == "dae" else None
-        with warnings.catch_warnings(), trimesh_told(left_out):
+        bound = bake_controllers(file, left_out) if extension == "dae" else None
+        with warnings.catch_warnings(), note_trimesh_warnings(left_out):
             warnings.simplefilter("ignore")
             # NumPy only warns of numbers that end at a word that is none; what is behind is lost.
             warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)

@@ -1,5 +1,5 @@
 """
-What a process that reads other people's files may do: limits that it sets itself, for good.
+Limits that a process that reads untrusted files sets on itself, for good.
 
 Linux holds it to them: Landlock [1]_ to files, limits of the system to memory and time. Everywhere
 Python refuses to open what lies elsewhere, of which readers in C take no notice.
@@ -25,46 +25,46 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
-from rasterjit.io.resources import RefusedFileError, shown_name
+from rasterjit.io.resources import RefusedFileError, quoted_name
 
 resource: Any = None
 with contextlib.suppress(ImportError):
     import resource
 
-_SLACK = 256 << 20
-"""Bytes of addresses that are mapped for other reasons, such as stacks of threads."""
+_MEMORY_SLACK = 256 << 20
+"""Bytes of address space for other uses, such as stacks of threads."""
 
 _OPEN_FILES = 256
 
 _CREATE, _ADD, _RESTRICT = 444, 445, 446
-"""Numbers of Landlock's system calls, the same for all processors but Alpha."""
+"""Landlock's system calls: create a ruleset, add a rule, restrict; Alpha has others."""
 
 _READ_FILE, _READ_FOLDER = 1 << 2, 1 << 3
 _FILE_RIGHTS = (13, 14, 15, 15, 16)
-"""How many rights to files each version of Landlock knows; later ones as many as the last."""
+"""Number of file rights of each version of Landlock; later ones have as many as the last."""
 
 _TCP, _SCOPES = 0b11, 0b11
-"""Rights to bind and to connect; not to reach sockets without a file, or to send signals."""
+"""Landlock rights over TCP: bind, connect; scopes: abstract sockets, signals."""
 
 _NO_NEW_PRIVILEGES, _DIE_WITH_PARENT = 38, 1
 _NEW_USER, _NEW_NETWORK = 0x10000000, 0x40000000
 _SIGKILL = 9
 
-_LIBRARIES = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/etc/ld.so.cache",
+_SYSTEM_PATHS = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/etc/ld.so.cache",
               "/dev/null", "/dev/urandom", "/usr/share/zoneinfo")  # fmt: skip
-"""Where a system has what packages load late."""
+"""Paths of the system from which packages load late."""
 
-_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
-_REFUSED = ("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.spawn",
+_REFUSED_EVENTS = ("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.spawn",
             "os.system", "os.kill", "os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link",
             "os.symlink", "os.chmod", "os.chown", "os.truncate", "shutil.",
             "webbrowser.")  # fmt: skip
-"""How names begin of what Python tells its hooks before it does it, and is refused."""
+"""Prefixes of the audit events of Python that are refused."""
 
 
-def without_network() -> None:
-    """Move into a network of its own, in which nothing is, if the system lets this process."""
+def isolate_network() -> None:
+    """Move this process into an empty network namespace, if the system allows it."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None, use_errno=True)
         if libc.unshare(_NEW_NETWORK) != 0:
@@ -72,25 +72,25 @@ def without_network() -> None:
 
 
 def die_with_parent() -> None:
-    """Let the system end this process when the one that made it ends."""
+    """Let the system kill this process when its parent ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, _SIGKILL, 0, 0, 0)
 
 
 def seconds_used() -> int:
-    """Return how long this process has used the processor, rounded up."""
+    """Return the processor time of this process in seconds, rounded up."""
     return int(time.process_time()) + 1
 
 
-def hold_to_seconds(seconds: int) -> None:
-    """Let this process use the processor for so long, all that it has used included."""
+def limit_cpu_time(seconds: int) -> None:
+    """Limit the total processor time of this process."""
     if resource is not None:
         _limit(resource.RLIMIT_CPU, seconds)
 
 
-def hold_to_memory(memory: int) -> None:
+def limit_memory(memory: int) -> None:
     """
-    Limit memory and what is written.
+    Limit the memory of this process, and the size of files that it writes.
 
     Parameters
     ----------
@@ -102,49 +102,49 @@ def hold_to_memory(memory: int) -> None:
     with contextlib.suppress(OSError):
         with open("/proc/self/statm", "rb") as file:
             mapped = int(file.read().split()[0]) * resource.getpagesize()
-        _limit(resource.RLIMIT_AS, mapped + memory + _SLACK)
-    _limit(resource.RLIMIT_FSIZE, memory + _SLACK)
+        _limit(resource.RLIMIT_AS, mapped + memory + _MEMORY_SLACK)
+    _limit(resource.RLIMIT_FSIZE, memory + _MEMORY_SLACK)
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_NOFILE, _OPEN_FILES)
 
 
 def _limit(which: int, value: int) -> None:
-    """Lower what may be had of something; what is lower already stays."""
+    """Lower a resource limit; one that is lower already stays."""
     _, most = resource.getrlimit(which)
     value = value if most == resource.RLIM_INFINITY else min(value, most)
     with contextlib.suppress(OSError, ValueError):
         resource.setrlimit(which, (value, most))
 
 
-def library_places() -> list[str]:
+def library_paths() -> list[str]:
     """Return the folders and files that Python and its packages are read from."""
-    return _library_places(tuple(sys.path), len(sys.modules))
+    return _library_paths_of(tuple(sys.path), len(sys.modules))
 
 
 @lru_cache(maxsize=1)
-def _library_places(path: tuple[str, ...], _: int) -> list[str]:
-    """Return the same, found anew only for another path or where modules came or went."""
+def _library_paths_of(path: tuple[str, ...], _: int) -> list[str]:
+    """Return `library_paths`, cached for a path and a number of modules."""
     schemes = sysconfig.get_paths()
-    found = {schemes[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
-    found |= {one for one in path if os.path.basename(one) in ("site-packages", "dist-packages")}
-    found |= {one for one in path if one.startswith(schemes["stdlib"])}
-    found |= set(_LIBRARIES) | {os.path.join(sys.base_prefix, "lib")}
+    paths = {schemes[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+    paths |= {one for one in path if os.path.basename(one) in ("site-packages", "dist-packages")}
+    paths |= {one for one in path if one.startswith(schemes["stdlib"])}
+    paths |= set(_SYSTEM_PATHS) | {os.path.join(sys.base_prefix, "lib")}
     for name, module in list(sys.modules.items()):
         if "." not in name:
             # A package may lie elsewhere, such as where it is worked on.
-            found |= set(map(os.fspath, getattr(module, "__path__", ())))
-    return [one for one in dict.fromkeys(map(os.path.realpath, sorted(found)))
+            paths |= set(map(os.fspath, getattr(module, "__path__", ())))
+    return [one for one in dict.fromkeys(map(os.path.realpath, sorted(paths)))
             if os.path.exists(one) and one != os.sep]  # fmt: skip
 
 
-def keep_to_files(places: Sequence[str]) -> bool:
+def restrict_files(paths: Sequence[str]) -> bool:
     """
-    Let this process read below some places, and nothing else of the file system, for good.
+    Restrict this process, for good, to reading files below some paths.
 
     Returns
     -------
     bool
-        Whether the kernel does so; it knows no Landlock before Linux 5.13.
+        Whether the kernel enforces it: Linux has Landlock from 5.13 on.
     """
     if sys.platform != "linux":
         return False
@@ -153,14 +153,14 @@ def keep_to_files(places: Sequence[str]) -> bool:
     if version < 1:
         return False
     rights = (1 << _FILE_RIGHTS[min(version, len(_FILE_RIGHTS)) - 1]) - 1
-    parts = [rights, *([_TCP] if version >= 4 else []), *([_SCOPES] if version >= 6 else [])]
-    said = struct.pack(f"<{len(parts)}Q", *parts)
-    rules = libc.syscall(_CREATE, said, ctypes.c_size_t(len(said)), ctypes.c_uint32(0))
+    masks = [rights, *([_TCP] if version >= 4 else []), *([_SCOPES] if version >= 6 else [])]
+    attributes = struct.pack(f"<{len(masks)}Q", *masks)
+    rules = libc.syscall(_CREATE, attributes, ctypes.c_size_t(len(attributes)), ctypes.c_uint32(0))
     if rules < 0:
         return False
     try:
-        for place in places:
-            _allow(libc, rules, place)
+        for path in paths:
+            _allow(libc, rules, path)
         if libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0) != 0:
             return False
         return bool(libc.syscall(_RESTRICT, rules, ctypes.c_uint32(0)) == 0)
@@ -168,24 +168,24 @@ def keep_to_files(places: Sequence[str]) -> bool:
         os.close(rules)
 
 
-def _allow(libc: Any, rules: int, place: str) -> None:
-    """Add a place to rules; one that is not there any more is left out."""
+def _allow(libc: Any, rules: int, path: str) -> None:
+    """Add a path to a ruleset; one that does not exist is left out."""
     try:
-        opened = os.open(place, os.O_PATH | os.O_CLOEXEC)
+        opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
         return
     try:
         is_folder = stat.S_ISDIR(os.fstat(opened).st_mode)
         rights = _READ_FILE | (_READ_FOLDER if is_folder else 0)
-        said = struct.pack("<Qi", rights, opened)
-        libc.syscall(_ADD, rules, ctypes.c_int(1), said, ctypes.c_uint32(0))
+        rule = struct.pack("<Qi", rights, opened)
+        libc.syscall(_ADD, rules, ctypes.c_int(1), rule, ctypes.c_uint32(0))
     finally:
         os.close(opened)
 
 
 class Guard:
     """
-    Refuses, by a hook of Python's, what a reader may not do; it names what that is.
+    An audit hook of Python that refuses, and names, what a reader may not do.
 
     Attributes
     ----------
@@ -196,70 +196,68 @@ class Guard:
     def __init__(self) -> None:
         self.is_armed = False
         self._root = ""
-        self._places: tuple[str, ...] = ()
+        self._paths: tuple[str, ...] = ()
         sys.addaudithook(self._check)
 
-    def keep_to(self, root: str, places: Iterable[str]) -> None:
-        """Refuse files that lie neither below a root nor below other places, links followed."""
-        self._root, self._places = root, tuple(places)
+    def restrict(self, root: str, paths: Iterable[str]) -> None:
+        """Refuse files outside a root and other paths, links followed."""
+        self._root, self._paths = root, tuple(paths)
 
     def _check(self, event: str, arguments: tuple[Any, ...]) -> None:
-        """Raise `RefusedFileError` about what is about to be done and must not be."""
+        """Raise `RefusedFileError` about an audit event that is not allowed."""
         if not self.is_armed:
             return
         if event == "open":
             self._check_open(*arguments)
-        elif event.startswith(_REFUSED):
+        elif event.startswith(_REFUSED_EVENTS):
             raise RefusedFileError(f"reading a file must not do this: {event}")
 
-    def _check_open(self, path: Any, mode: Any, flags: Any) -> None:
+    def _check_open(self, file: Any, mode: Any, flags: Any) -> None:
         """Check a file before it is opened."""
-        if not isinstance(path, (str, bytes, os.PathLike)):
+        if not isinstance(file, (str, bytes, os.PathLike)):
             return
-        name = os.fsdecode(path)
-        if isinstance(flags, int) and flags & _WRITING:
-            raise RefusedFileError(f"reading a file writes none: {shown_name(name)}")
-        place = os.path.realpath(name)
-        if not _is_below(place, self._root) and not any(
-            _is_below(place, one) for one in self._places
-        ):
+        name = os.fsdecode(file)
+        if isinstance(flags, int) and flags & _WRITE_FLAGS:
+            raise RefusedFileError(f"reading a file writes none: {quoted_name(name)}")
+        path = os.path.realpath(name)
+        if not _is_below(path, self._root) and not any(_is_below(path, one) for one in self._paths):
             raise RefusedFileError(
-                f"the file {shown_name(name)} lies outside {self._root!r}; resource_root names "
+                f"the file {quoted_name(name)} lies outside {self._root!r}; resource_root names "
                 "another folder"
             )
         with contextlib.suppress(OSError):
-            kind = os.stat(place).st_mode
-            if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind) and not place.startswith("/dev/"):
-                raise RefusedFileError(f"{shown_name(name)} is no regular file")
+            kind = os.stat(path).st_mode
+            if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind) and not path.startswith("/dev/"):
+                raise RefusedFileError(f"{quoted_name(name)} is no regular file")
 
 
-def _is_below(place: str, folder: str) -> bool:
-    """Tell whether a place is a folder or in it, both without links."""
-    return place == folder or place.startswith(folder.rstrip(os.sep) + os.sep)
+def _is_below(path: str, folder: str) -> bool:
+    """Tell whether a path is a folder or in it, both without links."""
+    return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)
 
 
 _MAX_EMPTY_READS = 1000
-"""In a row, at the end of one file: readers that know what they do need a few."""
+"""Most reads in a row at the end of a file: correct readers need a few."""
 
-_ENDS = "it ends where more is expected"
+_END_MESSAGE = "it ends where more is expected"
 
 _OPEN = io.open
 
 
-class _File(io.FileIO):
-    """A file that counts how often it was read in vain."""
+class _CountingFile(io.FileIO):
+    """A file that counts its empty reads."""
 
     _empty_reads = 0
 
     def readinto(self, buffer: Any, /) -> int | None:
-        """Read into memory, or raise ``EOFError`` if there was nothing too often."""
+        """Read into memory; raise ``EOFError`` after too many empty reads."""
         count = super().readinto(buffer)
         if count:
             self._empty_reads = 0
         elif len(memoryview(buffer)):
             self._empty_reads += 1
             if self._empty_reads > _MAX_EMPTY_READS:
-                raise EOFError(_ENDS)
+                raise EOFError(_END_MESSAGE)
         return count
 
 
@@ -267,14 +265,14 @@ def _open(
     file: Any, mode: str = "r", buffering: int = -1, encoding: str | None = None,
     errors: str | None = None, newline: str | None = None, closefd: bool = True, opener: Any = None,
 ) -> Any:  # fmt: skip
-    """Open a file as Python does; one that is only read, and in pieces, counts what is in vain."""
+    """Open a file as Python does; buffered readers count empty reads."""
     if not isinstance(mode, str) or mode not in ("r", "rt", "tr", "rb", "br") or buffering >= 0:
         return _OPEN(file, mode, buffering, encoding, errors, newline, closefd, opener)
     is_text = "b" not in mode
     if not is_text and (encoding, errors, newline) != (None, None, None):
         # It says what is wrong with that.
         return _OPEN(file, mode, buffering, encoding, errors, newline, closefd, opener)
-    buffered = io.BufferedReader(_File(file, "r", closefd, opener))
+    buffered = io.BufferedReader(_CountingFile(file, "r", closefd, opener))
     if not is_text:
         return buffered
     try:
@@ -284,6 +282,6 @@ def _open(
         raise
 
 
-def refuse_endless_reads() -> None:
-    """Let every file that this process opens by Python from now on raise ``EOFError`` in time."""
+def limit_empty_reads() -> None:
+    """Replace ``open``, so that endless reads at the end of a file raise ``EOFError``."""
     builtins.open = io.open = _open  # type: ignore[assignment]

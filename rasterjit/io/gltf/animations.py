@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.json_checks import (
-    finite_numbers_of,
-    list_of,
-    needed,
-    object_of,
-    shown,
-    whole_of,
+    brief,
+    get_integer,
+    get_list,
+    get_numbers,
+    get_object,
+    require,
 )
 from rasterjit.io.load_warnings import LeftOut, reason_of
 from rasterjit.scene.decomposed_transform import TRS, rows_of
@@ -40,38 +40,38 @@ from rasterjit.scene.validation import in_short, one_of
 
 
 def parent_from_node(node: dict[str, Any]) -> list[list[float]]:
-    """Return the rows of a node's own transform: its matrix, or the product of its parts."""
+    """Return the rows of a node's local transform: its matrix, or the product of its parts."""
     if "matrix" in node:
         # glTF writes matrices column by column.
-        columns = finite_numbers_of(node, "matrix", (0.0,) * 16)
+        columns = get_numbers(node, "matrix", (0.0,) * 16)
         return [list(columns[row::4]) for row in range(4)]
     return rows_of(trs_of(node))
 
 
 def trs_of(node: dict[str, Any]) -> TRS:
     """Return a node's translation, rotation and scale."""
-    x, y, z, w = finite_numbers_of(node, "rotation", (0.0, 0.0, 0.0, 1.0))
+    x, y, z, w = get_numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0))
     if ((x * x + y * y) + z * z) + w * w == math.inf:
-        raise ValueError(f"rotation must be a unit quaternion, got {shown(node['rotation'])}")
-    sx, sy, sz = finite_numbers_of(node, "scale", (1.0, 1.0, 1.0))
-    tx, ty, tz = finite_numbers_of(node, "translation", (0.0, 0.0, 0.0))
+        raise ValueError(f"rotation must be a unit quaternion, got {brief(node['rotation'])}")
+    sx, sy, sz = get_numbers(node, "scale", (1.0, 1.0, 1.0))
+    tx, ty, tz = get_numbers(node, "translation", (0.0, 0.0, 0.0))
     return TRS((tx, ty, tz), (x, y, z, w), (sx, sy, sz))
 
 
-_BYTE = 5121
+_UBYTE = 5121
 """Draco rounds numbers to eight bits or more, whatever their type."""
 
-_ROUNDING = {5120: 4 / 127, _BYTE: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
-"""How far four weights may be from 1 in all as whole numbers, by the types of these: each is
+_ROUNDING = {5120: 4 / 127, _UBYTE: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
+"""By how much four integer weights may miss a sum of 1, by their component type: each is
 rounded by half a step, or cut off. They are scaled all the same."""
 
-_TARGETS = {"POSITION": "positions", "NORMAL": "normals", "TANGENT": "tangents"}
-"""What of a target `MorphTargets` has, by its name in glTF."""
+_TARGET_FIELDS = {"POSITION": "positions", "NORMAL": "normals", "TANGENT": "tangents"}
+"""Fields of `MorphTargets`, by the attribute of a target in glTF."""
 
 
-def read_posable(
+def read_joints_and_targets(
     file: GltfFile, primitive: dict[str, Any], count: int,
-    shown_of: tuple[NDArray[Any] | None, NDArray[Any] | None], label: str, left_out: LeftOut,
+    vectors: tuple[NDArray[Any] | None, NDArray[Any] | None], label: str, left_out: LeftOut,
 ) -> dict[str, Any]:  # fmt: skip
     """
     Return what `Mesh` takes of a primitive's joints and targets; nothing where it has none.
@@ -82,27 +82,27 @@ def read_posable(
     primitive : dict
     count : int
         How many vertices there are.
-    shown_of : (array or None, array or None)
+    vectors : (array or None, array or None)
         The normals and the tangents that the mesh has.
     label : str
         What messages call the mesh.
     left_out : LeftOut
         Notes what cannot be used.
     """
-    attributes = object_of(primitive, "attributes")
-    found = _joints(file, attributes, count, label, left_out)
-    targets = list_of(primitive, "targets")
+    attributes = get_object(primitive, "attributes")
+    fields = _joints(file, attributes, count, label, left_out)
+    targets = get_list(primitive, "targets")
     if targets:
-        morphs = _targets(file, targets, count, shown_of, label, left_out)
+        morphs = _targets(file, targets, count, vectors, label, left_out)
         if morphs is not None:
-            found["morph_targets"] = morphs
-    return found
+            fields["morph_targets"] = morphs
+    return fields
 
 
 def _joints(
     file: GltfFile, attributes: dict[str, Any], count: int, label: str, left_out: LeftOut
 ) -> dict[str, Any]:
-    """Return joints and weights, (V, 4 n); empty if there are none of use."""
+    """Return joints and weights, (V, 4 n); empty if there are none that can be used."""
     # Sets of four joints and weights, JOINTS_0 and WEIGHTS_0 and on.
     joints, weights, rounding = [], [], WEIGHT_ROUNDING
     for number in itertools.count():
@@ -111,16 +111,16 @@ def _joints(
         if len(missing) == 2:
             break
         if missing:
-            (given,) = set(names) - set(missing)
-            left_out.note(f"{given} of {label}, which has no {missing[0]}")
+            (present,) = set(names) - set(missing)
+            left_out.note(f"{present} of {label}, which has no {missing[0]}")
             continue
         rows = [_rows(file, attributes[name], name, count, 4, label, left_out) for name in names]
         if rows[0] is not None and rows[1] is not None:
             joints.append(rows[0])
             weights.append(rows[1])
             kind = file.entry("accessors", attributes[names[1]])["componentType"]
-            if file.is_decoded(attributes[names[1]]):
-                kind = _BYTE
+            if file.is_overridden(attributes[names[1]]):
+                kind = _UBYTE
             rounding += _ROUNDING.get(kind, 0.0)
     if not joints:
         return {}
@@ -130,18 +130,18 @@ def _joints(
         left_out.note(f"weights of {label} below 0")
         shares = np.maximum(shares, 0.0)
     numbers, sums = np.concatenate(joints, axis=1), sum_rows(shares)
-    is_lost = sums == 0.0
-    if is_lost.any():
+    is_zero = sums == 0.0
+    if is_zero.any():
         left_out.note(
             f"weights of {label} that are all 0, whose vertices follow their first joint",
-            int(np.count_nonzero(is_lost)),
+            int(np.count_nonzero(is_zero)),
         )
-        shares[is_lost, 0] = 1.0
+        shares[is_zero, 0] = 1.0
     is_off = np.abs(sums - 1.0) > rounding
-    if (is_off & ~is_lost).any():
+    if (is_off & ~is_zero).any():
         left_out.note(
             f"sums of weights of {label}, which are not 1: weights are scaled",
-            int(np.count_nonzero(is_off & ~is_lost)),
+            int(np.count_nonzero(is_off & ~is_zero)),
         )
     # Joints are whole numbers.
     is_wrong = (numbers < 0.0) | (numbers != np.floor(numbers))
@@ -154,7 +154,7 @@ def _joints(
 def _rows(
     file: GltfFile, number: Any, name: str, count: int, width: int, label: str, left_out: LeftOut
 ) -> NDArray[np.float64] | None:
-    """Return finite rows of all vertices; None, with a note, if they are no use."""
+    """Return finite rows of all vertices; None, with a note, if they cannot be used."""
     try:
         with np.errstate(invalid="ignore"):
             # A signalling NaN.
@@ -173,37 +173,37 @@ def _rows(
 
 def _targets(
     file: GltfFile, targets: list[Any], count: int,
-    shown_of: tuple[NDArray[Any] | None, NDArray[Any] | None], label: str, left_out: LeftOut,
+    vectors: tuple[NDArray[Any] | None, NDArray[Any] | None], label: str, left_out: LeftOut,
 ) -> MorphTargets | None:  # fmt: skip
-    """Return the morph targets of a primitive, as many as it says, those of no use as nothing."""
-    normals, tangents = shown_of
+    """Return the morph targets of a primitive; those that cannot be used move nothing."""
+    normals, tangents = vectors
     is_read = {"POSITION": True, "NORMAL": normals is not None, "TANGENT": tangents is not None}
-    found: dict[str, NDArray[Any]] = {}
-    for place, target in enumerate(targets):
+    offsets: dict[str, NDArray[Any]] = {}
+    for index, target in enumerate(targets):
         if not isinstance(target, dict):
-            left_out.note(f"morph target {place} of {label}, which is no object")
+            left_out.note(f"morph target {index} of {label}, which is no object")
             continue
         for name, number in target.items():
-            if name not in _TARGETS:
+            if name not in _TARGET_FIELDS:
                 left_out.note(f"{name[:80]} of morph targets")
                 continue
             if not is_read[name]:
                 continue
-            what = f"{name} of morph target {place}"
+            what = f"{name} of morph target {index}"
             rows = _rows(file, number, what, count, 3, label, left_out)
             if rows is not None:
-                if name not in found:
-                    found[name] = _nothing(file, len(targets), count, label)
+                if name not in offsets:
+                    offsets[name] = _zeros(file, len(targets), count, label)
                 with np.errstate(over="ignore"):
-                    found[name][place] = rows
-    if not found:
-        found["POSITION"] = _nothing(file, len(targets), count, label)
-    fields: dict[str, Any] = {_TARGETS[name]: rows for name, rows in found.items()}
+                    offsets[name][index] = rows
+    if not offsets:
+        offsets["POSITION"] = _zeros(file, len(targets), count, label)
+    fields: dict[str, Any] = {_TARGET_FIELDS[name]: rows for name, rows in offsets.items()}
     return MorphTargets(**fields)
 
 
-def _nothing(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np.float32]:
-    """Return displacements of 0, (T, V, 3), that the file's budget has room for."""
+def _zeros(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np.float32]:
+    """Return displacements of 0, (T, V, 3), counted by the file's budget."""
     # They are copied when the mesh is made, and when its creases are split.
     file.budget.take(f"the morph targets of {label}", targets * count * 3 * 12)
     return np.zeros((targets, count, 3), np.float32)
@@ -212,15 +212,15 @@ def _nothing(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np
 def with_morph_weights(
     entry: dict[str, Any], meshes: Sequence[Mesh], label: str, left_out: LeftOut
 ) -> list[Mesh]:
-    """Return meshes of an entry of the file with the weights and the names that it says."""
+    """Return meshes with the morph weights and target names of their entry in the file."""
     if all(mesh.morph_targets is None for mesh in meshes):
         return list(meshes)
     weights: tuple[float, ...] | None = None
     names: tuple[str, ...] = ()
     try:
         if entry.get("weights") is not None:
-            given = list_of(entry, "weights")
-            weights = finite_numbers_of(entry, "weights", (0.0,) * len(given))
+            listed = get_list(entry, "weights")
+            weights = get_numbers(entry, "weights", (0.0,) * len(listed))
         extras = entry.get("extras")
         if isinstance(extras, dict) and isinstance(extras.get("targetNames"), list):
             names = tuple(map(str, extras["targetNames"]))
@@ -234,7 +234,7 @@ def with_morph_weights(
         if not fits:
             left_out.note(
                 f"weights of {label}, which has {len(targets)} morph targets, not "
-                f"{shown(len(weights or ()))}"
+                f"{brief(len(weights or ()))}"
             )
         mesh._morph_targets = targets.named(
             weights if fits else None, names if len(names) == len(targets) else ()
@@ -244,11 +244,11 @@ def with_morph_weights(
 
 POINTER = "KHR_animation_pointer"
 
-ERRORS = (ValueError, TypeError, LookupError, AttributeError, OSError, MemoryError)
-"""What reading damaged parts of a file raises."""
+READ_ERRORS = (ValueError, TypeError, LookupError, AttributeError, OSError, MemoryError)
+"""Errors that damaged parts of a file raise."""
 
 
-class MovingReader:
+class AnimationReader:
     """
     Read the skins and animations of a file.
 
@@ -260,9 +260,9 @@ class MovingReader:
 
     Attributes
     ----------
-    wanted : set of int
+    required_nodes : set of int
         Numbers of the nodes that have to be there, whether anything is seen of them or not.
-    targets : set of int
+    animated_nodes : set of int
         Numbers of those that an animation moves.
     """
 
@@ -271,18 +271,18 @@ class MovingReader:
         self._left_out = left_out
         self._skins = _list_of(file.header, "skins", left_out)
         self._animations = _list_of(file.header, "animations", left_out)
-        self.targets = self._find_targets()
+        self.animated_nodes = self._find_targets()
         joints = {number for skin in self._skins for number in _numbers(skin, "joints")}
-        self.wanted = self.targets | joints
-        self._drawn: list[tuple[dict[str, Any], Node]] = []
+        self.required_nodes = self.animated_nodes | joints
+        self._mesh_nodes: list[tuple[dict[str, Any], Node]] = []
         self._parts: dict[int, list[Node]] = {}
-        """What shows the mesh of each node, by its number."""
+        """Nodes that show the mesh of a node of the file, by its number."""
 
-    def know_drawn(self, number: int, entry: dict[str, Any], node: Node) -> None:
-        """Take a node that shows a mesh, or a part of one, with what the file says of it."""
+    def add_mesh_node(self, number: int, entry: dict[str, Any], node: Node) -> None:
+        """Register a node that shows a mesh or a part of one, with its entry in the file."""
         if "skin" in entry or "weights" in entry:
-            self._drawn.append((entry, node))
-        if number in self.targets:
+            self._mesh_nodes.append((entry, node))
+        if number in self.animated_nodes:
             self._parts.setdefault(number, []).append(node)
 
     def finish(self, scene: Scene, nodes: dict[int, Node]) -> None:
@@ -295,38 +295,38 @@ class MovingReader:
         nodes : dict of int to Node
             What stands for the nodes of the file; those that are in none of its scenes are added.
         """
-        if self._drawn or self.wanted:
-            self._note_circles()
+        if self._mesh_nodes or self.required_nodes:
+            self._note_cycles()
         skins: dict[Any, Skin | None] = {}
-        for entry, node in self._drawn:
+        for entry, node in self._mesh_nodes:
             if "weights" in entry and node.mesh.morph_targets is not None:
                 self._set_weights(entry, node)
             if "skin" not in entry:
                 continue
             number = entry["skin"]
-            key = number if isinstance(number, int) else shown(number)
+            key = number if isinstance(number, int) else brief(number)
             if key not in skins:
                 skins[key] = self._skin(number, nodes)
             self._set_skin(node, skins[key])
         for number, animation in enumerate(self._animations):
-            made = self._animation(number, animation, nodes)
-            if made is not None:
-                scene.animations.append(made)
+            built = self._animation(number, animation, nodes)
+            if built is not None:
+                scene.animations.append(built)
 
     def _find_targets(self) -> set[int]:
         """Return the numbers of the nodes that animations move."""
-        found = set()
+        numbers = set()
         for animation in self._animations:
             channels = animation.get("channels") if isinstance(animation, dict) else None
             for channel in channels if isinstance(channels, list) else ():
                 target = channel.get("target") if isinstance(channel, dict) else None
                 number = target.get("node") if isinstance(target, dict) else None
                 if isinstance(number, int) and not isinstance(number, bool):
-                    found.add(number)
-        return found
+                    numbers.add(number)
+        return numbers
 
-    def _note_circles(self) -> None:
-        """Note a node that hangs below itself; it is taken where it is met first."""
+    def _note_cycles(self) -> None:
+        """Note nodes that are their own ancestors; each is used where it is met first."""
         children = [
             _numbers(node, "children") for node in _list_of(self._file.header, "nodes", None)
         ]
@@ -351,7 +351,7 @@ class MovingReader:
                         waiting.append((child, False))
 
     def _node(self, number: int, nodes: dict[int, Node]) -> Node:
-        """Return what stands for a node, made with all above it if it is in no scene."""
+        """Return the node of a number, made with its ancestors if it is in no scene."""
         # A dictionary keeps their order, and finds those of a circle at once.
         missing: dict[int, None] = {}
         at = number
@@ -372,36 +372,36 @@ class MovingReader:
 
     @cached_property
     def _parents(self) -> dict[int, int]:
-        """The node that each node hangs below first, by their numbers."""
-        found: dict[int, int] = {}
+        """Number of the first parent of each node."""
+        parents: dict[int, int] = {}
         for number, node in enumerate(_list_of(self._file.header, "nodes", None)):
             for child in _numbers(node, "children"):
-                found.setdefault(child, number)
-        return found
+                parents.setdefault(child, number)
+        return parents
 
     def _skin(self, number: Any, nodes: dict[int, Node]) -> Skin | None:
-        """Return a skin, or None, with a note."""
-        label = f"skin {shown(number)}"
+        """Return a skin; None, with a note, if it cannot be used."""
+        label = f"skin {brief(number)}"
         try:
             entry = self._file.entry("skins", number)
             label = f"skin {in_short(entry.get('name', number))}"
-            joints = list_of(entry, "joints")
+            joints = get_list(entry, "joints")
             if not joints:
                 raise ValueError("it has no joints")
-            count = len(list_of(self._file.header, "nodes"))
+            count = len(get_list(self._file.header, "nodes"))
             for joint in joints:
-                if whole_of({"joints": joint}, "joints") >= count:
-                    raise ValueError(f"joints must be below {count}, got {shown(joint)}")
+                if get_integer({"joints": joint}, "joints") >= count:
+                    raise ValueError(f"joints must be below {count}, got {brief(joint)}")
             binds = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
             if "inverseBindMatrices" in entry:
-                binds = self._binds(entry["inverseBindMatrices"], len(joints))
-            found = [self._node(int(joint), nodes) for joint in joints]
-            return Skin(found, binds, str(entry.get("name", "")))
-        except ERRORS as error:
+                binds = self._inverse_binds(entry["inverseBindMatrices"], len(joints))
+            nodes_of_joints = [self._node(int(joint), nodes) for joint in joints]
+            return Skin(nodes_of_joints, binds, str(entry.get("name", "")))
+        except READ_ERRORS as error:
             self._left_out.note(f"{label}, which cannot be used: {reason_of(error)}")
             return None
 
-    def _binds(self, accessor: Any, count: int) -> NDArray[np.float64]:
+    def _inverse_binds(self, accessor: Any, count: int) -> NDArray[np.float64]:
         """Return inverse bind matrices, (J, 4, 4), or raise ``ValueError``."""
         with np.errstate(invalid="ignore"):
             rows = self._file.array(accessor).astype(np.float64)
@@ -414,7 +414,7 @@ class MovingReader:
         return rows[:count].reshape(-1, 4, 4).transpose(0, 2, 1)
 
     def _set_skin(self, node: Node, skin: Skin | None) -> None:
-        """Give a node its skin, if it fits."""
+        """Set the skin of a node, if it fits."""
         if skin is None:
             return
         try:
@@ -423,63 +423,64 @@ class MovingReader:
             self._left_out.note(f"skin of node {in_short(node.name)}: {reason_of(error)}")
 
     def _set_weights(self, entry: dict[str, Any], node: Node) -> None:
-        """Give a node the weights of its morph targets, if they fit."""
+        """Set the morph weights of a node, if they fit."""
         try:
-            count = len(list_of(entry, "weights"))
+            count = len(get_list(entry, "weights"))
             if count:
-                node.weights = finite_numbers_of(entry, "weights", (0.0,) * count)
+                node.weights = get_numbers(entry, "weights", (0.0,) * count)
         except ValueError as error:
             self._left_out.note(f"weights of node {in_short(node.name)}: {reason_of(error)}")
 
     def _animation(self, number: int, entry: Any, nodes: dict[int, Node]) -> Animation | None:
-        """Return an animation, or None, with a note."""
+        """Return an animation; None, with a note, if it cannot be used."""
         label = f"animation {number}"
         try:
-            animation = object_of({label: entry}, label)
+            animation = get_object({label: entry}, label)
             name = str(animation.get("name", number))
             label = f"animation {in_short(name)}"
-            channels, samplers = list_of(animation, "channels"), list_of(animation, "samplers")
-        except ERRORS as error:
+            channels, samplers = get_list(animation, "channels"), get_list(animation, "samplers")
+        except READ_ERRORS as error:
             self._left_out.note(f"{label}, which cannot be read: {reason_of(error)}")
             return None
-        found: list[Channel] = []
-        moved: set[tuple[int, str]] = set()
-        for place, one in enumerate(channels):
+        built: list[Channel] = []
+        animated: set[tuple[int, str]] = set()
+        for index, one in enumerate(channels):
             try:
                 for channel in self._channels(one, samplers, nodes):
-                    if (id(channel.node), channel.path) in moved:
+                    if (id(channel.node), channel.path) in animated:
                         raise ValueError(f"it moves the {channel.path} of a node once more")
-                    moved.add((id(channel.node), channel.path))
-                    found.append(channel)
-            except ERRORS as error:
-                self._left_out.note(f"channel {place} of {label}", reason=f": {reason_of(error)}")
-        if not found:
+                    animated.add((id(channel.node), channel.path))
+                    built.append(channel)
+            except READ_ERRORS as error:
+                self._left_out.note(f"channel {index} of {label}", reason=f": {reason_of(error)}")
+        if not built:
             self._left_out.note(f"{label}, which has no channel of use")
             return None
-        return Animation(name, found)
+        return Animation(name, built)
 
     def _channels(self, entry: Any, samplers: list[Any], nodes: dict[int, Node]) -> list[Channel]:
-        """Return a channel, of weights one for each part of the mesh, or raise."""
+        """Return the channels of an entry, one for each part of the mesh for weights, or raise."""
         # Which property of which node it moves.
-        channel = object_of({"channel": entry}, "channel")
-        target = object_of(channel, "target")
-        if POINTER in object_of(target, "extensions") or target.get("path") == "pointer":
+        channel = get_object({"channel": entry}, "channel")
+        target = get_object(channel, "target")
+        if POINTER in get_object(target, "extensions") or target.get("path") == "pointer":
             raise ValueError(f"{POINTER} is not read")
-        path = needed(target, "path")
+        path = require(target, "path")
         if path not in PATHS:
-            raise ValueError(f"path must be one of {', '.join(PATHS)}, got {shown(path)}")
-        number = whole_of(target, "node")
+            raise ValueError(f"path must be one of {', '.join(PATHS)}, got {brief(path)}")
+        number = get_integer(target, "node")
         self._file.entry("nodes", number)
         if number not in nodes:
             raise ValueError(f"node {number} is not in the scene")
         # Its keys.
-        place = whole_of(channel, "sampler")
-        if place >= len(samplers):
-            raise ValueError(f"sampler must be below {len(samplers)}, got {place}")
-        sampler = object_of({"sampler": samplers[place]}, "sampler")
+        index = get_integer(channel, "sampler")
+        if index >= len(samplers):
+            raise ValueError(f"sampler must be below {len(samplers)}, got {index}")
+        sampler = get_object({"sampler": samplers[index]}, "sampler")
         kind = one_of("interpolation", sampler.get("interpolation", "LINEAR"), INTERPOLATIONS)
         times, values = (
-            self._file.array(needed(sampler, key)).astype(np.float64) for key in ("input", "output")
+            self._file.array(require(sampler, key)).astype(np.float64)
+            for key in ("input", "output")
         )
         if times.shape[1] != 1:
             raise ValueError(f"input must be numbers, got rows of {times.shape[1]}")
@@ -492,27 +493,27 @@ class MovingReader:
                     f"output must be {count * (3 if parts else 1)} rows of {width} for {count} "
                     f"keys, got {len(values)} of {values.shape[1]}"
                 )
-            moved = [nodes[number]]
+            animated = [nodes[number]]
         else:
-            moved = [
+            animated = [
                 node for node in self._parts.get(number, ()) if node.mesh.morph_targets is not None
             ]
-            if not moved:
+            if not animated:
                 raise ValueError(f"node {number} has no morph targets")
-            width = len(moved[0].mesh.morph_targets or ())
+            width = len(animated[0].mesh.morph_targets or ())
             if values.size != count * width * (3 if parts else 1):
                 raise ValueError(
                     f"output must be {count * width * (3 if parts else 1)} numbers for {count} "
                     f"keys of {width} morph targets, got {values.size}"
                 )
         shaped = values.reshape(count, *parts, width)
-        return [Channel(node, path, times[:, 0], shaped, kind) for node in moved]
+        return [Channel(node, path, times[:, 0], shaped, kind) for node in animated]
 
 
 def _list_of(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list[Any]:
-    """Return a list of the header, empty, with a note, if it is none."""
+    """Return a list of the header; empty, with a note, if it is none."""
     try:
-        return list_of(header, key)
+        return get_list(header, key)
     except ValueError as error:
         if left_out is not None:
             left_out.note(str(error))
@@ -520,10 +521,10 @@ def _list_of(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list
 
 
 def _numbers(entry: Any, key: str) -> list[int]:
-    """Return the whole numbers from 0 that an entry lists, whatever it is."""
-    found = entry.get(key) if isinstance(entry, dict) else None
+    """Return the non-negative integers that an entry lists under a key."""
+    listed = entry.get(key) if isinstance(entry, dict) else None
     return [
         number
-        for number in (found if isinstance(found, list) else ())
+        for number in (listed if isinstance(listed, list) else ())
         if isinstance(number, int) and not isinstance(number, bool) and number >= 0
     ]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.gltf.extensions import BASIS, DRACO, check_library
-from rasterjit.io.gltf.json_checks import needed, shown, whole_of
+from rasterjit.io.gltf.json_checks import brief, get_integer, require
 from rasterjit.io.images import take_texels
 from rasterjit.io.load_warnings import reason_of
 from rasterjit.scene.memory_limits import MemoryBudget
@@ -32,15 +32,15 @@ from rasterjit.scene.texture import check_extent
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Decoder
 
-_HEAD = b"DRACO\x02\x02"
-"""How a stream begins: the format's name and its version, 2.2."""
+_DRACO_HEADER = b"DRACO\x02\x02"
+"""First bytes of a stream: the format's name and its version, 2.2."""
 
 _MESH, _EDGEBREAKER, _SEQUENTIAL = 1, 1, 0
 _HAS_METADATA = 0x8000
 
 
 class DracoMesh(NamedTuple):
-    """What a stream holds."""
+    """The content of a Draco stream."""
 
     corners: NDArray[np.uint32]
     """Vertex numbers, (3 F,): three for each triangle."""
@@ -48,14 +48,14 @@ class DracoMesh(NamedTuple):
     """Rows of every vertex, (V, width), by the attribute's unique number."""
 
 
-def decode_draco(stream: bytes, most_corners: int, decoder: Decoder) -> DracoMesh:
+def decode_draco(stream: bytes, max_corners: int, decoder: Decoder) -> DracoMesh:
     """
     Decode a mesh.
 
     Parameters
     ----------
     stream : bytes
-    most_corners : int
+    max_corners : int
         Corners of triangles that it may have.
     decoder : Decoder
 
@@ -68,33 +68,33 @@ def decode_draco(stream: bytes, most_corners: int, decoder: Decoder) -> DracoMes
     """
     check_library(DRACO)
     try:
-        faces, vertices = declared_counts(stream)
+        faces, vertices = declared_draco_counts(stream)
     except IndexError:
         raise ValueError(f"{DRACO}: its stream ends too early") from None
-    if max(3 * faces, vertices) > most_corners:
+    if max(3 * faces, vertices) > max_corners:
         raise ValueError(
             f"{DRACO}: its stream has {faces} faces and {vertices} vertices, but its accessor of "
-            f"indices {most_corners} corners"
+            f"indices {max_corners} corners"
         )
     try:
         corners, rows = decoder.decode("draco", stream)
     except Exception as error:
         # The library's own errors share no base.
         raise ValueError(f"{DRACO}: its stream is damaged: {reason_of(error)}") from None
-    found = dict(rows)
-    count = min((len(rows) for rows in found.values()), default=0)
+    attributes = dict(rows)
+    count = min((len(rows) for rows in attributes.values()), default=0)
     if len(corners) and corners.max() >= count:
         raise ValueError(
             f"{DRACO}: its stream is damaged: its faces must point at its {count} vertices, but "
             f"one points at {corners.max()}"
         )
-    return DracoMesh(corners, found)
+    return DracoMesh(corners, attributes)
 
 
-def unpacked_mesh(
+def decode_draco_arrays(
     stream: bytes, _: MemoryBudget
 ) -> tuple[NDArray[np.uint32], list[tuple[int, NDArray[Any]]]]:
-    """Return the vertex numbers of a stream and its attributes by their numbers, as they are."""
+    """Return the vertex numbers of a stream, and its attributes by their unique numbers."""
     import DracoPy
 
     mesh = DracoPy.decode(stream)
@@ -102,7 +102,7 @@ def unpacked_mesh(
     return corners, [(int(one["unique_id"]), np.asarray(one["data"])) for one in mesh.attributes]
 
 
-def declared_counts(stream: bytes) -> tuple[int, int]:
+def declared_draco_counts(stream: bytes) -> tuple[int, int]:
     """
     Return how many faces and vertices a stream says that it has.
 
@@ -113,62 +113,62 @@ def declared_counts(stream: bytes) -> tuple[int, int]:
     ValueError
         If it is no mesh of version 2.2.
     """
-    if not stream.startswith(_HEAD):
+    if not stream.startswith(_DRACO_HEADER):
         raise ValueError(f"{DRACO}: it is no Draco stream of version 2.2")
     kind, method, flags = stream[7], stream[8], stream[9] | stream[10] << 8
     if kind != _MESH or method not in (_SEQUENTIAL, _EDGEBREAKER):
         raise ValueError(f"{DRACO}: its stream is of kind {kind}, {method}, which is no mesh")
     reader = _StreamReader(stream, 11)
     if flags & _HAS_METADATA:
-        for _ in range(reader.number()):
-            reader.number()
+        for _ in range(reader.read_varint()):
+            reader.read_varint()
             reader.skip_metadata()
         reader.skip_metadata()
     if method == _SEQUENTIAL:
-        return reader.number(), reader.number()
+        return reader.read_varint(), reader.read_varint()
     reader.skip(1)
-    vertices = reader.number()
-    return reader.number(), vertices
+    vertices = reader.read_varint()
+    return reader.read_varint(), vertices
 
 
 class _StreamReader:
-    """Reads a stream's numbers one by one; ``IndexError`` where it ends."""
+    """Reads a Draco stream from a byte on; raises ``IndexError`` at its end."""
 
-    def __init__(self, stream: bytes, place: int) -> None:
+    def __init__(self, stream: bytes, offset: int) -> None:
         self._stream = stream
-        self._place = place
+        self._offset = offset
 
     def skip(self, count: int) -> None:
-        """Go on by some bytes."""
-        self._place += count
-        if self._place > len(self._stream):
+        """Skip some bytes."""
+        self._offset += count
+        if self._offset > len(self._stream):
             raise IndexError
 
-    def number(self) -> int:
-        """Read a whole number of seven bits a byte, the lowest first."""
+    def read_varint(self) -> int:
+        """Read a variable-length integer, seven bits a byte, the lowest first."""
         value = 0
         for shift in range(0, 35, 7):
-            byte = self._stream[self._place]
-            self._place += 1
+            byte = self._stream[self._offset]
+            self._offset += 1
             value |= (byte & 0x7F) << shift
             if byte < 0x80:
                 return value
         raise ValueError(f"{DRACO}: a number of its stream is too long")
 
     def _skip_name(self) -> None:
-        self.skip(1 + self._stream[self._place])
+        self.skip(1 + self._stream[self._offset])
 
     def skip_metadata(self) -> None:
-        """Pass names and values, and those below them, each with a name of its own."""
+        """Skip metadata: names and values, and nested metadata with their names."""
         waiting, is_below = 1, False
         while waiting:
             if is_below:
                 self._skip_name()
             is_below = True
-            for _ in range(self.number()):
+            for _ in range(self.read_varint()):
                 self._skip_name()
-                self.skip(self.number())
-            waiting += self.number() - 1
+                self.skip(self.read_varint())
+            waiting += self.read_varint() - 1
 
 
 MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
@@ -199,12 +199,12 @@ def decode_meshopt(
         If the bytes are damaged, or are no ``count`` rows.
     """
     check_library(extension)
-    mode, one_filter = needed(packed, "mode"), packed.get("filter", "NONE")
-    for key, value, known in (("mode", mode, MODES), ("filter", one_filter, FILTERS)):
-        if value not in known:
-            listed = ", ".join(known)
-            raise ValueError(f"{extension}: {key} must be one of {listed}, got {shown(value)}")
-    count, size = whole_of(packed, "count"), whole_of(packed, "byteStride")
+    mode, one_filter = require(packed, "mode"), packed.get("filter", "NONE")
+    for key, value, allowed in (("mode", mode, MODES), ("filter", one_filter, FILTERS)):
+        if value not in allowed:
+            listed = ", ".join(allowed)
+            raise ValueError(f"{extension}: {key} must be one of {listed}, got {brief(value)}")
+    count, size = get_integer(packed, "count"), get_integer(packed, "byteStride")
     if not count:
         return b""
     try:
@@ -214,26 +214,26 @@ def decode_meshopt(
     return rows
 
 
-def unpacked_rows(
+def decode_meshopt_rows(
     stored: bytes, count: int, size: int, mode: str, one_filter: str, _: MemoryBudget
 ) -> bytes:
-    """Return ``count`` rows of ``size`` bytes, as meshopt unpacks them."""
+    """Return ``count`` rows of ``size`` bytes, unpacked by meshopt."""
     import meshopt
 
     rows: bytes = meshopt.decode_gltf_buffer(stored, count, size, mode, one_filter).tobytes()
     return rows
 
 
-SIGNATURE = b"\xabKTX 20\xbb\r\n\x1a\n"
+KTX2_SIGNATURE = b"\xabKTX 20\xbb\r\n\x1a\n"
 
-_SIZE = 20
-"""Where the header has the width and the height."""
+_EXTENT_OFFSET = 20
+"""Offset of the width and the height in the header."""
 
-_UNPACKED = 96
-"""Where the index has the bytes of the largest level, unpacked."""
+_LEVEL_SIZE_OFFSET = 96
+"""Offset of the uncompressed size of the largest level in the level index."""
 
 _BLOCK, _BLOCK_BYTES = 4, 16
-"""Texels along a side of a block, and bytes of one that is unpacked, at most."""
+"""Side of a block in texels, and most bytes of an uncompressed block."""
 
 
 def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decoder) -> NDArray[Any]:
@@ -243,7 +243,7 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decode
     Parameters
     ----------
     content : bytes
-        Begins with ``SIGNATURE``.
+        Begins with ``KTX2_SIGNATURE``.
     what : str
         What a message calls it.
     budget : MemoryBudget
@@ -263,9 +263,9 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decode
         the budget or `Texture` allows.
     """
     check_library(BASIS)
-    if len(content) < _SIZE + 8:
+    if len(content) < _EXTENT_OFFSET + 8:
         raise ValueError("it ends too early")
-    size = struct.unpack_from("<II", content, _SIZE)
+    size = struct.unpack_from("<II", content, _EXTENT_OFFSET)
     check_extent("it", *size)
     take_texels(size, what, budget)
     try:
@@ -275,25 +275,25 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decode
     return pixels
 
 
-def transcoded(content: bytes, _: MemoryBudget) -> NDArray[Any]:
-    """Return what `ktx2_pixels` does, as opengl_basisu finds it."""
+def transcode_ktx2(content: bytes, _: MemoryBudget) -> NDArray[Any]:
+    """Return the pixels of a KTX 2 file, transcoded by opengl_basisu."""
     import opengl_basisu
 
     file = opengl_basisu.open(content)
     if file.faces != 1 or file.is_array or file.is_video:
         raise ValueError("it is no single picture")
-    _check_unpacked(content)
+    _check_level_size(content)
     pixels = file.transcode("rgba8").data
     return np.ascontiguousarray(pixels if file.has_alpha else pixels[:, :, :3])
 
 
-def _check_unpacked(content: bytes) -> None:
-    """Raise ``ValueError`` if the largest level is said to be larger, unpacked, than its blocks."""
-    width, height = struct.unpack_from("<II", content, _SIZE)
-    (told,) = struct.unpack_from("<Q", content, _UNPACKED)
-    most = -(-width // _BLOCK) * -(-height // _BLOCK) * _BLOCK_BYTES
-    if told > most:
+def _check_level_size(content: bytes) -> None:
+    """Raise ``ValueError`` if the declared size of the largest level exceeds that of its blocks."""
+    width, height = struct.unpack_from("<II", content, _EXTENT_OFFSET)
+    (declared,) = struct.unpack_from("<Q", content, _LEVEL_SIZE_OFFSET)
+    max_bytes = -(-width // _BLOCK) * -(-height // _BLOCK) * _BLOCK_BYTES
+    if declared > max_bytes:
         raise ValueError(
-            f"its largest level of {width}×{height} texels must have at most {most} bytes "
-            f"unpacked, but says {told}"
+            f"its largest level of {width}×{height} texels must have at most {max_bytes} bytes "
+            f"unpacked, but says {declared}"
         )

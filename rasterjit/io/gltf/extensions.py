@@ -1,8 +1,8 @@
 """
-Read and write the extensions of glTF: layers of materials, variants, and what the others need.
+Read and write glTF's material extensions and variants; the names of all other extensions.
 
-A row of ``LAYERS`` for each extension of materials: which fields of `Material` it has, and what
-they are called. ``docs/guides/gltf.md`` has the table of all extensions;
+A row of ``MATERIAL_EXTENSIONS`` for each extension: which fields of `Material` it has, and
+their names in it. ``docs/guides/gltf.md`` has the table of all extensions;
 ``tests/io/test_gltf_extensions.py`` goes through it.
 
 References
@@ -21,31 +21,31 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from rasterjit.io.gltf.json_checks import list_of, number_of, object_of, shown, whole_of
+from rasterjit.io.gltf.json_checks import brief, get_clamped, get_integer, get_list, get_object
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.material import BRIGHTEST_TINT, MAX_IOR, MAX_THICKNESS, Material
 from rasterjit.scene.texture import ColorSpace
 from rasterjit.scene.validation import in_short
 
-MIN_DISTANCE = 1e-6
-"""In place of 0, where a file says that light is tinted before it goes any way in a body."""
+MIN_ATTENUATION_DISTANCE = 1e-6
+"""Attenuation distance in place of 0, which a file may have."""
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-class Layer(NamedTuple):
-    """The fields of one extension, by those of `Material`."""
+class MaterialExtension(NamedTuple):
+    """The properties of a material extension, by the fields of `Material`."""
 
     numbers: Mapping[str, tuple[str, float, float]] = _NONE
-    """What a number is called, what it is where the file does not say, and its largest value."""
+    """Name, default and largest value of a number."""
     colors: Mapping[str, tuple[str, float, float]] = _NONE
-    """The same of three numbers, which are alike where the file does not say."""
+    """Name, default of all channels and largest value of a colour."""
     textures: Mapping[str, tuple[str, ColorSpace]] = _NONE
-    """What a texture is called, and what its numbers are."""
+    """Name and colour space of a texture."""
 
 
-LAYERS = {
-    "KHR_materials_clearcoat": Layer(
+MATERIAL_EXTENSIONS = {
+    "KHR_materials_clearcoat": MaterialExtension(
         numbers={
             "clearcoat": ("clearcoatFactor", 0.0, 1.0),
             "clearcoat_roughness": ("clearcoatRoughnessFactor", 0.0, 1.0),
@@ -56,7 +56,7 @@ LAYERS = {
             "clearcoat_normal_texture": ("clearcoatNormalTexture", "linear"),
         },
     ),
-    "KHR_materials_sheen": Layer(
+    "KHR_materials_sheen": MaterialExtension(
         numbers={"sheen_roughness": ("sheenRoughnessFactor", 0.0, 1.0)},
         colors={"sheen_color": ("sheenColorFactor", 0.0, 1.0)},
         textures={
@@ -64,7 +64,7 @@ LAYERS = {
             "sheen_roughness_texture": ("sheenRoughnessTexture", "linear"),
         },
     ),
-    "KHR_materials_specular": Layer(
+    "KHR_materials_specular": MaterialExtension(
         numbers={"specular_factor": ("specularFactor", 1.0, 1.0)},
         colors={"specular_color": ("specularColorFactor", 1.0, BRIGHTEST_TINT)},
         textures={
@@ -72,12 +72,12 @@ LAYERS = {
             "specular_color_texture": ("specularColorTexture", "srgb"),
         },
     ),
-    "KHR_materials_ior": Layer(numbers={"ior": ("ior", 1.5, MAX_IOR)}),
-    "KHR_materials_transmission": Layer(
+    "KHR_materials_ior": MaterialExtension(numbers={"ior": ("ior", 1.5, MAX_IOR)}),
+    "KHR_materials_transmission": MaterialExtension(
         numbers={"transmission": ("transmissionFactor", 0.0, 1.0)},
         textures={"transmission_texture": ("transmissionTexture", "linear")},
     ),
-    "KHR_materials_volume": Layer(
+    "KHR_materials_volume": MaterialExtension(
         numbers={
             "thickness": ("thicknessFactor", 0.0, MAX_THICKNESS),
             "attenuation_distance": ("attenuationDistance", math.inf, math.inf),
@@ -86,18 +86,18 @@ LAYERS = {
         textures={"thickness_texture": ("thicknessTexture", "linear")},
     ),
 }
-"""The extensions that are read and written."""
+"""The material extensions that are read and written."""
 
-NORMALS = {"clearcoat_normal_texture": "clearcoat_normal_scale"}
-"""The factor on the normals of a texture: it stands beside the texture."""
+NORMAL_SCALES = {"clearcoat_normal_texture": "clearcoat_normal_scale"}
+"""Field of the scale that a normal texture's entry holds."""
 
-LAYER_TEXTURES = {
-    field: told for layer in LAYERS.values() for field, told in layer.textures.items()
+EXTENSION_TEXTURES = {
+    field: told for layer in MATERIAL_EXTENSIONS.values() for field, told in layer.textures.items()
 }
-"""The textures of all of them."""
+"""Name and colour space of the textures of all material extensions."""
 
 
-def layers_of(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def read_extensions(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     Return the fields that a material's extensions tell, and what tells textures, by its name.
 
@@ -112,63 +112,65 @@ def layers_of(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any
         If what an extension tells is not a number where it has to be.
     """
     fields: dict[str, Any] = {}
-    uses: dict[str, Any] = {}
-    for name, layer in LAYERS.items():
+    infos: dict[str, Any] = {}
+    for name, layer in MATERIAL_EXTENSIONS.items():
         if name not in extensions:
             continue
-        told = object_of(extensions, name)
-        for field, (key, default, most) in layer.numbers.items():
-            fields[field] = number_of(told, key, default, most)
-        for field, (key, default, most) in layer.colors.items():
-            fields[field] = _color(told, key, default, most)
+        extension = get_object(extensions, name)
+        for field, (key, default, limit) in layer.numbers.items():
+            fields[field] = get_clamped(extension, key, default, limit)
+        for field, (key, default, limit) in layer.colors.items():
+            fields[field] = _color(extension, key, default, limit)
         for field, (key, _) in layer.textures.items():
-            uses[key] = told.get(key)
-            if field in NORMALS:
-                scale = number_of(object_of(told, key), "scale", 1.0, 1e3, -1e3)
-                fields[NORMALS[field]] = scale
+            infos[key] = extension.get(key)
+            if field in NORMAL_SCALES:
+                scale = get_clamped(get_object(extension, key), "scale", 1.0, 1e3, -1e3)
+                fields[NORMAL_SCALES[field]] = scale
     if "ior" in fields and 0.0 < fields["ior"] < 1.0:
         # Less than the vacuum has: nothing is mirrored.
         fields["ior"] = 1.0
     if fields.get("attenuation_distance") == 0.0:
-        fields["attenuation_distance"] = MIN_DISTANCE
-    return fields, uses
+        fields["attenuation_distance"] = MIN_ATTENUATION_DISTANCE
+    return fields, infos
 
 
-def _color(told: dict[str, Any], key: str, default: float, most: float) -> tuple[float, ...]:
-    """Return three numbers held within 0..most."""
-    given = told.get(key, (default,) * 3)
-    if not isinstance(given, (list, tuple)) or len(given) != 3:
-        raise ValueError(f"{key} must be 3 numbers, got {shown(given)}")
-    return tuple(number_of({key: part}, key, 0.0, most) for part in given)
+def _color(values: dict[str, Any], key: str, default: float, limit: float) -> tuple[float, ...]:
+    """Return three numbers clamped to 0..limit."""
+    value = values.get(key, (default,) * 3)
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise ValueError(f"{key} must be 3 numbers, got {brief(value)}")
+    return tuple(get_clamped({key: part}, key, 0.0, limit) for part in value)
 
 
-def told_by(material: Material, uses: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def write_extensions(
+    material: Material, infos: dict[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
     """
     Return what the extensions of a material tell, by their names; only those that it needs.
 
     Parameters
     ----------
     material : Material
-    uses : dict
+    infos : dict
         How its textures are used, by field.
     """
-    plain, found = Material(), {}
-    for name, layer in LAYERS.items():
-        told: dict[str, Any] = {}
+    default_material, extensions = Material(), {}
+    for name, layer in MATERIAL_EXTENSIONS.items():
+        extension: dict[str, Any] = {}
         for field, (key, _, _) in layer.numbers.items():
-            if getattr(material, field) != getattr(plain, field):
-                told[key] = getattr(material, field)
+            if getattr(material, field) != getattr(default_material, field):
+                extension[key] = getattr(material, field)
         for field, (key, default, _) in layer.colors.items():
             if getattr(material, field) != (default,) * 3:
-                told[key] = list(getattr(material, field))
+                extension[key] = list(getattr(material, field))
         for field, (key, _) in layer.textures.items():
-            if field in uses:
-                told[key] = uses[field]
-                if field in NORMALS:
-                    told[key]["scale"] = getattr(material, NORMALS[field])
-        if told:
-            found[name] = told
-    return found
+            if field in infos:
+                extension[key] = infos[field]
+                if field in NORMAL_SCALES:
+                    extension[key]["scale"] = getattr(material, NORMAL_SCALES[field])
+        if extension:
+            extensions[name] = extension
+    return extensions
 
 
 VARIANTS = "KHR_materials_variants"
@@ -194,7 +196,7 @@ def variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]
     """
     names: list[str | None] = []
     try:
-        entries = list_of(object_of(object_of(header, _EXTENSIONS), VARIANTS), "variants")
+        entries = get_list(get_object(get_object(header, _EXTENSIONS), VARIANTS), "variants")
     except ValueError as error:
         left_out.note(f"{VARIANTS}, which cannot be read: {error}")
         return names
@@ -210,7 +212,7 @@ def variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]
     return names
 
 
-def mapped_materials(
+def variant_materials(
     primitive: dict[str, Any], names: Sequence[str | None], label: str, left_out: LeftOut
 ) -> dict[str, int]:
     """
@@ -226,26 +228,26 @@ def mapped_materials(
     left_out : LeftOut
         Notes variants that the file has not, that have two materials, and what is damaged.
     """
-    found: dict[str, int] = {}
+    materials: dict[str, int] = {}
     try:
-        extension = object_of(object_of(primitive, _EXTENSIONS), VARIANTS)
-        mappings = list_of(extension, "mappings")
+        extension = get_object(get_object(primitive, _EXTENSIONS), VARIANTS)
+        mappings = get_list(extension, "mappings")
     except ValueError as error:
         left_out.note(f"variants of {label}, which cannot be read: {error}")
-        return found
+        return materials
     for number, mapping in enumerate(mappings):
         try:
-            entry = object_of({"a mapping": mapping}, "a mapping")
-            material = whole_of(entry, "material")
-            variants = list_of(entry, "variants")
+            entry = get_object({"a mapping": mapping}, "a mapping")
+            material = get_integer(entry, "material")
+            variants = get_list(entry, "variants")
         except ValueError as error:
             left_out.note(f"mapping {number} of variants of {label}: {error}")
             continue
         for variant in variants:
-            is_place = isinstance(variant, int) and not isinstance(variant, bool)
-            if not is_place or not 0 <= variant < len(names):
+            is_index = isinstance(variant, int) and not isinstance(variant, bool)
+            if not is_index or not 0 <= variant < len(names):
                 left_out.note(
-                    f"variant {shown(variant)} of {label}, which the file has not "
+                    f"variant {brief(variant)} of {label}, which the file has not "
                     f"(it has {len(names)})"
                 )
                 continue
@@ -253,14 +255,14 @@ def mapped_materials(
             if name is None:
                 # Its name was noted, where the list was read.
                 continue
-            if name in found:
+            if name in materials:
                 left_out.note(f"second material of {label} for the variant {in_short(name)}")
                 continue
-            found[name] = material
-    return found
+            materials[name] = material
+    return materials
 
 
-def written_mappings(
+def variant_mappings(
     materials: Mapping[str, int], names: Sequence[str]
 ) -> dict[str, list[dict[str, Any]]]:
     """
@@ -291,27 +293,27 @@ INSTANCING = "EXT_mesh_gpu_instancing"
 VISIBILITY = "KHR_node_visibility"
 LIGHTS = "KHR_lights_punctual"
 
-PICTURES = (BASIS, "EXT_texture_avif", "EXT_texture_webp", "MSFT_texture_dds")
-"""Extensions that name another picture of a texture; the first one that can be read is taken."""
+IMAGE_EXTENSIONS = (BASIS, "EXT_texture_avif", "EXT_texture_webp", "MSFT_texture_dds")
+"""Extensions that give a texture another image; the first that can be read is used."""
 
-FURTHER_FORMATS = {"EXT_texture_avif": ("AVIF",), "MSFT_texture_dds": ("DDS",)}
-"""Pillow's names of the formats that only an extension allows."""
+EXTENSION_FORMATS = {"EXT_texture_avif": ("AVIF",), "MSFT_texture_dds": ("DDS",)}
+"""Formats, by Pillow's names, that are allowed only in an extension."""
 
 LIBRARIES = {DRACO: "DracoPy", **dict.fromkeys(MESHOPT, "meshopt"), BASIS: "opengl_basisu"}
-"""Modules that decode what an extension compresses; the extra ``gltf`` installs them."""
+"""Modules that decode the data of an extension; the extra ``gltf`` installs them."""
 
-_OLDEST = {"meshopt": (3, 11)}
-"""Versions of Python that a library needs, where they are newer than ours."""
+_MIN_PYTHON = {"meshopt": (3, 11)}
+"""Oldest Python version of a library, where it is newer than ours."""
 
-DRAWN = frozenset(
+SHOWN_EXTENSIONS = frozenset(
     (
-        DRACO, *MESHOPT, *PICTURES, INSTANCING, VISIBILITY, LIGHTS,
+        DRACO, *MESHOPT, *IMAGE_EXTENSIONS, INSTANCING, VISIBILITY, LIGHTS, VARIANTS,
         "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
-        "KHR_mesh_quantization", "KHR_materials_pbrSpecularGlossiness", VARIANTS, *LAYERS,
+        "KHR_mesh_quantization", "KHR_materials_pbrSpecularGlossiness", *MATERIAL_EXTENSIONS,
     )
 )  # fmt: skip
 
-NOTHING_TO_SHOW = frozenset(
+INVISIBLE_EXTENSIONS = frozenset(
     (
         "KHR_collision_shapes", "KHR_node_hoverability", "KHR_node_selectability",
         "KHR_physics_rigid_bodies", "KHR_xmp", "KHR_xmp_json_ld", "EXT_instance_features",
@@ -319,9 +321,9 @@ NOTHING_TO_SHOW = frozenset(
         "FB_geometry_metadata", "GODOT_single_root", "MSFT_lod",
     )
 )  # fmt: skip
-"""Extensions without which a picture is the same: a finest level of detail is shown as it is."""
+"""Extensions that do not change a picture: of levels of detail, the finest is shown."""
 
-UNDERSTOOD = DRAWN | NOTHING_TO_SHOW
+SUPPORTED_EXTENSIONS = SHOWN_EXTENSIONS | INVISIBLE_EXTENSIONS
 """Extensions that a file may require."""
 
 
@@ -334,6 +336,6 @@ def check_library(extension: str) -> None:
     name = LIBRARIES.get(extension)
     if name is None or importlib.util.find_spec(name) is not None:
         return
-    oldest = _OLDEST.get(name, (0, 0))
+    oldest = _MIN_PYTHON.get(name, (0, 0))
     on = f" on Python {'.'.join(map(str, oldest))} or newer" if sys.version_info < oldest else ""
     raise MissingLibraryError(f'{extension} needs {name}{on}; pip install "rasterjit[gltf]"')

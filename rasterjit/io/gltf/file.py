@@ -23,44 +23,44 @@ from numpy.typing import NDArray
 from rasterjit.io.gltf.compression import decode_meshopt
 from rasterjit.io.gltf.extensions import MESHOPT
 from rasterjit.io.gltf.json_checks import (
-    LONGEST_SHOWN,
-    list_of,
-    needed,
-    object_of,
-    shown,
-    whole_of,
+    MAX_VALUE_LENGTH,
+    brief,
+    get_integer,
+    get_list,
+    get_object,
+    require,
 )
 from rasterjit.io.resources import RefusedFileError, Resources
 
 GLB_MAGIC = b"glTF"
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
-_HEAD = 20
-"""Bytes before the JSON of a ``.glb``: the file's header, and the length and kind of a chunk."""
+_GLB_HEADER_BYTES = 20
+"""Bytes before the JSON of a ``.glb``: its header, and length and type of the first chunk."""
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""Types of numbers, by their OpenGL names."""
+"""NumPy types of components, by their OpenGL numbers."""
 
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-"""Numbers in a row of an accessor."""
+"""Components of an element of an accessor."""
 
-ONE_OF = {
+ENTRY_NAMES = {
     "accessors": "accessor", "buffers": "buffer", "bufferViews": "buffer view",
     "cameras": "camera", "images": "image", "materials": "material", "meshes": "mesh",
     "nodes": "node", "samplers": "sampler", "skins": "skin", "textures": "texture",
 }  # fmt: skip
-"""What an entry of a list of the header is called."""
+"""Names of the entries of a list of the header, for messages."""
 
 _JSON_BYTES = 24
-"""What a byte of JSON takes as objects of Python: an empty list, with its comma, 64 for three."""
+"""Memory of a byte of JSON as Python objects: an empty list, with its comma, takes 64 for three."""
 
 _NUMBER_BYTES = 24
-"""What a number of an accessor takes: as it is read, as float64, and in the mesh."""
+"""Memory of a component of an accessor: as it is read, as float64, and in the mesh."""
 
 _SPARSE_BYTES = 16
-"""What a row of a sparse accessor takes besides: its place as int64, and whether that is sound."""
+"""Further memory of a row of a sparse accessor: its index as int64, and its check."""
 
-MAX_ZEROS = 1 << 26
-"""Most rows of an accessor that takes no bytes of the file: a damaged count asks for no memory."""
+MAX_IMPLICIT_ROWS = 1 << 26
+"""Most rows of an accessor without a buffer view: a damaged count takes no memory."""
 
 
 class GltfFile:
@@ -93,10 +93,10 @@ class GltfFile:
         self._resources = resources
         self.budget, self.decoder = resources.budget, resources.decoder
         self._buffers: dict[int, bytes] = {}
-        self._unpacked: dict[int, bytes] = {}
-        """Buffer views that were compressed, by their numbers."""
-        self._decoded: Mapping[int, NDArray[Any]] = {}
-        content = resources.read_itself(path)
+        self._unpacked_views: dict[int, bytes] = {}
+        """Decompressed buffer views, by their numbers."""
+        self._overrides: Mapping[int, NDArray[Any]] = {}
+        content = resources.read_mesh_file(path)
         text, self._chunk = _split_chunks(content)
         self.budget.take("its JSON", len(text) * _JSON_BYTES)
         try:
@@ -110,14 +110,14 @@ class GltfFile:
             raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
         if not isinstance(self.header, dict):
             raise ValueError("the JSON is not an object")
-        asset = object_of(self.header, "asset")
+        asset = get_object(self.header, "asset")
         version = str(asset.get("version", "2.0"))
         if version.split(".")[0] != "2":
-            raise ValueError(f"it is of glTF {version[:LONGEST_SHOWN]}, not 2.0")
+            raise ValueError(f"it is of glTF {version[:MAX_VALUE_LENGTH]}, not 2.0")
         least = str(asset.get("minVersion", "2.0"))
         if least != "2.0":
-            raise ValueError(f"it needs a reader of glTF {least[:LONGEST_SHOWN]}, not 2.0")
-        self.required = frozenset(map(str, list_of(self.header, "extensionsRequired")))
+            raise ValueError(f"it needs a reader of glTF {least[:MAX_VALUE_LENGTH]}, not 2.0")
+        self.required = frozenset(map(str, get_list(self.header, "extensionsRequired")))
 
     def entry(self, section: str, number: Any) -> dict[str, Any]:
         """
@@ -130,13 +130,13 @@ class GltfFile:
         ValueError
             If it is no object, or the list no list.
         """
-        entries = list_of(self.header, section)
-        kind = ONE_OF.get(section, section)
-        is_place = isinstance(number, int) and not isinstance(number, bool)
-        if not is_place or not 0 <= number < len(entries):
-            raise LookupError(f"the file has no {kind} {shown(number)} (it has {len(entries)})")
+        entries = get_list(self.header, section)
+        kind = ENTRY_NAMES.get(section, section)
+        is_index = isinstance(number, int) and not isinstance(number, bool)
+        if not is_index or not 0 <= number < len(entries):
+            raise LookupError(f"the file has no {kind} {brief(number)} (it has {len(entries)})")
         if not isinstance(entries[number], dict):
-            raise ValueError(f"{kind} {number} must be an object, got {shown(entries[number])}")
+            raise ValueError(f"{kind} {number} must be an object, got {brief(entries[number])}")
         return entries[number]
 
     def array(self, number: Any) -> NDArray[Any]:
@@ -150,71 +150,71 @@ class GltfFile:
         """
         accessor = self.entry("accessors", number)
         try:
-            return self._accessed(number, accessor)
+            return self._read_accessor(number, accessor)
         except RefusedFileError:
             raise
         except (ValueError, LookupError) as error:
             raise ValueError(f"accessor {number}: {error}") from error
 
-    def _accessed(self, number: int, accessor: dict[str, Any]) -> NDArray[Any]:
-        """Return what an accessor shows, or raise without its name."""
-        dtype, width = _component(accessor), WIDTHS[_known(accessor, "type", tuple(WIDTHS))]
-        if number in self._decoded:
-            return _as_said(accessor, self._decoded[number], dtype, width)
-        count = whole_of(accessor, "count")
-        taken = f"accessor {number}", count * width * _NUMBER_BYTES
+    def _read_accessor(self, number: int, accessor: dict[str, Any]) -> NDArray[Any]:
+        """Return the rows of an accessor, or raise ``ValueError`` without its number."""
+        dtype, width = _component(accessor), WIDTHS[_get_enum(accessor, "type", tuple(WIDTHS))]
+        if number in self._overrides:
+            return _convert_rows(accessor, self._overrides[number], dtype, width)
+        count = get_integer(accessor, "count")
+        memory = f"accessor {number}", count * width * _NUMBER_BYTES
         if "bufferView" in accessor:
             # This takes nothing, and refuses a count that the buffer does not hold.
             rows = self._rows(accessor, count, width, dtype)
-            self.budget.take(*taken)
-        elif count <= MAX_ZEROS:
-            self.budget.take(*taken)
+            self.budget.take(*memory)
+        elif count <= MAX_IMPLICIT_ROWS:
+            self.budget.take(*memory)
             rows = np.zeros((count, width), dtype)
         else:
             raise ValueError(f"it has {count} rows and no bytes")
         if "sparse" in accessor:
-            sparse = object_of(accessor, "sparse")
-            changes = whole_of(sparse, "count")
+            sparse = get_object(accessor, "sparse")
+            changes = get_integer(sparse, "count")
             if changes > count:
                 raise ValueError(f"sparse: count must be at most {count}, got {changes}")
             self.budget.take(f"sparse accessor {number}", changes * _SPARSE_BYTES)
-            rows = self._with_sparse(rows, sparse, changes, dtype)
-        return _as_said(accessor, rows, dtype, width)
+            rows = self._apply_sparse(rows, sparse, changes, dtype)
+        return _convert_rows(accessor, rows, dtype, width)
 
     @contextmanager
-    def standing_in(self, decoded: Mapping[int, NDArray[Any]]) -> Iterator[None]:
-        """Let arrays, (count, width), stand for accessors, by their numbers, for a while."""
-        self._decoded = decoded
+    def override_accessors(self, overrides: Mapping[int, NDArray[Any]]) -> Iterator[None]:
+        """Let arrays, (count, width), replace accessors, by their numbers, in a ``with`` block."""
+        self._overrides = overrides
         try:
             yield
         finally:
-            self._decoded = {}
+            self._overrides = {}
 
-    def is_decoded(self, number: Any) -> bool:
-        """Tell whether an array stands for an accessor, which its codec may have rounded."""
-        return number in self._decoded
+    def is_overridden(self, number: Any) -> bool:
+        """Tell whether an array replaces an accessor: its codec may have rounded it."""
+        return number in self._overrides
 
-    def _with_sparse(
+    def _apply_sparse(
         self, rows: NDArray[Any], sparse: dict[str, Any], count: int, dtype: np.dtype
     ) -> NDArray[Any]:
-        """Return rows with the ``count`` of them replaced that a sparse accessor says."""
-        indices = object_of(sparse, "indices")
-        places = self._rows(indices, count, 1, _component(indices))[:, 0]
-        wrong = places[~((places >= 0) & (places < len(rows)))]
+        """Return rows with the ``count`` replacements of a sparse accessor."""
+        indices = get_object(sparse, "indices")
+        row_numbers = self._rows(indices, count, 1, _component(indices))[:, 0]
+        wrong = row_numbers[~((row_numbers >= 0) & (row_numbers < len(rows)))]
         if len(wrong):
             raise ValueError(f"sparse indices must be below {len(rows)}, got {wrong[0]}")
-        changed = rows.copy()
-        values = self._rows(object_of(sparse, "values"), count, rows.shape[1], dtype)
-        changed[places.astype(np.int64)] = values
-        return changed
+        result = rows.copy()
+        values = self._rows(get_object(sparse, "values"), count, rows.shape[1], dtype)
+        result[row_numbers.astype(np.int64)] = values
+        return result
 
-    def _rows(self, place: dict[str, Any], count: int, width: int, dtype: np.dtype) -> NDArray[Any]:
+    def _rows(self, entry: dict[str, Any], count: int, width: int, dtype: np.dtype) -> NDArray[Any]:
         """Return rows of a buffer view, or raise ``ValueError`` if it does not hold them."""
-        number = needed(place, "bufferView")
+        number = require(entry, "bufferView")
         view = self.entry("bufferViews", number)
-        stride, offset = whole_of(view, "byteStride", 0), whole_of(place, "byteOffset", 0)
+        stride, offset = get_integer(view, "byteStride", 0), get_integer(entry, "byteOffset", 0)
         stride = stride or width * dtype.itemsize
-        content = self._viewed(number)
+        content = self._view(number)
         end = offset + (count - 1) * stride + width * dtype.itemsize if count else offset
         if end > len(content):
             raise ValueError(
@@ -234,19 +234,19 @@ class GltfFile:
         ValueError, LookupError, OSError
             If they are damaged, or not there.
         """
-        return bytes(self._viewed(number))
+        return bytes(self._view(number))
 
-    def _viewed(self, number: Any) -> bytes | memoryview:
-        """Return the bytes of a buffer view, unpacked if they are compressed, else no copy."""
+    def _view(self, number: Any) -> bytes | memoryview:
+        """Return the bytes of a buffer view, decompressed where needed, else without a copy."""
         view = self.entry("bufferViews", number)
-        extensions = object_of(view, "extensions")
+        extensions = get_object(view, "extensions")
         name = next((name for name in MESHOPT if name in extensions), None)
-        if name is None or (name not in self.required and self._is_there(needed(view, "buffer"))):
+        if name is None or (name not in self.required and self._has_bytes(require(view, "buffer"))):
             return self._stored_bytes(view)
-        if number not in self._unpacked:
-            packed = object_of(extensions, name)
-            count, size = whole_of(packed, "count"), whole_of(packed, "byteStride")
-            most = whole_of(view, "byteLength")
+        if number not in self._unpacked_views:
+            packed = get_object(extensions, name)
+            count, size = get_integer(packed, "count"), get_integer(packed, "byteStride")
+            most = get_integer(view, "byteLength")
             if count * size > most:
                 raise ValueError(
                     f"{name}: {count} rows of {size} bytes must be no more than the {most} bytes "
@@ -254,24 +254,24 @@ class GltfFile:
                 )
             self.budget.take(f"buffer view {number}", count * size)
             stored = bytes(self._stored_bytes(packed))
-            self._unpacked[number] = decode_meshopt(name, packed, stored, self.decoder)
-        return self._unpacked[number]
+            self._unpacked_views[number] = decode_meshopt(name, packed, stored, self.decoder)
+        return self._unpacked_views[number]
 
     def _stored_bytes(self, view: dict[str, Any]) -> memoryview:
-        """Return the bytes of a buffer that an entry points at, no copy."""
-        start, length = whole_of(view, "byteOffset", 0), whole_of(view, "byteLength")
-        number = needed(view, "buffer")
+        """Return the bytes of a buffer that an entry refers to, without a copy."""
+        start, length = get_integer(view, "byteOffset", 0), get_integer(view, "byteLength")
+        number = require(view, "buffer")
         content = memoryview(self._buffer(number))[start : start + length]
         if len(content) < length:
             raise ValueError(f"buffer {number} is cut short")
         return content
 
-    def _is_there(self, number: Any) -> bool:
-        """Tell whether the file says where a buffer's bytes are."""
+    def _has_bytes(self, number: Any) -> bool:
+        """Tell whether a buffer has a URI or is the binary chunk."""
         return "uri" in self.entry("buffers", number) or (number == 0 and self._chunk is not None)
 
     def _buffer(self, number: Any) -> bytes:
-        """Return the bytes of a buffer, read when they are first asked for."""
+        """Return the bytes of a buffer, read on first use."""
         buffer = self.entry("buffers", number)
         if number not in self._buffers:
             if "uri" in buffer:
@@ -282,7 +282,7 @@ class GltfFile:
                 raise ValueError(f"buffer {number} has no bytes")
         return self._buffers[number]
 
-    def picture(self, number: Any) -> bytes:
+    def image_bytes(self, number: Any) -> bytes:
         """
         Return the file of a picture.
 
@@ -296,8 +296,8 @@ class GltfFile:
             return self.view_bytes(image["bufferView"])
         return self._uri_bytes(image["uri"])
 
-    def picture_name(self, number: Any) -> str:
-        """Return what a message calls a picture: its number, and its name or its file's, if any."""
+    def image_name(self, number: Any) -> str:
+        """Return an image's number with its name or file, for messages."""
         image = self.entry("images", number)
         uri = image.get("uri")
         file = uri if isinstance(uri, str) and not uri.startswith("data:") else None
@@ -305,9 +305,9 @@ class GltfFile:
         return f"image {number}" + (f", {str(name)[:80]!r}" if name else "")
 
     def _uri_bytes(self, uri: Any) -> bytes:
-        """Return what a data URI holds, or a file beside this one."""
+        """Return the content of a data URI, or of a file beside this one."""
         if not isinstance(uri, str):
-            raise ValueError(f"uri must be text, got {shown(uri)}")
+            raise ValueError(f"uri must be text, got {brief(uri)}")
         if uri.startswith("data:"):
             kind, _, content = uri.partition(",")
             self.budget.take("a data URI", len(content))
@@ -321,58 +321,58 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON of a file and its binary chunk, if it has one."""
     if content[:4] != GLB_MAGIC:
         return content, None
-    if len(content) < _HEAD:
+    if len(content) < _GLB_HEADER_BYTES:
         raise ValueError(f"it ends too early, after {len(content)} bytes")
     _, version, whole, length, kind = struct.unpack_from("<4sIIII", content)
     if version != 2:
         raise ValueError(f"it is of glTF {version}, not 2.0")
     if kind != JSON_CHUNK:
         raise ValueError("the first chunk is not JSON")
-    end = _HEAD + length
+    end = _GLB_HEADER_BYTES + length
     if len(content) < end:
         raise ValueError(
             f"it ends too early, in its JSON: it has {len(content)} of {max(whole, end)} bytes"
         )
     if len(content) < end + 8:
-        return content[_HEAD:end], None
+        return content[_GLB_HEADER_BYTES:end], None
     length, kind = struct.unpack_from("<II", content, end)
     binary = content[end + 8 : end + 8 + length] if kind == BINARY_CHUNK else None
-    return content[_HEAD:end], binary
+    return content[_GLB_HEADER_BYTES:end], binary
 
 
 def _component(accessor: dict[str, Any]) -> np.dtype:
-    """Return the type of an accessor's numbers, or raise ``ValueError``."""
-    return np.dtype(COMPONENTS[_known(accessor, "componentType", tuple(COMPONENTS))])
+    """Return the component type of an accessor, or raise ``ValueError``."""
+    return np.dtype(COMPONENTS[_get_enum(accessor, "componentType", tuple(COMPONENTS))])
 
 
-def _as_said(
+def _convert_rows(
     accessor: dict[str, Any], rows: NDArray[Any], dtype: np.dtype, width: int
 ) -> NDArray[Any]:
-    """Return rows with the numbers that an accessor says, normalized ones as float64."""
+    """Return rows in an accessor's component type; normalized integers as float64."""
     if rows.dtype != dtype or rows.shape[1] != width:
-        rows = _converted(rows, dtype, width)
+        rows = _cast_rows(rows, dtype, width)
     if accessor.get("normalized") and dtype.kind in "ui":
         return np.maximum(rows / float(np.iinfo(dtype).max), -1.0)
     return rows
 
 
-def _converted(rows: NDArray[Any], dtype: np.dtype, width: int) -> NDArray[Any]:
-    """Return rows of a stream as the numbers that an accessor says, or raise ``ValueError``."""
+def _cast_rows(rows: NDArray[Any], dtype: np.dtype, width: int) -> NDArray[Any]:
+    """Convert decoded rows to an accessor's component type, or raise ``ValueError``."""
     if rows.ndim != 2 or rows.shape[1] != width:
         raise ValueError(f"type must have {width} numbers, got {rows.shape[1:]} in its stream")
     if rows.size and dtype.kind in "ui" and rows.dtype.kind in "ui":
-        held = np.iinfo(dtype)
-        wrong = [int(one) for one in (rows.min(), rows.max()) if not held.min <= one <= held.max]
+        info = np.iinfo(dtype)
+        wrong = [int(one) for one in (rows.min(), rows.max()) if not info.min <= one <= info.max]
         if wrong:
             raise ValueError(f"componentType must hold {wrong[0]}, which is in its stream")
     with np.errstate(invalid="ignore"):
         return rows.astype(dtype)
 
 
-def _known(values: dict[str, Any], key: str, known: tuple[Any, ...]) -> Any:
-    """Return a value that is one of some, or raise ``ValueError``."""
-    value = needed(values, key)
-    if not isinstance(value, (int, str)) or isinstance(value, bool) or value not in known:
-        listed = ", ".join(map(str, known))
-        raise ValueError(f"{key} must be one of {listed}, got {shown(value)}")
+def _get_enum(values: dict[str, Any], key: str, allowed: tuple[Any, ...]) -> Any:
+    """Return a value that is one of the allowed ones, or raise ``ValueError``."""
+    value = require(values, key)
+    if not isinstance(value, (int, str)) or isinstance(value, bool) or value not in allowed:
+        listed = ", ".join(map(str, allowed))
+        raise ValueError(f"{key} must be one of {listed}, got {brief(value)}")
     return value

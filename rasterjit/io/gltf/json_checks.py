@@ -11,93 +11,91 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-_PLAIN = frozenset((int, float))
-"""What numbers of JSON are in Python; a truth value is neither."""
+_NUMBER_TYPES = frozenset((int, float))
+"""Python types of numbers of JSON; ``bool`` is none."""
 
-LONGEST_SHOWN = 60
-"""Characters of a value that a message shows."""
+MAX_VALUE_LENGTH = 60
+"""Most characters of a value in a message."""
 
 
-def shown(value: Any) -> str:
-    """Return a value as it stands in the file, in short."""
+def brief(value: Any) -> str:
+    """Return a value as JSON, shortened, for a message."""
     text = json.dumps(value, ensure_ascii=True, default=repr)
-    return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "..."
+    return text if len(text) <= MAX_VALUE_LENGTH else text[:MAX_VALUE_LENGTH] + "..."
 
 
-def needed(values: dict[str, Any], key: str) -> Any:
-    """Return a value that has to be there, or raise ``ValueError``."""
+def require(values: dict[str, Any], key: str) -> Any:
+    """Return the value of a required key, or raise ``ValueError``."""
     if key not in values:
         raise ValueError(f"{key} is missing")
     return values[key]
 
 
-def object_of(values: dict[str, Any], key: str) -> dict[str, Any]:
-    """Return an object of JSON, empty if there is none, or raise ``ValueError``."""
+def get_object(values: dict[str, Any], key: str) -> dict[str, Any]:
+    """Return the object of a key, empty if it is missing, or raise ``ValueError``."""
     value = values.get(key)
     if value is None:
         return {}
     if not isinstance(value, dict):
-        raise ValueError(f"{key} must be an object, got {shown(value)}")
+        raise ValueError(f"{key} must be an object, got {brief(value)}")
     return value
 
 
-def extension_of(values: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return what an extension says of an entry, empty if nothing, or raise ``ValueError``."""
-    return object_of(object_of(values, "extensions"), name) if "extensions" in values else {}
+def get_extension(values: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return an extension's object of an entry, empty if it is missing, or raise ``ValueError``."""
+    return get_object(get_object(values, "extensions"), name) if "extensions" in values else {}
 
 
-def list_of(values: dict[str, Any], key: str) -> list[Any]:
-    """Return a list of JSON, empty if there is none, or raise ``ValueError``."""
+def get_list(values: dict[str, Any], key: str) -> list[Any]:
+    """Return the list of a key, empty if it is missing, or raise ``ValueError``."""
     value = [] if values.get(key) is None else values[key]
     if not isinstance(value, list):
-        raise ValueError(f"{key} must be a list, got {shown(value)}")
+        raise ValueError(f"{key} must be a list, got {brief(value)}")
     return value
 
 
-def whole_of(values: dict[str, Any], key: str, default: int | None = None) -> int:
-    """Return a whole number at least 0, or raise ``ValueError``; without a default it is needed."""
-    value = needed(values, key) if default is None else values.get(key, default)
+def get_integer(values: dict[str, Any], key: str, default: int | None = None) -> int:
+    """Return a non-negative integer, or raise ``ValueError``; it is required without a default."""
+    value = require(values, key) if default is None else values.get(key, default)
     if not are_numbers((value,)) or value < 0 or value != math.floor(value):
-        raise ValueError(f"{key} must be a whole number at least 0, got {shown(value)}")
+        raise ValueError(f"{key} must be a whole number at least 0, got {brief(value)}")
     return int(value)
 
 
-def number_of(
-    values: dict[str, Any], key: str, default: float, most: float, least: float = 0.0
+def get_clamped(
+    values: dict[str, Any], key: str, default: float, limit: float, minimum: float = 0.0
 ) -> float:
-    """Return a number held within its range; what is not one raises ``ValueError``."""
+    """Return a number clamped to its range, or raise ``ValueError`` if it is none."""
     value = values.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-        raise ValueError(f"{key} must be a number, got {shown(value)}")
-    return float(min(max(value, least), most))
+        raise ValueError(f"{key} must be a number, got {brief(value)}")
+    return float(min(max(value, minimum), limit))
 
 
-def finite_of(values: dict[str, Any], key: str, default: float | None = None) -> float:
-    """Return a finite number, or raise ``ValueError``; without a default it has to be there."""
-    value = needed(values, key) if default is None else values.get(key, default)
+def get_number(values: dict[str, Any], key: str, default: float | None = None) -> float:
+    """Return a finite number, or raise ``ValueError``; it is required without a default."""
+    value = require(values, key) if default is None else values.get(key, default)
     if not are_numbers((value,)):
-        raise ValueError(f"{key} must be a finite number, got {shown(value)}")
+        raise ValueError(f"{key} must be a finite number, got {brief(value)}")
     return float(value)
 
 
-def finite_numbers_of(
-    values: dict[str, Any], key: str, default: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Return as many finite numbers as the default has, or raise ``ValueError``."""
+def get_numbers(values: dict[str, Any], key: str, default: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a tuple of finite numbers as long as the default, or raise ``ValueError``."""
     if key not in values:
         return default
     value = values[key]
     if not isinstance(value, (list, tuple)) or len(value) != len(default):
-        raise ValueError(f"{key} must be {len(default)} numbers, got {shown(value)}")
+        raise ValueError(f"{key} must be {len(default)} numbers, got {brief(value)}")
     if not are_numbers(value):
         wrong = next(part for part in value if not are_numbers((part,)))
-        raise ValueError(f"{key} must be {len(default)} finite numbers, got {shown(wrong)}")
+        raise ValueError(f"{key} must be {len(default)} finite numbers, got {brief(wrong)}")
     return tuple(map(float, value))
 
 
 def are_numbers(values: Sequence[Any]) -> bool:
-    """Tell whether all values are numbers that float64 holds."""
+    """Tell whether all values are numbers that are finite as float64."""
     try:
-        return _PLAIN.issuperset(map(type, values)) and all(map(math.isfinite, values))
+        return _NUMBER_TYPES.issuperset(map(type, values)) and all(map(math.isfinite, values))
     except OverflowError:
         return False

@@ -23,29 +23,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.animations import MovingReader, parent_from_node, trs_of
+from rasterjit.io.gltf.animations import AnimationReader, parent_from_node, trs_of
 from rasterjit.io.gltf.extensions import (
     INSTANCING,
     LIGHTS,
-    UNDERSTOOD,
+    SUPPORTED_EXTENSIONS,
     VISIBILITY,
     MissingLibraryError,
     check_library,
 )
-from rasterjit.io.gltf.file import ONE_OF, GltfFile
+from rasterjit.io.gltf.file import ENTRY_NAMES, GltfFile
 from rasterjit.io.gltf.json_checks import (
-    extension_of,
-    finite_numbers_of,
-    finite_of,
-    list_of,
-    needed,
-    object_of,
-    shown,
-    whole_of,
+    brief,
+    get_extension,
+    get_integer,
+    get_list,
+    get_number,
+    get_numbers,
+    get_object,
+    require,
 )
 from rasterjit.io.gltf.meshes_materials import MaterialReader, MeshReader
 from rasterjit.io.load_warnings import MeshFileError, reason_of
-from rasterjit.io.primitives import Reading
+from rasterjit.io.primitives import Context
 from rasterjit.io.resources import Resources
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
@@ -55,11 +55,11 @@ from rasterjit.scene.transforms import product_of
 from rasterjit.scene.validation import in_short
 
 NODE_BYTES = 4096
-"""What a node of a scene takes."""
+"""Memory of a node of a scene."""
 
 _IDENTITY = np.eye(4).tolist()
 
-_WIDTHS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
+_TRS_WIDTHS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
 
 
 def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] | None:
@@ -82,38 +82,38 @@ def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] |
     ValueError, LookupError
         If the arrays are damaged, or of different lengths.
     """
-    extensions = object_of(node, "extensions")
+    extensions = get_object(node, "extensions")
     if INSTANCING not in extensions:
         return None
-    numbers = object_of(object_of(extensions, INSTANCING), "attributes")
-    rows = {name: file.array(number) for name, number in numbers.items() if name in _WIDTHS}
-    counts = {name: len(found) for name, found in rows.items()}
+    numbers = get_object(get_object(extensions, INSTANCING), "attributes")
+    rows = {name: file.array(number) for name, number in numbers.items() if name in _TRS_WIDTHS}
+    counts = {name: len(values) for name, values in rows.items()}
     if len(set(counts.values())) != 1:
         raise ValueError(f"attributes must be of one length, got {counts or 'none'}")
-    for name, found in rows.items():
-        if found.shape[1] != _WIDTHS[name]:
-            raise ValueError(f"{name} must be {_WIDTHS[name]} numbers, got {found.shape[1]}")
+    for name, values in rows.items():
+        if values.shape[1] != _TRS_WIDTHS[name]:
+            raise ValueError(f"{name} must be {_TRS_WIDTHS[name]} numbers, got {values.shape[1]}")
     count = next(iter(counts.values()))
     file.budget.take("instances", count * NODE_BYTES)
-    listed = {name.lower(): found.astype(np.float64).tolist() for name, found in rows.items()}
-    return [{name: found[place] for name, found in listed.items()} for place in range(count)]
+    listed = {name.lower(): values.astype(np.float64).tolist() for name, values in rows.items()}
+    return [{name: values[number] for name, values in listed.items()} for number in range(count)]
 
 
 GLTF_FORMATS = ("gltf", "glb", "vrm")
-"""Extensions of their files; a .vrm is a GLB file of an avatar."""
+"""Extensions of glTF files; a .vrm is a GLB file of an avatar."""
 
 
-_ENTRIES = {
-    *ONE_OF, "animations", "asset", "extensions", "extensionsRequired", "extensionsUsed", "extras",
-    "scene", "scenes",
+_HEADER_KEYS = {
+    *ENTRY_NAMES, "animations", "asset", "extensions", "extensionsRequired", "extensionsUsed",
+    "extras", "scene", "scenes",
 }  # fmt: skip
-"""Entries of a file that the standard knows."""
+"""Keys of the header that the standard defines."""
 
 _ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEIGHTS)_\d+|_.*")
-"""Attributes of vertices that are read where they are needed."""
+"""Names of vertex attributes that are read."""
 
 
-def load_gltf(path: Path, resources: Resources, reading: Reading) -> Scene:
+def load_gltf(path: Path, resources: Resources, context: Context) -> Scene:
     """
     Read a ``.gltf`` or ``.glb`` file.
 
@@ -122,7 +122,7 @@ def load_gltf(path: Path, resources: Resources, reading: Reading) -> Scene:
     path : Path
     resources : Resources
         The files that it may name.
-    reading : Reading
+    context : Context
 
     Raises
     ------
@@ -130,7 +130,7 @@ def load_gltf(path: Path, resources: Resources, reading: Reading) -> Scene:
         If the file cannot be read or shows nothing.
     """
     try:
-        return _GltfScene(GltfFile(path, resources), reading).scene
+        return _GltfScene(GltfFile(path, resources), context).scene
     except MeshFileError:
         raise
     except Exception as error:
@@ -141,42 +141,42 @@ def load_gltf(path: Path, resources: Resources, reading: Reading) -> Scene:
 
 
 class _GltfScene:
-    """Turns the file's default scene into ``scene``."""
+    """Builds ``scene`` from the file's default scene."""
 
-    def __init__(self, file: GltfFile, reading: Reading) -> None:
+    def __init__(self, file: GltfFile, context: Context) -> None:
         self.scene = Scene()
         self._file = file
-        self._source, self._left_out = reading.source, reading.left_out
-        self._meshes = MeshReader(file, MaterialReader(file, self._left_out), reading)
+        self._source, self._left_out = context.source, context.left_out
+        self._meshes = MeshReader(file, MaterialReader(file, self._left_out), context)
         self.scene.name_variants(self._meshes.variants)
-        self._refuse_what_is_required()
-        self._note_what_is_not_read()
-        self._groups: dict[int, Node] = {}
-        """What stands for nodes of the file that others may hang below, by their numbers."""
-        self._places: dict[int, tuple[list[list[float]], bool]] = {}
-        """Rows of ``world_from_node`` where lights and cameras stand, and whether that moves."""
-        self._moving = MovingReader(file, self._left_out)
-        for place in walk_nodes(file.header):
+        self._check_required_extensions()
+        self._note_unread()
+        self._nodes: dict[int, Node] = {}
+        """Nodes of the scene, by their numbers in the file."""
+        self._worlds: dict[int, tuple[list[list[float]], bool]] = {}
+        """Rows of ``world_from_node`` of cameras and lights; whether an animation moves them."""
+        self._animations = AnimationReader(file, self._left_out)
+        for file_node in walk_nodes(file.header):
             try:
-                self._add_node(place)
+                self._add_node(file_node)
             except MeshFileError:
                 raise
             except ValueError as error:
-                raise ValueError(f"node {place.number}: {error}") from error
-        self._moving.finish(self.scene, self._groups)
+                raise ValueError(f"node {file_node.number}: {error}") from error
+        self._animations.finish(self.scene, self._nodes)
         if not self.scene.nodes:
-            held = (
+            content = (
                 "no faces, lines or points"
                 if self._meshes.is_empty
                 else "meshes but places none in its scene"
             )
-            named = f" ({self._left_out})" if str(self._left_out) else ""
-            raise MeshFileError(f"{self._source} holds {held}{named}")
+            notes = f" ({self._left_out})" if str(self._left_out) else ""
+            raise MeshFileError(f"{self._source} holds {content}{notes}")
 
-    def _refuse_what_is_required(self) -> None:
-        """Raise `MeshFileError` if the file says that it makes no sense without an extension."""
-        required = dict.fromkeys(map(str, list_of(self._file.header, "extensionsRequired")))
-        unknown = [name for name in required if name not in UNDERSTOOD]
+    def _check_required_extensions(self) -> None:
+        """Raise `MeshFileError` if the file requires an extension that is not supported."""
+        required = dict.fromkeys(map(str, get_list(self._file.header, "extensionsRequired")))
+        unknown = [name for name in required if name not in SUPPORTED_EXTENSIONS]
         if unknown:
             raise MeshFileError(
                 f"{self._source} must require no extension that is not read, but "
@@ -188,130 +188,135 @@ class _GltfScene:
             except MissingLibraryError as error:
                 raise MeshFileError(f"{self._source}: {error}") from None
 
-    def _note_what_is_not_read(self) -> None:
-        """Note the extensions, attributes, entries and scenes that are not shown, by name."""
+    def _note_unread(self) -> None:
+        """Note the extensions, attributes, header keys and scenes that are not read."""
         header = self._file.header
         for name, count in count_extensions(header).items():
-            if name not in UNDERSTOOD:
+            if name not in SUPPORTED_EXTENSIONS:
                 self._left_out.note(f"extension {name[:80]}", count)
-        for key in header.keys() - _ENTRIES:
+        for key in header.keys() - _HEADER_KEYS:
             self._left_out.note(f"entry {in_short(key)}")
         for name in _attributes_of(header):
             if not _ATTRIBUTE.fullmatch(name):
                 self._left_out.note(f"attribute {in_short(name)}")
         default = header.get("scene", 0)
-        for number, scene in enumerate(list_of(header, "scenes")):
+        for number, scene in enumerate(get_list(header, "scenes")):
             if number != default and scene != {}:
                 called = scene.get("name", number) if isinstance(scene, dict) else number
                 self._left_out.note(f"scene {in_short(called)}", reason=" beside the one shown")
 
-    def _add_node(self, place: FileNode) -> None:
-        """Add what stands at a node."""
-        if "camera" in place.entry:
-            self._add_camera(place.entry["camera"], self._standing(place, "camera"))
-        light = extension_of(place.entry, LIGHTS).get("light")
-        if light is not None and not place.is_hidden:
-            self._add_light(light, self._standing(place, "light"))
-        if "mesh" in place.entry and not place.is_hidden:
-            self._add_meshes(place)
-        if place.number in self._moving.wanted and place.number not in self._groups:
-            self._group_at(place)
-        if place.number in self._moving.targets and "matrix" not in place.entry:
-            self._groups[place.number]._trs = trs_of(place.entry)
+    def _add_node(self, file_node: FileNode) -> None:
+        """Add the camera, light and meshes of a node."""
+        if "camera" in file_node.entry:
+            self._add_camera(file_node.entry["camera"], self._world_of(file_node, "camera"))
+        light = get_extension(file_node.entry, LIGHTS).get("light")
+        if light is not None and not file_node.is_hidden:
+            self._add_light(light, self._world_of(file_node, "light"))
+        if "mesh" in file_node.entry and not file_node.is_hidden:
+            self._add_meshes(file_node)
+        if (
+            file_node.number in self._animations.required_nodes
+            and file_node.number not in self._nodes
+        ):
+            self._group_of(file_node)
+        if file_node.number in self._animations.animated_nodes and "matrix" not in file_node.entry:
+            self._nodes[file_node.number]._trs = trs_of(file_node.entry)
 
-    def _standing(self, place: FileNode, what: str) -> NDArray[np.float64]:
+    def _world_of(self, file_node: FileNode, what: str) -> NDArray[np.float64]:
         """
         Return ``world_from_node``, the product from the topmost on, where something stands.
 
         Note that what is no node does not move with one that an animation moves.
         """
         missing: list[FileNode] = []
-        above: FileNode | None = place
-        while above is not None and above.number not in self._places:
-            missing.append(above)
-            above = above.above
-        rows, is_moved = (_IDENTITY, False) if above is None else self._places[above.number]
+        parent: FileNode | None = file_node
+        while parent is not None and parent.number not in self._worlds:
+            missing.append(parent)
+            parent = parent.parent
+        rows, is_moved = (_IDENTITY, False) if parent is None else self._worlds[parent.number]
         for one in reversed(missing):
             rows = product_of(rows, one.parent_from_node)
-            is_moved = is_moved or one.number in self._moving.targets
-            self._places[one.number] = rows, is_moved
+            is_moved = is_moved or one.number in self._animations.animated_nodes
+            self._worlds[one.number] = rows, is_moved
         if is_moved:
             self._left_out.note(f"movement of a {what}")
         return np.array(rows)
 
-    def _add_meshes(self, place: FileNode) -> None:
-        """Add the mesh of a node, a part for each primitive, or its instances."""
-        instances = self._instances(place)
+    def _add_meshes(self, file_node: FileNode) -> None:
+        """Add the mesh of a node, a node for each primitive, or its instances."""
+        instances = self._instances(file_node)
         if instances is not None:
-            self._add_instances(place, instances)
+            self._add_instances(file_node, instances)
             return
-        for part, mesh in enumerate(self._meshes.read(place.entry["mesh"])):
-            label = f"{place.name} part {part + 1}" if part else place.name
+        for part, mesh in enumerate(self._meshes.read(file_node.entry["mesh"])):
+            label = f"{file_node.name} part {part + 1}" if part else file_node.name
             if part:
-                node = self.scene.add(mesh, None, label, parent=self._groups[place.number])
-                self._moving.know_drawn(place.number, place.entry, node)
+                node = self.scene.add(mesh, None, label, parent=self._nodes[file_node.number])
+                self._animations.add_mesh_node(file_node.number, file_node.entry, node)
                 continue
-            parent = self._group_above(place)
-            with self._naming(label):
-                node = self.scene.add(mesh, np.array(place.parent_from_node), label, parent=parent)
-            self._groups[place.number] = node
-            self._moving.know_drawn(place.number, place.entry, node)
+            parent = self._parent_group(file_node)
+            with self._name_node_in_errors(label):
+                node = self.scene.add(
+                    mesh, np.array(file_node.parent_from_node), label, parent=parent
+                )
+            self._nodes[file_node.number] = node
+            self._animations.add_mesh_node(file_node.number, file_node.entry, node)
 
-    def _instances(self, place: FileNode) -> list[list[list[float]]] | None:
-        """Return where the instances of a node stand, or None, with a note if they are damaged."""
+    def _instances(self, file_node: FileNode) -> list[list[list[float]]] | None:
+        """Return the transforms of a node's instances; None, with a note, if they are damaged."""
         try:
-            found = instances_of(self._file, place.entry)
-            return None if found is None else [parent_from_node(one) for one in found]
+            entries = instances_of(self._file, file_node.entry)
+            return None if entries is None else [parent_from_node(one) for one in entries]
         except (ValueError, LookupError) as error:
-            self._left_out.note(f"{INSTANCING} of node {place.number}: {reason_of(error)}")
+            self._left_out.note(f"{INSTANCING} of node {file_node.number}: {reason_of(error)}")
             return None
 
-    def _add_instances(self, place: FileNode, instances: list[list[list[float]]]) -> None:
-        """Add a group and, below it, a node for each part of each instance."""
-        meshes = self._meshes.read(place.entry["mesh"])
+    def _add_instances(self, file_node: FileNode, instances: list[list[list[float]]]) -> None:
+        """Add a group with a node for each primitive of each instance."""
+        meshes = self._meshes.read(file_node.entry["mesh"])
         if not meshes or not instances:
             return
-        above = self._group_above(place)
-        with self._naming(place.name):
-            group = Node(None, place.parent_from_node, place.name, parent=above)
-            if above is None:
+        parent = self._parent_group(file_node)
+        with self._name_node_in_errors(file_node.name):
+            group = Node(None, file_node.parent_from_node, file_node.name, parent=parent)
+            if parent is None:
                 self.scene.add(group)
-            self._groups[place.number] = group
+            self._nodes[file_node.number] = group
             for number, node_from_instance in enumerate(instances):
                 for part, mesh in enumerate(meshes):
-                    label = f"{place.name} instance {number + 1}"
+                    label = f"{file_node.name} instance {number + 1}"
                     label += f" part {part + 1}" if part else ""
                     self.scene.add(mesh, np.array(node_from_instance), label, parent=group)
 
     @contextmanager
-    def _naming(self, node: str) -> Iterator[None]:
+    def _name_node_in_errors(self, node: str) -> Iterator[None]:
         """Let errors name the file and a node."""
         try:
             yield
         except ValueError as error:
             raise MeshFileError(f"{self._source}: node {node!r}: {error}") from error
 
-    def _group_above(self, place: FileNode) -> Node | None:
-        """Return what a node hangs below; groups are made where a mesh hangs below them."""
-        return None if place.above is None else self._group_at(place.above)
+    def _parent_group(self, file_node: FileNode) -> Node | None:
+        """Return the parent of a node, made if it does not exist; None for a root."""
+        return None if file_node.parent is None else self._group_of(file_node.parent)
 
-    def _group_at(self, place: FileNode) -> Node:
-        """Return what stands for a node of the file; it is made, with all above, if it is not."""
-        if place.number in self._groups:
-            return self._groups[place.number]
-        missing = [place]
-        while place.above is not None and place.above.number not in self._groups:
-            place = place.above
-            missing.append(place)
-        node = None if place.above is None else self._groups[place.above.number]
+    def _group_of(self, file_node: FileNode) -> Node:
+        """Return the node of a node of the file, made with its ancestors if it does not exist."""
+        if file_node.number in self._nodes:
+            return self._nodes[file_node.number]
+        missing = [file_node]
+        while file_node.parent is not None and file_node.parent.number not in self._nodes:
+            file_node = file_node.parent
+            missing.append(file_node)
+        node = None if file_node.parent is None else self._nodes[file_node.parent.number]
         for one in reversed(missing):
-            with self._naming(one.name):
+            with self._name_node_in_errors(one.name):
                 group = Node(None, one.parent_from_node, one.name, parent=node)
-            node = self._groups[one.number] = self.scene.add(group) if node is None else group
-        return self._groups[missing[0].number]
+            node = self._nodes[one.number] = self.scene.add(group) if node is None else group
+        return self._nodes[missing[0].number]
 
     def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
-        """Keep the first camera, which looks along its node's -z; a mirroring node has none."""
+        """Set the scene's camera to the first one, along its node's -z, unless its node mirrors."""
         if self.scene.camera is not None:
             self._left_out.note("further camera")
             return
@@ -320,20 +325,20 @@ class _GltfScene:
             camera = self._file.entry("cameras", number)
             if mirrors(world_from_node):
                 raise ValueError("its node must not mirror, got a determinant below 0")
-            kind = needed(camera, "type")
+            kind = require(camera, "type")
             if kind not in ("orthographic", "perspective"):
-                raise ValueError(f"type must be orthographic or perspective, got {shown(kind)}")
-            values = object_of(camera, kind)
-            far = finite_of(values, "zfar") if "zfar" in values else math.inf
-            clip = {"near": finite_of(values, "znear"), "far": far}
+                raise ValueError(f"type must be orthographic or perspective, got {brief(kind)}")
+            values = get_object(camera, kind)
+            far = get_number(values, "zfar") if "zfar" in values else math.inf
+            clip = {"near": get_number(values, "znear"), "far": far}
             if kind == "orthographic":
-                height = 2.0 * finite_of(values, "ymag")
+                height = 2.0 * get_number(values, "ymag")
                 self.scene.camera = OrthographicCamera(eye, eye + ahead, up, height=height, **clip)
             else:
-                fov_y = math.degrees(finite_of(values, "yfov"))
+                fov_y = math.degrees(get_number(values, "yfov"))
                 self.scene.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
         except (LookupError, ValueError) as error:
-            self._left_out.note(f"camera {shown(number)}, which cannot be used: {reason_of(error)}")
+            self._left_out.note(f"camera {brief(number)}, which cannot be used: {reason_of(error)}")
 
     def _add_light(self, number: Any, world_from_node: NDArray) -> None:
         """
@@ -344,66 +349,66 @@ class _GltfScene:
         """
         position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
-            found = object_of(object_of(self._file.header, "extensions"), LIGHTS)
-            lights = list_of(found, "lights")
-            is_place = isinstance(number, int) and not isinstance(number, bool)
-            if not is_place or not 0 <= number < len(lights):
+            extension = get_object(get_object(self._file.header, "extensions"), LIGHTS)
+            lights = get_list(extension, "lights")
+            is_index = isinstance(number, int) and not isinstance(number, bool)
+            if not is_index or not 0 <= number < len(lights):
                 raise LookupError(f"the file has {len(lights)} lights")
-            light = object_of({"it": lights[number]}, "it")
-            kind, color = needed(light, "type"), finite_numbers_of(light, "color", (1.0, 1.0, 1.0))
+            light = get_object({"it": lights[number]}, "it")
+            kind, color = require(light, "type"), get_numbers(light, "color", (1.0, 1.0, 1.0))
             intensity = _intensity(light) / math.pi
-            reach = finite_of(light, "range") if "range" in light else None
+            light_range = get_number(light, "range") if "range" in light else None
             if kind == "directional":
                 self.scene.lights.append(DirectionalLight(direction, color, intensity))
             elif kind == "point":
-                self.scene.lights.append(PointLight(position, color, intensity, range=reach))
+                self.scene.lights.append(PointLight(position, color, intensity, range=light_range))
             elif kind == "spot":
-                cone = object_of(light, "spot")
-                inner = math.degrees(finite_of(cone, "innerConeAngle", 0.0))
-                outer = math.degrees(finite_of(cone, "outerConeAngle", math.pi / 4.0))
+                cone = get_object(light, "spot")
+                inner = math.degrees(get_number(cone, "innerConeAngle", 0.0))
+                outer = math.degrees(get_number(cone, "outerConeAngle", math.pi / 4.0))
                 self.scene.lights.append(
-                    SpotLight(position, direction, color, intensity, inner, outer, reach)
+                    SpotLight(position, direction, color, intensity, inner, outer, light_range)
                 )
             else:
                 self._left_out.note(f"{str(kind)[:80]} light")
         except (LookupError, ValueError) as error:
-            self._left_out.note(f"light {shown(number)}, which cannot be used: {reason_of(error)}")
+            self._left_out.note(f"light {brief(number)}, which cannot be used: {reason_of(error)}")
 
 
 def _attributes_of(header: dict[str, Any]) -> Iterator[str]:
-    """Yield the name of each attribute of each primitive; what is damaged has none."""
-    for mesh in list_of(header, "meshes"):
+    """Yield the attribute names of all primitives; damaged entries are skipped."""
+    for mesh in get_list(header, "meshes"):
         primitives = mesh.get("primitives") if isinstance(mesh, dict) else None
         for primitive in primitives if isinstance(primitives, list) else ():
-            said = primitive.get("attributes") if isinstance(primitive, dict) else None
-            yield from said if isinstance(said, dict) else ()
+            attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
+            yield from attributes if isinstance(attributes, dict) else ()
 
 
 def count_extensions(header: dict[str, Any]) -> dict[str, int]:
-    """Return how often each extension is used, declared or not: 1 for one that is declared only."""
+    """Count the uses of each extension; 1 for one that is only declared."""
     counts: Counter[str] = Counter()
-    waiting: list[Any] = [header]
-    while waiting:
-        one = waiting.pop()
+    pending: list[Any] = [header]
+    while pending:
+        one = pending.pop()
         if isinstance(one, dict):
-            held = one.get("extensions")
-            counts.update(map(str, held) if isinstance(held, dict) and one is not header else ())
-            waiting += [
+            used = one.get("extensions")
+            counts.update(map(str, used) if isinstance(used, dict) and one is not header else ())
+            pending += [
                 value
                 for key, value in one.items()
                 if isinstance(value, (dict, list)) and key != "extras"
             ]
         else:
-            waiting += [value for value in one if isinstance(value, (dict, list))]
-    declared = [*list_of(header, "extensionsUsed"), *object_of(header, "extensions")]
+            pending += [value for value in one if isinstance(value, (dict, list))]
+    declared = [*get_list(header, "extensionsUsed"), *get_object(header, "extensions")]
     return {**dict.fromkeys(map(str, declared), 1), **counts}
 
 
 def _intensity(light: dict[str, Any]) -> float:
-    """Return how bright a light is, as the file says it, or raise ``ValueError``."""
-    value = finite_of(light, "intensity", 1.0)
+    """Return the intensity of a light, or raise ``ValueError``."""
+    value = get_number(light, "intensity", 1.0)
     if value < 0.0:
-        raise ValueError(f"intensity must be a number at least 0, got {shown(light['intensity'])}")
+        raise ValueError(f"intensity must be a number at least 0, got {brief(light['intensity'])}")
     return value
 
 
@@ -412,16 +417,16 @@ class FileNode(NamedTuple):
 
     number: int
     entry: dict[str, Any]
-    above: FileNode | None
-    """What it hangs below."""
+    parent: FileNode | None
+    """Parent node."""
     parent_from_node: list[list[float]]
-    """Rows of its own transform."""
+    """Rows of its local transform."""
     is_hidden: bool
-    """Whether it, or a node above it, is said to be invisible."""
+    """Whether it or an ancestor is invisible."""
 
     @property
     def name(self) -> str:
-        """What the file calls it, or its number."""
+        """Its name, or its number if it has none."""
         return str(self.entry.get("name", self.number))
 
 
@@ -434,55 +439,55 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
     ValueError
         Naming the node, the key and the value that is not of the kind that it must be.
     """
-    nodes, scenes = list_of(header, "nodes"), list_of(header, "scenes")
+    nodes, scenes = get_list(header, "nodes"), get_list(header, "scenes")
     if scenes:
-        number = whole_of(header, "scene", 0)
+        number = get_integer(header, "scene", 0)
         if number >= len(scenes):
-            raise ValueError(f"scene must be below {len(scenes)}, got {shown(number)}")
+            raise ValueError(f"scene must be below {len(scenes)}, got {brief(number)}")
         roots = _numbers_of_nodes({"its scene": scenes[number]}, "its scene", "nodes", nodes)
     else:
         # A file without scenes is shown whole.
-        named = {f"node {number}": node for number, node in enumerate(nodes)}
-        hanging = {
-            child for name in named for child in _numbers_of_nodes(named, name, "children", nodes)
+        table = {f"node {number}": node for number, node in enumerate(nodes)}
+        inner = {
+            child for name in table for child in _numbers_of_nodes(table, name, "children", nodes)
         }
-        roots = [number for number in range(len(nodes)) if number not in hanging]
-    waiting: list[tuple[int, FileNode | None]] = [(number, None) for number in reversed(roots)]
-    seen: set[int] = set()
-    while waiting:
-        number, above = waiting.pop()
-        if number in seen:
+        roots = [number for number in range(len(nodes)) if number not in inner]
+    pending: list[tuple[int, FileNode | None]] = [(number, None) for number in reversed(roots)]
+    visited: set[int] = set()
+    while pending:
+        number, parent = pending.pop()
+        if number in visited:
             continue
-        seen.add(number)
+        visited.add(number)
         name = f"node {number}"
-        node = object_of({name: nodes[number]}, name)
+        node = get_object({name: nodes[number]}, name)
         children = _numbers_of_nodes({name: node}, name, "children", nodes)
         try:
             rows = parent_from_node(node)
-            said = extension_of(node, VISIBILITY)
-            is_hidden = said.get("visible") is False or (above is not None and above.is_hidden)
+            flags = get_extension(node, VISIBILITY)
+            is_hidden = flags.get("visible") is False or (parent is not None and parent.is_hidden)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
-        if above is None:
+        if parent is None:
             # As those of all others that are products: none is below zero.
             rows = [[value + 0.0 for value in row] for row in rows]
-        place = FileNode(number, node, above, rows, is_hidden)
-        yield place
-        waiting += [(child, place) for child in reversed(children)]
+        file_node = FileNode(number, node, parent, rows, is_hidden)
+        yield file_node
+        pending += [(child, file_node) for child in reversed(children)]
 
 
-def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
-    """Return the numbers of nodes that an entry lists, or raise ``ValueError`` naming it."""
-    entry = object_of(named, name)
+def _numbers_of_nodes(table: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
+    """Return the node numbers that an entry lists, or raise ``ValueError`` naming the entry."""
+    entry = get_object(table, name)
     if key not in entry:
         return []
     try:
-        found = list_of(entry, key)
-        for number in found:
-            if whole_of({key: number}, key) >= len(nodes):
+        numbers = get_list(entry, key)
+        for number in numbers:
+            if get_integer({key: number}, key) >= len(nodes):
                 if not nodes:
-                    raise ValueError(f"{key} names {shown(number)}, but the file has no nodes")
-                raise ValueError(f"{key} must be below {len(nodes)}, got {shown(number)}")
+                    raise ValueError(f"{key} names {brief(number)}, but the file has no nodes")
+                raise ValueError(f"{key} must be below {len(nodes)}, got {brief(number)}")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
-    return [int(number) for number in found]
+    return [int(number) for number in numbers]

@@ -1,1 +1,1 @@
-"""Point clouds: what a file says of one, and the readers of formats that hold nothing else."""
+"""Read the point cloud formats PCD, LAS and LAZ."""

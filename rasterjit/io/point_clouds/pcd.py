@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import meant_names
+from rasterjit.io.text.mesh_builder import normalize_names
 from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
 from rasterjit.scene.color import srgb_to_linear
 
-_LITERALS = 32
-"""Control bytes below stand before bytes as they are."""
+_MIN_REFERENCE = 32
+"""Control bytes below this precede literal bytes."""
 
-_LONG = 7
-"""The length that says that a further byte has the rest of it."""
+_EXTENDED_LENGTH = 7
+"""Length with which a further byte has the rest."""
 
 
 def unpack_lzf(packed: bytes, size: int) -> bytes:
     """
-    Return what was packed.
+    Unpack LZF data.
 
     Parameters
     ----------
@@ -47,35 +47,35 @@ def unpack_lzf(packed: bytes, size: int) -> bytes:
     ValueError
         If it is damaged, or its result is of another size.
     """
-    made, at, end = bytearray(), 0, len(packed)
+    content, at, end = bytearray(), 0, len(packed)
     try:
-        while at < end and len(made) <= size:
+        while at < end and len(content) <= size:
             control = packed[at]
             at += 1
-            if control < _LITERALS:
-                made += packed[at : at + control + 1]
+            if control < _MIN_REFERENCE:
+                content += packed[at : at + control + 1]
                 at += control + 1
                 continue
             length = control >> 5
-            if length == _LONG:
+            if length == _EXTENDED_LENGTH:
                 length += packed[at]
                 at += 1
             distance = ((control & 31) << 8) + packed[at] + 1
             at += 1
             length += 2
-            begin = len(made) - distance
+            begin = len(content) - distance
             if begin < 0:
                 raise ValueError("it refers to bytes before its first")
             if distance >= length:
-                made += made[begin : begin + length]
+                content += content[begin : begin + length]
             else:
                 # The bytes repeat themselves.
-                made += (made[begin:] * (length // distance + 1))[:length]
+                content += (content[begin:] * (length // distance + 1))[:length]
     except IndexError:
         raise ValueError("it is cut short") from None
-    if len(made) != size or at > end:
-        raise ValueError(f"it unpacks to {len(made)} bytes in place of {size}")
-    return bytes(made)
+    if len(content) != size or at > end:
+        raise ValueError(f"it unpacks to {len(content)} bytes in place of {size}")
+    return bytes(content)
 
 
 _TYPES = {
@@ -86,26 +86,26 @@ _TYPES = {
 
 _POSITION, _NORMAL = ("x", "y", "z"), ("normal_x", "normal_y", "normal_z")
 _COLORS = ("rgb", "rgba")
-"""Fields of four bytes: blue, green, red and, of the latter, alpha."""
+"""Fields of packed colours: blue, green, red and, of the latter, alpha."""
 
-_PADDING = "_"
+_PADDING_FIELD = "_"
 
-_MEANT = (_POSITION, _NORMAL, *((name,) for name in _COLORS))
-"""Fields that mean the same in capitals."""
+_KNOWN_NAMES = (_POSITION, _NORMAL, *((name,) for name in _COLORS))
+"""Field names that are read in any case."""
 
-_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Position and quaternion of who saw the points, unless the head says another one."""
+_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""Default viewpoint: position and quaternion."""
 
-_HEAD_WORDS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
+_HEADER_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
                "VIEWPOINT", "POINTS", "DATA")  # fmt: skip
 
 _MAX_VALUES = 1 << 20
-"""Values of all fields of a point, at most."""
+"""Most values of all fields of a point."""
 
 
 @dataclass
 class _Field:
-    """Values of each point: their name, type and number."""
+    """A field of a point: its name, type and number of values."""
 
     name: str
     kind: np.dtype
@@ -114,22 +114,22 @@ class _Field:
 
 @dataclass
 class _Head:
-    """What the head of a file says."""
+    """The header of a file."""
 
     fields: list[_Field]
     points: int
     form: str
     at: int
-    """Where its rows begin."""
+    """Offset of the points."""
     has_viewpoint: bool
-    """Whether it was seen from elsewhere than the origin, or along another axis."""
+    """Whether the header has another viewpoint than the default."""
 
 
 def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
     """Return the cloud of a PCD file, or raise `MeshFileError`."""
-    data = resources.read_itself(path)
+    data = resources.read_mesh_file(path)
     try:
-        head = _head(data)
+        head = _read_head(data)
         resources.budget.take(
             f"its {head.points} points",
             head.points * BINARY_BYTES * sum(one.kind.itemsize * one.count for one in head.fields),
@@ -148,12 +148,12 @@ def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     return [_cloud(path, columns, left_out)]
 
 
-def _head(data: bytes) -> _Head:
-    """Read the head of a file, or raise ``ValueError``."""
+def _read_head(data: bytes) -> _Head:
+    """Read the header of a file, or raise ``ValueError``."""
     # Lines of a word and what it says, up to DATA.
-    said: dict[str, list[str]] = {}
+    values: dict[str, list[str]] = {}
     at, number, ending = 0, 0, line_end(data)
-    while "DATA" not in said:
+    while "DATA" not in values:
         end = data.find(ending, at)
         if end < 0:
             raise ValueError("its head has no DATA")
@@ -162,47 +162,47 @@ def _head(data: bytes) -> _Head:
         if not words or words[0].startswith("#"):
             continue
         words[0] = words[0].upper()
-        if words[0] not in _HEAD_WORDS:
+        if words[0] not in _HEADER_KEYS:
             raise ValueError(
-                f"line {number}: expected one of {', '.join(_HEAD_WORDS)}, got {words[0][:40]!r}"
+                f"line {number}: expected one of {', '.join(_HEADER_KEYS)}, got {words[0][:40]!r}"
             )
-        said[words[0]] = words[1:]
+        values[words[0]] = words[1:]
     # The fields of a point.
-    names = said.get("FIELDS", said.get("COLUMNS", []))
-    counts = said.get("COUNT", ["1"] * len(names))
-    sizes, types = said.get("SIZE", ["4"] * len(names)), said.get("TYPE", ["F"] * len(names))
+    names = values.get("FIELDS", values.get("COLUMNS", []))
+    counts = values.get("COUNT", ["1"] * len(names))
+    sizes, types = values.get("SIZE", ["4"] * len(names)), values.get("TYPE", ["F"] * len(names))
     if not names or not len(names) == len(counts) == len(sizes) == len(types):
         raise ValueError(
             f"FIELDS, SIZE, TYPE and COUNT must be as many, got {len(names)}, {len(sizes)}, "
             f"{len(types)} and {len(counts)}"
         )
     fields = []
-    names = meant_names(names, _MEANT)
+    names = normalize_names(names, _KNOWN_NAMES)
     for name, size, kind, count in zip(names, sizes, types, counts, strict=True):
-        known = _TYPES.get((kind.upper(), _whole("SIZE", size)))
-        if known is None:
+        dtype = _TYPES.get((kind.upper(), _whole("SIZE", size)))
+        if dtype is None:
             raise ValueError(f"field {name[:40]!r} must be of a known type, got {kind} of {size}")
-        fields.append(_Field(name, np.dtype(known), _whole("COUNT", count)))
+        fields.append(_Field(name, np.dtype(dtype), _whole("COUNT", count)))
     if not 0 < sum(one.count for one in fields) <= _MAX_VALUES:
         raise ValueError(f"COUNT must name 1 to {_MAX_VALUES} values of a point")
     # How many points there are, and how they are written.
-    shape = [_whole(key, *said[key]) for key in ("WIDTH", "HEIGHT") if key in said]
-    points = _whole("POINTS", *said["POINTS"]) if "POINTS" in said else math.prod(shape or [0])
+    shape = [_whole(key, *values[key]) for key in ("WIDTH", "HEIGHT") if key in values]
+    points = _whole("POINTS", *values["POINTS"]) if "POINTS" in values else math.prod(shape or [0])
     if len(shape) == 2 and math.prod(shape) != points:
         raise ValueError(
             f"POINTS must be WIDTH times HEIGHT, got {points}, {shape[0]} and {shape[1]}"
         )
-    form = " ".join(said["DATA"]).lower()
-    if form not in ("ascii", "binary", "binary_compressed"):
-        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {form[:40]!r}")
+    mode = " ".join(values["DATA"]).lower()
+    if mode not in ("ascii", "binary", "binary_compressed"):
+        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {mode[:40]!r}")
     has_viewpoint = any(
-        _is_other(*pair) for pair in zip(said.get("VIEWPOINT", ()), _VIEWPOINT, strict=False)
+        _is_other(*pair) for pair in zip(values.get("VIEWPOINT", ()), _ORIGIN, strict=False)
     )
-    return _Head(fields, points, form, at, has_viewpoint)
+    return _Head(fields, points, mode, at, has_viewpoint)
 
 
 def _is_other(word: str, number: float) -> bool:
-    """Tell whether a word is another number."""
+    """Tell whether a word is not a given number."""
     try:
         return float(word) != number
     except ValueError:
@@ -210,7 +210,7 @@ def _is_other(word: str, number: float) -> bool:
 
 
 def _whole(name: str, *words: str) -> int:
-    """Return a number that a line of the head has, or raise ``ValueError``."""
+    """Return the integer of a header line, or raise ``ValueError``."""
     if len(words) != 1 or not words[0].isdecimal() or len(words[0]) > 15:
         raise ValueError(f"{name} must be a whole number, got {' '.join(words)[:40]!r}")
     return int(words[0])
@@ -226,11 +226,11 @@ def _text_columns(lines: TextLines, head: _Head, damage: Damage) -> dict[str, ND
         damage.line(lines, int(rows[head.points]), "no line behind those that its head says")
     rows = rows[: head.points]
     what = f"a point ({', '.join(one.name for one in head.fields)})"
-    values, found = number_rows(lines, rows, 0, width, what, damage)
-    for row in np.flatnonzero(found > width).tolist():
+    values, counts = number_rows(lines, rows, 0, width, what, damage)
+    for row in np.flatnonzero(counts > width).tolist():
         damage.line(lines, int(rows[row]), f"{width} numbers of {what}")
-    good = found == width
-    begins = (np.cumsum(found) - found)[good]
+    good = counts == width
+    begins = (np.cumsum(counts) - counts)[good]
     table = values[begins[:, np.newaxis] + np.arange(width)]
     columns, at = {}, 0
     for one in head.fields:
@@ -238,7 +238,7 @@ def _text_columns(lines: TextLines, head: _Head, damage: Damage) -> dict[str, ND
             part = table[:, at : at + one.count]
             # Whole numbers of 32 bits that stand for a packed colour are no floats.
             is_bits = one.name in _COLORS and bool((part >= 1.0).any())
-            columns[one.name] = _shaped(part.astype("<u4" if is_bits else one.kind), one.count)
+            columns[one.name] = _squeeze(part.astype("<u4" if is_bits else one.kind), one.count)
         at += one.count
     return columns
 
@@ -246,11 +246,11 @@ def _text_columns(lines: TextLines, head: _Head, damage: Damage) -> dict[str, ND
 def _binary_columns(data: bytes, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
     """Return the values of each field, (N,) or (N, count), of a binary file."""
     kind = np.dtype([(f"v{n}", one.kind, (one.count,)) for n, one in enumerate(head.fields)])
-    room = (len(data) - head.at) // kind.itemsize
-    if room < head.points:
-        damage.end(f"{head.points} points, as its head says", f"room for {room}")
-    rows = np.frombuffer(data, kind, min(room, head.points), head.at)
-    return {one.name: _shaped(rows[f"v{n}"], one.count) for n, one in enumerate(head.fields)}
+    max_points = (len(data) - head.at) // kind.itemsize
+    if max_points < head.points:
+        damage.end(f"{head.points} points, as its head says", f"room for {max_points}")
+    rows = np.frombuffer(data, kind, min(max_points, head.points), head.at)
+    return {one.name: _squeeze(rows[f"v{n}"], one.count) for n, one in enumerate(head.fields)}
 
 
 def _packed_columns(data: bytes, head: _Head) -> dict[str, NDArray[Any]]:
@@ -267,18 +267,18 @@ def _packed_columns(data: bytes, head: _Head) -> dict[str, NDArray[Any]]:
     unpacked, at, columns = unpack_lzf(content, size), 0, {}
     for one in head.fields:
         values = np.frombuffer(unpacked, one.kind, head.points * one.count, at)
-        columns[one.name] = _shaped(values.reshape(-1, one.count), one.count)
+        columns[one.name] = _squeeze(values.reshape(-1, one.count), one.count)
         at += values.nbytes
     return columns
 
 
-def _shaped(values: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return rows of one value as a column."""
+def _squeeze(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return columns of one value as (N,)."""
     return values[:, 0] if count == 1 else values
 
 
 def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> Cloud:
-    """Return what the fields mean."""
+    """Return the cloud of the columns by the meaning of their names."""
     if any(name not in columns or columns[name].ndim != 1 for name in _POSITION):
         raise MeshFileError(
             f"{path} must have the fields x, y and z, got {', '.join(columns)[:80]}"
@@ -291,15 +291,15 @@ def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> C
             left_out.note(f"field {name!r} that holds no packed colours")
     if all(name in columns and columns[name].ndim == 1 for name in _NORMAL):
         normals = np.column_stack([columns[name] for name in _NORMAL])
-    known = {*_POSITION, *(_NORMAL if normals is not None else ()), *_COLORS, _PADDING}
+    used = {*_POSITION, *(_NORMAL if normals is not None else ()), *_COLORS, _PADDING_FIELD}
     return Cloud(
         path.name, np.column_stack([columns[name] for name in _POSITION]).astype(np.float64),
-        colors, normals, {name: values for name, values in columns.items() if name not in known},
+        colors, normals, {name: values for name, values in columns.items() if name not in used},
     )  # fmt: skip
 
 
 def _packed_colors(column: NDArray[Any], has_alpha: bool) -> NDArray[np.float32]:
-    """Return colours that are packed in the bits of a number, as linear RGBA."""
+    """Return packed colours as linear RGBA."""
     codes = np.ascontiguousarray(column).view("<u1").reshape(-1, 4)
     rgba = np.ones((len(codes), 4), np.float32)
     rgba[:, :3] = srgb_to_linear(codes[:, 2::-1])

@@ -1,4 +1,4 @@
-"""What our readers find, and the scene that it becomes."""
+"""Geometries and scenes of readers as plain data; convert them to `Mesh` and `Scene`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import primitives
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
-from rasterjit.io.resources import LONGEST_NAME
+from rasterjit.io.resources import MAX_NAME_LENGTH
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.distinct_rows import distinct_rows
@@ -21,27 +21,27 @@ from rasterjit.scene.mesh import Mesh, with_face_scalars, with_face_values
 from rasterjit.scene.node import Node, tops_of
 from rasterjit.scene.scene import Scene
 
-COLORS_BESIDE = "colours beside a material or texture coordinates"
-"""What is not shown, as trimesh's readers do not bring it."""
+COLORS_NOTE = "colours beside a material or texture coordinates"
+"""Note about colours that are not shown, as trimesh's readers skip them, too."""
 
 
 _MESH_BYTES, _VERTEX_BYTES = 4096, 80
-"""What a mesh takes besides its arrays, and what a vertex does, as it is read and in the mesh."""
+"""Memory of a mesh without its arrays, and of a vertex, while it is read and in the mesh."""
 
 POLYGON_CORNER_BYTES = 24
-"""What a corner of a polygon takes, before its polygon is cut into faces."""
+"""Memory of a corner of a polygon, before its polygon is triangulated."""
 
 _VALUE_BYTES = 12
-"""What a value of an attribute takes, in the mesh and while it is split."""
+"""Memory of a value of an attribute, in the mesh and while creases are split."""
 
 _FACE_BYTES, _SPLIT_FACE_BYTES = 64, 160
-"""What a face takes, of a mesh with normals and of one that gets them."""
+"""Memory of a face of a mesh with normals, and of one without, whose creases are split."""
 
 
 @dataclass(frozen=True)
-class Part:
+class MeshData:
     """
-    A mesh as a file has it.
+    The arrays of a mesh, as a file has them.
 
     Parameters
     ----------
@@ -76,90 +76,88 @@ class Part:
     bare: NDArray[np.bool_] | None = None
 
 
-Thing: TypeAlias = Part | primitives.Cloud | primitives.LineDrawing
-"""What a reader finds."""
+Geometry: TypeAlias = MeshData | primitives.Cloud | primitives.LineSet
+"""The geometries that readers return."""
 
 
-def scene_of_parts(parts: Iterable[Thing], reading: primitives.Reading) -> Scene:
-    """Return a scene with a node for each thing, or raise `MeshFileError`, naming it."""
+def build_scene(parts: Iterable[Geometry], context: primitives.Context) -> Scene:
+    """Return a scene with a node for each geometry, or raise `MeshFileError` naming it."""
     scene = Scene()
     for part in parts:
-        scene.add(thing_mesh(part, reading), name=part.name or None)
+        scene.add(geometry_mesh(part, context), name=part.name or None)
     return scene
 
 
-def thing_mesh(thing: Thing, reading: primitives.Reading) -> Mesh:
-    """Return a thing as a mesh with normals, points or lines, or raise `MeshFileError`."""
-    if isinstance(thing, primitives.Cloud):
-        return primitives.points_of(thing, reading)
-    if isinstance(thing, primitives.LineDrawing):
-        return primitives.lines_of(thing, reading)
-    return mesh_of_part(thing, reading)
+def geometry_mesh(geometry: Geometry, context: primitives.Context) -> Mesh:
+    """Return a geometry as a mesh with normals, points or lines, or raise `MeshFileError`."""
+    if isinstance(geometry, primitives.Cloud):
+        return primitives.make_points(geometry, context)
+    if isinstance(geometry, primitives.LineSet):
+        return primitives.make_lines(geometry, context)
+    return mesh_of_data(geometry, context)
 
 
-def mesh_of_part(part: Part, reading: primitives.Reading) -> Mesh:
-    """Return a mesh with normals, or raise `MeshFileError`, naming the source and its name."""
-    left_out = reading.left_out
-    each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
-    needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
-    own = (*part.attributes.values(), *part.face_attributes.values())
-    needed += _VALUE_BYTES * sum(values.size for values in own)
-    reading.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
+def mesh_of_data(part: MeshData, context: primitives.Context) -> Mesh:
+    """Return a `Mesh` with normals, or raise `MeshFileError` naming its source and name."""
+    left_out = context.left_out
+    face_bytes = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
+    memory = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + face_bytes * len(part.faces)
+    attribute_values = (*part.attributes.values(), *part.face_attributes.values())
+    memory += _VALUE_BYTES * sum(values.size for values in attribute_values)
+    context.take(f"the mesh {part.name[:MAX_NAME_LENGTH]!r}", memory)
     uv, material = _finite_uv(part.uv, left_out), part.material
     if uv is None and material is not None:
         material = without_textures(part.name, material, left_out)
     try:
-        mesh = primitives.mesh_of(
-            f"mesh {part.name[:LONGEST_NAME]!r}", left_out, vertices=part.vertices,
+        mesh = primitives.make_mesh(
+            f"mesh {part.name[:MAX_NAME_LENGTH]!r}", left_out, vertices=part.vertices,
             faces=part.faces, normals=primitives.finite_normals(part.normals, left_out), uv=uv,
             material=material, colors=part.colors if part.face_scalars is None else None,
-            on_invalid=reading.on_invalid, scalars=part.scalars if part.colors is None else None,
-            attributes=primitives.usable_attributes(part.attributes, len(part.vertices), left_out),
+            on_invalid=context.on_invalid, scalars=part.scalars if part.colors is None else None,
+            attributes=primitives.finite_attributes(part.attributes, len(part.vertices), left_out),
         )  # fmt: skip
-        of_faces = primitives.usable_attributes(part.face_attributes, len(part.faces), left_out)
+        of_faces = primitives.finite_attributes(part.face_attributes, len(part.faces), left_out)
         with_face_values(mesh, mesh.face_colors, of_faces)
         if part.face_scalars is not None:
             with_face_scalars(mesh, part.face_scalars)
-        return _with_all_normals(mesh, part.bare, reading)
+        return _fill_normals(mesh, part.bare, context)
     except ValueError as error:
-        raise MeshFileError(f"{reading.source}: mesh {part.name!r}: {error}") from error
+        raise MeshFileError(f"{context.source}: mesh {part.name!r}: {error}") from error
 
 
-def _with_all_normals(
-    mesh: Mesh, bare: NDArray[np.bool_] | None, reading: primitives.Reading
-) -> Mesh:
-    """Return a mesh in which faces with a corner without a normal have made ones."""
+def _fill_normals(mesh: Mesh, bare: NDArray[np.bool_] | None, context: primitives.Context) -> Mesh:
+    """Return a mesh with computed normals, for all faces or for the ``bare`` ones."""
     if mesh.normals is None:
-        return mesh.split_creases(reading.crease_angle)
+        return mesh.split_creases(context.crease_angle)
     if bare is None or not bare.any():
         return mesh
-    made = mesh.split_creases(reading.crease_angle)
-    faces = np.where(bare[:, np.newaxis], made.faces + len(mesh.vertices), mesh.faces)
-    used, which = np.unique(faces, return_inverse=True)
+    split = mesh.split_creases(context.crease_angle)
+    faces = np.where(bare[:, np.newaxis], split.faces + len(mesh.vertices), mesh.faces)
+    used, indices = np.unique(faces, return_inverse=True)
 
-    def of_both(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-        """Return the rows in use of two arrays of vertices."""
-        return np.concatenate([one, other])[used]
+    def of_both(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+        """Return the used rows of two arrays of vertices."""
+        return np.concatenate([first, second])[used]
 
-    def if_given(one: NDArray[Any] | None, other: NDArray[Any] | None) -> NDArray[Any] | None:
-        """Return the same, or None if the mesh has no such values."""
-        return None if one is None or other is None else of_both(one, other)
+    def if_given(first: NDArray[Any] | None, second: NDArray[Any] | None) -> NDArray[Any] | None:
+        """Return the used rows of two arrays, or None if the mesh has no such array."""
+        return None if first is None or second is None else of_both(first, second)
 
     attributes = {
-        name: of_both(values, made.vertex_attributes[name])
+        name: of_both(values, split.vertex_attributes[name])
         for name, values in mesh.vertex_attributes.items()
     }
     both = Mesh(
-        of_both(mesh.vertices, made.vertices), which.reshape(-1, 3),
-        normals=if_given(mesh.normals, made.normals), uv=if_given(mesh.uv, made.uv),
-        colors=if_given(mesh.vertex_colors, made.vertex_colors), attributes=attributes,
-        material=mesh.material, on_invalid=reading.on_invalid,
+        of_both(mesh.vertices, split.vertices), indices.reshape(-1, 3),
+        normals=if_given(mesh.normals, split.normals), uv=if_given(mesh.uv, split.uv),
+        colors=if_given(mesh.vertex_colors, split.vertex_colors), attributes=attributes,
+        material=mesh.material, on_invalid=context.on_invalid,
     )  # fmt: skip
     return with_face_values(both, mesh.face_colors, mesh.face_attributes)
 
 
 def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
-    """Return texture coordinates, or None with a note if one is not finite."""
+    """Return texture coordinates; None, with a note, if one is not finite."""
     if values is not None and not np.isfinite(values).all():
         left_out.note("uv with NaN or infinity")
         return None
@@ -167,7 +165,7 @@ def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] |
 
 
 def without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
-    """Return a material for a mesh without texture coordinates: without textures."""
+    """Return a material without its textures, for a mesh without texture coordinates."""
     fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
     if not fields:
         return material
@@ -175,9 +173,9 @@ def without_textures(name: str, material: Material, left_out: LeftOut) -> Materi
     return with_textures(material, dict.fromkeys(fields))
 
 
-def meant_names(names: Sequence[str], groups: Iterable[Sequence[str]]) -> list[str]:
+def normalize_names(names: Sequence[str], groups: Iterable[Sequence[str]]) -> list[str]:
     """
-    Return names, in small letters those of groups that are there whole, written in whatever case.
+    Return names, in lower case where they form a complete group in any case.
 
     Parameters
     ----------
@@ -188,19 +186,19 @@ def meant_names(names: Sequence[str], groups: Iterable[Sequence[str]]) -> list[s
 
     Examples
     --------
-    >>> meant_names(["X", "Y", "z", "T"], [("x", "y", "z"), ("s", "t")])
+    >>> normalize_names(["X", "Y", "z", "T"], [("x", "y", "z"), ("s", "t")])
     ['x', 'y', 'z', 'T']
     """
-    found = {name.lower(): name for name in reversed(names)}
-    found |= {name: name for name in names if name == name.lower()}
-    whole = (group for group in groups if all(one in found for one in group))
-    meant = {found[one]: one for group in whole for one in group}
-    return [meant.get(name, name) for name in names]
+    by_lower_name = {name.lower(): name for name in reversed(names)}
+    by_lower_name |= {name: name for name in names if name == name.lower()}
+    complete = (group for group in groups if all(one in by_lower_name for one in group))
+    normalized = {by_lower_name[one]: one for group in complete for one in group}
+    return [normalized.get(name, name) for name in names]
 
 
 def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
     """
-    Return colours, (N, 3|4), as linear RGBA.
+    Return sRGB or linear colours, (N, 3|4), as linear RGBA.
 
     Whole numbers count to the largest of their type. Bytes are sRGB unless ``is_linear``.
     """
@@ -215,7 +213,7 @@ def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
 
 
 def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours, of which floats count from 0 to 1, as bytes."""
+    """Return colours as bytes; floats count from 0 to 1."""
     if colors.dtype.kind == "f":
         finite = np.where(np.isfinite(colors), colors, 0.0)
         return (np.clip(finite, 0.0, 1.0) * 255.0).round().astype(np.uint8)
@@ -224,9 +222,9 @@ def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
     return np.clip(colors, 0, 255).astype(np.uint8)
 
 
-def joined(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def unique_rows(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
-    Number the different rows of a table, in their order.
+    Number the distinct rows of a table, sorted lexicographically.
 
     Parameters
     ----------
@@ -251,7 +249,7 @@ def triangles(
     counts: NDArray[np.int64], by_size: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
-    Cut polygons into triangles, as trimesh does.
+    Triangulate polygons, as trimesh does.
 
     Parameters
     ----------
@@ -287,7 +285,7 @@ def triangles(
 
 def strip_triangles(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
-    Cut strips into triangles, of which every second one is turned over.
+    Triangulate strips; every second triangle is turned over.
 
     Parameters
     ----------
@@ -308,15 +306,15 @@ def strip_triangles(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArr
     return np.stack([first, first + 1 + odd, first + 2 - odd], axis=1), strips
 
 
-def sound_polygons(
+def valid_polygons(
     corners: NDArray[Any],
     counts: NDArray[np.int64],
-    there: NDArray[np.bool_],
+    is_valid_vertex: NDArray[np.bool_],
     report: Callable[[int], None],
     left_out: LeftOut,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """
-    Leave out polygons of fewer than 3 corners, and those that refer to no vertex.
+    Drop polygons of fewer than 3 corners, and those with corners that are no vertices.
 
     Parameters
     ----------
@@ -324,7 +322,7 @@ def sound_polygons(
         Numbers of vertices, one polygon after the other.
     counts : (F,) int64
         How many of them each polygon has.
-    there : (V,) bool
+    is_valid_vertex : (V,) bool
         Which vertices can be used.
     report : callable
         Told the number of each polygon that refers to none.
@@ -337,111 +335,111 @@ def sound_polygons(
     counts, polygons : (G,) int64
         Corners and number of each polygon that is left.
     """
-    kept = (corners >= 0) & (corners < len(there))
-    whole = np.where(kept, corners, 0).astype(np.int64)
-    if len(there):
-        kept &= (whole == corners) & there[whole]
-    of_corners = np.repeat(np.arange(len(counts)), counts)
-    sound = np.ones(len(counts), bool)
-    sound[of_corners[~kept]] = False
-    for polygon in np.flatnonzero(~sound).tolist():
+    valid = (corners >= 0) & (corners < len(is_valid_vertex))
+    integers = np.where(valid, corners, 0).astype(np.int64)
+    if len(is_valid_vertex):
+        valid &= (integers == corners) & is_valid_vertex[integers]
+    polygon_of_corner = np.repeat(np.arange(len(counts)), counts)
+    is_sound = np.ones(len(counts), bool)
+    is_sound[polygon_of_corner[~valid]] = False
+    for polygon in np.flatnonzero(~is_sound).tolist():
         report(polygon)
-    few = sound & (counts < 3)
-    if few.any():
-        left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(few)))
-    sound &= ~few
-    return whole[sound[of_corners]], counts[sound], np.flatnonzero(sound)
+    is_degenerate = is_sound & (counts < 3)
+    if is_degenerate.any():
+        left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(is_degenerate)))
+    is_sound &= ~is_degenerate
+    return integers[is_sound[polygon_of_corner]], counts[is_sound], np.flatnonzero(is_sound)
 
 
 class Names:
-    """Give names, none of them twice."""
+    """Makes names unique."""
 
     def __init__(self) -> None:
-        self._given: set[str] = set()
+        self._taken: set[str] = set()
         self._next: dict[str, int] = {}
 
     def unique(self, name: str) -> str:
-        """Return a name, with a number behind it if it is given already."""
-        found = name
-        if not name or name in self._given:
+        """Return a name, with a number appended if it was returned before."""
+        candidate = name
+        if not name or name in self._taken:
             stem, number = name or "geometry", 0
             parts = name.rsplit("_", 1)
             if len(parts) == 2 and parts[1].isdecimal() and len(parts[1]) < 10:
                 stem, number = parts[0], int(parts[1])
-            passed = []
+            skipped = []
             number += 1
-            found = f"{stem}_{number}"
-            while found in self._given:
-                passed.append(found)
-                number = self._next.get(found, number + 1)
-                found = f"{stem}_{number}"
+            candidate = f"{stem}_{number}"
+            while candidate in self._taken:
+                skipped.append(candidate)
+                number = self._next.get(candidate, number + 1)
+                candidate = f"{stem}_{number}"
             # Who comes this way again goes on from here.
-            self._next.update(dict.fromkeys(passed, number + 1))
-        self._given.add(found)
-        return found
+            self._next.update(dict.fromkeys(skipped, number + 1))
+        self._taken.add(candidate)
+        return candidate
 
 
 @dataclass(frozen=True)
-class Place:
+class NodeRecord:
     """
-    A node.
+    A node of a scene as plain data.
 
     Parameters
     ----------
     name : str
     transform : (4, 4) float64
         Relative to the parent or, without one, to the world.
-    parent, thing : int, optional
-        Numbers of a place before it, and of what stands there.
+    parent, geometry : int, optional
+        Numbers of an earlier node, and of its geometry.
     """
 
     name: str
     transform: NDArray[np.float64]
     parent: int | None = None
-    thing: int | None = None
+    geometry: int | None = None
 
 
 @dataclass(frozen=True)
-class Assembly:
+class SceneRecord:
     """
-    Things, and where each stands.
+    A scene as plain data: geometries, nodes, camera and lights.
 
     Parameters
     ----------
-    things : list of Part, Cloud or Drawing
-    places : list of Place
-    drawn : list of int
-        Numbers of the places with a thing, in the order of the scene's objects.
+    geometries : list of MeshData, Cloud or LineSet
+    nodes : list of NodeRecord
+    mesh_nodes : list of int
+        Numbers of the nodes with a geometry, in the order of the scene's objects.
     camera : PerspectiveCamera, optional
     lights : list of Light
     """
 
-    things: list[Thing]
-    places: list[Place]
-    drawn: list[int]
+    geometries: list[Geometry]
+    nodes: list[NodeRecord]
+    mesh_nodes: list[int]
     camera: PerspectiveCamera | None = None
     lights: list[Light] = field(default_factory=list)
 
 
-def scene_of_assembly(found: Assembly, reading: primitives.Reading) -> Scene:
-    """Return a scene of what a file or an object holds, or raise `MeshFileError`."""
-    meshes = [thing_mesh(one, reading) for one in found.things]
-    nodes: list[Node] = []
-    for place in found.places:
-        parent: Any = None if place.parent is None else nodes[place.parent]
+def scene_of_record(record: SceneRecord, context: primitives.Context) -> Scene:
+    """Return a `Scene` of its plain data, or raise `MeshFileError`."""
+    meshes = [geometry_mesh(one, context) for one in record.geometries]
+    scene_nodes: list[Node] = []
+    for node_record in record.nodes:
+        parent: Any = None if node_record.parent is None else scene_nodes[node_record.parent]
         try:
-            nodes.append(Node(None, place.transform, place.name, parent=parent))
+            scene_nodes.append(Node(None, node_record.transform, node_record.name, parent=parent))
         except ValueError as error:
-            raise MeshFileError(f"{reading.source}: node {place.name!r}: {error}") from error
-    drawn = [nodes[number] for number in found.drawn]
-    for number, node in zip(found.drawn, drawn, strict=True):
-        thing = found.places[number].thing
-        node.mesh = None if thing is None else meshes[thing]
+            raise MeshFileError(f"{context.source}: node {node_record.name!r}: {error}") from error
+    mesh_nodes = [scene_nodes[number] for number in record.mesh_nodes]
+    for number, node in zip(record.mesh_nodes, mesh_nodes, strict=True):
+        geometry = record.nodes[number].geometry
+        node.mesh = None if geometry is None else meshes[geometry]
     scene = Scene()
-    for top in tops_of(drawn):
+    for top in tops_of(mesh_nodes):
         scene._take(top, is_new=True)
     # Objects are numbered as the file has them, whatever they hang below.
-    scene.nodes[:] = drawn
-    scene.camera = found.camera
-    scene.lights += found.lights
+    scene.nodes[:] = mesh_nodes
+    scene.camera = record.camera
+    scene.lights += record.lights
     return scene

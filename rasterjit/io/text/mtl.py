@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.images import in_16_bits, resized
+from rasterjit.io.images import resize_grey, to_uint16
 from rasterjit.io.load_warnings import LeftOut, MissingFileError, reason_of
-from rasterjit.io.resources import RefusedFileError, Resources, shown_name
+from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
 from rasterjit.io.text.mesh_builder import srgb_bytes
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
@@ -28,32 +28,32 @@ from rasterjit.scene.texture import FARTHEST_MOVE, Texture
 from rasterjit.scene.validation import in_short
 
 GREY = (102, 102, 102, 255)
-"""The colour that a material has whose file names none, as in trimesh."""
+"""Default colour of materials, sRGB, as trimesh has it."""
 
 _STATEMENT_BYTES = 64
-"""What a byte of an MTL file takes at most, as statements."""
+"""Most memory of a byte of an MTL file, as statements."""
 
 MAX_SHININESS = 1000.0
 """Largest exponent: a highlight of about two degrees, which pixels still resolve."""
 
-_MAPS = ("map_kd", "map_d")
-"""Pictures that are shown: of the colour, and of the opacity."""
+_MAP_STATEMENTS = ("map_kd", "map_d")
+"""Statements of images that are shown: colour and opacity."""
 
 _COMMENT_LENGTH = 400
-"""Characters of an MTL file among which its writer is named."""
+"""Characters of an MTL file that are searched for the program that wrote it."""
 
-_OPTIONS = {
+_OPTION_DEFAULTS = {
     "-blendu": ("on",), "-blendv": ("on",), "-cc": ("off",), "-clamp": ("off",), "-imfchan": ("",),
     "-bm": ("1",), "-boost": ("0",), "-texres": ("",), "-mm": ("0", "1"), "-o": ("0", "0", "0"),
     "-s": ("1", "1", "1"), "-t": ("0", "0", "0"),
 }  # fmt: skip
-"""Options before the name of a picture: as many words as may follow, those that change nothing."""
+"""Options of an image, with default values for each word that may follow."""
 
-_CHANNEL = "-imfchan"
-"""The option that names the channel of a picture."""
+_CHANNEL_OPTION = "-imfchan"
+"""Option of an image that selects its channel."""
 
-_LAID = {"-s": "scale", "-o": "offset", "-clamp": "wrap"}
-"""Options that a texture keeps, and as what."""
+_TEXTURE_OPTIONS = {"-s": "scale", "-o": "offset", "-clamp": "wrap"}
+"""Options that become sampling fields of a texture."""
 
 _NUMBERS, _OPACITIES = ("kd", "ks", "ns"), ("d", "tr")
 
@@ -61,19 +61,19 @@ _NEUTRAL = {
     "ke": 0.0, "tf": 1.0, "pr": 0.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "pcr": 0.0, "aniso": 0.0,
     "anisor": 0.0,
 }  # fmt: skip
-"""Numbers that are not shown, and their value that changes nothing."""
+"""Statements of numbers that are not shown, with the value that has no effect."""
 
-_WITHOUT_EFFECT = ("ka", "illum", "ni", "sharpness", "map_aat")
-"""Statements that other lights, or rays, would need."""
+_IGNORED_STATEMENTS = ("ka", "illum", "ni", "sharpness", "map_aat")
+"""Statements without effect here: other lights or ray tracing need them."""
 
-_PICTURES = ("bump", "disp", "decal", "refl", "norm")
-"""Pictures that are not shown, besides those whose statements begin with ``map_``."""
+_UNREAD_MAPS = ("bump", "disp", "decal", "refl", "norm")
+"""Statements of images that are not shown, besides those that begin with ``map_``."""
 
 
 @dataclass
 class MtlMaterial:
     """
-    A material as an MTL file says it.
+    A material of an MTL file, in sRGB.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class MtlMaterial:
         Colours in bytes, sRGB.
     glossiness : float, optional
         Exponent of the highlight.
-    said : dict
+    statements : dict
         What the file says, by the statement's name in lower case.
     """
 
@@ -90,25 +90,25 @@ class MtlMaterial:
     diffuse: Any = GREY
     specular: Any = GREY
     glossiness: float | None = None
-    said: dict[str, Any] = field(default_factory=dict)
+    statements: dict[str, Any] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
     """Statements that are not shown."""
 
-    def take(self, statement: str, words: list[str]) -> None:
-        """Keep what a statement says; one without the numbers that belong there is not shown."""
+    def add_statement(self, statement: str, words: list[str]) -> None:
+        """Store a statement; one with wrong numbers is not shown."""
         key = statement.lower()
-        if key in _MAPS:
-            self.said[key] = PictureUse.of(words)
+        if key in _MAP_STATEMENTS:
+            self.statements[key] = MtlTexture.parse(words)
             return
-        words = without_comment(words)
+        words = strip_comment_words(words)
         if key in _OPACITIES and words and _is_finite(words[-1]):
-            self.said[key] = words
+            self.statements[key] = words
             self.unread += [f"{' '.join(words[:-1])} of {statement}"] * (len(words) > 1)
         elif key in _OPACITIES:
-            self.unread.append(_in_words(statement, words))
-        elif key.startswith("map_") or key in _PICTURES or key not in _NUMBERS:
+            self.unread.append(_describe_statement(statement, words))
+        elif key.startswith("map_") or key in _UNREAD_MAPS or key not in _NUMBERS:
             is_neutral = key in _NEUTRAL and all(_is_number(one, _NEUTRAL[key]) for one in words)
-            if key not in _WITHOUT_EFFECT and not is_neutral:
+            if key not in _IGNORED_STATEMENTS and not is_neutral:
                 self.unread.append(statement)
         elif key in _NUMBERS:
             numbers = [float(word) for word in words] if all(map(_is_finite, words)) else []
@@ -123,12 +123,12 @@ class MtlMaterial:
                 else:
                     self.specular = rgba
             else:
-                self.unread.append(_in_words(statement, words))
+                self.unread.append(_describe_statement(statement, words))
                 return
-            self.said[key] = numbers
+            self.statements[key] = numbers
 
 
-def material_from_mtl(
+def convert_mtl_material(
     material: MtlMaterial,
     texture: Texture | None,
     has_opacity: bool,
@@ -136,29 +136,29 @@ def material_from_mtl(
     tr_is_opacity: bool = False,
 ) -> Material:
     """
-    Translate a material of an MTL file.
+    Convert a material of an MTL file to `Material`.
 
     ``Kd`` and ``Ks`` are sRGB, ``Ns`` is the Blinn-Phong exponent, where 1 or less is no highlight;
     the strength of the highlight is the mean of ``Ks``. What the file does not say keeps the
     engine's defaults.
     """
-    said = material.said
+    statements = material.statements
     default = Material(base_color_texture=texture)
     color = None
-    if "kd" in said or tuple(material.diffuse) != GREY:
+    if "kd" in statements or tuple(material.diffuse) != GREY:
         rgb = srgb_to_linear(np.asarray(material.diffuse, dtype=np.uint8)[:3])
         color = (*rgb.tolist(), float(material.diffuse[3]) / 255.0)
-    opacity = _opacity(said, tr_is_opacity)
+    opacity = _opacity(statements, tr_is_opacity)
     alpha = opacity if color is None else color[3] * opacity
     if color is None and alpha < 1.0:
         color = default.base_color_over(False)
     if texture is not None and not texture.is_opaque and not has_opacity:
         left_out.note(f"alpha of the map_Kd of material {material.name!r}, which has no map_d")
     specular, shininess = default.specular, default.shininess
-    if "ks" in said:
+    if "ks" in statements:
         ks = np.asarray(material.specular, dtype=np.uint8)[:3]
         specular = float(srgb_to_linear(ks).mean())
-    if "ns" in said and material.glossiness is not None:
+    if "ns" in statements and material.glossiness is not None:
         shininess = min(max(material.glossiness, 1.0), MAX_SHININESS)
         if material.glossiness <= 1.0:
             # Exporters write 0 for no highlight; an exponent of 1 would wash over the whole object.
@@ -173,12 +173,12 @@ def material_from_mtl(
     )
 
 
-def _opacity(said: dict[str, Any], tr_is_opacity: bool) -> float:
-    """Return the opacity that ``d`` of an MTL file gives, or ``Tr``, which most write as 1 - d."""
-    if "d" in said:
-        opacity = float(said["d"][-1])
-    elif "tr" in said:
-        opacity = float(said["tr"][-1])
+def _opacity(statements: dict[str, Any], tr_is_opacity: bool) -> float:
+    """Return the opacity by ``d``, or by ``Tr``, which most files write as 1 - d."""
+    if "d" in statements:
+        opacity = float(statements["d"][-1])
+    elif "tr" in statements:
+        opacity = float(statements["tr"][-1])
         opacity = opacity if tr_is_opacity else 1.0 - opacity
     else:
         return 1.0
@@ -187,7 +187,7 @@ def _opacity(said: dict[str, Any], tr_is_opacity: bool) -> float:
 
 class MtlLibrary:
     """
-    The materials of an OBJ file.
+    The materials of all MTL files of an OBJ file.
 
     Parameters
     ----------
@@ -210,35 +210,38 @@ class MtlLibrary:
         self._is_from_meshlab = False
         self._textures: dict[tuple[str | None, ...], Texture | None] = {}
         self._materials: dict[str, Material] = {}
-        self.said: dict[str, MtlMaterial] = {}
+        self.materials: dict[str, MtlMaterial] = {}
         for line in dict.fromkeys(names):
-            self._read_all(line)
-        self._known_as: dict[str, str] = {}
-        """What the MTL files call a material, by its name with and without a comment behind it."""
-        for known in self.said:
-            for name in (known, _before_comment(known)):
-                self._known_as.setdefault(name, known)
+            self._read_line(line)
+        self._library_names: dict[str, str] = {}
+        """Names of materials in the MTL files, with and without a trailing comment."""
+        for library_name in self.materials:
+            for name in (library_name, _strip_comment(library_name)):
+                self._library_names.setdefault(name, library_name)
         used = dict.fromkeys(used)
         for name in used:
             if self._find(name) is None:
                 left_out.note(f"reference to material {name!r}, which no MTL file of it has")
         # MeshLab writes ``Tr 1`` for opaque surfaces, where others mean invisible ones. A file of
         # which nothing would be seen is taken as MeshLab's.
-        found = (self._find(name) for name in used)
-        said = [{} if name is None else self.said[name].said for name in found]
+        names_used = (self._find(name) for name in used)
+        statements = [
+            {} if name is None else self.materials[name].statements for name in names_used
+        ]
         self.tr_is_opacity = self._is_from_meshlab or (
-            bool(said) and all("d" not in one and _is_one(one.get("tr")) for one in said)
+            bool(statements)
+            and all("d" not in one and _is_one(one.get("tr")) for one in statements)
         )
 
-    def _read_all(self, line: str) -> None:
+    def _read_line(self, line: str) -> None:
         """
-        Keep the materials of the MTL files that a line names.
+        Read the MTL files that an ``mtllib`` line names.
 
         Names may have blanks, and a comment may stand behind them: the first way to take the line
         apart that leads to a file is the right one.
         """
-        said: dict[str, Exception] = {}
-        for names in library_names(line):
+        errors: dict[str, Exception] = {}
+        for names in candidate_libraries(line):
             contents = {}
             for name in names:
                 try:
@@ -246,27 +249,27 @@ class MtlLibrary:
                 except FileSizeError:
                     raise
                 except ValueError as error:
-                    said[name] = error
+                    errors[name] = error
             if contents:
                 for content in contents.values():
                     self._read(content)
                 missing = [name for name in names if name not in contents]
                 break
         else:
-            missing = named_as_mtl(line) or [_before_comment(line)]
+            missing = mtl_file_names(line) or [_strip_comment(line)]
         for name in missing:
-            why = said[name]
-            if isinstance(why, RefusedFileError):
-                self._left_out.note(f"MTL file: {reason_of(why)}")
+            reason = errors[name]
+            if isinstance(reason, RefusedFileError):
+                self._left_out.note(f"MTL file: {reason_of(reason)}")
             else:
-                self._left_out.note(f"MTL file {shown_name(name)}: {reason_of(why)}")
+                self._left_out.note(f"MTL file {quoted_name(name)}: {reason_of(reason)}")
 
     def _read(self, content: bytes) -> None:
-        """Keep the materials of an MTL file, unless one before has those of their names."""
+        """Add the materials of an MTL file; those of earlier files come first."""
         self._resources.budget.take("an MTL file", _STATEMENT_BYTES * len(content))
         text = content.decode("utf-8-sig", "replace")
         self._is_from_meshlab |= "meshlab" in text[:_COMMENT_LENGTH].lower()
-        material, found = None, {}
+        material, materials = None, {}
         for line in text.splitlines():
             words = line.split()
             if not words or words[0].startswith("#"):
@@ -276,68 +279,72 @@ class MtlLibrary:
                 continue
             if words[0].lower() == "newmtl":
                 name = " ".join(words[1:])
-                material = found[name] = MtlMaterial(name)
+                material = materials[name] = MtlMaterial(name)
             elif material is not None:
-                material.take(words[0], words[1:])
-        self.said = {**found, **self.said}
+                material.add_statement(words[0], words[1:])
+        self.materials = {**materials, **self.materials}
 
     def _find(self, name: str | None) -> str | None:
-        """Return what the MTL files call a material that is used; None if none has it."""
-        if name is None or name in self.said:
+        """Return the name in the MTL files of a material that the OBJ file uses, or None."""
+        if name is None or name in self.materials:
             return name
-        return self._known_as.get(_before_comment(name))
+        return self._library_names.get(_strip_comment(name))
 
     def material(self, name: str | None) -> Material | None:
-        """Return a material, one for all meshes that share it; None if no MTL file has it."""
+        """Return a material, shared by all meshes that use it; None if no MTL file has it."""
         name = self._find(name)
         if name is None:
             return None
         if name not in self._materials:
-            said = self.said[name]
-            for statement in said.unread:
+            mtl_material = self.materials[name]
+            for statement in mtl_material.unread:
                 self._left_out.note(f"{statement} of material {name!r}")
-            self._materials[name] = material_from_mtl(
-                said, self.texture(name), "map_d" in said.said, self._left_out, self.tr_is_opacity
+            self._materials[name] = convert_mtl_material(
+                mtl_material,
+                self.texture(name),
+                "map_d" in mtl_material.statements,
+                self._left_out,
+                self.tr_is_opacity,
             )
         return self._materials[name]
 
     def texture(self, material: str) -> Texture | None:
-        """Return the texture of a material: colour and opacity in one; None if it has none."""
-        uses = self.said[material].said
+        """Return the texture of a material, colour and opacity combined; None if it has none."""
+        uses = self.materials[material].statements
         key = uses.get("map_kd"), uses.get("map_d")
         if key not in self._textures:
-            self._textures[key] = self._join(*key, f"material {material!r}")
+            self._textures[key] = self._combine(*key, f"material {material!r}")
         return self._textures[key]
 
-    def _join(
-        self, of_color: PictureUse | None, of_opacity: PictureUse | None, label: str
+    def _combine(
+        self, color_map: MtlTexture | None, opacity_map: MtlTexture | None, label: str
     ) -> Texture | None:
-        """Return a texture of the pictures that can be read, laid as the first of them is."""
-        color = self._pixels(of_color, "map_Kd", label)
-        opacity = self._pixels(of_opacity, "map_d", label)
-        first = of_opacity if color is None else of_color
-        laid = {} if first is None else first.laid()
-        for use, key, pixels in ((of_color, "map_Kd", color), (of_opacity, "map_d", opacity)):
+        """Combine the images that can be read to a texture, with the sampling of the first."""
+        color = self._pixels(color_map, "map_Kd", label)
+        opacity = self._pixels(opacity_map, "map_d", label)
+        first = opacity_map if color is None else color_map
+        sampling = {} if first is None else first.sampling()
+        for use, key, pixels in ((color_map, "map_Kd", color), (opacity_map, "map_d", opacity)):
             if use is not None and pixels is not None:
-                kept = laid if use.laid() == laid else {}
-                for option, said in use.options.items():
-                    is_channel = key == "map_d" and option == _CHANNEL and said[0] in "rgbm"
-                    if not is_channel and _LAID.get(option) not in kept:
+                applied = sampling if use.sampling() == sampling else {}
+                for option, words in use.options.items():
+                    is_channel = key == "map_d" and option == _CHANNEL_OPTION and words[0] in "rgbm"
+                    if not is_channel and _TEXTURE_OPTIONS.get(option) not in applied:
                         self._left_out.note(f"option {option} of {key} of {label}")
         if opacity is None:
-            return None if color is None else Texture(color, **laid)
-        alpha = _channel(opacity, of_opacity)
+            return None if color is None else Texture(color, **sampling)
+        alpha = _opacity_channel(opacity, opacity_map)
         if color is None:
             color = np.full((*alpha.shape, 3), 255, np.uint8)
         if color.dtype != alpha.dtype:
-            color, alpha = in_16_bits(color), in_16_bits(alpha)
+            color, alpha = to_uint16(color), to_uint16(alpha)
         color = color[..., np.newaxis] if color.ndim == 2 else color
         red_green_blue = color[..., :3] if color.shape[2] >= 3 else np.repeat(color[..., :1], 3, 2)
-        alpha = resized(alpha, (color.shape[1], color.shape[0]))
-        return Texture(np.dstack([red_green_blue, alpha]), **laid)
+        alpha = resize_grey(alpha, (color.shape[1], color.shape[0]))
+        return Texture(np.dstack([red_green_blue, alpha]), **sampling)
 
-    def _pixels(self, use: PictureUse | None, key: str, label: str) -> NDArray[Any] | None:
-        """Return a picture's pixels; None, with a note if it has a name and cannot be read."""
+    def _pixels(self, use: MtlTexture | None, key: str, label: str) -> NDArray[Any] | None:
+        """Return an image's pixels; None, with a note, if it cannot be read."""
         if use is None:
             return None
         name = use.name
@@ -345,44 +352,44 @@ class MtlLibrary:
             try:
                 content = self._resources.read(name)
             except MissingFileError:
-                if (plain := _before_comment(name)) == name:
+                if (stripped := _strip_comment(name)) == name:
                     raise
-                content, name = self._resources.read(plain), plain
-            decoder, what = self._resources.decoder, f"picture {shown_name(name)}"
+                content, name = self._resources.read(stripped), stripped
+            decoder, what = self._resources.decoder, f"picture {quoted_name(name)}"
             pixels: NDArray[Any] = decoder.decode("picture", content, what, ())
             return pixels
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             self._left_out.note(
-                f"{key} of {label}, {shown_name(name)}, that cannot be read: {reason_of(error)}"
+                f"{key} of {label}, {quoted_name(name)}, that cannot be read: {reason_of(error)}"
             )
             return None
 
 
-def _channel(opacity: NDArray[Any], use: PictureUse | None) -> NDArray[Any]:
+def _opacity_channel(opacity: NDArray[Any], use: MtlTexture | None) -> NDArray[Any]:
     """
-    Return the channel of a picture that is the opacity.
+    Return the channel of an image that is the opacity.
 
     Without an option that names it, grey counts, or else alpha: a picture in colour with alpha is
     mostly that of map_Kd.
     """
     if opacity.ndim == 2:
         return opacity
-    named = () if use is None else use.options.get(_CHANNEL, ())
+    channel = () if use is None else use.options.get(_CHANNEL_OPTION, ())
     width = opacity.shape[2]
-    if named in (("r",), ("g",), ("b",)) and width > 2:
-        return opacity[..., "rgb".index(named[0])]
-    return opacity[..., width - 1 if width > 3 or (width == 2 and named == ("m",)) else 0]
+    if channel in (("r",), ("g",), ("b",)) and width > 2:
+        return opacity[..., "rgb".index(channel[0])]
+    return opacity[..., width - 1 if width > 3 or (width == 2 and channel == ("m",)) else 0]
 
 
 def _is_one(words: list[str] | None) -> bool:
-    """Tell the number 1 in an MTL file."""
+    """Tell whether a statement's last word is the number 1."""
     return bool(words and _is_number(words[-1], 1.0))
 
 
-class PictureUse(NamedTuple):
+class MtlTexture(NamedTuple):
     """
-    A picture, and how it is laid.
+    An image of an MTL statement with its options.
 
     Parameters
     ----------
@@ -399,69 +406,69 @@ class PictureUse(NamedTuple):
         return hash((self.name, *self.options.items()))
 
     @classmethod
-    def of(cls, words: list[str]) -> PictureUse:
+    def parse(cls, words: list[str]) -> MtlTexture:
         """
-        Take apart the options of a picture and its name behind them.
+        Parse the options of an image, and its name after them.
 
         An option takes up to three numbers; what is none belongs to the name.
         """
         at, options = 0, {}
-        while at < len(words) and words[at].lower() in _OPTIONS:
+        while at < len(words) and words[at].lower() in _OPTION_DEFAULTS:
             option, at = words[at].lower(), at + 1
-            usual = _OPTIONS[option]
+            defaults = _OPTION_DEFAULTS[option]
             begin = at
-            while at < min(begin + len(usual), len(words) - 1) and _is_option_value(words[at]):
+            while at < min(begin + len(defaults), len(words) - 1) and _is_option_value(words[at]):
                 at += 1
-            said = tuple(words[begin:at])
-            if not all(map(_is_same, said, usual)):
-                options[option] = said
+            values = tuple(words[begin:at])
+            if not all(map(_is_equal, values, defaults)):
+                options[option] = values
         return cls(" ".join(words[at:]), options)
 
-    def laid(self) -> dict[str, Any]:
-        """Return how a `Texture` is laid: its scale, offset and wrap."""
-        found: dict[str, Any] = {}
+    def sampling(self) -> dict[str, Any]:
+        """Return the sampling fields of a `Texture`: scale, offset and wrap."""
+        sampling: dict[str, Any] = {}
         for option in ("-s", "-o"):
             if option in self.options:
-                usual = [float(word) for word in _OPTIONS[option][:2]]
-                said = [float(word) for word in self.options[option][:2]]
-                pair = tuple(said + usual[len(said) :])
+                defaults = [float(word) for word in _OPTION_DEFAULTS[option][:2]]
+                values = [float(word) for word in self.options[option][:2]]
+                pair = tuple(values + defaults[len(values) :])
                 if all(abs(number) <= FARTHEST_MOVE for number in pair):
-                    found[_LAID[option]] = pair
-        return {**found, **({"wrap": "clamp"} if "-clamp" in self.options else {})}
+                    sampling[_TEXTURE_OPTIONS[option]] = pair
+        return {**sampling, **({"wrap": "clamp"} if "-clamp" in self.options else {})}
 
 
-def library_names(text: str) -> Iterator[list[str]]:
-    """Yield the names of MTL files that a line may mean, the likeliest first."""
-    plain = _before_comment(text)
+def candidate_libraries(text: str) -> Iterator[list[str]]:
+    """Yield the lists of MTL files that a line may mean, the likeliest first."""
+    stripped = _strip_comment(text)
     yield [text]
-    yield [plain]
-    yield named_as_mtl(text)
-    yield plain.split()
+    yield [stripped]
+    yield mtl_file_names(text)
+    yield stripped.split()
 
 
-def named_as_mtl(text: str) -> list[str]:
-    """Return the names that end in ``.mtl``."""
-    plain, begin, names = _before_comment(text), 0, []
-    for end in re.finditer(r"\.mtl\b[\"']?(?=\s|$)", plain, re.IGNORECASE):
-        if plain[begin : end.start()].strip():
-            names.append(plain[begin : end.end()].strip("\"' \t"))
+def mtl_file_names(text: str) -> list[str]:
+    """Return the names in a line that end in ``.mtl``."""
+    stripped, begin, names = _strip_comment(text), 0, []
+    for end in re.finditer(r"\.mtl\b[\"']?(?=\s|$)", stripped, re.IGNORECASE):
+        if stripped[begin : end.start()].strip():
+            names.append(stripped[begin : end.end()].strip("\"' \t"))
             begin = end.end()
     return names
 
 
-def without_comment(words: list[str]) -> list[str]:
-    """Return the words before one that begins a comment."""
+def strip_comment_words(words: list[str]) -> list[str]:
+    """Return the words before a comment."""
     end = next((at for at, word in enumerate(words) if word.startswith("#")), len(words))
     return words[:end]
 
 
-def _before_comment(text: str) -> str:
-    """Return what stands before a comment, if anything does."""
+def _strip_comment(text: str) -> str:
+    """Return the text before a comment, or all if nothing is before it."""
     return re.split(r"(?<=\s)#", text, maxsplit=1)[0].strip() or text
 
 
 def _is_number(word: str, number: float) -> bool:
-    """Tell a word that is a number."""
+    """Tell whether a word is a given number."""
     try:
         return float(word) == number
     except ValueError:
@@ -469,25 +476,25 @@ def _is_number(word: str, number: float) -> bool:
 
 
 def _is_finite(word: str) -> bool:
-    """Tell a word that is a finite number."""
+    """Tell whether a word is a finite number."""
     try:
         return math.isfinite(float(word))
     except ValueError:
         return False
 
 
-def _in_words(statement: str, words: list[str]) -> str:
-    """Return a statement with what it says, in short."""
+def _describe_statement(statement: str, words: list[str]) -> str:
+    """Return a statement with its words, shortened, for a message."""
     return f"{statement} {in_short(' '.join(words))}" if words else f"{statement} without a value"
 
 
-def _is_same(word: str, usual: str) -> bool:
+def _is_equal(word: str, default: str) -> bool:
     """Tell whether two words are the same, or the same number."""
-    return word == usual or (usual.isdecimal() and _is_number(word, float(usual)))
+    return word == default or (default.isdecimal() and _is_number(word, float(default)))
 
 
 def _is_option_value(word: str) -> bool:
-    """Tell a number or a switch from the beginning of a name."""
+    """Tell whether a word is a number, a switch or a channel, rather than part of a name."""
     return word in ("on", "off", "r", "g", "b", "m", "l", "z") or bool(
         re.fullmatch(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[-+]?[0-9]+)?", word, re.I)
     )

@@ -1,4 +1,4 @@
-"""Lines of numbers, read many at once; which line is damaged is looked for only when one is."""
+"""Parse lines of numbers in batches; look for the damaged line only if a batch fails."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.scene.memory_limits import MemoryBudget
 
 _BATCH = 1 << 22
-"""Bytes of a file that are taken apart at once."""
+"""Bytes of a file that are parsed at once."""
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _BLANKS = bytes(range(ord(" ") + 1))
-_USUAL_INDENT = 64
-"""Blanks before a line that are passed one by one, in all lines at once; more in each by itself."""
+_MAX_COMMON_INDENT = 64
+"""Blanks before a line that are skipped in all lines at once; further ones line by line."""
 
-_SHOWN = 40
-"""Characters of a damaged line that a message shows."""
+_MAX_LINE_LENGTH = 40
+"""Most characters of a damaged line in a message."""
 
 
 LINE_BYTES, TEXT_BYTES, BINARY_BYTES = 24, 5, 3
-"""What a line takes, and a byte of a text or of a binary file, as its numbers."""
+"""Memory of a line, and of a byte of a text or of a binary file."""
 
 ROW_BYTES, CORNER_BYTES = 64, 80
-"""What a row of numbers of its own kind takes, and what a corner of a face that refers to them."""
+"""Memory of a row of numbers, and of a corner of a face."""
 
 
 def line_end(data: bytes) -> bytes:
-    """Return what ends the first line of a text: a line feed, or a carriage return alone."""
-    feed, turn = data.find(b"\n"), data.find(b"\r")
-    is_turn = turn >= 0 and (feed < 0 or turn < feed - 1)
-    return b"\r" if is_turn else b"\n"
+    """Return the line ending of a text: a line feed, or a carriage return alone."""
+    feed, carriage_return = data.find(b"\n"), data.find(b"\r")
+    uses_carriage_return = carriage_return >= 0 and (feed < 0 or carriage_return < feed - 1)
+    return b"\r" if uses_carriage_return else b"\n"
 
 
 class Damage:
     """
-    Refuse damaged places of a file, or count them.
+    Report damaged places of a file: raise, or count them for one warning.
 
     Parameters
     ----------
@@ -55,40 +55,40 @@ class Damage:
 
     def __init__(self, path: Path, on_damage: str, left_out: LeftOut) -> None:
         self.path = path
-        self._strict = on_damage == "error"
+        self._is_strict = on_damage == "error"
         self._left_out = left_out
-        self._first: str | None = None
+        self._first_message: str | None = None
         self._count = 0
 
     def line(self, lines: TextLines, line: int, expected: str) -> None:
-        """Raise `MeshFileError` about a line, or remember it."""
-        if self._strict or self._first is None:
-            self._say(f"{lines.where(line)}: expected {expected}, got {lines.shown(line)}")
+        """Report a damaged line."""
+        if self._is_strict or self._first_message is None:
+            self._report(f"{lines.line_label(line)}: expected {expected}, got {lines.quote(line)}")
         self._count += 1
 
     def end(self, expected: str, got: str) -> None:
-        """Raise `MeshFileError` about a file that ends too early, or remember it."""
-        if self._strict or self._first is None:
-            self._say(f"its end: expected {expected}, got {got}")
+        """Report a file that ends too early or too late."""
+        if self._is_strict or self._first_message is None:
+            self._report(f"its end: expected {expected}, got {got}")
         self._count += 1
 
-    def _say(self, said: str) -> None:
-        """Raise, or keep what is said about the first damaged place."""
-        if self._strict:
+    def _report(self, message: str) -> None:
+        """Raise `MeshFileError`, or keep the message of the first damaged place."""
+        if self._is_strict:
             raise MeshFileError(
-                f"{self.path} is damaged at {said}; on_damage='warn' loads what there is"
+                f"{self.path} is damaged at {message}; on_damage='warn' loads what there is"
             )
-        self._first = said
+        self._first_message = message
 
     def note(self) -> None:
-        """Note what was remembered, once."""
-        if self._first is not None:
-            self._left_out.note(f"what is damaged, first {self._first}", self._count)
+        """Note the damaged places, once."""
+        if self._first_message is not None:
+            self._left_out.note(f"what is damaged, first {self._first_message}", self._count)
 
 
 class TextLines:
     """
-    The lines of a file.
+    The lines of a text file, without leading blanks.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class TextLines:
         self.starts = np.concatenate(([first], self.ends[:-1] + 1))
         begins = self.buffer[self.starts]
         indented = np.flatnonzero((begins <= ord(" ")) & (self.starts < self.ends))
-        for _ in range(_USUAL_INDENT):
+        for _ in range(_MAX_COMMON_INDENT):
             if not len(indented):
                 break
             self.starts[indented] += 1
@@ -142,31 +142,31 @@ class TextLines:
         return len(self.starts)
 
     def text(self, line: int) -> str:
-        """Return a line without the blanks around it."""
+        """Return a line without surrounding blanks."""
         return self._data[self.starts[line] : self.ends[line]].decode("utf-8", "replace").strip()
 
-    def where(self, line: int) -> str:
-        """Say which line it is, for messages."""
+    def line_label(self, line: int) -> str:
+        """Return a line's number in the original file, for messages."""
         number = self._original.count(b"\n", 0, int(self.starts[line])) + 1
         return f"line {number}"
 
-    def shown(self, line: int) -> str:
-        """Return a line as messages show it."""
+    def quote(self, line: int) -> str:
+        """Return a line in quotes, shortened, for messages."""
         text = self.text(line)
-        return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}...")
+        return repr(text if len(text) <= _MAX_LINE_LENGTH else f"{text[:_MAX_LINE_LENGTH]}...")
 
-    def note_unknown(self, which: NDArray[np.int64], left_out: LeftOut) -> None:
-        """Note lines of no known kind, if there are any, and where the first one is."""
-        if len(which):
-            first = f"{self.where(int(which[0]))}: {self.shown(int(which[0]))}"
-            left_out.note(f"lines of no known kind, first {first}", len(which))
+    def note_unknown(self, line_numbers: NDArray[np.int64], left_out: LeftOut) -> None:
+        """Note lines of unknown statements, quoting the first."""
+        if len(line_numbers):
+            first = f"{self.line_label(int(line_numbers[0]))}: {self.quote(int(line_numbers[0]))}"
+            left_out.note(f"lines of no known kind, first {first}", len(line_numbers))
 
     def char(self, offset: int) -> NDArray[np.uint8]:
-        """Return the byte of every line at an offset from its start; a line end beyond its end."""
+        """Return the byte of each line at an offset from its start, or its line ending."""
         return self.buffer[np.minimum(self.starts + offset, self.ends)]
 
     def batches(self, lines: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-        """Yield numbers of lines in parts of a bounded number of bytes, or single lines."""
+        """Yield batches of lines, each of a bounded number of bytes or a single line."""
         if not len(lines):
             return
         sizes = np.cumsum(self.ends[lines] - self.starts[lines] + 1)
@@ -181,7 +181,7 @@ class TextLines:
         self, lines: NDArray[np.int64], skip: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """
-        Return the bytes of some lines with their line ends, less the first ``skip`` of each.
+        Return the bytes of lines with their endings, without the first ``skip`` of each.
 
         Those of lines that follow one another are blanks there.
 
@@ -192,20 +192,20 @@ class TextLines:
             Where each line begins in it.
         """
         begins, stops = self.starts[lines], self.ends[lines] + 1
-        low, high = int(begins[0]), int(stops[-1])
+        first, last = int(begins[0]), int(stops[-1])
         if (begins[1:] == stops[:-1]).all():
-            content = self.buffer[low:high].copy()
-            for place in (begins + offset for offset in range(skip)):
-                content[place[place < stops - 1] - low] = ord(" ")
-            return content, begins - low
+            content = self.buffer[first:last].copy()
+            for offsets_of_byte in (begins + offset for offset in range(skip)):
+                content[offsets_of_byte[offsets_of_byte < stops - 1] - first] = ord(" ")
+            return content, begins - first
         begins = np.minimum(begins + skip, stops - 1)
-        low = int(begins[0])
-        change = np.zeros(high - low + 1, np.int8)
-        change[begins - low] += 1
-        change[stops - low] -= 1
+        first = int(begins[0])
+        change = np.zeros(last - first + 1, np.int8)
+        change[begins - first] += 1
+        change[stops - first] -= 1
         inside = np.cumsum(change[:-1], dtype=np.int8).view(bool)
         sizes = stops - begins
-        return self.buffer[low:high][inside], np.cumsum(sizes) - sizes
+        return self.buffer[first:last][inside], np.cumsum(sizes) - sizes
 
 
 def word_starts(content: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -217,7 +217,7 @@ def word_starts(content: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def parse(content: NDArray[np.uint8], count: int, kind: Any) -> NDArray[Any] | None:
-    """Return so many numbers that stand between blanks, or None if they are not there."""
+    """Return exactly ``count`` blank-separated numbers, or None."""
     if count == 0:
         return np.zeros(0, kind)
     try:
@@ -231,19 +231,19 @@ def parse(content: NDArray[np.uint8], count: int, kind: Any) -> NDArray[Any] | N
 
 def number_rows(
     lines: TextLines,
-    which: NDArray[np.int64],
+    line_numbers: NDArray[np.int64],
     skip: int,
     least: int,
     what: str,
     damage: Damage,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """
-    Read the numbers of some lines.
+    Parse the numbers of some lines.
 
     Parameters
     ----------
     lines : TextLines
-    which : (L,) int64
+    line_numbers : (L,) int64
         Numbers of lines, ascending.
     skip : int
         Bytes at the beginning of each that are no number.
@@ -261,29 +261,29 @@ def number_rows(
         How many of them each line has.
     """
     values, counts = [np.zeros(0)], [np.zeros(0, np.int64)]
-    for batch in lines.batches(which):
+    for batch in lines.batches(line_numbers):
         content, offsets = lines.content(batch, skip)
-        found = np.add.reduceat(word_starts(content), offsets, dtype=np.int64)
-        numbers = parse(content, int(found.sum()), np.float64) if (found >= least).all() else None
+        words = np.add.reduceat(word_starts(content), offsets, dtype=np.int64)
+        numbers = parse(content, int(words.sum()), np.float64) if (words >= least).all() else None
         if numbers is None:
-            numbers, found = _careful_rows(lines, batch, skip, least, what, damage)
+            numbers, words = _rows_line_by_line(lines, batch, skip, least, what, damage)
         values.append(numbers)
-        counts.append(found)
+        counts.append(words)
     return np.concatenate(values), np.concatenate(counts)
 
 
-def _careful_rows(
+def _rows_line_by_line(
     lines: TextLines,
-    which: NDArray[np.int64],
+    line_numbers: NDArray[np.int64],
     skip: int,
     least: int,
     what: str,
     damage: Damage,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Read what `number_rows` cannot read at once, line by line."""
+    """Parse lines one by one, where `number_rows` fails for a batch."""
     values: list[float] = []
     counts = []
-    for line in which.tolist():
+    for line in line_numbers.tolist():
         words = lines.text(line)[skip:].split("#", 1)[0].split()
         try:
             numbers = [_number(word) for word in words]
@@ -298,24 +298,24 @@ def _careful_rows(
 
 
 def _number(word: str) -> float:
-    """Return a number; also those that some C libraries write, such as ``-nan(ind)``."""
-    plain = word.split("(")[0] if word.lstrip("+-").lower().startswith("nan") else word
-    if "_" in plain:
+    """Parse a number, also as some C libraries write it, such as ``-nan(ind)``."""
+    stripped = word.split("(")[0] if word.lstrip("+-").lower().startswith("nan") else word
+    if "_" in stripped:
         raise ValueError(word)
-    return float(plain)
+    return float(stripped)
 
 
-def columns(
-    values: NDArray[np.float64], counts: NDArray[np.int64], most: int
+def row_table(
+    values: NDArray[np.float64], counts: NDArray[np.int64], max_width: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """
-    Return rows of numbers as a table, as wide as the shortest row, and which rows are there.
+    Return rows of numbers as a table, as wide as the shortest row, and which rows have numbers.
 
     Rows without numbers are NaN.
     """
-    there = counts > 0
-    width = min(most, int(counts[there].min())) if there.any() else 0
-    begins = (np.cumsum(counts) - counts)[there]
+    has_numbers = counts > 0
+    width = min(max_width, int(counts[has_numbers].min())) if has_numbers.any() else 0
+    begins = (np.cumsum(counts) - counts)[has_numbers]
     table = np.full((len(counts), width), np.nan)
-    table[there] = values[begins[:, np.newaxis] + np.arange(width)]
-    return table, there
+    table[has_numbers] = values[begins[:, np.newaxis] + np.arange(width)]
+    return table, has_numbers

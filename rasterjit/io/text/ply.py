@@ -18,23 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
-from rasterjit.io.primitives import Cloud, LineDrawing
-from rasterjit.io.resources import RefusedFileError, Resources, shown_name
+from rasterjit.io.primitives import Cloud, LineSet
+from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
 from rasterjit.io.text.mesh_builder import (
-    COLORS_BESIDE,
+    COLORS_NOTE,
     POLYGON_CORNER_BYTES,
+    Geometry,
+    MeshData,
     Names,
-    Part,
-    Thing,
-    joined,
     linear_rgba,
-    meant_names,
-    sound_polygons,
+    normalize_names,
     srgb_bytes,
     strip_triangles,
     triangles,
+    unique_rows,
+    valid_polygons,
 )
-from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
+from rasterjit.io.text.mtl import MtlMaterial, convert_mtl_material
 from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.memory_limits import MemoryBudget
@@ -61,51 +61,51 @@ _UV = (
 """Names of texture coordinates of vertices."""
 
 _CORNER_UV = ("texcoord", "texcoords", "texture_coordinates", "tex_coord", "uv", "uvs")
-"""Names of lists of texture coordinates of the corners of a face."""
+"""Names of lists of texture coordinates for the corners of a face."""
 
-_NUMBER = ("texnumber", "texture_number", "tex_number")
-"""Names of the number of a picture, of those that the head names."""
+_TEXTURE_NUMBERS = ("texnumber", "texture_number", "tex_number")
+"""Names of the number of a face's or vertex's texture file."""
 
-_CORNERS = ("vertex_index", "vertex_indices")
+_INDEX_LISTS = ("vertex_index", "vertex_indices")
 
-_ENDS = ("vertex1", "vertex2")
+_EDGE_ENDS = ("vertex1", "vertex2")
 """Names of the ends of an edge."""
 
 _STRIPS = "tristrips"
 
-_MEANT = (
-    _POSITION, _NORMAL, *_COLORS, *_UV, _ENDS,
-    *((name,) for name in (*_CORNER_UV, *_NUMBER, *_CORNERS)),
+_KNOWN_NAMES = (
+    _POSITION, _NORMAL, *_COLORS, *_UV, _EDGE_ENDS,
+    *((name,) for name in (*_CORNER_UV, *_TEXTURE_NUMBERS, *_INDEX_LISTS)),
 )  # fmt: skip
-"""Names of properties that mean the same in capitals."""
+"""Names of properties that are read in any case."""
 
 _RESTART = -1
-"""The corner behind which a strip begins anew; as it is, or in a type without a sign."""
+"""Index that restarts a strip: -1, or the largest of an unsigned type."""
 
-_PICTURE = re.compile(
+_TEXTURE_COMMENT = re.compile(
     r"(?:comment|obj_info)\s+(?:texture_?file[:=]?\s*(\S.*)"
     r"|texture[:=]?\s+(\S.*\.(?:png|jpe?g|tga|bmp|tiff?|webp|gif)))",
     re.IGNORECASE,
 )
-"""A line of the head that names a picture; no blank could stand in two places of the pattern."""
+"""A comment of the header that names a texture file."""
 
 
 @dataclass
 class _Property:
-    """A value, or a list of values with a number of them, of each row of an element."""
+    """A property of an element: a value or a list of values."""
 
     name: str
-    kind: np.dtype
-    count_kind: np.dtype | None = None
+    dtype: np.dtype
+    count_dtype: np.dtype | None = None
 
 
 @dataclass
 class _Element:
     """
-    Rows of one kind, such as vertices.
+    An element: rows of one kind, such as vertices.
 
     After it is read, ``columns`` has the values of each property, and of a list all of them, with
-    their numbers in ``counts``; ``there`` tells the rows that are not damaged.
+    their numbers in ``counts``; ``valid`` tells the rows that are not damaged.
     """
 
     name: str
@@ -113,51 +113,51 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
     columns: dict[str, NDArray[Any]] = field(default_factory=dict)
     counts: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    there: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    valid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     lines: NDArray[np.int64] | None = None
 
-    def attributes(self, left_out: LeftOut, known: set[str]) -> dict[str, NDArray[Any]]:
+    def attributes(self, left_out: LeftOut, excluded: set[str]) -> dict[str, NDArray[Any]]:
         """
-        Return by name the values that nothing else is made of: (N,), or of lists (N, D).
+        Return further properties as attributes: (N,), or of lists (N, D).
 
-        ``known`` are names of what is; lists of several lengths are left out.
+        ``excluded`` are names of what is; lists of several lengths are left out.
         """
-        found = {}
+        arrays = {}
         for name, values in self.columns.items():
-            if name in known:
+            if name in excluded:
                 continue
             if name not in self.counts:
-                found[name] = values
+                arrays[name] = values
             else:
                 counts = self.counts[name]
-                lengths = np.unique(counts[self.there])
+                lengths = np.unique(counts[self.valid])
                 if len(lengths) == 1 and lengths[0] > 0:
                     # Damaged rows may have others: they have zeros.
-                    rows = np.flatnonzero(self.there)
+                    rows = np.flatnonzero(self.valid)
                     begins = (np.cumsum(counts) - counts)[rows, np.newaxis]
-                    found[name] = np.zeros((len(counts), int(lengths[0])), values.dtype)
-                    found[name][rows] = values[begins + np.arange(lengths[0])]
+                    arrays[name] = np.zeros((len(counts), int(lengths[0])), values.dtype)
+                    arrays[name][rows] = values[begins + np.arange(lengths[0])]
                 elif len(lengths) > 1:
                     what = f"{self.name} lists {name!r} of several lengths"
                     left_out.note(what, len(counts))
-        return found
+        return arrays
 
-    def names(self, *known: tuple[str, ...]) -> set[str]:
-        """Return the first of some groups of names of which all are there, or none."""
-        return set(next((names for names in known if self.table(names) is not None), ()))
+    def present(self, *groups: tuple[str, ...]) -> set[str]:
+        """Return the first group of names that is complete, or none."""
+        return set(next((names for names in groups if self.stack(names) is not None), ()))
 
-    def table(self, names: tuple[str, ...]) -> NDArray[Any] | None:
-        """Return single values as columns, or None if one has no such name."""
+    def stack(self, names: tuple[str, ...]) -> NDArray[Any] | None:
+        """Return single values as columns; None if one is missing."""
         if any(name not in self.columns or name in self.counts for name in names):
             return None
         return np.column_stack([self.columns[name] for name in names])
 
 
-def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Thing]:
+def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Geometry]:
     """Return the mesh of a PLY file, else its edges, else its points, or raise `MeshFileError`."""
-    data = resources.read_itself(path)
+    data = resources.read_mesh_file(path)
     try:
-        order, elements, pictures, at = _head(data)
+        order, elements, pictures, at = _read_head(data)
     except ValueError as error:
         raise MeshFileError(f"{path} could not be read as .ply: {error}") from None
     lines = None
@@ -169,71 +169,71 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         _read_binary(data, at, elements, damage)
     by_name = {element.name: element for element in elements}
     for name, element in by_name.items():
-        left_out.found(f"element {name!r}", element.length)
+        left_out.expect(f"element {name!r}", element.length)
     vertex = by_name.get("vertex")
-    positions = vertex.table(_POSITION) if vertex is not None else None
+    positions = vertex.stack(_POSITION) if vertex is not None else None
     if vertex is None or positions is None or not len(positions):
         raise MeshFileError(f"{path} holds no faces and no points")
-    left_out.read("element 'vertex'", vertex.length)
-    face, edge = _with_strips(by_name, left_out), by_name.get("edge")
-    ends = None if edge is None else edge.table(_ENDS)
+    left_out.mark_read("element 'vertex'", vertex.length)
+    face, edge = _merge_strips(by_name, left_out), by_name.get("edge")
+    ends = None if edge is None else edge.stack(_EDGE_ENDS)
     polygons = None
     if face is not None:
-        polygons = _polygons(face, vertex.there, lines, damage, left_out, resources.budget)
+        polygons = _polygons(face, vertex.valid, lines, damage, left_out, resources.budget)
     if face is None or polygons is None or not len(polygons.counts):
         if edge is not None and ends is not None and len(ends):
-            left_out.read("element 'edge'", edge.length)
-            return [_drawing(path, vertex, edge, ends, damage, left_out)]
-        left_out.found("texture file", len(pictures))
-        return [_cloud(path, vertex, left_out)]
-    return _parts(path.name, vertex, face, polygons, pictures, resources, left_out)
+            left_out.mark_read("element 'edge'", edge.length)
+            return [_edge_lines(path, vertex, edge, ends, damage, left_out)]
+        left_out.expect("texture file", len(pictures))
+        return [_vertex_points(path, vertex, left_out)]
+    return _meshes(path.name, vertex, face, polygons, pictures, resources, left_out)
 
 
-def _cloud(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
-    """Return the points of a file without faces; damaged rows are no points."""
-    there = vertex.there
-    positions, normals = vertex.table(_POSITION), vertex.table(_NORMAL)
-    if positions is None or not there.any():
+def _vertex_points(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
+    """Return the vertices of a file without faces as a cloud, without damaged ones."""
+    valid = vertex.valid
+    positions, normals = vertex.stack(_POSITION), vertex.stack(_NORMAL)
+    if positions is None or not valid.any():
         raise MeshFileError(f"{path} holds a point cloud of no points")
     colors = _colors(vertex)
-    known = vertex.names(_POSITION) | vertex.names(_NORMAL) | vertex.names(*_COLORS)
+    used = vertex.present(_POSITION) | vertex.present(_NORMAL) | vertex.present(*_COLORS)
     return Cloud(
-        path.name, positions[there].astype(np.float64),
-        None if colors is None else linear_rgba(srgb_bytes(colors[there]), False),
-        None if normals is None else normals[there],
-        {name: values[there] for name, values in vertex.attributes(left_out, known).items()},
+        path.name, positions[valid].astype(np.float64),
+        None if colors is None else linear_rgba(srgb_bytes(colors[valid]), False),
+        None if normals is None else normals[valid],
+        {name: values[valid] for name, values in vertex.attributes(left_out, used).items()},
     )  # fmt: skip
 
 
-def _drawing(
+def _edge_lines(
     path: Path, vertex: _Element, edge: _Element, ends: NDArray[Any], damage: Damage,
     left_out: LeftOut,
-) -> LineDrawing:  # fmt: skip
-    """Return the edges of a file without faces."""
-    there, positions = vertex.there, vertex.table(_POSITION)
-    sound = edge.there & ((ends >= 0) & (ends < len(there)) & (ends == np.floor(ends))).all(axis=1)
-    sound[sound] = there[ends[sound].astype(np.int64)].all(axis=1)
-    for row in np.flatnonzero(edge.there & ~sound).tolist():
-        expected = f"numbers of vertices below {len(there)} in an edge"
+) -> LineSet:  # fmt: skip
+    """Return the edges of a file without faces as a line set."""
+    valid, positions = vertex.valid, vertex.stack(_POSITION)
+    sound = edge.valid & ((ends >= 0) & (ends < len(valid)) & (ends == np.floor(ends))).all(axis=1)
+    sound[sound] = valid[ends[sound].astype(np.int64)].all(axis=1)
+    for row in np.flatnonzero(edge.valid & ~sound).tolist():
+        expected = f"numbers of vertices below {len(valid)} in an edge"
         damage.end(expected, f"{ends[row].tolist()} in edge {row}")
     if positions is None or not sound.any():
         raise MeshFileError(f"{path} holds edges, none of which joins two of its vertices")
     of_vertices, of_edges = _colors(vertex), _colors(edge)
     colors = of_vertices if of_edges is None else of_edges[sound]
-    attributes = edge.attributes(left_out, edge.names(*_COLORS) | set(_ENDS))
-    known = vertex.names(_POSITION) | (vertex.names(*_COLORS) if of_edges is None else set())
-    return LineDrawing(
-        path.name, np.where(there[:, np.newaxis], positions, 0.0).astype(np.float64),
+    attributes = edge.attributes(left_out, edge.present(*_COLORS) | set(_EDGE_ENDS))
+    used = vertex.present(_POSITION) | (vertex.present(*_COLORS) if of_edges is None else set())
+    return LineSet(
+        path.name, np.where(valid[:, np.newaxis], positions, 0.0).astype(np.float64),
         ends[sound].astype(np.int64),
         None if colors is None else linear_rgba(srgb_bytes(colors), False),
-        of_edges is not None, vertex.attributes(left_out, known),
+        of_edges is not None, vertex.attributes(left_out, used),
         {name: values[sound] for name, values in attributes.items()},
     )  # fmt: skip
 
 
-def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
+def _read_head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     """
-    Read the head of a file, or raise ``ValueError``.
+    Read the header of a file, or raise ``ValueError``.
 
     Returns
     -------
@@ -271,13 +271,13 @@ def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
                 raise ValueError(f"line {number}: format must be one of {', '.join(_ORDERS)}")
         elif words[0] in ("element", "property"):
             try:
-                _declare(words, elements)
+                _add_declaration(words, elements)
             except (ValueError, LookupError):
                 raise ValueError(
                     f"line {number}: expected an element or a property, got {text[:40]!r}"
                 ) from None
-        elif named := _PICTURE.fullmatch(text):
-            pictures[(named[1] or named[2]).strip().strip("\"'")] = None
+        elif match := _TEXTURE_COMMENT.fullmatch(text):
+            pictures[(match[1] or match[2]).strip().strip("\"'")] = None
         elif words[0] not in ("comment", "obj_info"):
             raise ValueError(
                 f"line {number}: expected format, comment, obj_info, element, property or "
@@ -287,17 +287,17 @@ def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     if order is None:
         raise ValueError("its head has no format")
     for element in elements:
-        names = meant_names([one.name for one in element.properties], _MEANT)
+        names = normalize_names([one.name for one in element.properties], _KNOWN_NAMES)
         for one, name in zip(element.properties, names, strict=True):
             one.name = name
-            one.kind = one.kind.newbyteorder(order)
-            if one.count_kind is not None:
-                one.count_kind = one.count_kind.newbyteorder(order)
+            one.dtype = one.dtype.newbyteorder(order)
+            if one.count_dtype is not None:
+                one.count_dtype = one.count_dtype.newbyteorder(order)
     return order, elements, list(pictures), at
 
 
-def _declare(words: list[str], elements: list[_Element]) -> None:
-    """Add an element or a property that a line of the head declares, or raise."""
+def _add_declaration(words: list[str], elements: list[_Element]) -> None:
+    """Add the element or property of a header line, or raise ``ValueError``."""
     if words[0] == "element":
         _, name, length = words
         if int(length) < 0 or any(element.name == name for element in elements):
@@ -305,18 +305,18 @@ def _declare(words: list[str], elements: list[_Element]) -> None:
         elements.append(_Element(name, int(length)))
         return
     if words[1] == "list":
-        _, _, count, kind, name = words
-        said = _Property(name, np.dtype(_TYPES[kind]), np.dtype(_TYPES[count]))
+        _, _, count, dtype, name = words
+        declared = _Property(name, np.dtype(_TYPES[dtype]), np.dtype(_TYPES[count]))
     else:
-        _, kind, name = words
-        said = _Property(name, np.dtype(_TYPES[kind]))
+        _, dtype, name = words
+        declared = _Property(name, np.dtype(_TYPES[dtype]))
     if any(one.name == name for one in elements[-1].properties):
         raise ValueError(name)
-    elements[-1].properties.append(said)
+    elements[-1].properties.append(declared)
 
 
 def _read_text(lines: TextLines, elements: list[_Element], damage: Damage) -> None:
-    """Read the rows of a text file, a line each."""
+    """Parse the rows of a text file, a line each."""
     filled = np.flatnonzero(lines.starts < lines.ends)
     at = 0
     for element in elements:
@@ -330,49 +330,47 @@ def _read_text(lines: TextLines, elements: list[_Element], damage: Damage) -> No
             )
         what = f"{element.name} ({', '.join(one.name for one in element.properties)})"
         least = len(element.properties)
-        values, found = number_rows(lines, rows, 0, least, what, damage)
-        element.lines, element.there = rows, found > 0
-        begin = np.cumsum(found) - found
-        end = begin + found
+        values, counts_found = number_rows(lines, rows, 0, least, what, damage)
+        element.lines, element.valid = rows, counts_found > 0
+        begin = np.cumsum(counts_found) - counts_found
+        end = begin + counts_found
         for one in element.properties:
-            if one.count_kind is None:
-                _check(element, begin < end, lines, what, damage)
-                picked = np.where(element.there, begin, 0)
-                column = values[picked] if len(values) else np.zeros(len(rows))
-                element.columns[one.name] = _cast(column, one.kind)
-                begin = begin + element.there
+            _mark_invalid(element, begin < end, lines, what, damage)
+            firsts = np.where(element.valid, begin, 0)
+            column = values[firsts] if len(values) else np.zeros(len(rows))
+            begin = begin + element.valid
+            if one.count_dtype is None:
+                element.columns[one.name] = _cast(column, one.dtype)
                 continue
-            _check(element, begin < end, lines, what, damage)
-            said = values[np.where(element.there, begin, 0)] if len(values) else np.zeros(len(rows))
-            fits = (said == np.floor(said)) & (said >= 0) & (said < end - begin)
-            _check(element, fits, lines, what, damage)
-            counts = np.where(element.there, said, 0.0).astype(np.int64)
-            begin = begin + element.there
-            places = np.arange(int(counts.sum()))
-            places += np.repeat(begin - (np.cumsum(counts) - counts), counts)
-            element.columns[one.name] = _cast(values[places], one.kind)
+            # A list: the number of its values stands before them.
+            fits = (column == np.floor(column)) & (column >= 0) & (column <= end - begin)
+            _mark_invalid(element, fits, lines, what, damage)
+            counts = np.where(element.valid, column, 0.0).astype(np.int64)
+            value_rows = np.arange(int(counts.sum()))
+            value_rows += np.repeat(begin - (np.cumsum(counts) - counts), counts)
+            element.columns[one.name] = _cast(values[value_rows], one.dtype)
             element.counts[one.name] = counts
             begin = begin + counts
-        _check(element, begin == end, lines, what, damage)
+        _mark_invalid(element, begin == end, lines, what, damage)
     if at < len(filled):
         damage.line(lines, int(filled[at]), "no line behind those that its head says")
 
 
-def _check(
+def _mark_invalid(
     element: _Element, fits: NDArray[np.bool_], lines: TextLines, what: str, damage: Damage
 ) -> None:
-    """Report rows that do not fit, and mark them as damaged."""
-    bad = element.there & ~fits
+    """Report rows that do not fit, and mark them invalid."""
+    bad = element.valid & ~fits
     numbers = np.zeros(len(bad), np.int64) if element.lines is None else element.lines
     for row in np.flatnonzero(bad).tolist():
         damage.line(lines, int(numbers[row]), f"as many numbers as {what} has")
-    element.there &= ~bad
+    element.valid &= ~bad
 
 
-def _cast(values: NDArray[np.float64], kind: np.dtype) -> NDArray[Any]:
-    """Return numbers of a text as the type that its head says."""
+def _cast(values: NDArray[np.float64], dtype: np.dtype) -> NDArray[Any]:
+    """Convert numbers of a text to the declared type."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return values.astype(kind)
+        return values.astype(dtype)
 
 
 def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage) -> None:
@@ -380,16 +378,16 @@ def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage)
     for element in elements:
         if not element.properties:
             continue
-        least = sum((one.count_kind or one.kind).itemsize for one in element.properties)
-        room = max(0, (len(data) - at) // least)
-        if all(one.count_kind is None for one in element.properties):
-            length = min(element.length, room)
+        row_bytes = sum((one.count_dtype or one.dtype).itemsize for one in element.properties)
+        max_rows = max(0, (len(data) - at) // row_bytes)
+        if all(one.count_dtype is None for one in element.properties):
+            length = min(element.length, max_rows)
             rows = np.frombuffer(data, _row_type(element, {}), length, at) if length else None
-            _take_rows(element, rows, {})
-            at += length * least
+            _store_rows(element, rows, {})
+            at += length * row_bytes
         else:
             length, at = _read_lists(data, at, element)
-        element.there = np.ones(length, bool)
+        element.valid = np.ones(length, bool)
         if length < element.length:
             damage.end(f"{element.length} rows of {element.name}, as its head says", str(length))
             at = len(data)
@@ -399,88 +397,88 @@ def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage)
 
 
 def _row_type(element: _Element, counts: dict[str, int]) -> np.dtype:
-    """Return the type of a row whose lists have so many values."""
+    """Return the type of a row whose lists have given lengths."""
     fields: list[tuple[Any, ...]] = []
     for number, one in enumerate(element.properties):
-        if one.count_kind is not None:
-            fields.append((f"n{number}", one.count_kind))
-            fields.append((f"v{number}", one.kind, (counts[one.name],)))
+        if one.count_dtype is not None:
+            fields.append((f"n{number}", one.count_dtype))
+            fields.append((f"v{number}", one.dtype, (counts[one.name],)))
         else:
-            fields.append((f"v{number}", one.kind))
+            fields.append((f"v{number}", one.dtype))
     return np.dtype(fields)
 
 
-def _take_rows(element: _Element, rows: NDArray[Any] | None, counts: dict[str, int]) -> None:
-    """Keep rows of one type as columns."""
+def _store_rows(element: _Element, rows: NDArray[Any] | None, counts: dict[str, int]) -> None:
+    """Store rows of one type as columns."""
     for number, one in enumerate(element.properties):
-        found = np.zeros(0, one.kind) if rows is None else rows[f"v{number}"].reshape(-1)
-        element.columns[one.name] = found.astype(one.kind.newbyteorder("="))
-        if one.count_kind is not None:
+        values = np.zeros(0, one.dtype) if rows is None else rows[f"v{number}"].reshape(-1)
+        element.columns[one.name] = values.astype(one.dtype.newbyteorder("="))
+        if one.count_dtype is not None:
             length = 0 if rows is None else len(rows)
             element.counts[one.name] = np.full(length, counts.get(one.name, 0))
 
 
 def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
-    """Read rows with lists; return how many there are whole, and where they end."""
-    first = _row_places(data, at, element)
+    """Read rows with lists; return the number of complete rows, and their end."""
+    first = _row_layout(data, at, element)
     if first is None:
-        _take_rows(element, None, {})
+        _store_rows(element, None, {})
         return 0, at
     counts = {one.name: first[1][n] for n, one in enumerate(element.properties)}
-    kind = _row_type(element, counts)
-    if element.length * kind.itemsize <= len(data) - at:
-        rows = np.frombuffer(data, kind, element.length, at)
+    dtype = _row_type(element, counts)
+    if element.length * dtype.itemsize <= len(data) - at:
+        rows = np.frombuffer(data, dtype, element.length, at)
         if all(
             (rows[f"n{n}"] == counts[one.name]).all()
             for n, one in enumerate(element.properties)
-            if one.count_kind is not None
+            if one.count_dtype is not None
         ):
-            _take_rows(element, rows, counts)
-            return element.length, at + element.length * kind.itemsize
+            _store_rows(element, rows, counts)
+            return element.length, at + element.length * dtype.itemsize
     pieces = [bytearray() for _ in element.properties]
     numbers = [array("q") for _ in element.properties]
     length = 0
     while length < element.length:
-        row = _row_places(data, at, element)
+        row = _row_layout(data, at, element)
         if row is None:
             break
-        begins, found, at = row
+        begins, row_counts, at = row
         for n, one in enumerate(element.properties):
-            pieces[n] += data[begins[n] : begins[n] + found[n] * one.kind.itemsize]
-            numbers[n].append(found[n])
+            pieces[n] += data[begins[n] : begins[n] + row_counts[n] * one.dtype.itemsize]
+            numbers[n].append(row_counts[n])
         length += 1
     for n, one in enumerate(element.properties):
-        column = np.frombuffer(pieces[n], one.kind)
-        element.columns[one.name] = column.astype(one.kind.newbyteorder("="))
-        if one.count_kind is not None:
+        column = np.frombuffer(pieces[n], one.dtype)
+        element.columns[one.name] = column.astype(one.dtype.newbyteorder("="))
+        if one.count_dtype is not None:
             element.counts[one.name] = np.array(numbers[n], np.int64)
     return length, at
 
 
-def _row_places(data: bytes, at: int, element: _Element) -> tuple[list[int], list[int], int] | None:
-    """Return where a row's values begin, how many there are, and its end; None if it is cut."""
+def _row_layout(data: bytes, at: int, element: _Element) -> tuple[list[int], list[int], int] | None:
+    """Return offsets and counts of a row's values, and its end; None if it is cut short."""
     begins, counts = [], []
     for one in element.properties:
         count = 1
-        if one.count_kind is not None:
-            size = one.count_kind.itemsize
+        if one.count_dtype is not None:
+            size = one.count_dtype.itemsize
             if at + size > len(data):
                 return None
-            if one.count_kind.kind == "f":
-                number = float(np.frombuffer(data, one.count_kind, 1, at)[0])
+            if one.count_dtype.kind == "f":
+                number = float(np.frombuffer(data, one.count_dtype, 1, at)[0])
                 count = int(number) if number >= 0 and number.is_integer() else -1
             else:
                 order: Literal["big", "little"] = (
-                    "big" if one.count_kind.str[0] == ">" else "little"
+                    "big" if one.count_dtype.str[0] == ">" else "little"
                 )
-                is_signed = one.count_kind.kind == "i"
+                is_signed = one.count_dtype.kind == "i"
                 count = int.from_bytes(data[at : at + size], order, signed=is_signed)
             if count < 0:
                 return None
             at += size
         begins.append(at)
         counts.append(count)
-        at += count * one.kind.itemsize
+        at += count * one.dtype.itemsize
         if at > len(data):
             return None
     return begins, counts, at
@@ -488,7 +486,7 @@ def _row_places(data: bytes, at: int, element: _Element) -> tuple[list[int], lis
 
 class _Polygons(NamedTuple):
     """
-    The sound faces of a file.
+    The valid faces of a file.
 
     Parameters
     ----------
@@ -505,27 +503,27 @@ class _Polygons(NamedTuple):
     rows: NDArray[np.int64]
     all_counts: NDArray[np.int64]
 
-    def some(self, kept: NDArray[np.bool_]) -> _Polygons:
-        """Return some of the polygons."""
-        corners = self.corners[np.repeat(kept, self.counts)]
-        return _Polygons(corners, self.counts[kept], self.rows[kept], self.all_counts)
+    def select(self, selected: NDArray[np.bool_]) -> _Polygons:
+        """Return the polygons of a mask."""
+        corners = self.corners[np.repeat(selected, self.counts)]
+        return _Polygons(corners, self.counts[selected], self.rows[selected], self.all_counts)
 
 
-def _with_strips(by_name: dict[str, _Element], left_out: LeftOut) -> _Element | None:
-    """Return the faces of a file, and the triangles of its strips behind them; None without any."""
+def _merge_strips(by_name: dict[str, _Element], left_out: LeftOut) -> _Element | None:
+    """Return the faces of a file followed by the triangles of its strips; None without any."""
     face, strips = by_name.get("face"), by_name.get(_STRIPS)
     name = None if face is None else _corner_name(face)
     of_strips = None if strips is None else _corner_name(strips)
     if face is not None and name is not None:
-        left_out.read("element 'face'", face.length)
+        left_out.mark_read("element 'face'", face.length)
     if strips is None or of_strips is None:
         return face
-    left_out.read(f"element {_STRIPS!r}", strips.length)
-    cut = _cut_strips(strips, of_strips, name or _CORNERS[0])
+    left_out.mark_read(f"element {_STRIPS!r}", strips.length)
+    cut = _triangulate_strips(strips, of_strips, name or _INDEX_LISTS[0])
     if face is None or name is None or not face.length:
         return cut
     both = _Element("face", face.length + cut.length)
-    both.there = np.concatenate([face.there, cut.there])
+    both.valid = np.concatenate([face.valid, cut.valid])
     both.counts[name] = np.concatenate([face.counts[name], cut.counts[name]])
     if face.lines is not None and cut.lines is not None:
         both.lines = np.concatenate([face.lines, cut.lines])
@@ -538,8 +536,8 @@ def _with_strips(by_name: dict[str, _Element], left_out: LeftOut) -> _Element | 
     return both
 
 
-def _cut_strips(strips: _Element, of_strips: str, name: str) -> _Element:
-    """Return the triangles of strips as faces, with what the strip of each has, but for lists."""
+def _triangulate_strips(strips: _Element, of_strips: str, name: str) -> _Element:
+    """Return the triangles of strips as faces, with the single values of their strips."""
     corners, counts = strips.columns[of_strips], strips.counts[of_strips]
     restarts = {_RESTART, *([np.iinfo(corners.dtype).max] if corners.dtype.kind == "u" else [])}
     ends = np.isin(corners, list(restarts))
@@ -548,27 +546,27 @@ def _cut_strips(strips: _Element, of_strips: str, name: str) -> _Element:
     run = (np.cumsum(ends) + np.repeat(np.arange(len(counts)), counts))[~ends]
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     lengths = np.diff(begins, append=len(run))
-    places, of_runs = strip_triangles(lengths)
+    corner_rows, of_runs = strip_triangles(lengths)
     rows = of_corners[begins[of_runs]] if len(begins) else np.zeros(0, np.int64)
-    cut = _Element("face", len(rows), there=strips.there[rows])
-    cut.columns[name] = corners[~ends][places].reshape(-1)
-    cut.counts[name] = np.full(len(rows), 3)
+    triangles_element = _Element("face", len(rows), valid=strips.valid[rows])
+    triangles_element.columns[name] = corners[~ends][corner_rows].reshape(-1)
+    triangles_element.counts[name] = np.full(len(rows), 3)
     for one, values in strips.columns.items():
         if one not in strips.counts:
-            cut.columns[one] = values[rows]
-    cut.lines = None if strips.lines is None else strips.lines[rows]
-    return cut
+            triangles_element.columns[one] = values[rows]
+    triangles_element.lines = None if strips.lines is None else strips.lines[rows]
+    return triangles_element
 
 
 def _polygons(
     face: _Element,
-    there: NDArray[np.bool_],
+    valid: NDArray[np.bool_],
     lines: TextLines | None,
     damage: Damage,
     left_out: LeftOut,
     budget: MemoryBudget,
 ) -> _Polygons | None:
-    """Return the sound faces, or None if there are no lists of corners."""
+    """Return the valid faces; None if there are no lists of corners."""
     name = _corner_name(face)
     if name is None:
         return None
@@ -576,26 +574,26 @@ def _polygons(
     begins = np.cumsum(counts) - counts
 
     def report(row: int) -> None:
-        expected = f"numbers of vertices below {len(there)} in a face"
+        expected = f"numbers of vertices below {len(valid)} in a face"
         if lines is not None and face.lines is not None:
             damage.line(lines, int(face.lines[row]), expected)
         else:
             begin = int(begins[row])
-            found = face.columns[name][begin : begin + int(counts[row])][:8].tolist()
-            damage.end(expected, f"{found} in face {row}")
+            corner_numbers = face.columns[name][begin : begin + int(counts[row])][:8].tolist()
+            damage.end(expected, f"{corner_numbers} in face {row}")
 
     budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_BYTES)
-    corners, kept, rows = sound_polygons(face.columns[name], counts, there, report, left_out)
-    return _Polygons(corners, kept, rows, counts)
+    corners, sizes, rows = valid_polygons(face.columns[name], counts, valid, report, left_out)
+    return _Polygons(corners, sizes, rows, counts)
 
 
 def _corner_name(face: _Element) -> str | None:
-    """Return the name of the lists of corners; None if none is one."""
-    name = next((one for one in _CORNERS if one in face.counts), None)
+    """Return the name of the lists of corners, or None."""
+    name = next((one for one in _INDEX_LISTS if one in face.counts), None)
     return next(iter(face.counts)) if name is None and len(face.counts) == 1 else name
 
 
-def _parts(
+def _meshes(
     name: str,
     vertex: _Element,
     face: _Element,
@@ -603,53 +601,53 @@ def _parts(
     pictures: list[str],
     resources: Resources,
     left_out: LeftOut,
-) -> list[Thing]:
-    """Return a mesh for each picture that faces show, or one."""
-    is_laid = bool(_corner_uv_name(face, polygons) or vertex.names(*_UV))
-    if not is_laid:
-        left_out.found("texture file without texture coordinates", len(pictures))
-        return [_part(name, vertex, face, polygons, None, left_out)]
+) -> list[Geometry]:
+    """Return a mesh for each texture file that faces use, or one."""
+    has_uv = bool(_corner_uv_name(face, polygons) or vertex.present(*_UV))
+    if not has_uv:
+        left_out.expect("texture file without texture coordinates", len(pictures))
+        return [_mesh(name, vertex, face, polygons, None, left_out)]
     if len(pictures) < 2:
         texture = _texture(pictures[0], resources, left_out) if pictures else None
-        return [_part(name, vertex, face, polygons, texture, left_out)]
+        return [_mesh(name, vertex, face, polygons, texture, left_out)]
     numbers = _picture_numbers(vertex, face, polygons)
     if numbers is None:
         left_out.note("further texture file, which no face names", len(pictures) - 1)
         texture = _texture(pictures[0], resources, left_out)
-        return [_part(name, vertex, face, polygons, texture, left_out)]
-    parts: list[Thing] = []
+        return [_mesh(name, vertex, face, polygons, texture, left_out)]
+    parts: list[Geometry] = []
     names = Names()
     for number in np.unique(numbers).tolist():
         texture = None
         if 0 <= number < len(pictures):
             texture = _texture(pictures[int(number)], resources, left_out)
-        some = polygons.some(numbers == number)
-        parts.append(_part(names.unique(name), vertex, face, some, texture, left_out))
+        selected = polygons.select(numbers == number)
+        parts.append(_mesh(names.unique(name), vertex, face, selected, texture, left_out))
     return parts
 
 
 def _picture_numbers(vertex: _Element, face: _Element, polygons: _Polygons) -> NDArray[Any] | None:
-    """Return the number of the picture of each polygon, by it or its first corner, or None."""
+    """Return the texture number of each polygon, by it or its first corner, or None."""
     for element in (face, vertex):
-        name = next((one for one in _NUMBER if one in element.columns), None)
+        name = next((one for one in _TEXTURE_NUMBERS if one in element.columns), None)
         if name is not None and name not in element.counts:
             firsts = polygons.corners[np.cumsum(polygons.counts) - polygons.counts]
             return element.columns[name][polygons.rows if element is face else firsts]
     return None
 
 
-def _part(
+def _mesh(
     name: str,
     vertex: _Element,
     face: _Element,
     polygons: _Polygons,
     texture: Texture | None,
     left_out: LeftOut,
-) -> Part:
-    """Return a mesh, with vertices of its own where faces differ in texture coordinates."""
+) -> MeshData:
+    """Return a mesh, with vertices split where faces differ in texture coordinates."""
     # What tells the corners of a vertex apart: texture coordinates.
     corners, counts, rows, _ = polygons
-    positions = vertex.table(_POSITION)
+    positions = vertex.stack(_POSITION)
     assert positions is not None
     of_corners = _corner_uv_name(face, polygons)
     numbers, uv_names = corners[:, np.newaxis], set()
@@ -657,83 +655,83 @@ def _part(
     if of_corners is not None:
         uv = _corner_uv(face, of_corners, polygons)
         numbers = np.column_stack([corners, distinct_rows(*uv.T)[0]])
-    elif uv_names := vertex.names(*_UV):
-        table = vertex.table(next(one for one in _UV if set(one) == uv_names))
+    elif uv_names := vertex.present(*_UV):
+        table = vertex.stack(next(one for one in _UV if set(one) == uv_names))
         uv = None if table is None else table[corners]
     # A vertex for each that differs.
-    which, picked = corners, None
-    if uv is not None or not vertex.there.all():
-        found, which = joined(numbers)
-        picked, uv = corners[found], None if uv is None else uv[found]
+    which, vertex_corners = corners, None
+    if uv is not None or not vertex.valid.all():
+        picked, which = unique_rows(numbers)
+        vertex_corners, uv = corners[picked], None if uv is None else uv[picked]
     # Triangles of the polygons.
     cut, of_polygons = triangles(counts, by_size=True)
     # Colours, of vertices or of faces.
-    of_vertices = vertex.names(*_COLORS)
+    of_vertices = vertex.present(*_COLORS)
     colors, face_colors = _colors(vertex), set()
     if colors is None:
-        of_faces, face_colors = _colors(face), face.names(*_COLORS)
+        of_faces, face_colors = _colors(face), face.present(*_COLORS)
         colors = None if of_faces is None else of_faces[rows[of_polygons]]
     # Other attributes of the vertices.
-    known = vertex.names(_POSITION) | vertex.names(_NORMAL) | of_vertices | uv_names
-    normals = vertex.table(_NORMAL)
-    attributes = vertex.attributes(left_out, known | set(_NUMBER))
-    if picked is not None:
-        attributes = {name: values[picked] for name, values in attributes.items()}
-        positions = positions[picked]
-        normals = None if normals is None else normals[picked]
-        colors = colors if colors is None or not of_vertices else colors[picked]
+    used = vertex.present(_POSITION) | vertex.present(_NORMAL) | of_vertices | uv_names
+    normals = vertex.stack(_NORMAL)
+    attributes = vertex.attributes(left_out, used | set(_TEXTURE_NUMBERS))
+    if vertex_corners is not None:
+        attributes = {name: values[vertex_corners] for name, values in attributes.items()}
+        positions = positions[vertex_corners]
+        normals = None if normals is None else normals[vertex_corners]
+        colors = colors if colors is None or not of_vertices else colors[vertex_corners]
     # A texture, or colours: not both.
     material = None
     if uv is not None:
-        material = material_from_mtl(MtlMaterial("material_0"), texture, False, left_out)
+        material = convert_mtl_material(MtlMaterial("material_0"), texture, False, left_out)
     if colors is not None and material is not None:
-        left_out.note(COLORS_BESIDE)
+        left_out.note(COLORS_NOTE)
         colors = None
     elif colors is not None:
         colors = linear_rgba(srgb_bytes(colors), False)
     # Other attributes of the faces.
-    known = {str(_corner_name(face)), str(of_corners), *_NUMBER, *face_colors}
+    used = {str(_corner_name(face)), str(of_corners), *_TEXTURE_NUMBERS, *face_colors}
     face_attributes = {
-        name: values[rows[of_polygons]] for name, values in face.attributes(left_out, known).items()
+        name: values[rows[of_polygons]] for name, values in face.attributes(left_out, used).items()
     }
-    return Part(
+    return MeshData(
         name, positions.astype(np.float64), which[cut], normals, uv, colors, material, attributes,
         face_attributes,
     )  # fmt: skip
 
 
 def _corner_uv_name(face: _Element, polygons: _Polygons) -> str | None:
-    """Return the name of the texture coordinates that faces have for each corner, or None."""
+    """Return the name of the lists of corners' texture coordinates, or None."""
     for name in _CORNER_UV:
-        said = face.counts.get(name)
-        if said is not None and np.array_equal(said, 2 * polygons.all_counts):
+        uv_counts = face.counts.get(name)
+        if uv_counts is not None and np.array_equal(uv_counts, 2 * polygons.all_counts):
             return name
     return None
 
 
 def _corner_uv(face: _Element, name: str, polygons: _Polygons) -> NDArray[Any]:
     """Return the texture coordinates of the corners of the polygons, (N, 2)."""
-    kept = np.zeros(len(polygons.all_counts), bool)
-    kept[polygons.rows] = True
+    is_kept = np.zeros(len(polygons.all_counts), bool)
+    is_kept[polygons.rows] = True
     pairs = face.columns[name].reshape(-1, 2)
-    return pairs[np.repeat(kept, polygons.all_counts)]
+    return pairs[np.repeat(is_kept, polygons.all_counts)]
 
 
 def _colors(element: _Element) -> NDArray[Any] | None:
-    """Return the colours of an element's rows, as they are, or None."""
-    rgba = element.table(_COLORS[0])
-    return element.table(_COLORS[1]) if rgba is None else rgba
+    """Return the colours of an element's rows, unconverted, or None."""
+    rgba = element.stack(_COLORS[0])
+    return element.stack(_COLORS[1]) if rgba is None else rgba
 
 
 def _texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | None:
-    """Return the picture that a file names; None, with a note, if it cannot be read."""
+    """Return a texture file; None, with a note, if it cannot be read."""
     try:
         content = resources.read(name)
-        what = f"picture {shown_name(name)}"
+        what = f"picture {quoted_name(name)}"
         return Texture(resources.decoder.decode("picture", content, what, ()))
     except RefusedFileError as error:
         left_out.note(f"a file that it names: {reason_of(error)}")
     except Exception as error:
         # Pillow raises what it likes about a damaged picture.
-        left_out.note(f"picture {shown_name(name)} that cannot be read: {reason_of(error)}")
+        left_out.note(f"picture {quoted_name(name)} that cannot be read: {reason_of(error)}")
     return None

@@ -1,4 +1,4 @@
-"""Read STL files, binary and text: loose triangles, whose normals are made anew."""
+"""Read STL files, binary and text, as unconnected triangles; normals are computed."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import Names, Part
-from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, columns, number_rows
+from rasterjit.io.text.mesh_builder import MeshData, Names
+from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, number_rows, row_table
 
-_HEAD = 84
+_HEADER_BYTES = 84
 """Bytes of a binary file before its triangles: a text of 80, and their number."""
 
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
 
-_PROBE = 1024
-"""Bytes among which a text has no zero."""
+_TEXT_PROBE_BYTES = 1024
+"""Bytes of a file that have no zero in a text."""
 
 
-def read_stl(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
+def read_stl(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[MeshData]:
     """Return the meshes of an STL file, or raise `MeshFileError`."""
-    data = resources.read_itself(path)
-    count = int.from_bytes(data[80:_HEAD], "little")
-    whole, rest = divmod(len(data) - _HEAD, _TRIANGLE.itemsize)
-    is_binary = len(data) >= _HEAD and (whole, rest) == (count, 0)
-    if is_binary or (len(data) >= _HEAD and b"\0" in data[:_PROBE]):
-        if whole < count:
-            damage.end(f"{count} triangles, as its head says", f"room for {whole}")
+    data = resources.read_mesh_file(path)
+    count = int.from_bytes(data[80:_HEADER_BYTES], "little")
+    triangle_room, rest = divmod(len(data) - _HEADER_BYTES, _TRIANGLE.itemsize)
+    is_binary = len(data) >= _HEADER_BYTES and (triangle_room, rest) == (count, 0)
+    if is_binary or (len(data) >= _HEADER_BYTES and b"\0" in data[:_TEXT_PROBE_BYTES]):
+        if triangle_room < count:
+            damage.end(f"{count} triangles, as its head says", f"room for {triangle_room}")
         elif not is_binary:
-            extra = len(data) - _HEAD - count * _TRIANGLE.itemsize
+            extra = len(data) - _HEADER_BYTES - count * _TRIANGLE.itemsize
             damage.end(f"nothing after {count} triangles", f"{extra} bytes")
         resources.budget.take("its triangles", BINARY_BYTES * len(data))
-        triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
-        marked = int(np.count_nonzero(triangles["attribute"]))
-        left_out.note("colour or attribute of a triangle", marked)
+        triangles = np.frombuffer(data, _TRIANGLE, min(count, triangle_room), _HEADER_BYTES)
+        attribute_count = int(np.count_nonzero(triangles["attribute"]))
+        left_out.note("colour or attribute of a triangle", attribute_count)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
     else:
         parts = list(_text_parts(TextLines(data, resources.budget), path.name, damage, left_out))
@@ -46,15 +46,15 @@ def read_stl(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     return parts
 
 
-def _part(name: str, vertices: NDArray) -> Part:
-    """Return a mesh of loose triangles."""
-    return Part(name, vertices.astype(np.float64), np.arange(len(vertices)).reshape(-1, 3))
+def _part(name: str, vertices: NDArray) -> MeshData:
+    """Return a mesh of unconnected triangles."""
+    return MeshData(name, vertices.astype(np.float64), np.arange(len(vertices)).reshape(-1, 3))
 
 
 def _text_parts(
     lines: TextLines, file_name: str, damage: Damage, left_out: LeftOut
-) -> Iterator[Part]:
-    """Yield a mesh for each solid of a text file that has triangles; the file's name stands in."""
+) -> Iterator[MeshData]:
+    """Yield a mesh for each solid of a text file that has triangles."""
     first, second, fourth = (lines.char(offset) | 0x20 for offset in (0, 1, 3))
     solids = np.flatnonzero((first == ord("s")) & (second == ord("o")))
     facets = np.flatnonzero((first == ord("f")) & (second == ord("a")))
@@ -62,27 +62,27 @@ def _text_parts(
     ends = np.flatnonzero((first == ord("e")) & (second == ord("n")) & (fourth == ord("s")))
     if not len(corners):
         return
-    known = np.isin(first, np.frombuffer(b"sfve", np.uint8)) | (
+    is_known = np.isin(first, np.frombuffer(b"sfve", np.uint8)) | (
         (first == ord("o")) & (second == ord("u"))
     )
-    lines.note_unknown(np.flatnonzero(~known & (lines.starts < lines.ends)), left_out)
+    lines.note_unknown(np.flatnonzero(~is_known & (lines.starts < lines.ends)), left_out)
     if not len(ends) or ends[-1] < corners[-1]:
-        damage.end("'endsolid'", lines.shown(len(lines) - 1))
+        damage.end("'endsolid'", lines.quote(len(lines) - 1))
     values, counts = number_rows(lines, corners, len("vertex"), 3, "a vertex", damage)
-    vertices, there = columns(values, counts, 3)
+    vertices, valid = row_table(values, counts, 3)
     facet = np.searchsorted(facets, corners)
     sizes = np.bincount(facet, minlength=len(facets) + 1)
     is_whole = sizes == 3
-    is_whole[facet[~there]] = False
+    is_whole[facet[~valid]] = False
     is_whole[0] = False
     for number in np.flatnonzero((sizes != 3) & (np.arange(len(sizes)) > 0)).tolist():
         damage.line(lines, int(facets[number - 1]), f"a facet of 3 vertices, not {sizes[number]}")
     if sizes[0]:
         damage.line(lines, int(corners[0]), "'facet' before it")
-    kept = is_whole[facet]
+    is_kept = is_whole[facet]
     # A solid that begins within a triangle has the next one first.
-    solid, names = np.repeat(np.searchsorted(solids, corners[kept][::3]), 3), Names()
-    vertices = vertices[kept]
+    solid, names = np.repeat(np.searchsorted(solids, corners[is_kept][::3]), 3), Names()
+    vertices = vertices[is_kept]
     bounds = np.concatenate(([0], np.flatnonzero(np.diff(solid)) + 1, [len(solid)]))
     for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
         if begin < end:

@@ -33,18 +33,18 @@ _NAMES = {
     "nx": ("nx", "normal_x", "n_x"), "ny": ("ny", "normal_y", "n_y"),
     "nz": ("nz", "normal_z", "n_z"), INTENSITY: (INTENSITY, "i", "scalar_intensity"),
 }  # fmt: skip
-_MEANING = {name: meant for meant, names in _NAMES.items() for name in names}
-"""What a column of a name holds."""
+_COLUMN_MEANINGS = {name: meant for meant, names in _NAMES.items() for name in names}
+"""Meaning of a column, by its name."""
 
 _MAX_COLUMNS = 1 << 12
 
-_UNIT = 0.02
-"""By how much the length of normals may differ from 1 to be known as such."""
+_NORMAL_TOLERANCE = 0.02
+"""Largest difference of the length of normals from 1."""
 
 
 def read_rows(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
     """Return the cloud of a file of `ROW_FORMATS`, or raise `MeshFileError`."""
-    original = resources.read_itself(path)
+    original = resources.read_mesh_file(path)
     decimal = _has_decimal_commas(original)
     data = original.translate(_DECIMAL_COMMAS if decimal else _SEPARATORS)
     lines = TextLines(data, resources.budget, 0, original)
@@ -53,40 +53,40 @@ def read_rows(path: Path, resources: Resources, damage: Damage, left_out: LeftOu
         (lines.starts < lines.ends)
         & (marks != ord("#")) & (marks != ord("/")) & (marks != ord("\r"))
     )  # fmt: skip
-    names, rows, said = _head(path, lines, rows)
+    names, rows, declared_count = _read_head(path, lines, rows)
     if not len(rows):
         raise MeshFileError(f"{path} holds a point cloud of no points")
     width = len(names) if names else len(lines.text(int(rows[0])).split())
     if not 3 <= width <= _MAX_COLUMNS:
         raise MeshFileError(
             f"{path} must have rows of 3 numbers or more, x y z ..., got "
-            f"{lines.shown(int(rows[0]))} at {lines.where(int(rows[0]))}"
+            f"{lines.quote(int(rows[0]))} at {lines.line_label(int(rows[0]))}"
         )
     resources.budget.take(f"its {len(rows)} rows", len(rows) * (ROW_BYTES + 8 * width))
-    values, found = number_rows(lines, rows, 0, width, "a point", damage)
-    for row in np.flatnonzero(found > width).tolist():
+    values, counts = number_rows(lines, rows, 0, width, "a point", damage)
+    for row in np.flatnonzero(counts > width).tolist():
         damage.line(lines, int(rows[row]), f"{width} numbers of a point")
-    good = found == width
-    if said is not None and said != len(rows):
-        damage.end(f"{said} points, as its first line says", str(len(rows)))
-    if not good.any():
+    is_whole = counts == width
+    if declared_count is not None and declared_count != len(rows):
+        damage.end(f"{declared_count} points, as its first line says", str(len(rows)))
+    if not is_whole.any():
         raise MeshFileError(f"{path} holds a point cloud of no points")
-    begins = (np.cumsum(found) - found)[good]
+    begins = (np.cumsum(counts) - counts)[is_whole]
     table = values[begins[:, np.newaxis] + np.arange(width)]
-    return [_cloud(path, table, names or _guessed(table, path.suffix.lower()), left_out)]
+    return [_cloud(path, table, names or _guess_columns(table, path.suffix.lower()), left_out)]
 
 
 def _has_decimal_commas(data: bytes) -> bool:
-    """Tell whether numbers have commas for points, as those between semicolons may."""
+    """Tell whether numbers have decimal commas, with semicolons between them."""
     begin = data[: 1 << 16]
     rows = [line for line in begin.splitlines() if line[:1].isdigit() or line[:1] in b"+-."]
     return bool(rows) and all(b";" in row and b"," in row and b"." not in row for row in rows[:9])
 
 
-def _head(
+def _read_head(
     path: Path, lines: TextLines, rows: NDArray[np.int64]
 ) -> tuple[list[str], NDArray[np.int64], int | None]:
-    """Return the names of columns, if a line says them; the rows below; their number, if said."""
+    """Return the column names if a line has them, the rows below, and their number if declared."""
     if not len(rows):
         return [], rows, None
     first = lines.text(int(rows[0])).split()
@@ -99,18 +99,18 @@ def _head(
         return [], rows[1:], int(first[0])
     if first and not _is_number(first[0].strip('"')):
         names = [word.strip('"').lstrip("/#").lower() for word in first]
-        meant = [_MEANING.get(name, name) for name in names]
-        if not {"x", "y", "z"} <= set(meant):
+        columns = [_COLUMN_MEANINGS.get(name, name) for name in names]
+        if not {"x", "y", "z"} <= set(columns):
             raise MeshFileError(
                 f"{path} must begin with a row of numbers, or of names with x, y and z among "
-                f"them, got {lines.shown(int(rows[0]))}"
+                f"them, got {lines.quote(int(rows[0]))}"
             )
-        return meant, rows[1:], None
+        return columns, rows[1:], None
     return [], rows, None
 
 
 def _is_number(word: str) -> bool:
-    """Tell a number."""
+    """Tell whether a word is a number."""
     try:
         float(word)
     except ValueError:
@@ -118,14 +118,14 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _guessed(table: NDArray[np.float64], suffix: str) -> list[str]:
-    """Return what columns without names hold."""
+def _guess_columns(table: NDArray[np.float64], suffix: str) -> list[str]:
+    """Guess the meaning of columns without names."""
     width = table.shape[1]
     rest = list(range(3, width))
     names = ["x", "y", "z", *(f"column {number + 1}" for number in rest)]
 
-    def name(at: int, *given: str) -> None:
-        names[at : at + len(given)] = given
+    def name(at: int, *new_names: str) -> None:
+        names[at : at + len(new_names)] = new_names
 
     if width == 4:
         name(3, INTENSITY)
@@ -150,23 +150,23 @@ def _guessed(table: NDArray[np.float64], suffix: str) -> list[str]:
 
 
 def _are_normals(three: NDArray[np.float64]) -> bool:
-    """Tell vectors of unit length, some of which may be zero."""
+    """Tell whether vectors are of unit length, or zero."""
     x, y, z = three.T
     with np.errstate(over="ignore"):
         squared = x * x + y * y + z * z
-    known = np.isfinite(squared) & (squared != 0.0)
-    return bool(known.any() and (np.abs(squared[known] - 1.0) <= 2.0 * _UNIT).all())
+    nonzero = np.isfinite(squared) & (squared != 0.0)
+    return bool(nonzero.any() and (np.abs(squared[nonzero] - 1.0) <= 2.0 * _NORMAL_TOLERANCE).all())
 
 
 def _are_colors(three: NDArray[np.float64]) -> bool:
-    """Tell bytes, or shares of 1."""
-    low, high = three.min(initial=np.inf), three.max(initial=-np.inf)
+    """Tell whether values are bytes, or in 0..1."""
+    minimum, limit = three.min(initial=np.inf), three.max(initial=-np.inf)
     is_whole = bool((three == np.floor(three)).all())
-    return bool(low >= 0.0 and (high <= 1.0 or (is_whole and high <= 255.0)))
+    return bool(minimum >= 0.0 and (limit <= 1.0 or (is_whole and limit <= 255.0)))
 
 
 def _cloud(path: Path, table: NDArray[np.float64], names: list[str], left_out: LeftOut) -> Cloud:
-    """Return what the columns mean."""
+    """Return the cloud of the columns by the meaning of their names."""
     columns: dict[str, NDArray[Any]] = {}
     for number, name in enumerate(names):
         if name in columns:
@@ -187,11 +187,11 @@ def _cloud(path: Path, table: NDArray[np.float64], names: list[str], left_out: L
 
 
 def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return colours, linear RGBA, which are sRGB: bytes, shares of 1, or numbers of 16 bits."""
+    """Return sRGB colours, of 8 or 16 bits or in 0..1, as linear RGBA."""
     finite = np.where(np.isfinite(codes), codes, 0.0)
-    high = finite.max(initial=0.0)
-    if high > 255.0:
+    limit = finite.max(initial=0.0)
+    if limit > 255.0:
         finite = finite / 65535.0
-    elif high > 1.0:
+    elif limit > 1.0:
         finite = finite / 255.0
     return linear_rgba(srgb_bytes(finite), False)

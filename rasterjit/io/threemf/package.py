@@ -15,22 +15,22 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from rasterjit.io.load_warnings import MissingFileError
-from rasterjit.io.resources import shown_name, take_members
+from rasterjit.io.resources import quoted_name, take_members
 from rasterjit.scene.memory_limits import MemoryBudget
 
-_ROOT_RELATIONS = "_rels/.rels"
-_MODEL_RELATION = "/3dmodel"
-"""What the type of the relationship to the root model ends with, in every edition."""
+_ROOT_RELATIONSHIPS = "_rels/.rels"
+_MODEL_RELATIONSHIP = "/3dmodel"
+"""End of the type of the relationship to the root model, in every edition."""
 
-_USUAL_MODEL = "3d/3dmodel.model"
+_DEFAULT_MODEL = "3d/3dmodel.model"
 
 XML_BYTES = 24
-"""What a byte of XML takes as a tree."""
+"""Memory of a byte of XML as a tree."""
 
 
 class Package:
     """
-    The parts of a 3MF file.
+    Reads the parts of a 3MF file, which is a package.
 
     Parameters
     ----------
@@ -48,46 +48,46 @@ class Package:
         budget.take("the file", path.stat().st_size)
         take_members(path, "3mf", XML_BYTES, budget)
         self._archive = zipfile.ZipFile(path)
-        self._members = {_key(one): one for one in self._archive.namelist()}
+        self._members = {_normalize(one): one for one in self._archive.namelist()}
 
     def close(self) -> None:
         """Close the archive."""
         self._archive.close()
 
     def root_model(self) -> str:
-        """Return the name of the model whose build is shown, or raise `MissingFileError`."""
-        if _ROOT_RELATIONS in self._members:
-            for one in self.tree(_ROOT_RELATIONS):
-                if one.get("Type", "").lower().endswith(_MODEL_RELATION):
-                    return _key(one.get("Target", ""))
+        """Return the name of the root model, or raise `MissingFileError`."""
+        if _ROOT_RELATIONSHIPS in self._members:
+            for one in self.xml_root(_ROOT_RELATIONSHIPS):
+                if one.get("Type", "").lower().endswith(_MODEL_RELATIONSHIP):
+                    return _normalize(one.get("Target", ""))
         models = [name for name in self._members if name.endswith(".model")]
-        usual = [name for name in models if name.endswith(_USUAL_MODEL)]
-        for name in (*usual, *models):
+        defaults = [name for name in models if name.endswith(_DEFAULT_MODEL)]
+        for name in (*defaults, *models):
             return name
         raise MissingFileError("a model")
 
     def content(self, name: str) -> bytes:
         """Return the content of a part, or raise `MissingFileError`."""
-        if _key(name) not in self._members:
-            raise MissingFileError(f"its part {shown_name(name)} is missing")
-        return self._archive.read(self._members[_key(name)])
+        if _normalize(name) not in self._members:
+            raise MissingFileError(f"its part {quoted_name(name)} is missing")
+        return self._archive.read(self._members[_normalize(name)])
 
-    def tree(self, name: str) -> ElementTree.Element:
+    def xml_root(self, name: str) -> ElementTree.Element:
         """Return the root element of a part that is XML, or raise ``ValueError``."""
         try:
-            return _parsed(self.content(name))
+            return _parse_xml(self.content(name))
         except expat.ExpatError as error:
-            raise ValueError(f"its part {shown_name(name)}: {error}") from error
+            raise ValueError(f"its part {quoted_name(name)}: {error}") from error
 
 
-def _key(name: str) -> str:
-    """Return the name of a part as names are compared: without regard to case."""
+def _normalize(name: str) -> str:
+    """Return a part's name for comparison, without regard to case."""
     return unquote(name.replace("\\", "/")).lstrip("/").lower()
 
 
-def _parsed(content: bytes) -> ElementTree.Element:
+def _parse_xml(content: bytes) -> ElementTree.Element:
     """
-    Return the root element of XML, all names with their prefixes, as they are written.
+    Parse XML, keeping the prefixes of all names, and return the root element.
 
     `ElementTree.fromstring` puts the address of its name space before each name, so that one long
     address and many names take the memory of their product. Declarations of name spaces are left
@@ -125,10 +125,10 @@ def local_name(tag: object) -> str:
 
 
 def children(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
-    """Return the elements of a name right below another."""
+    """Return the children of an element that have a name."""
     return [one for one in element if local_name(one.tag) == name]
 
 
 def attribute(element: ElementTree.Element, name: str) -> str | None:
-    """Return an attribute by its name, whatever its prefix."""
+    """Return an attribute by its name without prefix."""
     return next((value for key, value in element.items() if local_name(key) == name), None)

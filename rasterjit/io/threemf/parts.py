@@ -1,4 +1,4 @@
-"""Split the mesh of a 3MF object by texture, and its corners by colour; make its lattice."""
+"""Split the mesh of a 3MF object by texture, and its vertices by colour; build beam lattices."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from numpy.typing import NDArray
 
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.io.text.mesh_builder import Part, joined, linear_rgba
+from rasterjit.io.text.mesh_builder import MeshData, linear_rgba, unique_rows
 from rasterjit.io.threemf.package import Package, children, local_name
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.portable_trig import sine_cosine
 from rasterjit.scene.texture import Filter, Texture, Wrap
 
-_MATERIALS = ("basematerials", "compositematerials")
-"""Groups that say what a body is made of: others are laid over them."""
+_MATERIAL_GROUPS = ("basematerials", "compositematerials")
+"""Groups of materials; other properties are layered over these."""
 
-GROUPS = (*_MATERIALS, "colorgroup", "texture2dgroup", "multiproperties")
+PROPERTY_GROUPS = (*_MATERIAL_GROUPS, "colorgroup", "texture2dgroup", "multiproperties")
 
-_TILES: dict[str, Wrap] = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
+_WRAPS: dict[str, Wrap] = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
 _FILTERS: dict[str, Filter] = {"auto": "trilinear", "linear": "bilinear", "nearest": "nearest"}
 
 _ENTRY_BYTES = 96
-"""What an entry of a group takes for each material or group that it mixes."""
+"""Memory of an entry of a group for each material or group that it mixes."""
 
-_MAX_MIXED = 16
-"""Most textures that are mixed for one group, each with other colours below or above it."""
+_MAX_MIXED_TEXTURES = 16
+"""Most textures that one multi-property mixes, each with other colours."""
 
 _Floats: TypeAlias = "NDArray[np.float32]"
 
 
 @dataclass(frozen=True)
-class Look:
+class PropertyGroup:
     """
-    What a group gives to the corners that name one of its N entries.
+    The N entries of a property group, as corners of triangles refer to them.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Look:
     uv : (N, 2) float64, optional
         v upwards.
     textures : list of Texture or None
-    which : (N,) int
+    texture_ids : (N,) int
         The texture of each.
     """
 
@@ -58,12 +58,12 @@ class Look:
     names: list[str | None]
     uv: NDArray[np.float64] | None
     textures: list[Texture | None]
-    which: NDArray[np.int64]
+    texture_ids: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class _Layer:
-    """One of the groups that a multi-property mixes, by its entries: colours or a texture."""
+class _MixLayer:
+    """A group that a multi-property mixes: the colours or texture of its entries."""
 
     colors: _Floats
     uv: NDArray[np.float64] | None = None
@@ -73,7 +73,7 @@ class _Layer:
 
 class Properties:
     """
-    The property groups of one model.
+    Reads the property groups of one model.
 
     Parameters
     ----------
@@ -100,68 +100,68 @@ class Properties:
         self._elements = {
             one.get("id", ""): one
             for one in resources
-            if local_name(one.tag) in (*GROUPS, "texture2d")
+            if local_name(one.tag) in (*PROPERTY_GROUPS, "texture2d")
         }
         self._package = package
         self._left_out = left_out
         self._budget, self._decoder = budget, decoder
-        self._looks: dict[str, Look] = {}
-        self._layers: dict[str, _Layer] = {}
+        self._groups: dict[str, PropertyGroup] = {}
+        self._layers: dict[str, _MixLayer] = {}
         self._textures: dict[str, Texture | None] = {}
 
-    def look(self, group: str) -> Look:
-        """Return what a group gives, or raise ``ValueError`` if there is none of that number."""
-        if group not in self._looks:
-            element = self._group(group)
+    def group(self, group: str) -> PropertyGroup:
+        """Return a property group, or raise ``ValueError`` if it does not exist."""
+        if group not in self._groups:
+            element = self._group_element(group)
             if local_name(element.tag) == "multiproperties":
-                self._looks[group] = self._mixed(element)
+                self._groups[group] = self._mix_layers(element)
             else:
-                layer = self._layer(element)
+                mix_layer = self._layer(element)
                 names = [one.get("name") for one in element]
-                opaque = layer.colors.copy()
-                if not layer.is_material:
+                opaque = mix_layer.colors.copy()
+                if not mix_layer.is_material:
                     opaque[:, 3] = 1.0
-                self._looks[group] = Look(
-                    opaque, names, layer.uv, [layer.texture], np.zeros(len(names), np.int64)
+                self._groups[group] = PropertyGroup(
+                    opaque, names, mix_layer.uv, [mix_layer.texture], np.zeros(len(names), np.int64)
                 )
-        return self._looks[group]
+        return self._groups[group]
 
-    def _group(self, group: str) -> ElementTree.Element:
-        """Return the element of a group."""
+    def _group_element(self, group: str) -> ElementTree.Element:
+        """Return the element of a group, or raise ``ValueError``."""
         element = self._elements.get(group)
-        if element is None or local_name(element.tag) not in GROUPS:
+        if element is None or local_name(element.tag) not in PROPERTY_GROUPS:
             raise ValueError(f"there is no group of properties {group[:80]!r}")
         return element
 
-    def _layer_of(self, group: str) -> _Layer:
-        """Return a group that others mix, made once."""
+    def _cached_layer(self, group: str) -> _MixLayer:
+        """Return a group as a layer of a multi-property, read once."""
         if group not in self._layers:
-            self._layers[group] = self._layer(self._group(group))
+            self._layers[group] = self._layer(self._group_element(group))
         return self._layers[group]
 
-    def _layer(self, element: ElementTree.Element) -> _Layer:
-        """Return a group that mixes no others."""
+    def _layer(self, element: ElementTree.Element) -> _MixLayer:
+        """Return a group that is no multi-property as a layer."""
         kind, count = local_name(element.tag), len(element)
         if kind == "texture2dgroup":
             uv = np.array([[float(one.get(key, "")) for key in "uv"] for one in element])
             texture = self._texture(element.get("texid", ""))
             white = np.ones((count, 4), np.float32)
-            return _Layer(white, None if texture is None else uv.reshape(-1, 2), texture)
+            return _MixLayer(white, None if texture is None else uv.reshape(-1, 2), texture)
         if kind == "compositematerials":
-            return _Layer(self._composites(element), is_material=True)
+            return _MixLayer(self._composites(element), is_material=True)
         key = "displaycolor" if kind == "basematerials" else "color"
         colors = [_color(one.get(key)) for one in element]
         rgba = linear_rgba(np.array(colors, np.uint8).reshape(-1, 4), False)
-        return _Layer(rgba, is_material=kind == "basematerials")
+        return _MixLayer(rgba, is_material=kind == "basematerials")
 
     def _composites(self, element: ElementTree.Element) -> _Floats:
-        """Return the colours of mixtures: those of their materials by their shares."""
-        said = element.get("matindices", "").split()
-        below = self._layer_of(element.get("matid", "")).colors
+        """Return the colours of composite materials: means weighted by their shares."""
+        indices = element.get("matindices", "").split()
+        base = self._cached_layer(element.get("matid", "")).colors
         self._budget.take(
-            "each of its mixtures of materials", len(element) * len(said) * _ENTRY_BYTES
+            "each of its mixtures of materials", len(element) * len(indices) * _ENTRY_BYTES
         )
-        colors = below[[_place(one, len(below)) for one in said]]
+        colors = base[[_index(one, len(base)) for one in indices]]
         shares = np.zeros((len(element), len(colors)))
         for row, one in zip(shares, element, strict=True):
             values = [float(value) for value in one.get("values", "").split()][: len(row)]
@@ -171,9 +171,9 @@ class Properties:
         # A sum over a row each: the same bits on every CPU.
         return (shares[:, :, None] * colors).sum(axis=1).astype(np.float32)
 
-    def _mixed(self, element: ElementTree.Element) -> Look:
-        """Return what a multi-property gives, its layers mixed for every entry."""
-        layers = [self._layer_of(one) for one in element.get("pids", "").split()]
+    def _mix_layers(self, element: ElementTree.Element) -> PropertyGroup:
+        """Return a multi-property as a group, its layers mixed for every entry."""
+        layers = [self._cached_layer(one) for one in element.get("pids", "").split()]
         self._budget.take("each of its multi-properties", len(element) * len(layers) * _ENTRY_BYTES)
         if not layers:
             raise ValueError("a multi-property must mix at least one group")
@@ -181,64 +181,64 @@ class Properties:
         methods += ["mix"] * (len(layers) - len(methods))
         rows = np.zeros((len(element), len(layers)), np.int64)
         for row, one in zip(rows, element, strict=True):
-            said = one.get("pindices", "").split()
-            for place, layer in enumerate(layers[: len(said)]):
-                row[place] = _place(said[place], len(layer.colors))
+            indices = one.get("pindices", "").split()
+            for index, layer in enumerate(layers[: len(indices)]):
+                row[index] = _index(indices[index], len(layer.colors))
         colors = [layer.colors[row] for layer, row in zip(layers, rows.T, strict=True)]
         has_material = layers[0].is_material
         textured = {
-            place: (layer.texture, layer.uv[rows[:, place]])
-            for place, layer in enumerate(layers)
+            index: (layer.texture, layer.uv[rows[:, index]])
+            for index, layer in enumerate(layers)
             if layer.texture is not None and layer.uv is not None
         }
         names: list[str | None] = [None] * len(rows)
         if not textured:
             mixed = _blend(colors, methods, has_material)
-            return Look(mixed, names, None, [None], np.zeros(len(rows), np.int64))
+            return PropertyGroup(mixed, names, None, [None], np.zeros(len(rows), np.int64))
         uv = textured[max(textured)][1]
-        plain = [place for place in range(len(layers)) if place not in textured]
-        shown = self._mixable(textured)
-        textures, which = self._mixed_textures(colors, methods, has_material, shown, plain)
-        return Look(np.ones((len(rows), 4), np.float32), names, uv, textures, which)
+        plain = [index for index in range(len(layers)) if index not in textured]
+        mixable = self._mixable_textures(textured)
+        textures, texture_ids = self._mix_textures(colors, methods, has_material, mixable, plain)
+        return PropertyGroup(np.ones((len(rows), 4), np.float32), names, uv, textures, texture_ids)
 
-    def _mixable(
+    def _mixable_textures(
         self, textured: dict[int, tuple[Texture, NDArray[np.float64]]]
     ) -> dict[int, Texture]:
-        """Return the textures that lie texel upon texel on the last one; note the others."""
+        """Return the textures that match the last one texel by texel; note the others."""
         last, uv = textured[max(textured)]
-        shown = {
-            place: texture
-            for place, (texture, at) in textured.items()
-            if texture.size == last.size and np.array_equal(at, uv)
+        mixed = {
+            index: texture
+            for index, (texture, layer_uv) in textured.items()
+            if texture.size == last.size and np.array_equal(layer_uv, uv)
         }
-        self._left_out.note("texture below another of a multi-property", len(textured) - len(shown))
-        return shown
+        self._left_out.note("texture below another of a multi-property", len(textured) - len(mixed))
+        return mixed
 
-    def _mixed_textures(
+    def _mix_textures(
         self, colors: list[_Floats], methods: list[str], has_material: bool,
-        shown: dict[int, Texture], plain: list[int],
+        textured: dict[int, Texture], plain: list[int],
     ) -> tuple[list[Texture | None], NDArray[np.int64]]:  # fmt: skip
-        """Return textures with the colours below and above mixed in, and which each entry shows."""
-        kept = sorted({*plain, *shown})
-        beside = np.concatenate([colors[place] for place in plain] or [colors[0]], axis=1)
-        kinds, which = np.unique(beside, axis=0, return_inverse=True)
-        if len(kinds) > _MAX_MIXED:
-            self._left_out.note("colour of a multi-property under a texture", len(kinds) - 1)
-            kinds, which = kinds.mean(axis=0, keepdims=True), np.zeros(len(beside), np.int64)
-        texture = shown[max(shown)]
-        made: list[Texture | None] = []
-        for kind in kinds.reshape(len(kinds), -1, 4):
-            constant = dict(zip(plain, kind, strict=False))
+        """Return textures with the colours of other layers mixed in, and that of each entry."""
+        order = sorted({*plain, *textured})
+        flat = np.concatenate([colors[index] for index in plain] or [colors[0]], axis=1)
+        rows, texture_ids = np.unique(flat, axis=0, return_inverse=True)
+        if len(rows) > _MAX_MIXED_TEXTURES:
+            self._left_out.note("colour of a multi-property under a texture", len(rows) - 1)
+            rows, texture_ids = rows.mean(axis=0, keepdims=True), np.zeros(len(flat), np.int64)
+        texture = textured[max(textured)]
+        textures: list[Texture | None] = []
+        for row in rows.reshape(len(rows), -1, 4):
+            constant = dict(zip(plain, row, strict=False))
             stack = [
-                shown[place].image
-                if place in shown
-                else np.broadcast_to(constant[place], texture.image.shape)
-                for place in kept
+                textured[index].image
+                if index in textured
+                else np.broadcast_to(constant[index], texture.image.shape)
+                for index in order
             ]
-            mixed = _blend(stack, [methods[place] for place in kept], has_material)
+            mixed = _blend(stack, [methods[index] for index in order], has_material)
             self._budget.take("a mixed texture", mixed.nbytes * 2)
-            made.append(Texture(mixed, wrap=texture.wrap, filter=texture.filter))
-        return made, which.reshape(-1)
+            textures.append(Texture(mixed, wrap=texture.wrap, filter=texture.filter))
+        return textures, texture_ids.reshape(-1)
 
     def _texture(self, number: str) -> Texture | None:
         """Return a texture, or None, with a note, if it cannot be read."""
@@ -253,7 +253,7 @@ class Properties:
                 content = self._package.content(element.get("path", ""))
                 self._textures[number] = Texture(
                     self._decoder.decode("picture", content, label, ()),
-                    wrap=(_TILES[tiles[0]], _TILES[tiles[1]]),
+                    wrap=(_WRAPS[tiles[0]], _WRAPS[tiles[1]]),
                     filter=_FILTERS[element.get("filter", "auto")],
                 )
             except Exception as error:
@@ -265,7 +265,7 @@ class Properties:
 
 def _blend(layers: list[_Floats], methods: list[str], has_material: bool) -> _Floats:
     """
-    Mix layers, (..., 4) linear RGBA, from the lowest on.
+    Mix layers, (..., 4) linear RGBA, from the lowest to the highest.
 
     What lies on a material is mixed first, alone, and then laid over it.
     """
@@ -285,57 +285,57 @@ def _blend(layers: list[_Floats], methods: list[str], has_material: bool) -> _Fl
     return np.concatenate([color, np.ones_like(alpha)], axis=-1)
 
 
-def _color(said: str | None) -> list[int]:
-    """Return a colour, ``#RRGGBB`` or ``#RRGGBBAA``, as bytes; white if none is said."""
-    if said is None:
+def _color(text: str | None) -> list[int]:
+    """Parse a colour, ``#RRGGBB`` or ``#RRGGBBAA``, to bytes; white if it is missing."""
+    if text is None:
         return [255, 255, 255, 255]
-    code = said.strip().removeprefix("#")
+    code = text.strip().removeprefix("#")
     if len(code) not in (6, 8):
-        raise ValueError(f"a colour must be #RRGGBB or #RRGGBBAA, got {said[:80]!r}")
+        raise ValueError(f"a colour must be #RRGGBB or #RRGGBBAA, got {text[:80]!r}")
     return list(bytes.fromhex(code.ljust(8, "F")))
 
 
-def _place(said: str, count: int) -> int:
-    """Return the number of an entry, or raise ``ValueError`` if there are not that many."""
-    number = int(said)
+def _index(text: str, count: int) -> int:
+    """Parse the index of an entry, or raise ``ValueError`` if it is out of range."""
+    number = int(text)
     if not 0 <= number < count:
         raise ValueError(f"a property must be below {count}, got {number}")
     return number
 
 
-_SIDES = ((5_000, 12), (50_000, 8))
-"""Sides of the beams of lattices with up to so many of them."""
+_BEAM_SIDES = ((5_000, 12), (50_000, 8))
+"""Most beams of a lattice, and the number of sides that they get."""
 
 _MIN_SIDES = 6
 
-_CAP = np.radians([90.0, 60.0, 30.0, 0.0])
-"""Latitudes of the rings of a round end, from its pole to where the beam begins."""
+_LATITUDES = np.radians([90.0, 60.0, 30.0, 0.0])
+"""Latitudes of the rings of a hemisphere cap, from its pole to the beam."""
 
-_FLAT_RADII = np.array([0.0, 1.0, 1.0, 1.0])
-"""Radii of the same rings of a flat end."""
+_FLAT_CAP_RADII = np.array([0.0, 1.0, 1.0, 1.0])
+"""Radii of the same rings of a flat cap."""
 
 
-def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lengths of vectors, (N,), given (N, 3)."""
     x, y, z = vectors.T
     return np.sqrt(x * x + y * y + z * z)
 
 
 def beam_sides(count: int) -> int:
-    """Return how many sides each beam of a lattice has."""
-    return next((sides for most, sides in _SIDES if count <= most), _MIN_SIDES)
+    """Return the number of sides of each beam of a lattice."""
+    return next((sides for most, sides in _BEAM_SIDES if count <= most), _MIN_SIDES)
 
 
 def beam_faces(count: int) -> int:
-    """Return how many faces the beams of a lattice have together."""
-    return count * 2 * beam_sides(count) * (2 * len(_CAP) - 1)
+    """Return the number of faces of all beams of a lattice."""
+    return count * 2 * beam_sides(count) * (2 * len(_LATITUDES) - 1)
 
 
 def beam_surfaces(
     ends: NDArray[np.float64], radii: NDArray[np.float64], is_flat: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """
-    Return the surfaces of beams, rings of vertices from one pole to the other.
+    Return the surfaces of beams: rings of vertices from one pole to the other.
 
     Parameters
     ----------
@@ -355,33 +355,33 @@ def beam_surfaces(
     """
     count, sides = len(ends), beam_sides(len(ends))
     along = ends[:, 1] - ends[:, 0]
-    length = lengths(along)
+    length = norms(along)
     axis = np.where(length[:, None] > 0.0, along, [0.0, 0.0, 1.0])
-    axis /= lengths(axis)[:, None]
+    axis /= norms(axis)[:, None]
     # Any direction that is not along the axis.
-    least = np.eye(3)[np.abs(axis).argmin(axis=1)]
-    across = np.cross(axis, least)
-    across /= lengths(across)[:, None]
+    helper_axis = np.eye(3)[np.abs(axis).argmin(axis=1)]
+    across = np.cross(axis, helper_axis)
+    across /= norms(across)[:, None]
     other = np.cross(axis, across)
-    turn = 2.0 * np.pi * np.arange(sides) / sides
-    sine, cosine = (one[None, :, None] for one in sine_cosine(turn))
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    sine, cosine = (one[None, :, None] for one in sine_cosine(angles))
     around = across[:, None] * cosine + other[:, None] * sine
-    rise, width = sine_cosine(_CAP)
-    vertices = np.empty((count, 2 * len(_CAP), sides, 3))
+    rise, width = sine_cosine(_LATITUDES)
+    vertices = np.empty((count, 2 * len(_LATITUDES), sides, 3))
     normals = np.empty_like(vertices)
     for end, sign in ((0, -1.0), (1, 1.0)):
         flat = is_flat[:, end, None]
-        wide = np.where(flat, _FLAT_RADII, width)
-        high = np.where(flat, 0.0, rise)
+        ring_radius = np.where(flat, _FLAT_CAP_RADII, width)
+        ring_height = np.where(flat, 0.0, rise)
         # A flat end has its own normals but at its last ring, where the side begins.
-        up = np.where(flat, [1.0, 1.0, 1.0, 0.0], rise)
-        out = np.where(flat, [0.0, 0.0, 0.0, 1.0], width)
+        axis_weight = np.where(flat, [1.0, 1.0, 1.0, 0.0], rise)
+        radial_weight = np.where(flat, [0.0, 0.0, 0.0, 1.0], width)
         radius = radii[:, end, None]
-        ring = around[:, None] * (wide * radius)[:, :, None, None]
-        ring = ring + (axis[:, None] * (sign * high * radius)[:, :, None])[:, :, None]
-        normal = around[:, None] * out[:, :, None, None]
-        normal = normal + (axis[:, None] * (sign * up)[:, :, None])[:, :, None]
-        rows = slice(0, len(_CAP)) if end == 0 else slice(None, len(_CAP) - 1, -1)
+        ring = around[:, None] * (ring_radius * radius)[:, :, None, None]
+        ring = ring + (axis[:, None] * (sign * ring_height * radius)[:, :, None])[:, :, None]
+        normal = around[:, None] * radial_weight[:, :, None, None]
+        normal = normal + (axis[:, None] * (sign * axis_weight)[:, :, None])[:, :, None]
+        rows = slice(0, len(_LATITUDES)) if end == 0 else slice(None, len(_LATITUDES) - 1, -1)
         vertices[:, rows] = ring + ends[:, end, None, None]
         normals[:, rows] = normal
     return vertices, normals, _ring_faces(count, sides)
@@ -389,7 +389,7 @@ def beam_surfaces(
 
 def _ring_faces(count: int, sides: int) -> NDArray[np.int64]:
     """Return the faces between the rings of each beam."""
-    rings = 2 * len(_CAP)
+    rings = 2 * len(_LATITUDES)
     first = np.arange(rings - 1)[:, None] * sides + np.arange(sides)
     after = np.arange(rings - 1)[:, None] * sides + (np.arange(sides) + 1) % sides
     quads = np.stack([first, after, after + sides, first + sides], axis=-1).reshape(-1, 4)
@@ -397,17 +397,17 @@ def _ring_faces(count: int, sides: int) -> NDArray[np.int64]:
     return (np.arange(count)[:, None, None] * rings * sides + faces).reshape(-1, 3)
 
 
-_READ_OF_TRIANGLES = {"v1", "v2", "v3", "p1", "p2", "p3", "pid"}
+_TRIANGLE_ATTRIBUTES = {"v1", "v2", "v3", "p1", "p2", "p3", "pid"}
 
 _BEAM_FACE_BYTES = 200
-"""What a face of a beam takes, with its vertices and their normals."""
+"""Memory of a face of a beam, with its vertices and their normals."""
 
 _CAPS = ("sphere", "hemisphere", "butt")
 
 
 class _Corners:
     """
-    What the corners of N triangles or beams show.
+    Colours, textures and UV of the corners of N triangles or beams.
 
     Parameters
     ----------
@@ -432,56 +432,56 @@ class _Corners:
         self.entries = np.zeros((count, width), np.int64)
         self.groups = np.zeros(count, np.int64)
         self.textures: list[Texture | None] = [None]
-        self.which = np.zeros(count, np.int64)
+        self.texture_ids = np.zeros(count, np.int64)
         self.colors = np.empty((count, width, 4), np.float32)
         self.colors[:] = Material().base_color_over(False)
         self.uv = np.zeros((count, width, 2))
         self.names: set[str | None] = set()
-        of_pid: dict[str, list[int]] = {}
+        rows_by_pid: dict[str, list[int]] = {}
         for row, one in enumerate(elements):
-            said = one.get("pid", group)
+            pid = one.get("pid", group)
             first = one.get(keys[0])
-            if said is None:
+            if pid is None:
                 continue
-            of_pid.setdefault(said, []).append(row)
+            rows_by_pid.setdefault(pid, []).append(row)
             if first is None:
                 # A group without a number of its own: the object's is one of another group.
-                first = entry if said == group else "0"
+                first = entry if pid == group else "0"
             self.entries[row] = [int(one.get(key, first or "0")) for key in keys]
-        self.is_plain = not of_pid
-        if sum(map(len, of_pid.values())) < count:
+        self.has_default_color = not rows_by_pid
+        if sum(map(len, rows_by_pid.values())) < count:
             self.names.add(None)
-        for number, (said, found) in enumerate(of_pid.items(), 1):
-            rows = np.array(found)
-            self._take(said, number, rows, properties, left_out)
+        for number, (pid, rows_of_pid) in enumerate(rows_by_pid.items(), 1):
+            rows = np.array(rows_of_pid)
+            self._read_group(pid, number, rows, properties, left_out)
 
-    def _take(
-        self, said: str, number: int, rows: NDArray[np.int64], properties: Properties,
+    def _read_group(
+        self, pid: str, number: int, rows: NDArray[np.int64], properties: Properties,
         left_out: LeftOut,
     ) -> None:  # fmt: skip
-        """Take what a group gives to some rows."""
-        look, entries = properties.look(said), self.entries[rows]
-        if entries.min() < 0 or entries.max() >= len(look.colors):
+        """Set the properties of some rows from their group."""
+        group, entries = properties.group(pid), self.entries[rows]
+        if entries.min() < 0 or entries.max() >= len(group.colors):
             raise ValueError(
-                f"properties of group {said[:80]!r} must be below {len(look.colors)}, got "
+                f"properties of group {pid[:80]!r} must be below {len(group.colors)}, got "
                 f"{int(entries.max())}"
             )
         self.groups[rows] = number
-        self.colors[rows] = look.colors[entries]
-        self.names |= {look.names[entry] for entry in np.unique(entries).tolist()}
-        if look.uv is not None:
-            self.uv[rows] = look.uv[entries]
-        which = look.which[entries]
-        differs = (which != which[:, :1]).any(axis=1)
+        self.colors[rows] = group.colors[entries]
+        self.names |= {group.names[entry] for entry in np.unique(entries).tolist()}
+        if group.uv is not None:
+            self.uv[rows] = group.uv[entries]
+        entry_textures = group.texture_ids[entries]
+        differs = (entry_textures != entry_textures[:, :1]).any(axis=1)
         left_out.note("change of colour below a texture", int(np.count_nonzero(differs)))
-        places = np.array([self._place(texture) for texture in look.textures])
-        self.which[rows] = places[which[:, 0]]
+        numbers = np.array([self._texture_number(texture) for texture in group.textures])
+        self.texture_ids[rows] = numbers[entry_textures[:, 0]]
 
-    def _place(self, texture: Texture | None) -> int:
-        """Return the number of a texture, a new one if it has none."""
-        for place, one in enumerate(self.textures):
+    def _texture_number(self, texture: Texture | None) -> int:
+        """Return the number of a texture, appended if it is new."""
+        for number, one in enumerate(self.textures):
             if one is texture:
-                return place
+                return number
         self.textures.append(texture)
         return len(self.textures) - 1
 
@@ -489,21 +489,21 @@ class _Corners:
 def surface_parts(
     name: str, element: ElementTree.Element, mesh: ElementTree.Element,
     vertices: NDArray[np.float64], properties: Properties, left_out: LeftOut,
-) -> list[Part]:  # fmt: skip
-    """Return the triangles of a mesh, those of each texture as one part."""
+) -> list[MeshData]:  # fmt: skip
+    """Return the triangles of a mesh as one part for each texture."""
     triangles = [
         one for group in children(mesh, "triangles") for one in children(group, "triangle")
     ]
     if not triangles:
         return []
-    others = Counter(
+    unread = Counter(
         local_name(key)
         for one in triangles
         if len(one.attrib) > 3
         for key in one.attrib
-        if key not in _READ_OF_TRIANGLES
+        if key not in _TRIANGLE_ATTRIBUTES
     )
-    for key, count in others.items():
+    for key, count in unread.items():
         left_out.note(f"{key} of a triangle", count)
     faces = np.array(
         [(int(one.attrib["v1"]), int(one.attrib["v2"]), int(one.attrib["v3"])) for one in triangles]
@@ -511,55 +511,57 @@ def surface_parts(
     _check_vertices(name, faces, len(vertices))
     defaults = element.get("pid"), element.get("pindex")
     corners = _Corners(triangles, ("p1", "p2", "p3"), defaults, properties, left_out)
-    if corners.is_plain:
-        return [Part(name, vertices, faces)]
+    if corners.has_default_color:
+        return [MeshData(name, vertices, faces)]
     return [
-        _colored(name, vertices, faces, corners, np.flatnonzero(corners.which == place))
-        for place in np.unique(corners.which).tolist()
+        _texture_part(name, vertices, faces, corners, np.flatnonzero(corners.texture_ids == number))
+        for number in np.unique(corners.texture_ids).tolist()
     ]
 
 
-def _colored(
+def _texture_part(
     name: str, vertices: NDArray[np.float64], faces: NDArray[np.int64], corners: _Corners,
     rows: NDArray[np.int64],
-) -> Part:  # fmt: skip
-    """Return some triangles, with one texture, as a part: vertices split where corners differ."""
+) -> MeshData:  # fmt: skip
+    """Return the triangles of one texture as a mesh, with vertices split where corners differ."""
     faces, colors = faces[rows], corners.colors[rows]
-    texture = corners.textures[int(corners.which[rows[0]])]
-    material, is_one = _material(colors, corners, texture)
-    is_flat = is_one or bool((colors == colors[:, :1]).all())
-    if texture is None and is_flat and (is_one or len(faces) != len(vertices)):
-        return Part(name, vertices, faces, None, None, None if is_one else colors[:, 0], material)
+    texture = corners.textures[int(corners.texture_ids[rows[0]])]
+    material, is_uniform = _material(colors, corners, texture)
+    is_flat = is_uniform or bool((colors == colors[:, :1]).all())
+    if texture is None and is_flat and (is_uniform or len(faces) != len(vertices)):
+        return MeshData(
+            name, vertices, faces, None, None, None if is_uniform else colors[:, 0], material
+        )
     groups = np.broadcast_to(corners.groups[rows, None], faces.shape)
     keys = np.column_stack([faces.ravel(), groups.ravel(), corners.entries[rows].ravel()])
-    kept, which = joined(keys)
-    uv = None if texture is None else corners.uv[rows].reshape(-1, 2)[kept]
-    shown = None if is_one else colors.reshape(-1, 4)[kept]
-    return Part(
-        name, vertices[keys[kept, 0]], which.reshape(-1, 3), None, uv, shown, material
+    picked, indices = unique_rows(keys)
+    uv = None if texture is None else corners.uv[rows].reshape(-1, 2)[picked]
+    rgba = None if is_uniform else colors.reshape(-1, 4)[picked]
+    return MeshData(
+        name, vertices[keys[picked, 0]], indices.reshape(-1, 3), None, uv, rgba, material
     )  # fmt: skip
 
 
 def _material(
     colors: NDArray[np.float32], corners: _Corners, texture: Texture | None
 ) -> tuple[Material, bool]:
-    """Return the material of faces, with its name, and with their colour, if all have one."""
+    """Return the material of faces, and whether all have its colour."""
     color = colors.reshape(-1, 4)[0]
-    is_one = bool((colors == color).all())
+    is_uniform = bool((colors == color).all())
     material = Material(
-        base_color=tuple(color.tolist()) if is_one else None,
+        base_color=tuple(color.tolist()) if is_uniform else None,
         name=next(iter(corners.names)) if len(corners.names) == 1 else None,
         base_color_texture=texture,
         alpha_mode="blend" if colors[..., 3].min() < 1.0 else "opaque",
     )
-    return material, is_one
+    return material, is_uniform
 
 
 def beam_part(
     name: str, element: ElementTree.Element, lattice: ElementTree.Element,
     vertices: NDArray[np.float64], properties: Properties, left_out: LeftOut, budget: MemoryBudget,
-) -> list[Part]:  # fmt: skip
-    """Return the beams and balls of a lattice as one part, or none if it has none."""
+) -> list[MeshData]:  # fmt: skip
+    """Return the beams and balls of a lattice as one mesh, or []."""
     # Beams: their ends, radii and caps.
     if lattice.get("clippingmode", "none") != "none":
         left_out.note("clipping of a beam lattice")
@@ -579,8 +581,8 @@ def beam_part(
     if not len(beams) and not balls:
         return []
     defaults = lattice.get("pid", element.get("pid")), lattice.get("pindex", element.get("pindex"))
-    places = np.array([int(one.attrib["vindex"]) for one in balls], np.int64)
-    ends = np.concatenate([ends, np.column_stack([places, places])])
+    ball_vertices = np.array([int(one.attrib["vindex"]) for one in balls], np.int64)
+    ends = np.concatenate([ends, np.column_stack([ball_vertices, ball_vertices])])
     sizes = [float(one.get("r", "") or lattice.get("ballradius", "nan")) for one in balls]
     radii = np.concatenate([radii, np.column_stack([sizes, sizes]).reshape(-1, 2)])
     is_flat = np.concatenate([is_flat, np.zeros((len(balls), 2), bool)])
@@ -595,51 +597,51 @@ def beam_part(
     colors = np.concatenate([corners.colors, np.repeat(of_balls.colors, 2, axis=1)])
     corners.names |= of_balls.names
     # Those that are long enough, as surfaces.
-    stands = vertices[ends]
-    length = lengths(stands[:, 1] - stands[:, 0])
-    kept = (length >= shortest) & (length > 0.0)
-    kept[len(beams) :] = True
-    left_out.note("beam that is shorter than its lattice allows", int(np.count_nonzero(~kept)))
-    if not kept.any():
+    end_positions = vertices[ends]
+    length = norms(end_positions[:, 1] - end_positions[:, 0])
+    is_kept = (length >= shortest) & (length > 0.0)
+    is_kept[len(beams) :] = True
+    left_out.note("beam that is shorter than its lattice allows", int(np.count_nonzero(~is_kept)))
+    if not is_kept.any():
         return []
     budget.take(
-        f"the beams of {name[:80]!r}", beam_faces(int(np.count_nonzero(kept))) * _BEAM_FACE_BYTES
+        f"the beams of {name[:80]!r}", beam_faces(int(np.count_nonzero(is_kept))) * _BEAM_FACE_BYTES
     )
-    points, normals, faces = beam_surfaces(stands[kept], radii[kept], is_flat[kept])
-    colors = colors[kept]
+    points, normals, faces = beam_surfaces(end_positions[is_kept], radii[is_kept], is_flat[is_kept])
+    colors = colors[is_kept]
     # One material, or a colour for each vertex.
-    material, shown = None, None
-    if not (corners.is_plain and of_balls.is_plain):
-        material, is_one = _material(colors, corners, None)
-    if material is not None and not is_one:
+    material, rgba = None, None
+    if not (corners.has_default_color and of_balls.has_default_color):
+        material, is_uniform = _material(colors, corners, None)
+    if material is not None and not is_uniform:
         halves = np.repeat(colors, points.shape[1] // 2, axis=1)
-        shown = np.repeat(halves, points.shape[2], axis=1).reshape(-1, 4)
+        rgba = np.repeat(halves, points.shape[2], axis=1).reshape(-1, 4)
     rows = points.reshape(-1, 3), faces, normals.reshape(-1, 3)
-    return [Part(f"{name} beams", *rows, colors=shown, material=material)]
+    return [MeshData(f"{name} beams", *rows, colors=rgba, material=material)]
 
 
 def _balls(lattice: ElementTree.Element, ends: NDArray[np.int64]) -> list[ElementTree.Element]:
-    """Return the balls of a lattice; where all ends have one, those that it does not name too."""
+    """Return the balls of a lattice, with those of the mode ``all``."""
     mode = lattice.get("ballmode", "none")
     if mode == "none":
         return []
     balls = [one for group in children(lattice, "balls") for one in children(group, "ball")]
     if mode == "all":
-        named = {int(one.attrib["vindex"]) for one in balls}
-        further = sorted(set(np.unique(ends).tolist()) - named)
-        balls += [ElementTree.Element("ball", vindex=str(vertex)) for vertex in further]
+        listed = {int(one.attrib["vindex"]) for one in balls}
+        unlisted = sorted(set(np.unique(ends).tolist()) - listed)
+        balls += [ElementTree.Element("ball", vindex=str(vertex)) for vertex in unlisted]
     return balls
 
 
 def _is_flat(cap: str) -> bool:
-    """Tell whether a beam is cut off at an end, or raise ``ValueError``."""
+    """Tell whether the cap of a beam is flat, or raise ``ValueError``."""
     if cap not in _CAPS:
         raise ValueError(f"the cap of a beam must be one of {', '.join(_CAPS)}, got {cap[:80]!r}")
     return cap == "butt"
 
 
 def _check_vertices(name: str, numbers: NDArray[np.int64], count: int) -> None:
-    """Raise ``ValueError`` if a number is that of no vertex."""
+    """Raise ``ValueError`` if vertex numbers are out of range."""
     if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
         wrong = numbers.max() if numbers.max() >= count else numbers.min()
         raise ValueError(

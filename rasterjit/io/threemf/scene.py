@@ -17,27 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
-from rasterjit.io.primitives import Reading
-from rasterjit.io.resources import Resources, shown_name
-from rasterjit.io.text.mesh_builder import Part, mesh_of_part
+from rasterjit.io.primitives import Context
+from rasterjit.io.resources import Resources, quoted_name
+from rasterjit.io.text.mesh_builder import MeshData, mesh_of_data
 from rasterjit.io.threemf.package import Package, attribute, children, local_name
-from rasterjit.io.threemf.parts import GROUPS, Properties, beam_part, surface_parts
+from rasterjit.io.threemf.parts import PROPERTY_GROUPS, Properties, beam_part, surface_parts
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 
-_READ_RESOURCES = ("object", "texture2d", *GROUPS)
-_READ_IN_OBJECTS = ("mesh", "displacementmesh", "components", "metadatagroup")
-_READ_IN_MESHES = ("vertices", "triangles", "beamlattice")
+_RESOURCE_ELEMENTS = ("object", "texture2d", *PROPERTY_GROUPS)
+_OBJECT_ELEMENTS = ("mesh", "displacementmesh", "components", "metadatagroup")
+_MESH_ELEMENTS = ("vertices", "triangles", "beamlattice")
 
-_DEEPEST = 1000
-"""Components within each other; more are taken for a circle."""
+_MAX_DEPTH = 1000
+"""Most nested components; more count as a cycle."""
 
-_PLACE_BYTES = 16_384
-"""What an object takes at each place where it stands: its node, and its row in each frame."""
+_INSTANCE_BYTES = 16_384
+"""Memory of an instance of an object: its node, and its row in each frame."""
 
 
-def load_3mf(path: Path, resources: Resources, reading: Reading) -> Scene:
+def load_3mf(path: Path, resources: Resources, context: Context) -> Scene:
     """
     Read a ``.3mf`` file, in its own unit.
 
@@ -46,7 +46,7 @@ def load_3mf(path: Path, resources: Resources, reading: Reading) -> Scene:
     path : Path
     resources : Resources
         Has the budget of memory; the file names only what is inside it.
-    reading : Reading
+    context : Context
 
     Raises
     ------
@@ -56,7 +56,7 @@ def load_3mf(path: Path, resources: Resources, reading: Reading) -> Scene:
     try:
         package = Package(path, resources.budget)
         try:
-            return _SceneBuilder(package, resources, reading).scene()
+            return _SceneBuilder(package, resources, context).scene()
         finally:
             package.close()
     except MeshFileError:
@@ -66,44 +66,44 @@ def load_3mf(path: Path, resources: Resources, reading: Reading) -> Scene:
         raise MeshFileError(f"{path} could not be read as .3mf: {reason_of(error)}") from error
 
 
-class _Place(NamedTuple):
-    """Where an object stands."""
+class _Item(NamedTuple):
+    """An instance of an object: a build item or a component."""
 
     part: str
-    """The part of the package whose model has it."""
+    """Name of the model's part in the package."""
     number: str
     parent_from_object: NDArray[np.float64]
-    above: Node | None
+    parent: Node | None
     depth: int
 
 
 class _ModelPart:
-    """The objects and properties of one part of the package that is a model."""
+    """The objects and property groups of one model of the package."""
 
     def __init__(self, root: ElementTree.Element, package: Package, left_out: LeftOut,
                  resources: Resources) -> None:  # fmt: skip
-        found = [one for group in children(root, "resources") for one in group]
-        for one in found:
-            if local_name(one.tag) not in _READ_RESOURCES:
+        listed = [one for group in children(root, "resources") for one in group]
+        for one in listed:
+            if local_name(one.tag) not in _RESOURCE_ELEMENTS:
                 left_out.note(f"{local_name(one.tag)} of a model")
         self.unit = root.get("unit", "millimeter")
         self.builds = children(root, "build")
         self.objects: dict[str, ElementTree.Element] = {}
-        for one in found:
+        for one in listed:
             if local_name(one.tag) == "object":
                 number = one.get("id", "")
                 if number in self.objects:
                     raise ValueError(f"it has two objects {number[:80]!r}")
                 self.objects[number] = one
-        self.properties = Properties(found, package, left_out, resources.budget, resources.decoder)
+        self.properties = Properties(listed, package, left_out, resources.budget, resources.decoder)
 
 
 class _SceneBuilder:
     """Builds the scene of the root model."""
 
-    def __init__(self, package: Package, resources: Resources, reading: Reading) -> None:
+    def __init__(self, package: Package, resources: Resources, context: Context) -> None:
         self._package, self._resources = package, resources
-        self._reading, self._left_out = reading, reading.left_out
+        self._context, self._left_out = context, context.left_out
         self._models: dict[str, _ModelPart] = {}
         self._meshes: dict[tuple[str, str], list[Mesh]] = {}
         self._used: set[tuple[str, str]] = set()
@@ -112,93 +112,93 @@ class _SceneBuilder:
     def scene(self) -> Scene:
         """Return the scene, or raise `MeshFileError`."""
         root = self._package.root_model()
-        waiting = [
-            self._placed(item, root, None, 0)
+        pending = [
+            self._make_item(item, root, None, 0)
             for build in self._model(root).builds
             for item in children(build, "item")
         ]
-        waiting.reverse()
-        while waiting:
-            waiting += reversed(self._stand(waiting.pop()))
+        pending.reverse()
+        while pending:
+            pending += reversed(self._add_item(pending.pop()))
         self._note_unused()
         if not self._scene.nodes:
-            held = "meshes but places none" if self._holds_meshes() else "no faces"
-            named = f" ({self._left_out})" if str(self._left_out) else ""
-            raise MeshFileError(f"{self._reading.source} holds {held} in its build{named}")
+            content = "meshes but places none" if self._holds_meshes() else "no faces"
+            notes = f" ({self._left_out})" if str(self._left_out) else ""
+            raise MeshFileError(f"{self._context.source} holds {content} in its build{notes}")
         return self._scene
 
     def _model(self, part: str) -> _ModelPart:
-        """Return the model of a part."""
+        """Return the model of a part, read once."""
         key = part.lstrip("/").lower()
         if key not in self._models:
-            root = self._package.tree(part)
+            root = self._package.xml_root(part)
             if local_name(root.tag) != "model":
-                raise ValueError(f"its part {shown_name(part)} is no model")
+                raise ValueError(f"its part {quoted_name(part)} is no model")
             model = _ModelPart(root, self._package, self._left_out, self._resources)
             if self._models and model.unit != next(iter(self._models.values())).unit:
                 self._left_out.note("unit of a part that is not the root model's")
             self._models[key] = model
         return self._models[key]
 
-    def _placed(
-        self, element: ElementTree.Element, part: str, above: Node | None, depth: int
-    ) -> _Place:
-        """Return where an item of the build, or a component, puts which object."""
+    def _make_item(
+        self, element: ElementTree.Element, part: str, parent: Node | None, depth: int
+    ) -> _Item:
+        """Return the instance that a build item or a component describes."""
         other = attribute(element, "path")
         part = (part if other is None else other).lstrip("/").lower()
         number = element.get("objectid", "")
         self._used.add((part, number))
-        return _Place(part, number, _matrix(element.get("transform")), above, depth)
+        return _Item(part, number, _matrix(element.get("transform")), parent, depth)
 
-    def _stand(self, place: _Place) -> list[_Place]:
-        """Add an object at its place; return where its components stand."""
-        model = self._model(place.part)
-        if place.number not in model.objects:
-            raise ValueError(f"there is no object {place.number[:80]!r}")
-        if place.depth > _DEEPEST:
-            raise ValueError(f"its components nest more than {_DEEPEST} deep, or in a circle")
-        element = model.objects[place.number]
-        name = element.get("name") or place.number
-        self._resources.budget.take(f"a place of object {name[:80]!r}", _PLACE_BYTES)
-        meshes = self._meshes_of(place.part, place.number)
+    def _add_item(self, item: _Item) -> list[_Item]:
+        """Add an object at an instance; return the instances of its components."""
+        model = self._model(item.part)
+        if item.number not in model.objects:
+            raise ValueError(f"there is no object {item.number[:80]!r}")
+        if item.depth > _MAX_DEPTH:
+            raise ValueError(f"its components nest more than {_MAX_DEPTH} deep, or in a circle")
+        element = model.objects[item.number]
+        name = element.get("name") or item.number
+        self._resources.budget.take(f"a place of object {name[:80]!r}", _INSTANCE_BYTES)
+        meshes = self._meshes_of(item.part, item.number)
         node = None
         for number, mesh in enumerate(meshes):
             if node is None:
-                node = self._scene.add(mesh, place.parent_from_object, name, parent=place.above)
+                node = self._scene.add(mesh, item.parent_from_object, name, parent=item.parent)
             else:
                 self._scene.add(mesh, None, f"{name} part {number + 1}", parent=node)
         components = [
             one for group in children(element, "components") for one in children(group, "component")
         ]
         if node is None and components:
-            node = Node(None, place.parent_from_object, name, parent=place.above)
-            if place.above is None:
+            node = Node(None, item.parent_from_object, name, parent=item.parent)
+            if item.parent is None:
                 self._scene.add(node)
-        return [self._placed(one, place.part, node, place.depth + 1) for one in components]
+        return [self._make_item(one, item.part, node, item.depth + 1) for one in components]
 
     def _meshes_of(self, part: str, number: str) -> list[Mesh]:
-        """Return the meshes of an object, made once for all its places."""
+        """Return the meshes of an object, made once for all its instances."""
         key = part, number
         if key not in self._meshes:
             self._meshes[key] = [
-                mesh_of_part(one, self._reading) for one in self._parts(self._model(part), number)
+                mesh_of_data(one, self._context) for one in self._parts(self._model(part), number)
             ]
         return self._meshes[key]
 
-    def _parts(self, model: _ModelPart, number: str) -> list[Part]:
-        """Return the surfaces and the lattice of an object."""
-        element, found = model.objects[number], list[Part]()
+    def _parts(self, model: _ModelPart, number: str) -> list[MeshData]:
+        """Return the surfaces and beam lattices of an object."""
+        element, parts_found = model.objects[number], list[MeshData]()
         name = element.get("name") or number
         for one in element:
             kind = local_name(one.tag)
-            if kind not in _READ_IN_OBJECTS:
+            if kind not in _OBJECT_ELEMENTS:
                 self._left_out.note(f"{kind} of an object")
             if kind == "displacementmesh":
                 self._left_out.note("displacement of a mesh")
             if kind not in ("mesh", "displacementmesh"):
                 continue
             for inside in one:
-                if local_name(inside.tag) not in _READ_IN_MESHES:
+                if local_name(inside.tag) not in _MESH_ELEMENTS:
                     self._left_out.note(f"{local_name(inside.tag)} of a mesh")
             vertices = _vertices(one)
             parts = surface_parts(name, element, one, vertices, model.properties, self._left_out)
@@ -211,15 +211,15 @@ class _SceneBuilder:
                 )  # fmt: skip
             if not parts:
                 self._left_out.note("mesh without faces")
-            found += parts
-        return found
+            parts_found += parts
+        return parts_found
 
     def _part_of(self, model: _ModelPart) -> str:
-        """Return the part that a model is read from."""
+        """Return the name of the part of a model."""
         return next(part for part, one in self._models.items() if one is model)
 
     def _note_unused(self) -> None:
-        """Note the objects that stand nowhere."""
+        """Note the objects that the build does not use."""
         there = {(part, number) for part, one in self._models.items() for number in one.objects}
         self._left_out.note("object that the build does not use", len(there - self._used))
 
@@ -229,13 +229,13 @@ class _SceneBuilder:
         return any(children(one, "mesh") for one in objects)
 
 
-def _matrix(said: str | None) -> NDArray[np.float64]:
-    """Return a transform of column vectors; the file has 12 numbers, for row vectors."""
+def _matrix(text: str | None) -> NDArray[np.float64]:
+    """Parse a transform; the file has 12 numbers, for row vectors."""
     matrix = np.eye(4)
-    if said is not None:
-        numbers = np.array([float(word) for word in said.split()])
+    if text is not None:
+        numbers = np.array([float(word) for word in text.split()])
         if len(numbers) != 12 or not np.isfinite(numbers).all():
-            raise ValueError(f"a transform must be 12 finite numbers, got {said[:80]!r}")
+            raise ValueError(f"a transform must be 12 finite numbers, got {text[:80]!r}")
         matrix[:3] = numbers.reshape(4, 3).T
     return matrix
 

@@ -1,4 +1,4 @@
-"""What trimesh's readers ask for besides the file itself, and what they log, as notes of a line."""
+"""Resolve the files that trimesh's readers request, and note what trimesh logs."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Any
 
 from rasterjit.io.images import check_picture
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.io.resources import RefusedFileError, Resources, shown_name
+from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
 
 
 @contextmanager
-def trimesh_told(left_out: LeftOut) -> Iterator[None]:
+def note_trimesh_warnings(left_out: LeftOut) -> Iterator[None]:
     """Note the warnings that trimesh logs in this thread, which would print tracebacks."""
     thread, log = threading.get_ident(), logging.getLogger("trimesh")
 
     def take(record: logging.LogRecord) -> bool:
-        """Keep a record from handlers if it is a warning of ours."""
+        """Drop a warning of this thread from the log, and note it."""
         if record.levelno < logging.WARNING or record.thread != thread:
             return True
         error = record.exc_info[1] if record.exc_info else None
@@ -37,9 +37,9 @@ def trimesh_told(left_out: LeftOut) -> Iterator[None]:
         log.removeFilter(take)
 
 
-def resolver_of(resources: Resources, left_out: LeftOut, are_pictures: bool = False) -> Any:
+def make_resolver(resources: Resources, left_out: LeftOut, are_pictures: bool = False) -> Any:
     """
-    Return what trimesh reads further files with.
+    Return a resolver with which trimesh reads further files.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ def resolver_of(resources: Resources, left_out: LeftOut, are_pictures: bool = Fa
     import trimesh.resolvers
 
     def check(name: str, content: bytes) -> None:
-        """Raise ``ValueError``, with a note, if a file is no picture as those of other files."""
+        """Raise ``ValueError``, with a note, if a file is no picture that can be decoded."""
         try:
             check_picture(content)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
-            left_out.note(f"picture {shown_name(name)} that cannot be read: {reason_of(error)}")
-            raise ValueError(f"{shown_name(name)} cannot be read") from error
+            left_out.note(f"picture {quoted_name(name)} that cannot be read: {reason_of(error)}")
+            raise ValueError(f"{quoted_name(name)} cannot be read") from error
 
     class Resolver(trimesh.resolvers.Resolver):
-        """Opens what a mesh file may name."""
+        """Resolves file names by `Resources`."""
 
         def __init__(self, namespace: str = "") -> None:
             self._namespace = namespace
@@ -79,11 +79,11 @@ def resolver_of(resources: Resources, left_out: LeftOut, are_pictures: bool = Fa
             return content
 
         def keys(self) -> list[str]:
-            """Return the names of what lies beside the file."""
+            """Return the names of the files beside the mesh file."""
             return sorted(one.name for one in Path(resources.folder).iterdir())
 
         def namespaced(self, namespace: str) -> Resolver:
-            """Return one for names in a folder."""
+            """Return a resolver for a subfolder."""
             return Resolver(f"{self._namespace}{namespace}/")
 
         def write(self, name: str, data: Any) -> None:

@@ -1,4 +1,4 @@
-"""Turn trimesh's scenes into ours: meshes, places, cameras and lights."""
+"""Convert trimesh's scenes: meshes, nodes, cameras and lights."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from rasterjit.io.gltf.meshes_materials import TEXTURES
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.images import image_pixels, take_texels
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
-from rasterjit.io.primitives import Cloud, Reading, drawing_of_path
+from rasterjit.io.primitives import Cloud, Context, lines_of_path
 from rasterjit.io.text import mesh_builder
-from rasterjit.io.text.mtl import MAX_SHININESS, MtlMaterial, material_from_mtl
+from rasterjit.io.text.mtl import MAX_SHININESS, MtlMaterial, convert_mtl_material
 from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.light import (
@@ -40,8 +40,8 @@ ALPHA_MODES: dict[str, AlphaMode] = {"MASK": "mask", "BLEND": "blend"}
 _DIELECTRIC = 0.04
 """Reflectance of a non-metal seen head-on, as glTF 2.0 fixes it (appendix B)."""
 
-_PLACEHOLDER = (100, 100, 100, 255)
-"""The colour of the 2×2 pixels that trimesh puts where a material has no picture."""
+_PLACEHOLDER_COLOR = (100, 100, 100, 255)
+"""Colour of the 2×2 image that trimesh puts where a material has no image."""
 
 
 def material_from_trimesh(
@@ -51,7 +51,7 @@ def material_from_trimesh(
     textures: TextureReader | None = None,
 ) -> Material | None:
     """
-    Translate a material as trimesh has it.
+    Convert a material of trimesh to `Material`.
 
     Parameters
     ----------
@@ -73,16 +73,16 @@ def material_from_trimesh(
     label = f"material {material.name!r}"
     if kind == "SimpleMaterial":
         texture = textures.read(material.image, f"base_color_texture of {label}")
-        said = MtlMaterial(
+        mtl_material = MtlMaterial(
             material.name, material.diffuse, material.specular, material.glossiness, material.kwargs
         )
-        return material_from_mtl(said, texture, False, left_out)
+        return convert_mtl_material(mtl_material, texture, False, left_out)
     if kind == "PBRMaterial":
-        found = {
+        loaded = {
             field: textures.read(getattr(material, name, None), f"{field} of {label}", color_space)
             for field, (name, color_space) in TEXTURES.items()
         }
-        return _from_gltf(material, found) if is_gltf else _from_pbr(material, found, left_out)
+        return _from_gltf(material, loaded) if is_gltf else _from_pbr(material, loaded, left_out)
     left_out.note(kind)
     return None
 
@@ -123,17 +123,17 @@ def colors_from_trimesh(
 
 
 def _from_gltf(material: Any, textures: dict[str, Any]) -> Material:
-    """Return a metallic-roughness material of glTF as one of ours."""
+    """Convert a metallic-roughness material of glTF."""
     mode = ALPHA_MODES.get(material.alphaMode, "opaque")
     red, green, blue, alpha = _base_color(material, True)
     cutoff = 0.5 if material.alphaCutoff is None else material.alphaCutoff
-    emitted = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
+    emissive = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
     return Material(
         shading="pbr",
         base_color=(red, green, blue, 1.0 if mode == "opaque" else alpha),
-        metallic=_share(material.metallicFactor),
-        roughness=_share(material.roughnessFactor),
-        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST),
+        metallic=_clamped(material.metallicFactor),
+        roughness=_clamped(material.roughnessFactor),
+        emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, BRIGHTEST),
         name=material.name,
         alpha_mode=mode,
         alpha_cutoff=min(max(float(cutoff), 0.0), 1.0),
@@ -153,14 +153,14 @@ def _base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float,
     return tuple(rgba)
 
 
-def _share(factor: float | None) -> float:
-    """Return a factor of a PBR material, 1 where there is none, clamped to 0..1."""
+def _clamped(factor: float | None) -> float:
+    """Return a factor of a PBR material, default 1, clamped to 0..1."""
     return 1.0 if factor is None else min(max(float(factor), 0.0), 1.0)
 
 
 def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Material:
     """
-    Translate a metallic-roughness material, its colours in sRGB, to Blinn-Phong.
+    Convert a metallic-roughness material, with sRGB colours, to Blinn-Phong.
 
     With roughness r, the microfacet width is α = r², the exponent n = 2/α² - 2, limited to
     1..1000. The strength is ``min(1, F0 (n + 8) / 8)``, the height of the normalised lobe over
@@ -177,10 +177,10 @@ def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Mat
     mode = ALPHA_MODES.get(material.alphaMode, "opaque")
     if mode == "opaque":
         rgba = (*rgba[:3], 1.0)
-    emitted = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
+    emissive = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
     if textures["metallic_roughness_texture"] is not None:
         left_out.note(f"metallic_roughness_texture of material {material.name!r}")
-    roughness, metallic = _share(material.roughnessFactor), _share(material.metallicFactor)
+    roughness, metallic = _clamped(material.roughnessFactor), _clamped(material.metallicFactor)
     shininess = MAX_SHININESS
     # A power is the math library's affair; products have the same bits everywhere.
     alpha = roughness * roughness
@@ -193,7 +193,7 @@ def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Mat
         specular=min(1.0, max(0.0, reflectance) * (shininess + 8.0) / 8.0),
         shininess=shininess,
         name=material.name,
-        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST),
+        emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, BRIGHTEST),
         alpha_mode=mode,
         **{**textures, "metallic_roughness_texture": None},
     )
@@ -201,7 +201,7 @@ def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Mat
 
 class TextureReader:
     """
-    Read the pictures of trimesh's materials, each once for every use.
+    Reads the images of trimesh's materials, each once.
 
     They say nothing about sampling: they repeat, trilinear.
 
@@ -219,7 +219,7 @@ class TextureReader:
         self._known: dict[tuple[int, str], Texture | None] = {}
 
     def read(self, image: Any, label: str, color_space: ColorSpace = "srgb") -> Texture | None:
-        """Return a Pillow image as a texture; None if there is none to show."""
+        """Return a Pillow image as a texture; None for none and for a placeholder."""
         if image is None or is_placeholder(image):
             return None
         key = id(image), color_space
@@ -235,7 +235,7 @@ class TextureReader:
 
 
 def is_placeholder(image: Any) -> bool:
-    """Tell trimesh's stand-in for a missing image from a real one."""
+    """Tell whether an image is trimesh's placeholder for a missing one."""
     if getattr(image, "size", (2, 2)) != (2, 2):
         # Looking at it would decode it.
         return False
@@ -243,69 +243,69 @@ def is_placeholder(image: Any) -> bool:
         pixels = np.asarray(image)
     except (OSError, SyntaxError):
         return False
-    return pixels.shape == (2, 2, 4) and bool((pixels == _PLACEHOLDER).all())
+    return pixels.shape == (2, 2, 4) and bool((pixels == _PLACEHOLDER_COLOR).all())
 
 
-_SUMMATION = 1e-12
-"""By how much averages may differ that are summed in another order; float32 is coarser."""
+_NORMAL_TOLERANCE = 1e-12
+"""Largest difference of averaged normals that were summed in another order."""
 
-_SAME_TRANSFORM = 1e-4
-"""Share of its largest entry by which two ways to compute a transform may differ: ten times what
+_TRANSFORM_TOLERANCE = 1e-4
+"""Largest relative difference of a transform and the product of its steps: ten times what
 trimesh repairs."""
 
 
 class TrimeshAdapter:
     """
-    Turn trimesh objects into a scene.
+    Converts trimesh objects to scenes.
 
     Parameters
     ----------
-    reading : Reading
+    context : Context
     from_file : bool
         Whether trimesh has just read it, so that all its normals are the file's.
     """
 
-    def __init__(self, reading: Reading, from_file: bool) -> None:
-        self.reading, self.source, self.left_out = reading, reading.source, reading.left_out
-        self.textures = TextureReader(reading.left_out, reading.budget)
+    def __init__(self, context: Context, from_file: bool) -> None:
+        self.context, self.source, self.left_out = context, context.source, context.left_out
+        self.textures = TextureReader(context.left_out, context.budget)
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file
 
     def scene(self, loaded: Any) -> Scene:
-        """Return a trimesh geometry or scene as a `Scene`, or raise `MeshFileError`."""
-        return mesh_builder.scene_of_assembly(self.assembly(loaded), self.reading)
+        """Convert a trimesh geometry or scene to a `Scene`, or raise `MeshFileError`."""
+        return mesh_builder.scene_of_record(self.scene_record(loaded), self.context)
 
-    def assembly(self, loaded: Any) -> mesh_builder.Assembly:
-        """Return what a trimesh geometry or scene holds, or raise `MeshFileError`."""
+    def scene_record(self, loaded: Any) -> mesh_builder.SceneRecord:
+        """Convert a trimesh geometry or scene to plain data, or raise `MeshFileError`."""
         import trimesh
 
         if not isinstance(loaded, trimesh.Scene):
-            return self.assembly(trimesh.Scene(loaded))
-        things: list[mesh_builder.Thing] = []
+            return self.scene_record(trimesh.Scene(loaded))
+        geometries: list[mesh_builder.Geometry] = []
         numbers: dict[str, int] = {}
-        left: Counter[str] = Counter()
+        unshown: Counter[str] = Counter()
         for name, geometry in loaded.geometry.items():
-            made = self._thing(name, geometry)
-            if made is None:
-                left[_describe(geometry)] += 1
+            added = self._geometry(name, geometry)
+            if added is None:
+                unshown[_describe(geometry)] += 1
             else:
-                numbers[name] = len(things)
-                things.append(made)
-        if not things:
-            held = f"{' and '.join(left)}, " if left else ""
-            named = f" ({self.left_out})" if str(self.left_out) else ""
-            raise MeshFileError(f"{self.source} holds {held}no faces, lines or points{named}")
-        for what, count in left.items():
+                numbers[name] = len(geometries)
+                geometries.append(added)
+        if not geometries:
+            content = f"{' and '.join(unshown)}, " if unshown else ""
+            notes = f" ({self.left_out})" if str(self.left_out) else ""
+            raise MeshFileError(f"{self.source} holds {content}no faces, lines or points{notes}")
+        for what, count in unshown.items():
             self.left_out.note(what, count)
-        places, drawn = self._places(loaded.graph, numbers)
-        if not drawn:
+        nodes, mesh_nodes = self._node_records(loaded.graph, numbers)
+        if not mesh_nodes:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
-        return mesh_builder.Assembly(
-            things, places, drawn, self._camera(loaded), self._lights(loaded)
+        return mesh_builder.SceneRecord(
+            geometries, nodes, mesh_nodes, self._camera(loaded), self._lights(loaded)
         )
 
-    def _thing(self, name: str, geometry: Any) -> mesh_builder.Thing | None:
-        """Return a geometry as a mesh, lines or points; None if there is nothing in it."""
+    def _geometry(self, name: str, geometry: Any) -> mesh_builder.Geometry | None:
+        """Return a geometry as a mesh, line set or cloud; None if it is empty."""
         import trimesh
 
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
@@ -313,11 +313,11 @@ class TrimeshAdapter:
         if isinstance(geometry, (trimesh.Trimesh, trimesh.PointCloud)) and len(geometry.vertices):
             return self._cloud(name, geometry)
         if isinstance(geometry, trimesh.path.path.Path):
-            return drawing_of_path(name, geometry, self.reading)
+            return lines_of_path(name, geometry, self.context)
         return None
 
     def _cloud(self, name: str, geometry: Any) -> Cloud:
-        """Return the points of a geometry without faces."""
+        """Return the vertices of a geometry without faces as a cloud."""
         colors = getattr(geometry, "colors", None)
         rgba = None
         if colors is not None and np.shape(colors) == (len(geometry.vertices), 4):
@@ -325,58 +325,58 @@ class TrimeshAdapter:
         attributes = getattr(geometry, "vertex_attributes", None) or {}
         return Cloud(name, np.asarray(geometry.vertices), rgba, None, dict(attributes))
 
-    def _places(
+    def _node_records(
         self, graph: Any, numbers: dict[str, int]
-    ) -> tuple[list[mesh_builder.Place], list[int]]:
-        """Return where meshes stand and what they hang below, and which places have one."""
-        places: list[mesh_builder.Place] = []
-        made: dict[Any, int] = {}
-        drawn = []
+    ) -> tuple[list[mesh_builder.NodeRecord], list[int]]:
+        """Return the nodes of a scene graph, and the numbers of those with a geometry."""
+        nodes: list[mesh_builder.NodeRecord] = []
+        numbers_of_keys: dict[Any, int] = {}
+        mesh_nodes = []
         for key in graph.nodes_geometry:
             try:
-                rough, name = graph[key]
+                transform, name = graph[key]
             except ValueError:
                 self.left_out.note("node that hangs on no other")
                 continue
             if name in numbers:
-                number = self._place(graph, key, rough, made, places)
-                places[number] = replace(places[number], thing=numbers[name])
-                drawn.append(number)
-        return places, drawn
+                number = self._node_number(graph, key, transform, numbers_of_keys, nodes)
+                nodes[number] = replace(nodes[number], geometry=numbers[name])
+                mesh_nodes.append(number)
+        return nodes, mesh_nodes
 
-    def _place(
-        self, graph: Any, key: Any, rough: NDArray[np.float64], made: dict[Any, int],
-        places: list[mesh_builder.Place],
+    def _node_number(
+        self, graph: Any, key: Any, transform: NDArray[np.float64], numbers_of_keys: dict[Any, int],
+        nodes: list[mesh_builder.NodeRecord],
     ) -> int:  # fmt: skip
         """
-        Return the number of a key's place; it and those above are made unless they are.
+        Return the number of a graph key's node, made with its ancestors if it does not exist.
 
         Transforms are multiplied in an order that is the same on every CPU: trimesh takes products
         from BLAS, drops transforms within 1e-8 of the identity and passes what is nearly rigid
-        through an SVD. ``rough`` is its transform; where the steps do not lead to it, the node
+        through an SVD. ``transform`` is its transform; where the steps do not lead to it, the node
         stands there, below none.
         """
-        if key in made:
-            return made[key]
+        if key in numbers_of_keys:
+            return numbers_of_keys[key]
         edges = graph.transforms.edge_data
         path = graph.transforms.shortest_path(graph.base_frame, key)
         steps = [edges.get(pair, {}).get("matrix") for pair in pairwise(path)]
-        if _leads_to(steps, rough):
+        if _is_product(steps, transform):
             # A product has other zeros than its factor: all are products.
             steps[0] = compose(steps[0])
         else:
-            path, steps = [key], [rough]
+            path, steps = [key], [transform]
         number = None
         # Everything hangs below trimesh's base, which is the world: it is no node.
         for name, step in zip(path[-len(steps) :], steps, strict=True):
-            if name not in made:
-                made[name] = len(places)
-                places.append(mesh_builder.Place(str(name), np.asarray(step), number))
-            number = made[name]
-        return made[key]
+            if name not in numbers_of_keys:
+                numbers_of_keys[name] = len(nodes)
+                nodes.append(mesh_builder.NodeRecord(str(name), np.asarray(step), number))
+            number = numbers_of_keys[name]
+        return numbers_of_keys[key]
 
-    def _mesh(self, name: str, geometry: Any) -> mesh_builder.Part:
-        """Return one trimesh.Trimesh as a `Part`."""
+    def _mesh(self, name: str, geometry: Any) -> mesh_builder.MeshData:
+        """Return a trimesh.Trimesh as mesh data."""
         source = getattr(geometry.source, "file_type", None)
         colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
         material, uv = None, None
@@ -384,22 +384,22 @@ class TrimeshAdapter:
             # A PBR material made in memory is glTF's, as trimesh documents it.
             material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
-        return mesh_builder.Part(
+        return mesh_builder.MeshData(
             str(name), np.asarray(geometry.vertices), np.asarray(geometry.faces),
-            self._own_normals(geometry), uv, colors, material,
+            self._given_normals(geometry), uv, colors, material,
             dict(geometry.vertex_attributes), dict(geometry.face_attributes),
         )  # fmt: skip
 
     def _material(self, material: Any, is_gltf: bool) -> Material | None:
-        """Return a trimesh material as a `Material`, one for all meshes that share it."""
+        """Convert a material, once for all meshes that share it."""
         if id(material) not in self.materials:
             self.materials[id(material)] = material_from_trimesh(
                 material, is_gltf, self.left_out, self.textures
             )
         return self.materials[id(material)]
 
-    def _own_normals(self, geometry: Any) -> NDArray[np.float64] | None:
-        """Return the normals that somebody gave the mesh, not those that trimesh averaged."""
+    def _given_normals(self, geometry: Any) -> NDArray[np.float64] | None:
+        """Return the normals that a mesh was given, not those that trimesh averaged."""
         if "vertex_normals" not in geometry._cache:
             return None
         normals = np.asarray(geometry.vertex_normals)
@@ -410,7 +410,7 @@ class TrimeshAdapter:
     def _finite_rows(
         self, name: str, values: Any, shape: tuple[int, int]
     ) -> NDArray[np.float64] | None:
-        """Return values that fit the vertices, or None with a note if they do not."""
+        """Return an array that fits the vertices; None, with a note, if it does not."""
         if values is None:
             return None
         array = np.asarray(values, dtype=np.float64)
@@ -423,7 +423,7 @@ class TrimeshAdapter:
         return array
 
     def _camera(self, loaded: Any) -> PerspectiveCamera | None:
-        """Return the camera that a trimesh scene has, never the one it would make up."""
+        """Return the camera of a trimesh scene, but not the one that trimesh makes up."""
         if not loaded.has_camera:
             return None
         try:
@@ -437,11 +437,11 @@ class TrimeshAdapter:
             return None
 
     def _lights(self, loaded: Any) -> list[Light]:
-        """Return the lights somebody gave a trimesh scene; their bytes are linear light."""
-        found: list[Light] = []
+        """Return the lights of a trimesh scene, but not those that trimesh makes up."""
+        added: list[Light] = []
         lights = getattr(loaded, "_lights", None) or []
-        if _made_up(loaded, lights):
-            return found
+        if _are_default_lights(loaded, lights):
+            return added
         for light in lights:
             pose = np.eye(4)
             if light.name in loaded.graph.nodes:
@@ -449,19 +449,19 @@ class TrimeshAdapter:
             color = np.asarray(light.color[:3], dtype=np.float64) / 255.0
             kind = type(light).__name__
             if kind == "DirectionalLight":
-                found.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
+                added.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
             elif kind == "PointLight":
-                found.append(PointLight(pose[:3, 3], color, light.intensity))
+                added.append(PointLight(pose[:3, 3], color, light.intensity))
             elif kind == "SpotLight":
-                found += self._spot(light, pose, color)
+                added += self._spot(light, pose, color)
             else:
                 self.left_out.note(kind)
-        return found
+        return added
 
     def _spot(
         self, light: Any, pose: NDArray[np.float64], color: NDArray[np.float64]
     ) -> list[SpotLight]:
-        """Return a spot light, whose angles trimesh has in radians, if its cone is usable."""
+        """Return a spot light in a list, [] if its cone is not valid."""
         try:
             return [
                 SpotLight(
@@ -478,21 +478,21 @@ class TrimeshAdapter:
             return []
 
 
-def _leads_to(steps: list[Any], rough: NDArray[np.float64]) -> bool:
-    """Tell whether a product is a transform but for the rounding of float32 and of a repair."""
+def _is_product(steps: list[Any], transform: NDArray[np.float64]) -> bool:
+    """Tell whether a transform is the product of steps, but for rounding."""
     if not steps or any(step is None for step in steps):
         return False
     try:
         product = compose(*steps)
     except ValueError:
         return False
-    largest = np.abs(rough).max(initial=0.0)
-    return bool((np.abs(product - rough) <= _SAME_TRANSFORM * largest).all())
+    largest = np.abs(transform).max(initial=0.0)
+    return bool((np.abs(product - transform) <= _TRANSFORM_TOLERANCE * largest).all())
 
 
 def _are_averaged(normals: NDArray[np.float64], geometry: Any) -> bool:
     """
-    Tell whether normals are those of the faces around each vertex, weighted by their angles.
+    Tell whether normals are averages of the faces around each vertex, weighted by angle.
 
     So trimesh averages them: with SciPy, or much slower and in another order without.
     """
@@ -507,19 +507,19 @@ def _are_averaged(normals: NDArray[np.float64], geometry: Any) -> bool:
     averaged = unitize(np.stack(sums, axis=1))
     if averaged.shape != normals.shape:
         return False
-    return bool((np.abs(normals - averaged) <= _SUMMATION).all())
+    return bool((np.abs(normals - averaged) <= _NORMAL_TOLERANCE).all())
 
 
-def _made_up(loaded: Any, lights: list[Any]) -> bool:
-    """Tell the two point lights that trimesh puts at a scene's corners when asked for lights."""
+def _are_default_lights(loaded: Any, lights: list[Any]) -> bool:
+    """Tell whether lights are the two point lights that trimesh puts at a scene's corners."""
     from trimesh.scene.lighting import PointLight as TrimeshPointLight
 
-    plain = TrimeshPointLight()
+    default = TrimeshPointLight()
     return len(lights) == 2 and all(
         type(light) is TrimeshPointLight
         and light.name.startswith("light_")
-        and light.intensity == plain.intensity
-        and np.array_equal(light.color, plain.color)
+        and light.intensity == default.intensity
+        and np.array_equal(light.color, default.color)
         and light.name in loaded.graph.nodes
         and np.array_equal(loaded.graph[light.name][0][:3, 3], corner)
         for light, corner in zip(lights, loaded.bounds, strict=True)
@@ -527,7 +527,7 @@ def _made_up(loaded: Any, lights: list[Any]) -> bool:
 
 
 def _describe(geometry: Any) -> str:
-    """Say what a geometry without faces is."""
+    """Describe a geometry without faces, for messages."""
     kind = type(geometry).__name__
     vertices = len(getattr(geometry, "vertices", ()))
     if kind == "PointCloud":

@@ -18,30 +18,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.io.resources import shown_name
+from rasterjit.io.resources import quoted_name
 from rasterjit.scene.transforms import compose, rotate, scale, translate
 
 SKINNED = "skinned or morphed geometry"
 
-_NOT_SHOWN = {
+_UNREAD_INSTANCES = {
     "instance_controller": SKINNED, "instance_camera": "camera", "instance_light": "light",
 }  # fmt: skip
-"""What is placed in a COLLADA scene that trimesh does not read."""
+"""Instances in a COLLADA scene that trimesh does not read."""
 
 _SVG = "{http://www.w3.org/2000/svg"
 
-_READ_OF_SVG = (
+_SVG_ELEMENTS = (
     "path", "circle", "rect", "line", "polyline", "polygon", "svg", "g", "a", "defs", "symbol",
     "title", "desc", "metadata", "style", "namedview",
 )  # fmt: skip
-"""Elements of an SVG file that trimesh reads, and those that hold them or show nothing."""
+"""Elements of an SVG file that trimesh reads, and those that show nothing by themselves."""
 
-_SHOWN_BRUSH = "SolidColorBrush"
+_READ_BRUSH = "SolidColorBrush"
 
 
-def note_what_is_not_read(path: Path, extension: str, left_out: LeftOut) -> None:
+def note_unread_elements(path: Path, extension: str, left_out: LeftOut) -> None:
     """
-    Note what a file that trimesh has read has besides.
+    Note the elements of a file that trimesh does not read.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def note_what_is_not_read(path: Path, extension: str, left_out: LeftOut) -> None
 
 
 def _note_collada(root: ElementTree.Element, left_out: LeftOut) -> None:
-    """Note what of a COLLADA file moves or is elsewhere, and numbers that drop faces."""
+    """Note animations and external references of a COLLADA file, and numbers that drop faces."""
     _note_other_files(root, left_out)
     for library in root:
         for element in library if _name(library) == "library_animations" else ():
@@ -81,7 +81,7 @@ def _note_collada(root: ElementTree.Element, left_out: LeftOut) -> None:
 
 
 def _are_finite(text: str) -> bool:
-    """Tell whether all numbers of a text are finite as float32, and are numbers."""
+    """Tell whether all numbers of a text are finite as float32."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)
@@ -96,16 +96,16 @@ def _note_other_files(root: ElementTree.Element, left_out: LeftOut) -> None:
         kind = _name(element)
         if not kind.startswith("instance_"):
             continue
-        if kind in _NOT_SHOWN:
-            left_out.found(_NOT_SHOWN[kind])
+        if kind in _UNREAD_INSTANCES:
+            left_out.expect(_UNREAD_INSTANCES[kind])
         for key in ("url", "target"):
-            place = element.get(key, "").strip()
-            if place and not place.startswith("#"):
-                left_out.note(f"{kind} of a library in another file, {shown_name(place)}")
+            address = element.get(key, "").strip()
+            if address and not address.startswith("#"):
+                left_out.note(f"{kind} of a library in another file, {quoted_name(address)}")
 
 
 def _note_brushes(root: ElementTree.Element, left_out: LeftOut) -> None:
-    """Note brushes of materials of a XAML file that are more than one colour."""
+    """Note brushes of a XAML file other than single colours."""
     for model in root.iter():
         if _name(model) != "GeometryModel3D":
             continue
@@ -116,17 +116,17 @@ def _note_brushes(root: ElementTree.Element, left_out: LeftOut) -> None:
             brushes = [brush for holder in material for brush in holder]
             for brush in brushes:
                 kind = _name(brush)
-                if kind.endswith("Brush") and kind != _SHOWN_BRUSH:
+                if kind.endswith("Brush") and kind != _READ_BRUSH:
                     picture = brush.get("ImageSource")
-                    named = f" {shown_name(picture)}" if picture else ""
-                    left_out.note(f"{kind}{named} of a {_name(material)}")
+                    image = f" {quoted_name(picture)}" if picture else ""
+                    left_out.note(f"{kind}{image} of a {_name(material)}")
 
 
 def _note_shapes(root: ElementTree.Element, left_out: LeftOut) -> None:
-    """Note elements of an SVG file that are no shapes that are read, and hold none."""
+    """Note elements of an SVG file that are not read."""
     for element in root.iter():
         space = element.tag.rpartition("}")[0] if isinstance(element.tag, str) else "{other"
-        if space in ("", _SVG) and _name(element) not in _READ_OF_SVG:
+        if space in ("", _SVG) and _name(element) not in _SVG_ELEMENTS:
             left_out.note(f"{_name(element)} element")
 
 
@@ -135,13 +135,13 @@ def _name(element: ElementTree.Element) -> str:
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
 
 
-_MAX_BOUND = 8
-"""Controllers that bind one another: a skin of a morph, and room."""
+_MAX_CONTROLLERS = 8
+"""Most nested controllers: a skin of a morph, with a margin."""
 
 
-def with_bound_shapes(path: Path, left_out: LeftOut) -> bytes | None:
+def bake_controllers(path: Path, left_out: LeftOut) -> bytes | None:
     """
-    Return a COLLADA file in which geometry stands for what deforms it, or None if nothing does.
+    Replace the controllers of a COLLADA file by their bound geometry; None if it has none.
 
     A skin is placed by its bind shape and by its first joint, as the file's nodes stand: exact
     where all joints stand as they were bound.
@@ -164,7 +164,7 @@ def with_bound_shapes(path: Path, left_out: LeftOut) -> bytes | None:
         shape = file.shape(instance.get("url", ""))
         if shape is not None:
             file.replace(instance, shape)
-            left_out.read(SKINNED)
+            left_out.mark_read(SKINNED)
             kind = "skin" if shape.is_skin else "morph"
             left_out.note(f"movement of a {kind}, which is shown as it was bound")
     file.remove_controllers()
@@ -172,101 +172,101 @@ def with_bound_shapes(path: Path, left_out: LeftOut) -> bytes | None:
 
 
 class _Shape(NamedTuple):
-    """A geometry as a controller bound it."""
+    """The geometry of a controller in its bind pose."""
 
     geometry: str
     matrix: NDArray[np.float64]
-    """Relative to the world or, if it has no joints, to the node that it hangs below."""
+    """Relative to the world if the skin has joints, else to the node."""
     is_in_world: bool
     is_skin: bool
 
 
 class _Collada:
-    """The elements of a file, by what names them."""
+    """A COLLADA document with indices by id and parent."""
 
     def __init__(self, root: ElementTree.Element) -> None:
         self.root = root
-        self._space = root.tag.rpartition("}")[0] + "}" if "}" in root.tag else ""
-        self._above = {child: parent for parent in root.iter() for child in parent}
+        self._xmlns = root.tag.rpartition("}")[0] + "}" if "}" in root.tag else ""
+        self._parents = {child: parent for parent in root.iter() for child in parent}
         self._by_id = {one.get("id"): one for one in root.iter() if one.get("id")}
         self._nodes = {
             one.get(key): one
             for key in ("name", "id", "sid")
-            for one in root.iter(f"{self._space}node")
+            for one in root.iter(f"{self._xmlns}node")
         }
 
     def instances(self) -> list[ElementTree.Element]:
-        """Return what nodes show of controllers."""
-        return list(self.root.iter(f"{self._space}instance_controller"))
+        """Return the instances of controllers."""
+        return list(self.root.iter(f"{self._xmlns}instance_controller"))
 
     def shape(self, name: str) -> _Shape | None:
-        """Return the geometry below a controller; None if there is none."""
-        placed, is_in_world, is_skin = np.eye(4), False, False
-        for _ in range(_MAX_BOUND):
+        """Return the bound geometry of a controller, or None."""
+        matrix, is_in_world, is_skin = np.eye(4), False, False
+        for _ in range(_MAX_CONTROLLERS):
             element = self._by_id.get(name.removeprefix("#"))
             if element is None:
                 return None
-            if element.tag == f"{self._space}geometry":
-                return _Shape(name, placed, is_in_world, is_skin)
-            skin, morph = (element.find(f"{self._space}{kind}") for kind in ("skin", "morph"))
+            if element.tag == f"{self._xmlns}geometry":
+                return _Shape(name, matrix, is_in_world, is_skin)
+            skin, morph = (element.find(f"{self._xmlns}{kind}") for kind in ("skin", "morph"))
             binding = morph if skin is None else skin
             if binding is None:
                 return None
             if skin is not None:
                 is_skin, joint = True, self._world_from_bound(skin)
-                placed = _matrix(skin.findtext(f"{self._space}bind_shape_matrix", ""))
+                matrix = _matrix(skin.findtext(f"{self._xmlns}bind_shape_matrix", ""))
                 if joint is not None:
-                    is_in_world, placed = True, compose(joint, placed)
+                    is_in_world, matrix = True, compose(joint, matrix)
             name = binding.get("source", "")
         return None
 
     def replace(self, instance: ElementTree.Element, shape: _Shape) -> None:
-        """Put a geometry in the place of what was to deform it."""
-        parent = self._above[instance]
+        """Replace an instance of a controller by a node with its geometry."""
+        parent = self._parents[instance]
         parent.remove(instance)
         if shape.is_in_world:
-            while parent in self._above and parent.tag != f"{self._space}visual_scene":
-                parent = self._above[parent]
-        node = ElementTree.SubElement(parent, f"{self._space}node")
-        matrix = ElementTree.SubElement(node, f"{self._space}matrix")
+            while parent in self._parents and parent.tag != f"{self._xmlns}visual_scene":
+                parent = self._parents[parent]
+        node = ElementTree.SubElement(parent, f"{self._xmlns}node")
+        matrix = ElementTree.SubElement(node, f"{self._xmlns}matrix")
         matrix.text = " ".join(map(repr, shape.matrix.ravel().tolist()))
-        said = ElementTree.SubElement(node, f"{self._space}instance_geometry", url=shape.geometry)
-        said.extend(instance.findall(f"{self._space}bind_material"))
+        inner = ElementTree.SubElement(node, f"{self._xmlns}instance_geometry", url=shape.geometry)
+        inner.extend(instance.findall(f"{self._xmlns}bind_material"))
 
     def remove_controllers(self) -> None:
-        """Remove what nothing needs any more, and what could be refused."""
-        for library in self.root.findall(f"{self._space}library_controllers"):
+        """Remove the controllers, which are not used any more."""
+        for library in self.root.findall(f"{self._xmlns}library_controllers"):
             self.root.remove(library)
 
     def _world_from_bound(self, skin: ElementTree.Element) -> NDArray[np.float64] | None:
-        """Return where the first joint of a skin puts what is bound to it, if its node is there."""
+        """Return the transform of the first joint times its inverse bind matrix, or None."""
         names = self._values(skin, "JOINT")
         node = self._nodes.get(names[0]) if names else None
         inverse = self._values(skin, "INV_BIND_MATRIX")[:16]
         if node is None or len(inverse) < 16:
             return None
         matrix = _matrix(" ".join(inverse))
-        above: ElementTree.Element | None = node
-        while above is not None and above.tag == f"{self._space}node":
-            matrix = compose(self._parent_from_node(above), matrix)
-            above = self._above.get(above)
+        ancestor: ElementTree.Element | None = node
+        while ancestor is not None and ancestor.tag == f"{self._xmlns}node":
+            matrix = compose(self._parent_from_node(ancestor), matrix)
+            ancestor = self._parents.get(ancestor)
         # Below what is instanced elsewhere, the world is not known.
-        is_placed = above is not None and above.tag == f"{self._space}visual_scene"
+        is_placed = ancestor is not None and ancestor.tag == f"{self._xmlns}visual_scene"
         return matrix if is_placed else None
 
     def _values(self, skin: ElementTree.Element, semantic: str) -> list[str]:
-        """Return the words of a source of the joints of a skin."""
-        for one in skin.findall(f"{self._space}joints/{self._space}input"):
+        """Return the words of a source of a skin's joints."""
+        for one in skin.findall(f"{self._xmlns}joints/{self._xmlns}input"):
             source = self._by_id.get(one.get("source", "").removeprefix("#"))
             if one.get("semantic") == semantic and source is not None and len(source):
                 return (source[0].text or "").split()
         return []
 
     def _parent_from_node(self, node: ElementTree.Element) -> NDArray[np.float64]:
-        """Return the transform of a node: the product of its steps."""
+        """Return the local transform of a node."""
         matrix = np.eye(4)
         for one in node:
-            kind = one.tag.removeprefix(self._space)
+            kind = one.tag.removeprefix(self._xmlns)
             if kind == "matrix":
                 matrix = compose(matrix, _matrix(one.text or ""))
             elif kind in ("translate", "rotate", "scale"):
@@ -279,8 +279,8 @@ class _Collada:
         return matrix
 
 
-def _matrix(said: str) -> NDArray[np.float64]:
-    """Return a matrix of 16 numbers, row by row; the identity where nothing is said."""
-    if not said.strip():
+def _matrix(text: str) -> NDArray[np.float64]:
+    """Parse a matrix of 16 numbers, row by row; the identity for an empty text."""
+    if not text.strip():
         return np.eye(4)
-    return np.array([float(word) for word in said.split()]).reshape(4, 4)
+    return np.array([float(word) for word in text.split()]).reshape(4, 4)

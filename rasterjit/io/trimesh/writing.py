@@ -1,4 +1,4 @@
-"""Turn meshes and scenes into trimesh's, and name what those have no place for."""
+"""Convert meshes and scenes to trimesh's, and warn of what these cannot hold."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.cameras import to_trimesh as camera_to_trimesh
-from rasterjit.io.gltf.meshes_materials import MODE_NAMES, TEXTURES
-from rasterjit.io.gltf.writing import lasting_units, looking_along
-from rasterjit.io.images import nearest_codes
-from rasterjit.io.load_warnings import NotSaved
+from rasterjit.io.gltf.meshes_materials import ALPHA_MODE_NAMES, TEXTURES
+from rasterjit.io.gltf.writing import look_along, stable_normals
+from rasterjit.io.images import quantize
+from rasterjit.io.load_warnings import SaveNotes
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.lines import Lines
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     import trimesh
 
 _RESOLUTION = (640, 640)
-"""Of the camera, pixels: trimesh's has one. Its angle of view is the same both ways."""
+"""Resolution of the camera, pixels, which trimesh requires: with equal fields of view."""
 
 
 def to_trimesh(what: Mesh | Scene) -> Any:
     """
-    Return a mesh or scene as trimesh has it; see `Mesh.to_trimesh` and `Scene.to_trimesh`.
+    Convert a mesh or scene to trimesh; see `Mesh.to_trimesh` and `Scene.to_trimesh`.
 
     Returns
     -------
@@ -43,21 +43,21 @@ def to_trimesh(what: Mesh | Scene) -> Any:
     SaveWarning
         Once, naming what it has not or has otherwise.
     """
-    left_out = NotSaved("trimesh")
-    converter = _Converter(left_out)
-    made = converter.mesh(what) if isinstance(what, Mesh) else converter.scene(what)
-    left_out.warn(f"trimesh {type(made).__name__}")
-    return made
+    notes = SaveNotes("trimesh")
+    converter = _Converter(notes)
+    added = converter.mesh(what) if isinstance(what, Mesh) else converter.scene(what)
+    notes.warn(f"trimesh {type(added).__name__}")
+    return added
 
 
 class _Converter:
-    """Turns meshes, each once, and scenes into trimesh's."""
+    """Converts scenes and meshes, each once."""
 
-    def __init__(self, left_out: NotSaved) -> None:
-        self.left_out = left_out
+    def __init__(self, notes: SaveNotes) -> None:
+        self.notes = notes
         self._materials: dict[Any, Any] = {}
         self._names = {"world": 1}
-        """Those taken, and the number that was last put behind each."""
+        """Used names, with the last number that was appended to each."""
 
     def scene(self, scene: Scene) -> trimesh.Scene:
         """Return a scene with its nodes, camera and lights."""
@@ -65,46 +65,46 @@ class _Converter:
 
         posed = scene.posed()
         if posed is not scene:
-            self.left_out.note("skins and morph targets, but for the pose as it is")
+            self.notes.note("skins and morph targets, but for the pose as it is")
             scene = posed
         if scene._own_animations():
-            self.left_out.note("animations")
-        made, geometries, names = trimesh.Scene(), {}, {}
-        drawn = set(map(id, scene.nodes))
+            self.notes.note("animations")
+        result, geometries, names = trimesh.Scene(), {}, {}
+        mesh_nodes = set(map(id, scene.nodes))
         # Objects are numbered as they come; what they hang below may come later.
-        groups = [node for node in scene.every_node() if id(node) not in drawn]
+        groups = [node for node in scene.every_node() if id(node) not in mesh_nodes]
         for node in (*scene.nodes, *groups):
-            names[id(node)] = self._unlike(str(node.name))
+            names[id(node)] = self._unique_name(str(node.name))
         for node in (*scene.nodes, *groups):
-            said = {}
-            if id(node) in drawn:
+            fields = {}
+            if id(node) in mesh_nodes:
                 if id(node.mesh) not in geometries:
                     geometries[id(node.mesh)] = names[id(node)]
-                    made.geometry[names[id(node)]] = self.mesh(node.mesh)
-                said = {"geometry": geometries[id(node.mesh)]}
-            above = "world" if node.parent is None else names[id(node.parent)]
-            made.graph.update(names[id(node)], above, matrix=np.array(node.transform), **said)
-        if list(made.graph.nodes_geometry) != [names[id(node)] for node in scene.nodes]:
-            self.left_out.note("order of the objects, which is that of the tree")
-        self._add_camera(scene.camera, made)
-        self._add_lights(scene.lights, made)
+                    result.geometry[names[id(node)]] = self.mesh(node.mesh)
+                fields = {"geometry": geometries[id(node.mesh)]}
+            parent = "world" if node.parent is None else names[id(node.parent)]
+            result.graph.update(names[id(node)], parent, matrix=np.array(node.transform), **fields)
+        if list(result.graph.nodes_geometry) != [names[id(node)] for node in scene.nodes]:
+            self.notes.note("order of the objects, which is that of the tree")
+        self._add_camera(scene.camera, result)
+        self._add_lights(scene.lights, result)
         for name in EFFECT_FIELDS:
             if getattr(scene, name) is not None:
-                self.left_out.note(name)
+                self.notes.note(name)
         if scene.labelled:
-            self.left_out.note("labels")
-        return made
+            self.notes.note("labels")
+        return result
 
-    def _unlike(self, name: str) -> str:
-        """Return a name that no node had before: trimesh knows nodes by their names."""
-        found = name or "node"
+    def _unique_name(self, name: str) -> str:
+        """Return a unique name: trimesh identifies nodes by their names."""
+        unique = name or "node"
         if name in self._names:
-            self.left_out.note("name of a node that another has")
-        while found in self._names:
+            self.notes.note("name of a node that another has")
+        while unique in self._names:
             self._names[name] = number = self._names.get(name, 1) + 1
-            found = f"{name or 'node'} {number}"
-        self._names[found] = 1
-        return found
+            unique = f"{name or 'node'} {number}"
+        self._names[unique] = 1
+        return unique
 
     def mesh(self, mesh: Mesh) -> Any:
         """Return a mesh with its normals, colours, texture coordinates and material."""
@@ -114,12 +114,12 @@ class _Converter:
             return self._points(mesh)
         if isinstance(mesh, Lines):
             return self._lines(mesh)
-        normals, _ = lasting_units(mesh.vertex_normals())
+        normals, _ = stable_normals(mesh.vertex_normals())
         for name in ("uv1", "tangents", "joints", "morph_targets"):
             if getattr(mesh, name) is not None:
-                self.left_out.note(name)
+                self.notes.note(name)
         if mesh.field is not None:
-            self.left_out.note("scalars, but for their colours")
+            self.notes.note("scalars, but for their colours")
         return trimesh.Trimesh(
             mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._visual(mesh),
             vertex_attributes=dict(mesh.vertex_attributes),
@@ -128,25 +128,25 @@ class _Converter:
         )  # fmt: skip
 
     def _points(self, mesh: Points) -> trimesh.PointCloud:
-        """Return points with their colours, those that are finite."""
+        """Return the finite points with their colours."""
         import trimesh
 
         rows = np.isfinite(mesh.vertices).all(axis=1)
         if mesh.invalid_vertices:
-            self.left_out.note("points that are NaN or infinite")
-        self._note_without_faces(mesh)
+            self.notes.note("points that are NaN or infinite")
+        self._note_point_or_line_data(mesh)
         colors = mesh.colors
         codes = None if colors is None else self._bytes(colors[rows], "srgb", "colours")
         return trimesh.PointCloud(mesh.vertices[rows], colors=codes)
 
     def _lines(self, mesh: Lines) -> trimesh.path.Path3D:
-        """Return lines, a curve for each run of segments that join and have one colour."""
+        """Return lines as curves: runs of connected segments of one colour."""
         import trimesh
         from trimesh.path.entities import Line
 
-        self._note_without_faces(mesh)
+        self._note_point_or_line_data(mesh)
         if mesh.shown_vertex_colors() is not None:
-            self.left_out.note("colours of points of lines")
+            self.notes.note("colours of points of lines")
         segments = mesh.segments
         breaks = segments[1:, 0] != segments[:-1, 1]
         codes = None
@@ -163,18 +163,18 @@ class _Converter:
         ]
         return trimesh.path.Path3D(entities=entities, vertices=mesh.vertices, process=False)
 
-    def _note_without_faces(self, mesh: Points | Lines) -> None:
-        """Note what trimesh has no place for beside places and colours."""
+    def _note_point_or_line_data(self, mesh: Points | Lines) -> None:
+        """Note what trimesh cannot hold of points and lines."""
         what = "points" if isinstance(mesh, Points) else "lines"
-        self.left_out.note(f"sizes of {what}" if what == "points" else "widths of lines")
+        self.notes.note(f"sizes of {what}" if what == "points" else "widths of lines")
         if mesh.normals is not None:
-            self.left_out.note(f"normals of {what}")
+            self.notes.note(f"normals of {what}")
         if mesh.vertex_attributes or mesh.face_attributes:
-            self.left_out.note(f"attributes of {what}")
+            self.notes.note(f"attributes of {what}")
         if mesh.field is not None:
-            self.left_out.note("scalars, but for their colours")
+            self.notes.note("scalars, but for their colours")
         if mesh.material.base_color is not None:
-            self.left_out.note(f"base colour of {what}")
+            self.notes.note(f"base colour of {what}")
 
     def _visual(self, mesh: Mesh) -> Any:
         """Return colours, or a material and its texture coordinates."""
@@ -187,7 +187,7 @@ class _Converter:
         is_plain = mesh.material in (Material(name=mesh.material.name), UnsaidMaterial())
         if face_colors is not None or (is_plain and mesh.uv is None):
             if not is_plain:
-                self.left_out.note("material beside colours of faces")
+                self.notes.note("material beside colours of faces")
             return ColorVisuals(vertex_colors=vertex_colors, face_colors=face_colors)
         material = self._material(mesh.material, vertex_colors is not None)
         visual = TextureVisuals(uv=mesh.uv, material=material)
@@ -196,14 +196,14 @@ class _Converter:
         return visual
 
     def _bytes(self, colors: Any, color_space: str, what: str) -> NDArray[np.uint8]:
-        """Return linear colours, (..., 4), as bytes, and note if they are not what they were."""
-        codes, are_exact = nearest_codes(np.asarray(colors, np.float32), color_space)
+        """Return linear colours, (..., 4), as bytes, and note if that rounds them."""
+        codes, are_exact = quantize(np.asarray(colors, np.float32), color_space)
         if not are_exact:
-            self.left_out.note_rounded(f"{what}, to 8 bits")
+            self.notes.note_rounded(f"{what}, to 8 bits")
         return codes
 
     def _material(self, material: Material, has_colors: bool) -> Any:
-        """Return a material as trimesh has it, once for all meshes that share it."""
+        """Convert a material, once for all meshes that share it."""
         color = _base_color(material, has_colors)
         key = id(material), color
         if key not in self._materials:
@@ -217,7 +217,7 @@ class _Converter:
 
         for name in ("normal_scale", "occlusion_strength"):
             if getattr(material, name) != 1.0:
-                self.left_out.note(name)
+                self.notes.note(name)
         for name, has_it in (
             ("clearcoat", material.has_clearcoat),
             ("sheen", material.has_sheen),
@@ -225,7 +225,7 @@ class _Converter:
             ("transmission", material.transmits),
         ):
             if has_it:
-                self.left_out.note(name)
+                self.notes.note(name)
         pictures = {
             key: self._picture(getattr(material, field), color_space, field)
             for field, (key, color_space) in TEXTURES.items()
@@ -234,7 +234,7 @@ class _Converter:
         return PBRMaterial(
             name=material.name, baseColorFactor=color, metallicFactor=material.metallic,
             roughnessFactor=material.roughness, emissiveFactor=list(material.emissive),
-            doubleSided=material.double_sided, alphaMode=MODE_NAMES[material.alpha_mode],
+            doubleSided=material.double_sided, alphaMode=ALPHA_MODE_NAMES[material.alpha_mode],
             alphaCutoff=material.alpha_cutoff, **pictures,
         )  # fmt: skip
 
@@ -243,67 +243,67 @@ class _Converter:
         from trimesh.visual.material import SimpleMaterial
 
         if material.shading != "phong":
-            self.left_out.note(f"{material.shading} shading")
+            self.notes.note(f"{material.shading} shading")
         if material.emits:
-            self.left_out.note("emission")
+            self.notes.note("emission")
         if not material.double_sided:
-            self.left_out.note("single-sidedness")
+            self.notes.note("single-sidedness")
         if material.alpha_mode == "mask":
-            self.left_out.note("alpha_mode 'mask'")
+            self.notes.note("alpha_mode 'mask'")
         for field in TEXTURES:
             if field != "base_color_texture" and getattr(material, field) is not None:
-                self.left_out.note(field)
-        said: dict[str, Any] = {}
+                self.notes.note(field)
+        mtl_colors: dict[str, Any] = {}
         if material.base_color is not None:
             (color,) = self._bytes([base_color], "srgb", "base colours")
-            said["diffuse"] = said["kd"] = color
+            mtl_colors["diffuse"] = mtl_colors["kd"] = color
         strength = min(material.specular, 1.0) if material.shading != "unlit" else 0.0
         (shine,) = self._bytes([(strength,) * 3 + (1.0,)], "srgb", "highlights")
         picture = self._picture(material.base_color_texture, "srgb", "base_color_texture")
         return SimpleMaterial(
             image=picture, name=material.name, specular=shine, glossiness=material.shininess,
-            ks=shine, ns=material.shininess, **said,
+            ks=shine, ns=material.shininess, **mtl_colors,
         )  # fmt: skip
 
     def _picture(self, texture: Texture | None, color_space: str, field: str) -> Any:
-        """Return the picture of a texture, for Pillow."""
+        """Return the image of a texture for Pillow."""
         if texture is None:
             return None
         from PIL import Image
 
         is_repeated = texture.wrap == ("repeat", "repeat") and texture.filter == "trilinear"
         if not is_repeated or texture.anisotropy > 1 or texture.transform is not None:
-            self.left_out.note(f"how a {field} is sampled")
+            self.notes.note(f"how a {field} is sampled")
         if texture.uv_set:
-            self.left_out.note(f"uv_set of a {field}")
+            self.notes.note(f"uv_set of a {field}")
         codes = self._bytes(texture.image, color_space, "textures")
         return Image.fromarray(codes[:, :, :3].copy() if texture.is_opaque else codes)
 
-    def _add_camera(self, camera: Any, made: trimesh.Scene) -> None:
+    def _add_camera(self, camera: Any, result: trimesh.Scene) -> None:
         """Add the camera of a scene, if it is a perspective."""
         if camera is None:
             return
         if not isinstance(camera, PerspectiveCamera):
-            self.left_out.note(type(camera).__name__)
+            self.notes.note(type(camera).__name__)
             return
         if camera.min_aspect:
-            self.left_out.note("min_aspect of the camera")
-        made.camera, made.camera_transform = camera_to_trimesh(camera, _RESOLUTION)
+            self.notes.note("min_aspect of the camera")
+        result.camera, result.camera_transform = camera_to_trimesh(camera, _RESOLUTION)
 
-    def _add_lights(self, lights: list[Light], made: trimesh.Scene) -> None:
+    def _add_lights(self, lights: list[Light], result: trimesh.Scene) -> None:
         """Add the lights of a scene, whose bytes are linear light."""
         from trimesh.scene import lighting
 
-        found, places = [], []
+        added, poses = [], []
         for light in lights:
             if isinstance(light, AmbientLight):
-                self.left_out.note(type(light).__name__)
+                self.notes.note(type(light).__name__)
                 continue
             kind = type(light).__name__
             if light.shadow is not None:
-                self.left_out.note(f"shadow of a {kind}")
+                self.notes.note(f"shadow of a {kind}")
             if not isinstance(light, DirectionalLight) and light.range is not None:
-                self.left_out.note(f"range of a {kind}")
+                self.notes.note(f"range of a {kind}")
             cone = {}
             if isinstance(light, SpotLight):
                 cone = {
@@ -311,17 +311,17 @@ class _Converter:
                     "outerConeAngle": math.radians(light.outer_angle),
                 }
             (color,) = self._bytes([(*light.color, 1.0)], "linear", "light")
-            found.append(getattr(lighting, kind)(color=color, intensity=light.intensity, **cone))
+            added.append(getattr(lighting, kind)(color=color, intensity=light.intensity, **cone))
             position = (0.0, 0.0, 0.0) if isinstance(light, DirectionalLight) else light.position
             direction = (0.0, 0.0, -1.0) if isinstance(light, PointLight) else light.direction
-            places.append(looking_along(position, direction))
-        if found:
-            made.lights = found
-        for light, place in zip(found, places, strict=True):
-            made.graph.update(light.name, matrix=place)
+            poses.append(look_along(position, direction))
+        if added:
+            result.lights = added
+        for light, pose in zip(added, poses, strict=True):
+            result.graph.update(light.name, matrix=pose)
 
 
 def _base_color(material: Material, has_colors: bool) -> tuple[float, ...]:
-    """Return a base colour, linear RGBA; its alpha is 1 where that does nothing."""
+    """Return a base colour, linear RGBA; alpha is 1 for opaque materials."""
     *rgb, alpha = material.base_color_over(has_colors)
     return *rgb, 1.0 if material.alpha_mode == "opaque" else alpha

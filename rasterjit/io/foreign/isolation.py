@@ -1,7 +1,7 @@
 """
-Have packages of others read files, and decode what files hold, where they can do no harm.
+Let other packages read files and decode data in a process with limits.
 
-That is in a process with limits. It is started for the first such file, waits for the next one, and
+It is started for the first such file, waits for the next one, and
 ends with this one; see `rasterjit.io.foreign.child`. One that crashed or had to be ended is
 replaced.
 """
@@ -26,126 +26,126 @@ from typing import Any
 from rasterjit import forks
 from rasterjit.io.foreign.codecs import CODECS
 from rasterjit.io.foreign.readers import modules_for
-from rasterjit.io.foreign.wire import read_found, write_found
+from rasterjit.io.foreign.serialization import read_value, write_value
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.resources import Resources, extension_of
 from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.warning import warn_caller
 
-_SECONDS, _SECONDS_OF_MEGABYTE = 10, 10
-"""Of the processor: what a file may take, and what each megabyte of it adds that is read."""
+_BASE_SECONDS, _SECONDS_PER_MEGABYTE = 10, 10
+"""Processor time allowed for a file, and for each megabyte of it."""
 
-_WAITING = 20.0 if sys.platform == "linux" else 4.0
-"""How many times as long it may take by the clock, as others use the processor as well; by this
-alone some systems are held to it."""
+_CLOCK_FACTOR = 20.0 if sys.platform == "linux" else 4.0
+"""Wall-clock time allowed, as a multiple of the processor time, which some systems cannot
+limit."""
 
-_STARTING = 60.0
-"""Seconds in which the process must be ready, and may take to end another one."""
+_START_TIMEOUT = 60.0
+"""Seconds within which the process must be ready, or kill its fork."""
 
-_SMALL = 1 << 20
-"""Bytes of what is found that are not counted: names, numbers and notes."""
+_UNCOUNTED_BYTES = 1 << 20
+"""Bytes of a result that are not counted: names, numbers and notes."""
 
-_IN_PROCESS = "isolate=False reads it in this process, without limits"
+_HINT = "isolate=False reads it in this process, without limits"
 
-_NOTHING = Path(os.devnull)
+_NO_FILE = Path(os.devnull)
 
 _PACKAGE = Path(__file__).parents[2]
 
-_START = """
+_START_SCRIPT = """
 import json, sys, types
-said = json.loads(sys.stdin.buffer.readline())
-sys.path[:] = said["path"]
-package = types.ModuleType(said["name"])
-package.__path__ = [said["package"]]
-sys.modules[said["name"]] = package
+config = json.loads(sys.stdin.buffer.readline())
+sys.path[:] = config["path"]
+package = types.ModuleType(config["name"])
+package.__path__ = [config["package"]]
+sys.modules[config["name"]] = package
 from rasterjit.io.foreign.child import serve
 import os
-file = said["file"]
+file = config["file"]
 if isinstance(file, str):
     file = os.open(file, os.O_RDWR | os.O_BINARY | os.O_TEMPORARY)
 serve(file)
 """
-"""Imports no more than what reads: not the package's public names, which bring all else."""
+"""Imports the readers without the package's public names, which would import everything."""
 
-_THREADS = dict.fromkeys(
+_SINGLE_THREADED = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "MALLOC_ARENA_MAX"), "1"
 )
-"""Variables that let libraries start none: what forks has one."""
+"""Environment variables that keep libraries single-threaded: the process forks."""
 
 _LOCK = forks.lock()
-_IDLE: list[_Reader] = []
-_ALL: set[_Reader] = set()
+_IDLE_READERS: list[_ReaderProcess] = []
+_ALL_READERS: set[_ReaderProcess] = set()
 
 
-class _EndedError(Exception):
-    """The process ended in place of an answer, perhaps because it was too late with it."""
+class _ProcessEndedError(Exception):
+    """The process ended without an answer, perhaps because it was too late."""
 
     def __init__(self, is_late: bool = False) -> None:
         super().__init__()
         self.is_late = is_late
 
 
-class _Reader:
+class _ReaderProcess:
     """A process that reads files."""
 
     def __init__(self) -> None:
         self._results, name = _result_file()
         self._is_busy = False
-        """Whether it keeps a copy for more of a file."""
+        """Whether it keeps a fork for further requests of a file."""
         number = self._results.fileno()
-        command = [spawn.get_executable(), "-I", "-S", "-c", _START]
+        command = [spawn.get_executable(), "-I", "-S", "-c", _START_SCRIPT]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            pass_fds=() if name else (number,), env={**os.environ, **_THREADS},
+            pass_fds=() if name else (number,), env={**os.environ, **_SINGLE_THREADED},
             # What interrupts this process is not for that one.
             start_new_session=os.name == "posix",
         )  # fmt: skip
-        hello = {
-            "path": _path(), "package": str(_PACKAGE), "name": __name__.partition(".")[0],
+        configuration = {
+            "path": _module_path(), "package": str(_PACKAGE), "name": __name__.partition(".")[0],
             "file": name or number,
         }  # fmt: skip
         with _LOCK:
-            _ALL.add(self)
+            _ALL_READERS.add(self)
         try:
-            self._say(hello)
-            self._answer(_STARTING)
+            self._send(configuration)
+            self._receive(_START_TIMEOUT)
         except BaseException:
-            self.end()
+            self.kill()
             raise
 
     def ask(
         self, request: dict[str, Any], arguments: Sequence[Any] = ()
     ) -> tuple[dict[str, Any], Any]:
-        """Return how the process fared with a request, and what it found, if it did."""
+        """Send a request; return the status of the process and the result, if any."""
         if arguments:
-            write_found(arguments, self._results.fileno())
-        self._say(request)
-        answer = self._answer(request["longest"] + _STARTING)
-        self._is_busy = not answer.get("has_ended", request["is_last"])
-        found = None
-        if answer["status"] == 0:
+            write_value(arguments, self._results.fileno())
+        self._send(request)
+        status = self._receive(request["timeout"] + _START_TIMEOUT)
+        self._is_busy = not status.get("has_ended", request["is_last"])
+        result = None
+        if status["status"] == 0:
             file = self._results.fileno()
-            is_large = os.fstat(file).st_size > request["left"] + _SMALL
+            is_large = os.fstat(file).st_size > request["left"] + _UNCOUNTED_BYTES
             try:
-                found = {"error": "MemoryError"} if is_large else read_found(file)
+                result = {"error": "MemoryError"} if is_large else read_value(file)
             except ValueError as error:
-                raise _EndedError from error
+                raise _ProcessEndedError from error
         # Its memory is free again.
         self._results.truncate(0)
-        return answer, found
+        return status, result
 
-    def _say(self, what: dict[str, Any]) -> None:
-        """Send a line."""
+    def _send(self, what: dict[str, Any]) -> None:
+        """Write a value as a line of JSON to the process."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps(what).encode() + b"\n")
             self._process.stdin.flush()
         except OSError as error:
-            raise _EndedError from error
+            raise _ProcessEndedError from error
 
-    def _answer(self, longest: float) -> dict[str, Any]:
-        """Wait for a line; one that takes too long ends the process."""
+    def _receive(self, timeout: float) -> dict[str, Any]:
+        """Return the next line of the process; kill it after a time limit."""
         assert self._process.stdout is not None
         is_over = threading.Event()
 
@@ -154,7 +154,7 @@ class _Reader:
             is_over.set()
             self._process.kill()
 
-        clock = threading.Timer(longest, end)
+        clock = threading.Timer(timeout, end)
         clock.daemon = True
         clock.start()
         try:
@@ -162,54 +162,54 @@ class _Reader:
         finally:
             clock.cancel()
         if not line.endswith(b"\n"):
-            raise _EndedError(is_over.is_set())
-        answer: dict[str, Any] = json.loads(line)
-        return answer
+            raise _ProcessEndedError(is_over.is_set())
+        status: dict[str, Any] = json.loads(line)
+        return status
 
     def is_alive(self) -> bool:
-        """Tell whether the process still waits."""
+        """Tell whether the process still runs."""
         return self._process.poll() is None
 
-    def is_ready(self) -> bool:
-        """End what the process does for a file, if it does; tell whether it waits for another."""
+    def finish_file(self) -> bool:
+        """End the requests of a file; tell whether the process can serve another one."""
         if not self._is_busy:
             return True
         try:
             self._is_busy = False
-            self._say({"end": True})
-            return bool(self._answer(_STARTING)["status"] == 0)
-        except _EndedError:
+            self._send({"end": True})
+            return bool(self._receive(_START_TIMEOUT)["status"] == 0)
+        except _ProcessEndedError:
             return False
 
-    def end(self) -> int:
-        """End the process, and tell how it ended."""
+    def kill(self) -> int:
+        """Kill the process; return its exit status."""
         with _LOCK:
-            _ALL.discard(self)
+            _ALL_READERS.discard(self)
         self._process.kill()
         self.close()
         return self._process.wait()
 
     def close(self) -> None:
-        """Let go of what leads to the process."""
+        """Close the pipes and the file of results."""
         for one in (self._process.stdin, self._process.stdout, self._results):
             if one is not None:
                 with contextlib.suppress(OSError):
                     one.close()
 
-    def forget(self) -> None:
-        """Leave the process to the one that this one is a copy of."""
+    def detach(self) -> None:
+        """Close the pipes in a forked child; the process belongs to the parent."""
         self.close()
         self._process.returncode = 0
 
 
-def _path() -> list[str]:
-    """Return where modules are found, wherever the process is."""
-    folder = _folder()
+def _module_path() -> list[str]:
+    """Return ``sys.path`` with absolute paths."""
+    folder = _working_folder()
     return [os.path.join(folder, one) for one in sys.path]
 
 
-def _folder() -> str:
-    """Return where this process is; the topmost folder if it is in one that was removed."""
+def _working_folder() -> str:
+    """Return the current folder; the root if it was removed."""
     try:
         return os.getcwd()
     except OSError:
@@ -217,36 +217,36 @@ def _folder() -> str:
 
 
 def _result_file() -> tuple[Any, str | None]:
-    """Return a file for what is found, and its name if that has to be told."""
+    """Return a file for results, and its name if the process must open it by name."""
     if hasattr(os, "memfd_create"):
         return open(os.memfd_create("rasterjit", os.MFD_CLOEXEC), "w+b", buffering=0), None
     file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
     return file, None if os.name == "posix" else file.name
 
 
-def _end_all() -> None:
-    """End all processes, as this one does."""
-    for one in list(_ALL):
-        one.end()
+def _kill_all() -> None:
+    """Kill all processes at exit."""
+    for one in list(_ALL_READERS):
+        one.kill()
 
 
-def _forget_all() -> None:
-    """Let a forked child start processes of its own."""
-    while _ALL:
-        _ALL.pop().forget()
-    _IDLE.clear()
+def _detach_all() -> None:
+    """Detach a forked child from the processes of its parent."""
+    while _ALL_READERS:
+        _ALL_READERS.pop().detach()
+    _IDLE_READERS.clear()
 
 
-atexit.register(_end_all)
+atexit.register(_kill_all)
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_all)
+    os.register_at_fork(after_in_child=_detach_all)
 
 
 def read_isolated(
     path: Path, resources: Resources, on_invalid: OnInvalid, on_damage: str, left_out: LeftOut
 ) -> Any:
     """
-    Return what `read_file` does, read in a process with limits.
+    Read a file with `read_file` in an isolated process.
 
     Parameters
     ----------
@@ -263,20 +263,20 @@ def read_isolated(
         Also if the process crashes, takes too long or more memory than the budget has.
     FileSizeError
     """
-    with closing(Session(resources.budget, path, resources.root, path.stat().st_size)) as one:
-        found = one.do(
+    with closing(Session(resources.budget, path, resources.root, path.stat().st_size)) as session:
+        result = session.request(
             "its reader", modules_for(extension_of(path)), on_damage=on_damage,
             on_invalid=on_invalid,
         )  # fmt: skip
-    left_out.add_all(found["left_out"])
-    for text in found["warnings"]:
+    left_out.extend(result["left_out"])
+    for text in result["warnings"]:
         warn_caller(text)
-    return found["found"]
+    return result["value"]
 
 
 class Session:
     """
-    What a process does for one file: read it, or decode one after the other what it holds.
+    The requests for one file: to read it, or to decode its compressed data one by one.
 
     Parameters
     ----------
@@ -288,12 +288,12 @@ class Session:
     """
 
     def __init__(
-        self, budget: MemoryBudget, path: Path = _NOTHING, root: Path = _NOTHING, size: int = 0
+        self, budget: MemoryBudget, path: Path = _NO_FILE, root: Path = _NO_FILE, size: int = 0
     ) -> None:
         self._budget, self._size = budget, size
         self._file = {"path": str(path), "root": str(root), "source": budget.source,
                       "max_bytes": budget.max_bytes}  # fmt: skip
-        self._reader: _Reader | None = None
+        self._reader: _ReaderProcess | None = None
 
     def decode(self, name: str, arguments: Sequence[Any]) -> Any:
         """
@@ -302,20 +302,20 @@ class Session:
         Raises
         ------
         ValueError
-            Of what is said of the data. If the process crashes or reaches a limit, a
+            If the data are damaged. If the process crashes or reaches a limit, a
             `MeshFileError`, and the budget refuses all else.
         """
         codec = CODECS[name]
         try:
-            return self.do(codec.library, codec.modules, arguments, codec=name)["found"]
+            return self.request(codec.library, codec.modules, arguments, codec=name)["value"]
         except MeshFileError as error:
             self._budget.refuse(error)
 
-    def do(
-        self, who: str, modules: Sequence[str], arguments: Sequence[Any] = (), **more: Any
+    def request(
+        self, reader_name: str, modules: Sequence[str], arguments: Sequence[Any] = (), **more: Any
     ) -> dict[str, Any]:
         """
-        Return what became of a request.
+        Return the result of a request.
 
         Raises
         ------
@@ -325,82 +325,85 @@ class Session:
         """
         budget = self._budget
         self._size += sum(len(one) for one in arguments if isinstance(one, bytes))
-        seconds = _SECONDS + _SECONDS_OF_MEGABYTE * self._size // 1_000_000
+        seconds = _BASE_SECONDS + _SECONDS_PER_MEGABYTE * self._size // 1_000_000
         request = {
             **self._file, **more, "modules": modules, "left": budget.left, "seconds": seconds,
-            "longest": _WAITING * seconds, "is_given": bool(arguments), "is_last": not arguments,
+            "timeout": _CLOCK_FACTOR * seconds, "has_arguments": bool(arguments),
+            "is_last": not arguments,
         }  # fmt: skip
         if self._reader is None:
             request |= {
-                "folder": _folder(), "sys_path": _path(), "memory": 2 * budget.left,
+                "folder": _working_folder(), "sys_path": _module_path(), "memory": 2 * budget.left,
                 "hidden": [name for name, one in sys.modules.items() if one is None],
             }  # fmt: skip
         could_not = f"{budget.source} could not be read as .{extension_of(Path(budget.source))}"
         try:
-            answer, found = self._ask(request, arguments)
+            answer, result = self._ask(request, arguments)
         except OSError as error:
             raise MeshFileError(
-                f"{could_not}: no process can be started for it ({error}); {_IN_PROCESS}"
+                f"{could_not}: no process can be started for it ({error}); {_HINT}"
             ) from error
-        if found is None:
-            raise MeshFileError(f"{could_not}: {who} {_ending(answer, seconds)}; {_IN_PROCESS}")
-        if found["error"] == "FileSizeError":
-            budget.refuse(FileSizeError(found["said"]))
-        if found["error"] == "MemoryError":
+        if result is None:
+            raise MeshFileError(
+                f"{could_not}: {reader_name} {_describe_end(answer, seconds)}; {_HINT}"
+            )
+        if result["error"] == "FileSizeError":
+            budget.refuse(FileSizeError(result["message"]))
+        if result["error"] == "MemoryError":
             raise MeshFileError(
                 f"{could_not}: it needs more memory than max_bytes = {budget.max_bytes:,} allows"
             )
-        if found["error"] is not None:
-            kind = MeshFileError if found["error"] == "MeshFileError" else ValueError
-            raise kind(found["said"])
-        budget.left = found["left"]
-        return found
+        if result["error"] is not None:
+            kind = MeshFileError if result["error"] == "MeshFileError" else ValueError
+            raise kind(result["message"])
+        budget.left = result["left"]
+        return result
 
     def _ask(self, request: dict[str, Any], arguments: Sequence[Any]) -> tuple[dict[str, Any], Any]:
-        """Have the process answer a request: one that waits, or a new one."""
+        """Send a request to an idle process, or to a new one."""
         try:
             if self._reader is None:
-                self._reader = _taken()
+                self._reader = _acquire_reader()
             return self._reader.ask(request, arguments)
-        except _EndedError as error:
-            status = -1 if self._reader is None else self._reader.end()
+        except _ProcessEndedError as error:
+            status = -1 if self._reader is None else self._reader.kill()
             self._reader = None
             return {"status": status, "is_late": error.is_late}, None
         except BaseException:
             if self._reader is not None:
-                self._reader.end()
+                self._reader.kill()
                 self._reader = None
             raise
 
     def close(self) -> None:
-        """Let others have the process."""
+        """Release the process for other files."""
         reader, self._reader = self._reader, None
         if reader is None:
             return
-        if reader.is_ready():
+        if reader.finish_file():
             with _LOCK:
-                _IDLE.append(reader)
+                _IDLE_READERS.append(reader)
         else:
-            reader.end()
+            reader.kill()
 
 
-def _ending(answer: dict[str, Any], seconds: int) -> str:
-    """Say how a process ended without an answer."""
-    status = answer["status"]
-    if answer["is_late"] or status == -getattr(signal, "SIGXCPU", 0):
+def _describe_end(status: dict[str, Any], seconds: int) -> str:
+    """Describe how a process ended without an answer."""
+    exit_code = status["status"]
+    if status["is_late"] or exit_code == -getattr(signal, "SIGXCPU", 0):
         return f"takes more than {seconds} s"
-    if status < 0:
-        return f"crashed ({signal.Signals(-status).name})"
-    return f"ended with status {status}"
+    if exit_code < 0:
+        return f"crashed ({signal.Signals(-exit_code).name})"
+    return f"ended with status {exit_code}"
 
 
-def _taken() -> _Reader:
-    """Return a process that nobody else asks."""
+def _acquire_reader() -> _ReaderProcess:
+    """Return an idle process, or a new one."""
     while True:
         with _LOCK:
-            reader = _IDLE.pop() if _IDLE else None
+            reader = _IDLE_READERS.pop() if _IDLE_READERS else None
         if reader is None:
-            return _Reader()
+            return _ReaderProcess()
         if reader.is_alive():
             return reader
-        reader.end()
+        reader.kill()
