@@ -37,7 +37,7 @@ COMPILED = {"kernel", "raw_kernel", "stage", "helper", "disjoint_helper", "intri
 """Decorators of what is compiled: its parameters are arrays and numbers, one by one."""
 PUBLIC_FILES = ("rasterjit/io/cameras.py",)
 """Files of which everything is public, beside the names in ``__all__``."""
-PYRENDER = "compat/pyrender"
+OF_OTHERS = re.compile("compat/(pyrender|mujoco)/")
 """Where names and signatures are those of another package."""
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
@@ -177,7 +177,8 @@ def long_signatures(files: list[File]) -> list[str]:
             taken = [*node.args.posonlyargs, *node.args.args]
             if file.path not in PUBLIC_FILES and public.isdisjoint((owner, node.name)):
                 taken += node.args.kwonlyargs
-            if len(taken) > MAX_PARAMETERS and not is_compiled(node) and PYRENDER not in file.path:
+            is_ours = not OF_OTHERS.search(file.path)
+            if len(taken) > MAX_PARAMETERS and not is_compiled(node) and is_ours:
                 found.append(f"{file.path}: {node.name} takes {len(taken)}")
     return found
 
@@ -186,7 +187,7 @@ def repeated_classes(files: list[File]) -> list[str]:
     """Return the class names that several files define, and where."""
     places = defaultdict(set)
     for file in files:
-        for node in file.nodes if PYRENDER not in file.path else ():
+        for node in file.nodes if not OF_OTHERS.search(file.path) else ():
             if isinstance(node, ast.ClassDef):
                 places[node.name].add(file.module.removeprefix("rasterjit."))
     return [f"{name}: {', '.join(sorted(p))}" for name, p in sorted(places.items()) if len(p) > 1]

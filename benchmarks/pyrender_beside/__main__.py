@@ -93,12 +93,16 @@ class Contestant:
         "egl", "osmesa" or "rasterjit".
     python : str
         Its interpreter.
+    worker : str
+        The module that it runs.
     """
 
-    def __init__(self, name: str, python: str) -> None:
+    def __init__(
+        self, name: str, python: str, worker: str = "benchmarks.pyrender_beside.worker"
+    ) -> None:
         self.name = name
         self._process = subprocess.Popen(
-            [python, "-m", "benchmarks.pyrender_beside.worker", name],
+            [python, "-m", worker, name],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
             cwd=ROOT, env=environment(name),
         )  # fmt: skip

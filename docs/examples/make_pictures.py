@@ -28,16 +28,19 @@ COMMANDS = {
     "flight": "--seconds 8 --fps 2 --size 320 180 --samples 16 --stills flight.jpg",
     "thumbnails": "--side 180 --columns 5",
     "environment": "-o environment.gif --steps 1",
+    "simulation": "-o simulation.gif",
     "figure": "-o figure.png --dpi 100",
 }
 MADE = {
     "bop": "bop.png", "photo_overlay": "overlay.jpg", "robot": "robot.gif", "flight": "flight.jpg",
     "thumbnails": "thumbnails/sheet.png", "environment": "environment.gif", "figure": "figure.png",
+    "simulation": "simulation.gif",
 }  # fmt: skip
 """What each writes."""
 CROPS = {
     "bop": (0, 0, 320, 240), "flight": (320, 0, 640, 180), "thumbnails": (0, 0, 540, 390),
-    "figure": (290, 20, 570, 230), "photo_overlay": (80, 60, 620, 420),
+    "simulation": (0, 0, 112, 112), "figure": (290, 20, 570, 230),
+    "photo_overlay": (80, 60, 620, 420),
 }  # fmt: skip
 """The part of a picture that the index shows: left, top, right, bottom."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.compat.opengl_camera import matrix_camera
 from rasterjit.compat.pyrender.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.compat.pyrender.constants import GLTF, SHADOW_TEX_SZ, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
@@ -408,18 +408,6 @@ def _camera(view: Float64, clip: Float64) -> MatrixCamera:
         # The same picture, of axes that are a right hand's.
         view[0], clip[:, 0] = -view[0], -clip[:, 0]
     return matrix_camera(view, clip)
-
-
-def matrix_camera(view: Float64, clip: Float64) -> MatrixCamera:
-    """Return a camera of two matrices, (4, 4); for those of late the one that was made then."""
-    return _known_camera(view.tobytes(), clip.tobytes())
-
-
-@functools.lru_cache(maxsize=64)
-def _known_camera(view: bytes, clip: bytes) -> MatrixCamera:
-    """Return a camera, given the numbers of its matrices."""
-    own, projection = (np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))
-    return MatrixCamera(own, projection)
 
 
 def convert(

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.compat.opengl_camera import matrix_camera, upside_down
 from rasterjit.compat.pyrender.constants import NORMALS, SHADOW_TEX_SZ, RenderFlags, TextAlign
 from rasterjit.compat.pyrender.drawing import (
     Drawing,
@@ -20,7 +21,6 @@ from rasterjit.compat.pyrender.drawing import (
     casts_shadows,
     check_flags,
     convert,
-    matrix_camera,
 )
 from rasterjit.compat.pyrender.fields import Field, NoOpenGLError, number
 from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
@@ -330,7 +330,7 @@ class OffscreenRenderer:
             engine = self._engines[quality] = Engine(seen.size, quality=quality)
             # A program that sees nothing hears nothing of it there.
             engine.warned = None
-        camera = _upside_down(seen.camera)
+        camera = upside_down(seen.camera)
         return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 
 
@@ -511,17 +511,6 @@ class Depths(NamedTuple):
                 depth[:] = (a + b * exact) / (e + g * exact)
         bits *= is_seen
         return depth
-
-
-def _upside_down(camera: MatrixCamera) -> MatrixCamera:
-    """
-    Return a camera whose first row of pixels is the lowest, as OpenGL's is.
-
-    So the samples of a pixel, and edges through centres, lie where they lie there.
-    """
-    clip = camera.clip_from_view.copy()
-    clip[1] = -clip[1]
-    return matrix_camera(camera.view_from_world, clip)
 
 
 def _moved(camera: MatrixCamera, size: tuple[int, int], place: tuple[float, float]) -> MatrixCamera:

@@ -1,0 +1,1 @@
+"""Models drawn by MuJoCo and by ``rasterjit.compat.mujoco``."""

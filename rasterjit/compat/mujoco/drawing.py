@@ -1,0 +1,612 @@
+"""A scene that follows the list of geoms MuJoCo makes for its renderers."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from rasterjit.compat.mujoco import shapes
+from rasterjit.compat.opengl_camera import matrix_camera
+from rasterjit.scene.camera import MatrixCamera
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.light import (
+    AmbientLight,
+    DirectionalLight,
+    Light,
+    PointLight,
+    Shadow,
+    SpotLight,
+)
+from rasterjit.scene.lines import Lines
+from rasterjit.scene.material import AlphaMode, Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.texture import Texture
+from rasterjit.scene.validation import read_only
+from rasterjit.scene.vectors import cross, dot, length
+from rasterjit.scene.warning import warn_caller
+
+Float64 = NDArray[np.float64]
+
+GEOM, FLAG, LIGHT = mujoco.mjtGeom, mujoco.mjtRndFlag, mujoco.mjtLightType
+
+SHAPES = {
+    GEOM.mjGEOM_SPHERE: ("ball",), GEOM.mjGEOM_ELLIPSOID: ("ball",),
+    GEOM.mjGEOM_CAPSULE: ("tube", "top", "bottom"), GEOM.mjGEOM_CYLINDER: ("cylinder",),
+    GEOM.mjGEOM_BOX: ("box",), GEOM.mjGEOM_ARROW: ("arrow",), GEOM.mjGEOM_ARROW1: ("arrow1",),
+    GEOM.mjGEOM_ARROW2: ("arrow2",), GEOM.mjGEOM_TRIANGLE: ("triangle",),
+    GEOM.mjGEOM_LINE: ("line",), GEOM.mjGEOM_LINEBOX: ("line box",),
+}  # fmt: skip
+"""Parts of geoms whose size is a scale."""
+
+OPAQUE = 0.995
+"""Alpha from which on MuJoCo takes a geom for opaque."""
+
+BEHIND = 0.3
+"""What alpha of a plane is multiplied by where it is seen from behind."""
+
+SHADOW_SIZE = 1024
+"""Most texels along a shadow map: ours is fitted to what is seen, MuJoCo's is not."""
+
+HALF_POWER = 0.5**0.5
+"""Where the ramp of a cone is at half its light: its square is 1/2."""
+
+OBJECTS = {int(kind): kind.name[6:].lower() for kind in mujoco.mjtObj.__members__.values()}
+"""Kinds of objects in words."""
+
+REST = (
+    (FLAG.mjRND_WIREFRAME, "wireframes"), (FLAG.mjRND_ADDITIVE, "additive transparency"),
+    (FLAG.mjRND_FOG, "fog"),
+)  # fmt: skip
+"""Flags for what is not drawn here."""
+
+_PLAIN = operator.attrgetter(
+    "type", "dataid", "objtype", "objid", "matid", "texid", "texcoord", "segid", "emission",
+    "specular", "shininess", "reflectance",
+)  # fmt: skip
+_LIGHT = operator.attrgetter(
+    "type", "pos", "dir", "attenuation", "cutoff", "exponent", "ambient", "diffuse", "specular",
+    "castshadow",
+)  # fmt: skip
+_TYPE, _DATA, _OBJECT, _NUMBER, _MATERIAL, _TEXTURE, _HAS_UV, _SEGMENT, _EMISSION = range(9)
+_SPECULAR, _SHININESS, _REFLECTANCE = 9, 10, 11
+
+
+class GeomArrays:
+    """
+    The arrays of all geoms of a scene of MuJoCo's, each as one array, in its own memory.
+
+    Parameters
+    ----------
+    scene : mujoco.MjvScene
+        With room for two geoms or more.
+    """
+
+    def __init__(self, scene: Any) -> None:
+        first, second = scene.geoms[:2]
+        self._step = second.pos.ctypes.data - first.pos.ctypes.data
+        self._count, self._first, self._scene = len(scene.geoms), first, scene
+        self.pos, self.mat, self.size, self.rgba, self.repeat = (
+            self._column(name) for name in ("pos", "mat", "size", "rgba", "texrepeat")
+        )
+
+    def _column(self, name: str) -> NDArray[np.float32]:
+        own = getattr(self._first, name)
+        shape, steps = (self._count, *own.shape), (self._step, *own.strides)
+        return as_strided(own, shape, steps, writeable=False)
+
+
+class ModelScene(Scene):
+    """
+    A scene of a model, whose nodes are where `follow` last found the geoms.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+    max_geom : int
+        Most geoms of MuJoCo's list.
+    as_codes : bool
+        Whether light is computed with codes of colours as OpenGL does it, for pictures of the
+        output ``"linear"``; else colours are decoded first, for those of ``"color"``.
+    """
+
+    def __init__(self, model: Any, max_geom: int = 10000, as_codes: bool = False) -> None:
+        super().__init__()
+        self._model, self._as_codes = model, as_codes
+        self._geom_scene = mujoco.MjvScene(model, max(2, max_geom))
+        self._option, self._arrays = mujoco.MjvOption(), GeomArrays(self._geom_scene)
+        self._surfaces: dict[Any, shapes.Triangulation] = {}
+        self._meshes: dict[Any, Mesh] = {}
+        self._textures: dict[Any, Texture] = {}
+        self._lists: Any = None
+        self._looks: Any = None
+        self._lit_by: Any = None
+        self._shadow_size = SHADOW_SIZE
+        self._told: set[str] = set()
+        self._owners = np.zeros(0, np.int64)
+        self._parts: list[str] = []
+        self._matrices = np.zeros((0, 4, 4))
+
+    def follow(self, data: Any, camera: Any = -1, scene_option: Any = None) -> None:
+        """
+        Move all to where a state of the simulation has it.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            For which ``mj_forward`` or ``mj_step`` was called.
+        camera : int, str or mujoco.MjvCamera
+            Of the model by number or name, -1 for the free one: the lights at it move, too.
+        scene_option : mujoco.MjvOption, optional
+            What is shown.
+
+        Raises
+        ------
+        ValueError
+            If there is no such camera.
+        """
+        self.list_geoms(data, camera, scene_option)
+        self.update()
+
+    def list_geoms(self, data: Any, camera: Any = -1, scene_option: Any = None) -> None:
+        """Let MuJoCo list the geoms of a state, for a later `update`."""
+        mujoco.mjv_updateScene(
+            self._model, data, self._option if scene_option is None else scene_option, None,
+            camera_of(self._model, camera), mujoco.mjtCatBit.mjCAT_ALL.value, self._geom_scene,
+        )  # fmt: skip
+
+    def update(self) -> None:
+        """Follow the list of geoms, lights and cameras as it is: programs add geoms to it."""
+        scene = self._geom_scene
+        count = scene.ngeom
+        rows = [_PLAIN(geom) for geom in scene.geoms[:count]]
+        if rows != self._lists:
+            self._list(rows)
+        self._name_rest(rows)
+        self._light(scene)
+        size, rgba = self._arrays.size[:count], self._arrays.rgba[:count]
+        sized = size[self._is_sized].tobytes()
+        looks = rgba.tobytes(), self._behind(count).tobytes(), self._gain, sized
+        dynamic = bool({GEOM.mjGEOM_SKIN, GEOM.mjGEOM_FLEX} & {row[_TYPE] for row in rows})
+        if looks != self._looks or dynamic:
+            self._looks = looks
+            self._show(rows)
+        self._move()
+
+    @property
+    def geom_numbers(self) -> NDArray[np.int64]:
+        """The geom of MuJoCo's list that each node belongs to, (O,)."""
+        return self._owners
+
+    @property
+    def listed(self) -> Any:
+        """What is equal for two states of which only places differ."""
+        return self._lists, self._looks
+
+    def object_numbers(self) -> list[tuple[int, int] | None]:
+        """Return number and type of the object of each node, None of what has none."""
+        rows = (self._lists[owner] for owner in self._owners)
+        return [(row[_NUMBER], row[_OBJECT]) if row[_SEGMENT] >= 0 else None for row in rows]
+
+    @property
+    def matrices(self) -> Float64:
+        """Where the nodes stand, (O, 4, 4)."""
+        return self._matrices
+
+    def camera_for(self, size: tuple[int, int]) -> MatrixCamera:
+        """Return the camera that was followed, for a picture of so many pixels."""
+        one, other = self._geom_scene.camera
+        camera = mujoco.mjv_averageCamera(one, other)
+        forward, up, eye = (part.tolist() for part in (camera.forward, camera.up, camera.pos))
+        right = cross(forward, up)
+        backward = [-part for part in forward]
+        view = np.eye(4)
+        for row, axis in enumerate((right, cross(right, forward), backward)):
+            scale = 1.0 / length(axis)
+            axis = [scale * part for part in axis]
+            view[row] = *axis, -dot(axis, eye)
+        low, high, middle = camera.frustum_bottom, camera.frustum_top, camera.frustum_center
+        half = camera.frustum_width or 0.5 * size[0] / size[1] * (high - low)
+        near, far, clip = camera.frustum_near, camera.frustum_far, np.zeros((4, 4))
+        if camera.orthographic:
+            clip[0, [0, 3]] = 1.0 / half, -middle / half
+            clip[1, [1, 3]] = 2.0 / (high - low), -(high + low) / (high - low)
+            clip[2, 2:] = -2.0 / (far - near), -(far + near) / (far - near)
+            clip[3, 3] = 1.0
+        else:
+            clip[0, [0, 2]] = near / half, middle / half
+            clip[1, [1, 2]] = 2.0 * near / (high - low), (high + low) / (high - low)
+            clip[2, 2:] = -(far + near) / (far - near), -2.0 * far * near / (far - near)
+            clip[3, 2] = -1.0
+        return matrix_camera(view, clip)
+
+    def mirror(self) -> tuple[int, Float64, Float64] | None:
+        """Return the geom that mirrors others, a point of its plane, and the normal; or None."""
+        scene = self._geom_scene
+        if not scene.flags[FLAG.mjRND_REFLECTION]:
+            return None
+        for n, row in enumerate(self._lists):
+            if row[_REFLECTANCE] <= 0.0 or row[_TYPE] not in (GEOM.mjGEOM_PLANE, GEOM.mjGEOM_BOX):
+                continue
+            if self._arrays.rgba[n, 3] < OPAQUE:
+                continue
+            normal = self._arrays.mat[n, :, 2].astype(np.float64)
+            height = self._arrays.size[n, 2] if row[_TYPE] == GEOM.mjGEOM_BOX else 0.0
+            point = self._arrays.pos[n] + height * normal
+            # Only the first mirrors, and only what is before it.
+            return (n, point, normal) if (self._eye() - point) @ normal > 0.0 else None
+        return None
+
+    # Nodes.
+
+    def _list(self, rows: list[tuple[Any, ...]]) -> None:
+        """Make a node for each part of each geom."""
+        self._lists, self._looks = rows, None
+        parts = [(n, part) for n, row in enumerate(rows) for part in SHAPES.get(row[_TYPE], ("",))]
+        self._owners = np.array([n for n, _ in parts], np.int64)
+        self._parts = [part for _, part in parts]
+        kinds = np.array([row[_TYPE] for row in rows], np.int64)[self._owners]
+        self._is_cap = np.isin(self._parts, ("top", "bottom"))
+        self._shift = np.array([(p == "top") - 1.0 * (p == "bottom") for p in self._parts])
+        # Textures may follow the size, and lines are as wide as it says.
+        lines = GEOM.mjGEOM_LINE, GEOM.mjGEOM_LINEBOX
+        self._is_sized = np.array(
+            [row[_MATERIAL] >= 0 or row[_TYPE] in lines for row in rows], np.bool_
+        )
+        has_data = np.array([row[_DATA] >= 0 for row in rows], np.bool_)[self._owners]
+        self._is_scaled = np.isin(kinds, [int(kind) for kind in SHAPES])
+        self._is_flat = ((kinds == GEOM.mjGEOM_PLANE) & ~has_data) | (kinds == GEOM.mjGEOM_TRIANGLE)
+        self._is_line = kinds == GEOM.mjGEOM_LINE
+        self._is_global = np.isin(kinds, [int(GEOM.mjGEOM_SKIN), int(GEOM.mjGEOM_FLEX)])
+        self.nodes[:] = []
+
+    def _show(self, rows: list[tuple[Any, ...]]) -> None:
+        """Give each node its mesh and material."""
+        behind = self._behind(len(rows))
+        found = [
+            self._mesh(int(owner), part, rows[owner], bool(behind[owner]))
+            for owner, part in zip(self._owners, self._parts, strict=True)
+        ]
+        if self.nodes:
+            for node, mesh in zip(self.nodes, found, strict=True):
+                if node.mesh is not mesh:
+                    node.mesh = mesh
+        else:
+            for owner, mesh in zip(self._owners, found, strict=True):
+                self.add(mesh, name=self._name(rows[owner]))
+
+    def _name(self, row: tuple[Any, ...]) -> str:
+        """Return the name of a geom's object."""
+        # Geoms that a program adds may hold any number.
+        if row[_OBJECT] not in OBJECTS or row[_NUMBER] < 0:
+            return "decoration"
+        name = mujoco.mj_id2name(self._model, row[_OBJECT], row[_NUMBER])
+        return name or f"{OBJECTS[row[_OBJECT]]} {row[_NUMBER]}"
+
+    def _move(self) -> None:
+        """Place all nodes where the geoms stand."""
+        owners, arrays = self._owners, self._arrays
+        size = arrays.size[owners].astype(np.float64)
+        turn, pos = arrays.mat[owners].astype(np.float64), arrays.pos[owners].astype(np.float64)
+        scale = np.ones_like(size)
+        scale[self._is_scaled] = size[self._is_scaled]
+        scale[self._is_flat, :2] = size[self._is_flat, :2]
+        scale[self._is_flat, 2] = 1.0
+        scale[self._is_line, :2] = 1.0
+        scale[self._is_cap, 2] = 0.5 * (size[self._is_cap, 0] + size[self._is_cap, 1])
+        matrices = np.zeros((len(owners), 4, 4))
+        matrices[:, :3, :3] = turn * scale[:, None, :]
+        matrices[:, :3, 3] = pos + turn[:, :, 2] * (self._shift * size[:, 2])[:, None]
+        matrices[self._is_global] = np.eye(4)
+        matrices[:, 3, 3] = 1.0
+        if not np.isfinite(matrices).all():
+            raise ValueError("data must hold finite positions, got NaN or infinity in a geom's")
+        self._matrices = read_only(matrices)
+        for node, matrix in zip(self.nodes, self._matrices, strict=True):
+            node._place(matrix, None)
+
+    def _behind(self, count: int) -> NDArray[np.bool_]:
+        """Tell of each geom whether it is a plane that is seen from behind, (G,)."""
+        arrays = self._arrays
+        above = np.einsum("ij,ij->i", self._eye() - arrays.pos[:count], arrays.mat[:count, :, 2])
+        is_plane = np.array([row[_TYPE] == GEOM.mjGEOM_PLANE for row in self._lists], np.bool_)
+        return is_plane & (above < 0.0)
+
+    def _eye(self) -> Float64:
+        """Return where the camera is, between those of two eyes."""
+        left, right = self._geom_scene.camera
+        return 0.5 * (left.pos.astype(np.float64) + right.pos)
+
+    # Meshes and materials.
+
+    def _mesh(self, owner: int, part: str, row: tuple[Any, ...], behind: bool) -> Mesh:
+        """Return what a part of a geom is drawn by."""
+        kind, arrays = row[_TYPE], self._arrays
+        size = tuple(arrays.size[owner].tolist())
+        rgba = arrays.rgba[owner].tolist()
+        texture, mapping = self._mapping(owner, row, size)
+        look = (*rgba, row[_EMISSION], row[_SPECULAR], row[_SHININESS], behind, self._gain, texture)
+        if kind in (GEOM.mjGEOM_SKIN, GEOM.mjGEOM_FLEX):
+            return self._dynamic(row, self._material(rgba, row, texture, behind))
+        width = 1.5 if part == "line box" else size[0]
+        key = part or kind, row[_DATA], mapping, width if "line" in part else None, look
+        if key not in self._meshes:
+            material = self._material(rgba, row, texture, behind)
+            if "line" in part:
+                width *= float(self._model.vis.global_.linewidth)
+                self._meshes[key] = _lines(part, width, material)
+            else:
+                self._meshes[key] = self._triangles(key[:3], size, material, behind)
+        return self._meshes[key]
+
+    def _triangles(self, key: tuple[Any, ...], size: Any, material: Material, behind: bool) -> Mesh:
+        """Return a mesh of a shape under a material."""
+        part, data, mapping = key
+        surface = self._surface(part, data)
+        if mapping is not None and mapping[0] == "cube":
+            if key not in self._surfaces:
+                self._surfaces[key] = shapes.wrapped_in_cube(surface, mapping[1])
+            surface = self._surfaces[key]
+        elif mapping is not None and mapping[0] == "flat":
+            surface = surface._replace(uv=0.5 * surface.positions[:, :2])
+        faces = surface.faces[:, ::-1] if behind else surface.faces
+        uv = surface.uv if material.base_color_texture is not None else None
+        return Mesh(surface.positions, faces, normals=surface.normals, uv=uv, material=material)
+
+    def _surface(self, part: Any, data: int) -> shapes.Triangulation:
+        """Return a shape, by its name, or by the kind of a geom of the model's and its number."""
+        key = part, data
+        if key not in self._surfaces:
+            quality = self._model.vis.quality
+            if part == GEOM.mjGEOM_PLANE and data >= 0:
+                found = shapes.plane(self._model, data)
+            elif part == GEOM.mjGEOM_HFIELD:
+                found = shapes.height_field(self._model, data)
+            elif part in (GEOM.mjGEOM_MESH, GEOM.mjGEOM_SDF):
+                found = shapes.mesh(self._model, data)
+            else:
+                name = part if isinstance(part, str) and part else "square"
+                found = shapes.unit_shape(
+                    name, quality.numslices, quality.numstacks, quality.numquads
+                )
+            self._surfaces[key] = found
+        return self._surfaces[key]
+
+    def _dynamic(self, row: tuple[Any, ...], material: Material) -> Mesh:
+        """Return a skin or a flexible body, as it is now."""
+        scene, model, number, uv = self._geom_scene, self._model, row[_NUMBER], None
+        if row[_TYPE] == GEOM.mjGEOM_SKIN:
+            first, count = scene.skinvertadr[number], scene.skinvertnum[number]
+            points, normals = (
+                array[3 * first : 3 * (first + count)].reshape(-1, 3)
+                for array in (scene.skinvert.ravel(), scene.skinnormal.ravel())
+            )
+            start = model.skin_faceadr[number]
+            faces = model.skin_face[start : start + model.skin_facenum[number]]
+            if model.skin_texcoordadr[number] >= 0:
+                start = model.skin_texcoordadr[number]
+                uv = shapes.v_up(model.skin_texcoord[start : start + count])
+        else:
+            start, used = int(scene.flexfaceadr[number]), int(scene.flexfaceused[number])
+            own = slice(9 * start, 9 * (start + used))
+            points, normals = (
+                array.ravel()[own].reshape(-1, 3) for array in (scene.flexface, scene.flexnormal)
+            )
+            faces = np.arange(3 * used).reshape(-1, 3)
+            uv = scene.flextexcoord.ravel()[6 * start : 6 * (start + used)].reshape(-1, 2)
+            uv = shapes.v_up(uv)
+        uv = uv if material.base_color_texture is not None else None
+        return Mesh(points, faces, normals=normals, uv=uv, material=material)
+
+    def _mapping(self, owner: int, row: tuple[Any, ...], size: Any) -> tuple[Any, Any]:
+        """Return a geom's texture, placed on it, and what its coordinates follow, or two None."""
+        model, material = self._model, row[_MATERIAL]
+        number, is_uniform = row[_TEXTURE], False
+        repeat: list[float] = self._arrays.repeat[owner].tolist()
+        if number >= 0:
+            is_uniform = bool(self._geom_scene.geoms[owner].texuniform)
+        elif material >= 0:
+            number = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+            repeat = model.mat_texrepeat[material].tolist()
+            is_uniform = bool(model.mat_texuniform[material])
+        if number < 0 or material < 0 or row[_TYPE] in (GEOM.mjGEOM_LINE, GEOM.mjGEOM_LINEBOX):
+            return None, None
+        if model.tex_type[number] != mujoco.mjtTexture.mjTEXTURE_2D:
+            factors = tuple(size) if is_uniform else (1.0, 1.0, 1.0)
+            return self._texture(number, (1.0, 1.0), (0.0, 0.0)), ("cube", factors)
+        sides = [side if is_uniform and side > 0.0 else 1.0 for side in size[:2]]
+        is_flat = row[_TYPE] == GEOM.mjGEOM_HFIELD or (
+            row[_TYPE] in (GEOM.mjGEOM_MESH, GEOM.mjGEOM_SDF, GEOM.mjGEOM_SKIN) and not row[_HAS_UV]
+        )
+        if is_flat:
+            own = [side if side > 0.0 else 1.0 for side in size[:2]]
+            scale = repeat[0] / own[0] * sides[0], repeat[1] / own[1] * sides[1]
+            return self._texture(number, scale, (-0.5, 0.5)), ("flat", None)
+        repeat = [part if part > 0.0 else 1.0 for part in repeat]
+        scale = repeat[0] * sides[0], repeat[1] * sides[1]
+        is_infinite = row[_TYPE] == GEOM.mjGEOM_PLANE and min(size[:2]) <= 0.0
+        move = (-0.5, 1.5 - scale[1]) if is_infinite else (0.0, 1.0 - scale[1])
+        return self._texture(number, scale, move), ("uv", None)
+
+    def _texture(
+        self, number: int, scale: tuple[float, float], offset: tuple[float, float]
+    ) -> Texture:
+        """Return a texture of the model, repeated and moved."""
+        key = number, scale, offset
+        if key not in self._textures:
+            base = self._textures.get((number, (1.0, 1.0), (0.0, 0.0)))
+            if base is None:
+                base = self._textures[number, (1.0, 1.0), (0.0, 0.0)] = Texture(
+                    picture_of(self._model, number),
+                    color_space="linear" if self._as_codes else "srgb",
+                )
+            self._textures[key] = base.with_transform(offset=offset, scale=scale)
+        return self._textures[key]
+
+    def _material(
+        self, rgba: Sequence[float], row: tuple[Any, ...], texture: Texture | None, behind: bool
+    ) -> Material:
+        """Return the material of a geom."""
+        *color, alpha = np.clip(rgba, 0.0, 1.0).tolist()
+        color = self._light_of(color).tolist()
+        if behind:
+            alpha *= BEHIND
+        is_blended = alpha < OPAQUE or behind
+        mode: AlphaMode = "blend" if is_blended else "opaque"
+        # MuJoCo draws what is seen through twice.
+        alpha = 1.0 - (1.0 - alpha) ** 2 if is_blended else 1.0
+        if row[_TYPE] in (GEOM.mjGEOM_LINE, GEOM.mjGEOM_LINEBOX):
+            return Material(
+                "unlit", (*color, alpha), alpha_mode="blend" if is_blended else "opaque"
+            )
+        # There the texture multiplies the highlight; here it lies below.
+        shine = self._gain * row[_SPECULAR]
+        if texture is not None:
+            shine *= float(texture.image[..., :3].mean())
+        return Material(
+            "phong", (*color, alpha), specular=shine,
+            shininess=max(128.0 * row[_SHININESS], 1e-3), base_color_texture=texture,
+            emissive=[row[_EMISSION] * part for part in color],
+            emissive_texture=texture if row[_EMISSION] > 0.0 else None,
+            alpha_mode=mode,
+            double_sided=row[_TYPE] in (GEOM.mjGEOM_PLANE, GEOM.mjGEOM_TRIANGLE)
+            or not self._geom_scene.flags[FLAG.mjRND_CULL_FACE],
+        )  # fmt: skip
+
+    # Light.
+
+    def _light_of(self, color: Any) -> Float64:
+        """Return a colour of MuJoCo's as light is computed with it."""
+        given = np.asarray(color, np.float64)
+        return (
+            given if self._as_codes else np.interp(given, np.arange(256) / 255.0, decoding_table())
+        )
+
+    def _light(self, scene: Any) -> None:
+        """Let the scene have MuJoCo's lights."""
+        own = [
+            light
+            for light in scene.lights[: scene.nlight]
+            # States that mj_forward has not seen have no directions yet.
+            if light.type in (LIGHT.mjLIGHT_DIRECTIONAL, LIGHT.mjLIGHT_SPOT) and light.dir.any()
+        ]
+        told = [[*map(_plain, _LIGHT(light))] for light in own]
+        has_shadows = bool(scene.flags[FLAG.mjRND_SHADOW] and self._model.vis.quality.shadowsize)
+        if (told, has_shadows) == self._lit_by:
+            return
+        self._lit_by = told, has_shadows
+        lights = [self._one_light(light, has_shadows) for light in own]
+        around = sum((np.array(light.ambient, np.float64) for light in own), np.zeros(3))
+        if not own:
+            around = np.full(3, 0.3)
+        self.lights[:] = [AmbientLight(self._light_of(np.minimum(around, 1.0)), 1.0), *lights]
+        diffuse = sum(float(np.sum(light.diffuse)) for light in own)
+        shine = sum(float(np.sum(light.specular)) for light in own)
+        self._gain = shine / diffuse if diffuse > 0.0 else 0.0
+
+    def _one_light(self, light: Any, has_shadows: bool) -> Light:
+        """Return a light of MuJoCo's."""
+        color = np.clip(np.asarray(light.diffuse, np.float64), 0.0, None)
+        strength = max(1.0, *color.tolist())
+        color = self._light_of(color / strength)
+        shadow = None
+        if has_shadows and light.castshadow:
+            size = min(self._shadow_size, max(16, int(self._model.vis.quality.shadowsize)))
+            shadow = Shadow(size=size)
+        if light.type == LIGHT.mjLIGHT_DIRECTIONAL:
+            return DirectionalLight(light.dir, color, strength, shadow)
+        # Our lamps fade with the squared distance: theirs are met where the model stands.
+        away = float(np.linalg.norm(light.pos - self._model.stat.center))
+        constant, linear, squared = light.attenuation.tolist()
+        fading = constant + linear * away + squared * away * away
+        strength *= max(away * away, 1e-6) / max(fading, 1e-6)
+        if light.cutoff > 90.0:
+            return PointLight(light.pos, color, strength, shadow=shadow)
+        outer, inner = float(light.cutoff), float(light.cutoff)
+        if light.exponent > 0.0:
+            # The cone whose ramp has half its light where the power of the cosine has.
+            cosine = (0.5 ** (1.0 / light.exponent) - HALF_POWER) / (1.0 - HALF_POWER)
+            outer = min(outer, float(np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))))
+            inner = 0.0
+        return SpotLight(
+            light.pos, light.dir, color, strength, inner, max(outer, 1e-3), shadow=shadow
+        )
+
+    # What is not drawn.
+
+    def _name_rest(self, rows: list[tuple[Any, ...]]) -> None:
+        """Warn once of each thing that is not drawn."""
+        scene = self._geom_scene
+        rest = [name for flag, name in REST if scene.flags[flag]]
+        if not self._as_codes and self.mirror() is not None:
+            rest.append("reflections")
+        flexes = [row[_NUMBER] for row in rows if row[_TYPE] == GEOM.mjGEOM_FLEX]
+        if (scene.flexvertopt or scene.flexedgeopt) and any(
+            not (scene.flexskinopt and scene.flexfaceused[number]) for number in flexes
+        ):
+            rest.append("vertices and edges of flexes")
+        if any(geom.label for geom in scene.geoms[: scene.ngeom]):
+            rest.append("labels")
+        for is_set, name in (
+            (scene.enabletransform, "transforms of the whole scene"), (scene.stereo, "stereo"),
+            (scene.framewidth, "frames around pictures"),
+        ):  # fmt: skip
+            if is_set:
+                rest.append(name)
+        new = [name for name in rest if name not in self._told]
+        if new:
+            self._told.update(new)
+            warn_caller(f"not drawn: {', '.join(new)}")
+
+
+def _plain(value: Any) -> Any:
+    """Return an array as a list, and all else as it is."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def camera_of(model: Any, camera: Any) -> Any:
+    """Return a camera by its number or name, or raise ``ValueError``."""
+    if isinstance(camera, mujoco.MjvCamera):
+        return camera
+    number = camera
+    if isinstance(camera, str):
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA.value, camera)
+        if number < 0:
+            names = [model.camera(n).name for n in range(model.ncam)]
+            raise ValueError(f"camera must be one of {names}, got {camera!r}")
+    if isinstance(number, bool) or not isinstance(number, int | np.integer):
+        raise ValueError(f"camera must be a number, a name or an MjvCamera, got {camera!r}")
+    if not -1 <= number < model.ncam:
+        raise ValueError(f"camera must be in -1..{model.ncam - 1}, got {camera!r}")
+    found = mujoco.MjvCamera()
+    if number < 0:
+        mujoco.mjv_defaultFreeCamera(model, found)
+    else:
+        found.type, found.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, int(number)
+    return found
+
+
+def picture_of(model: Any, number: int) -> NDArray[np.uint8]:
+    """Return a texture of a model, (H, W, 3): of a cube its six sides, one below the other."""
+    width, height = int(model.tex_width[number]), int(model.tex_height[number])
+    channels, first = int(model.tex_nchannel[number]), int(model.tex_adr[number])
+    texels = model.tex_data[first : first + width * height * channels]
+    picture = texels.reshape(height, width, channels)[..., :3]
+    is_cube = model.tex_type[number] != mujoco.mjtTexture.mjTEXTURE_2D
+    return np.tile(picture, (6, 1, 1)) if is_cube and width == height else picture
+
+
+def _lines(part: str, width: float, material: Material) -> Lines:
+    """Return a line along z from 0 to 1, or the edges of a box of size 1."""
+    if part == "line":
+        points, segments = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]), np.array([[0, 1]])
+    else:
+        points = np.array([[(n >> axis & 1) * 2.0 - 1.0 for axis in range(3)] for n in range(8)])
+        segments = np.array([(n, n | 1 << k) for n in range(8) for k in range(3) if not n >> k & 1])
+    return Lines(points, segments, width=width, caps="butt", material=material)

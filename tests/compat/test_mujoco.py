@@ -1,0 +1,404 @@
+"""
+Pictures of MuJoCo's models against formulas: boxes, spheres, planes and numbers that are known.
+
+``benchmarks/mujoco_beside`` compares with MuJoCo's own renderer, which needs OpenGL.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+REASON = "mujoco is not installed: pip install 'rasterjit[mujoco]'"
+mujoco = pytest.importorskip("mujoco", reason=REASON)
+
+import rasterjit as rj  # noqa: E402
+from rasterjit.compat import mujoco as drawn  # noqa: E402
+from rasterjit.compat.mujoco import shapes  # noqa: E402
+
+HEIGHT, WIDTH = 60, 80
+CAMERA = '<camera name="front" pos="0 -4 2" xyaxes="1 0 0 0 0.5 1" fovy="50"/>'
+
+
+def model_of(body, assets="", camera=CAMERA, flags=""):
+    return mujoco.MjModel.from_xml_string(
+        f"<mujoco><visual><headlight ambient='.5 .5 .5' diffuse='.5 .5 .5' specular='0 0 0'/>"
+        f"{flags}</visual><asset>{assets}</asset><worldbody>{camera}{body}</worldbody></mujoco>"
+    )
+
+
+def data_of(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def pictures(model, camera="front", data=None, **options):
+    """Return colour, depth and numbers of a model."""
+    with drawn.Renderer(model, HEIGHT, WIDTH, **options) as renderer:
+        renderer.update_scene(data_of(model) if data is None else data, camera)
+        color = renderer.render()
+        renderer.enable_depth_rendering()
+        depth = renderer.render()
+        renderer.enable_segmentation_rendering()
+        return color, depth, renderer.render()
+
+
+def rays(model, data, camera="front"):
+    """Return eye and the ray through the centre of each pixel, (H, W, 3), of depth 1."""
+    number = model.camera(camera).id
+    tangent = np.tan(0.5 * np.radians(model.cam_fovy[number]))
+    x = ((np.arange(WIDTH) + 0.5) / WIDTH * 2.0 - 1.0) * tangent * WIDTH / HEIGHT
+    y = (1.0 - (np.arange(HEIGHT) + 0.5) / HEIGHT * 2.0) * tangent
+    across, up = np.meshgrid(x, y)
+    own = np.stack([across, up, -np.ones_like(across)], axis=-1)
+    return data.cam_xpos[number], own @ data.cam_xmat[number].reshape(3, 3).T
+
+
+@pytest.mark.parametrize("size", ["3 2 1", "0 0 1"])
+def test_depth_of_a_plane(size):
+    model = model_of(f'<geom name="floor" type="plane" size="{size}"/>')
+    data = data_of(model)
+    _, depth, numbers = pictures(model, data=data)
+    eye, ways = rays(model, data)
+    exact = -eye[2] / ways[..., 2]
+    hit = eye + exact[..., None] * ways
+    far = model.vis.map.zfar * model.stat.extent
+    on_it = (exact > 0.0) & (exact < 0.9 * far)
+    if size[0] != "0":
+        on_it &= (np.abs(hit[..., :2]) < np.array([3.0, 2.0]) - 0.1).all(-1)
+    assert on_it.sum() > 400
+    np.testing.assert_allclose(depth[on_it], exact[on_it], rtol=2e-5)
+    assert (numbers[on_it] == (0, mujoco.mjtObj.mjOBJ_GEOM)).all()
+    sky = exact < 0.0
+    assert (numbers[sky] == -1).all()
+    np.testing.assert_array_equal(depth[sky], np.float32(far))
+
+
+def test_a_sphere_covers_the_pixels_whose_rays_meet_it():
+    model = model_of(
+        '<geom type="box" size=".1 .1 .1" pos="5 5 5"/>'
+        '<geom type="sphere" size=".7" pos=".3 0 .4"/>',
+        flags='<quality numslices="200" numstacks="200"/>',
+    )
+    data = data_of(model)
+    _, depth, numbers = pictures(model, data=data)
+    eye, ways = rays(model, data)
+    toward = np.array([0.3, 0.0, 0.4]) - eye
+    unit = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+    along = unit @ toward
+    off = toward @ toward - along**2
+    expected = off < 0.49
+    assert np.abs((numbers[..., 0] == 1).astype(int) - expected).sum() <= 3
+    inside = off < 0.4
+    nearest = (along - np.sqrt(np.maximum(0.49 - off, 0.0))) / np.linalg.norm(ways, axis=-1)
+    np.testing.assert_allclose(depth[inside], nearest[inside], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "volume"),
+    [
+        ("sphere", "1", 4.0 / 3.0 * np.pi),
+        ("ellipsoid", "1 .5 .25", 4.0 / 3.0 * np.pi * 0.125),
+        ("capsule", ".5 1", np.pi * 0.25 * 2.0 + 4.0 / 3.0 * np.pi * 0.125),
+        ("cylinder", ".5 1", np.pi * 0.25 * 2.0),
+        ("box", "1 .5 .25", 1.0),
+    ],
+)
+def test_shapes_are_closed_and_face_outward(kind, size, volume):
+    model = model_of(
+        f'<geom type="{kind}" size="{size}" pos="1 2 3" euler="20 30 40"/>',
+        flags='<quality numslices="128" numstacks="128"/>',
+    )
+    scene = drawn.from_model(model)
+    total, facing = 0.0, True
+    for node in scene.nodes:
+        points = rj.transforms.apply(node.world_matrix, node.mesh.vertices) - (1, 2, 3)
+        a, b, c = np.moveaxis(points[node.mesh.faces], 1, 0)
+        sides = np.cross(b - a, c - a)
+        total += np.einsum("ij,ij->i", a, sides).sum() / 6.0
+        normals = node.mesh.normals[node.mesh.faces].mean(axis=1) @ np.linalg.inv(
+            node.world_matrix[:3, :3]
+        )
+        facing &= bool((np.einsum("ij,ij->i", normals, sides) > 0.0).all())
+    assert total == pytest.approx(volume, rel=2e-3)
+    assert facing
+
+
+@pytest.mark.parametrize("name", ["arrow", "arrow1", "arrow2"])
+def test_arrows_are_closed_where_they_are_in_mujoco(name):
+    surface = shapes.unit_shape(name, 28, 16, 4)
+    a, b, c = np.moveaxis(surface.positions[surface.faces], 1, 0)
+    normals = surface.normals[surface.faces].mean(axis=1)
+    assert (np.einsum("ij,ij->i", normals, np.cross(b - a, c - a)) > 0.0).all()
+    wide = 1.0 if name == "arrow1" else 1.75
+    low = -0.5 if name == "arrow2" else 0.0
+    np.testing.assert_allclose(surface.positions.max(axis=0), (wide, wide, 0.5), atol=1e-12)
+    np.testing.assert_allclose(surface.positions.min(axis=0)[2], low, atol=1e-12)
+
+
+SIDES = [(250, 0, 0), (0, 250, 0), (0, 0, 250), (250, 250, 0), (0, 250, 250), (250, 0, 250)]
+"""Colours of a cube's sides: +x, -x, +y, -y, +z, -z."""
+
+
+@pytest.mark.parametrize(("axis", "sign"), [(a, s) for a in range(3) for s in (1, -1)])
+def test_a_cube_map_has_its_sides_where_opengl_has_them(axis, sign):
+    up = (0, 0, 1) if axis != 2 else (0, 1, 0)
+    eye = [0.0, 0.0, 0.0]
+    eye[axis] = 3.0 * sign
+    right = np.cross(up, eye) / 3.0
+    axes = " ".join(str(part) for part in (*right, *up))
+    model = model_of(
+        '<geom type="box" size="1 1 1" material="own"/>',
+        '<texture name="own" type="cube" builtin="flat" width="16" height="16" rgb1="1 0 0"/>'
+        '<material name="own" texture="own" specular="0"/>',
+        camera=f'<camera name="front" pos="{eye[0]} {eye[1]} {eye[2]}" xyaxes="{axes}"/>',
+    )
+    first = model.tex_adr[0]
+    model.tex_data[first : first + 6 * 16 * 16 * 3] = np.repeat(SIDES, 256, axis=0).ravel()
+    color, *_ = pictures(model)
+    expected = SIDES[2 * axis + (sign < 0)]
+    np.testing.assert_allclose(color[HEIGHT // 2, WIDTH // 2], expected, atol=8)
+
+
+def test_a_texture_lies_on_a_plane_as_in_mujoco():
+    model = model_of(
+        '<geom type="plane" size="1 1 1" material="own"/>',
+        '<texture name="own" type="2d" builtin="flat" width="2" height="2" rgb1="1 0 0"/>'
+        '<material name="own" texture="own" specular="0"/>',
+        camera='<camera name="front" pos="0 0 3" xyaxes="1 0 0 0 1 0"/>',
+    )
+    first = model.tex_adr[0]
+    # The first row lies where y is greatest.
+    quarters = np.array([(250, 0, 0), (0, 250, 0), (0, 0, 250), (250, 250, 0)])
+    model.tex_data[first : first + 12] = quarters.ravel()
+    color, *_ = pictures(model)
+    found = color[[17, 17, 42, 42], [27, 52, 27, 52]]
+    np.testing.assert_allclose(found, quarters, atol=20)
+
+
+def test_light_of_a_wall_that_faces_the_eye():
+    model = model_of(
+        '<geom type="box" size="1 .1 1" rgba=".8 .4 .2 1"/>',
+        camera='<camera name="front" pos="0 -4 0" xyaxes="1 0 0 0 0 1"/>',
+        flags="<map/>",
+    )
+    color, *_ = pictures(model)
+    middle = color[HEIGHT // 2, WIDTH // 2]
+    # The headlight: ambient and diffuse light are 0.5 each, codes as they are.
+    np.testing.assert_allclose(middle, np.array([0.8, 0.4, 0.2]) * 255.0, atol=3)
+    assert (color[0] == 0).all()
+
+
+def test_what_is_seen_through_is_mixed_twice():
+    model = model_of(
+        '<geom type="box" size="1 .1 1" rgba="1 1 1 .5"/>',
+        camera='<camera name="front" pos="0 -4 0" xyaxes="1 0 0 0 0 1"/>',
+    )
+    color, *_ = pictures(model)
+    np.testing.assert_allclose(color[HEIGHT // 2, WIDTH // 2], 0.75 * 255.0, atol=3)
+
+
+def test_a_floor_mirrors_what_stands_on_it():
+    body = (
+        '<geom type="plane" size="3 3 1" material="own"/>'
+        '<geom type="box" size=".5 .1 .5" pos="0 1 .5" rgba="1 0 0 1"/>'
+    )
+    found = []
+    for share in (0.0, 0.5):
+        assets = f'<material name="own" rgba="0 0 1 1" specular="0" reflectance="{share}"/>'
+        found.append(pictures(model_of(body, assets))[0])
+    # Below the box its picture is seen, upside down.
+    model = model_of(body, '<material name="own"/>')
+    numbers = pictures(model)[2][..., 0]
+    rows = np.nonzero(numbers[:, WIDTH // 2] == 1)[0]
+    below = rows[-1] + 4
+    plain, mirrored = (color[below, WIDTH // 2].astype(int) for color in found)
+    assert plain[0] == 0
+    assert 90 < mirrored[0] < 140
+    assert abs(mirrored[2] - plain[2]) <= 1
+    np.testing.assert_array_equal(found[0][: rows[-1] - 2], found[1][: rows[-1] - 2])
+
+
+FALLING = '<body pos="0 0 1"><freejoint/><geom type="sphere" size=".4" rgba="0 1 0 1"/></body>'
+
+
+def test_pictures_follow_the_state():
+    model = model_of(FALLING)
+    data = data_of(model)
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        renderer.enable_segmentation_rendering()
+        middles = []
+        for z in (1.0, 0.5):
+            data.qpos[2] = z
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, "front")
+            middles.append(np.nonzero(renderer.render()[..., 0] == 0)[0].mean())
+    assert middles[1] > middles[0] + 4.0
+
+
+@pytest.mark.parametrize("mode", ["color", "depth", "segmentation"])
+@pytest.mark.parametrize("extra", ["", '<light pos="1 -1 3" dir="-.2 .2 -1"/>'])
+def test_a_batch_has_the_pictures_of_its_states(mode, extra):
+    model = model_of(extra + FALLING + '<geom type="plane" size="2 2 1"/>')
+    states = []
+    for z in (1.0, 0.7, 0.4):
+        data = data_of(model)
+        data.qpos[2] = z
+        mujoco.mj_forward(model, data)
+        states.append(data)
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        if mode != "color":
+            getattr(renderer, f"enable_{mode}_rendering")()
+        batch = renderer.render_batch(states, "front")
+        for data, found in zip(states, batch, strict=True):
+            renderer.update_scene(data, "front")
+            np.testing.assert_array_equal(found, renderer.render())
+    assert len({picture.tobytes() for picture in batch}) == 3
+
+
+def test_a_batch_refuses_states_that_show_other_geoms():
+    model = model_of(FALLING + '<geom type="plane" size="2 2 1"/>')
+    option, states = mujoco.MjvOption(), [data_of(model), data_of(model)]
+    option.flags[mujoco.mjtVisFlag.mjVIS_CONTACTPOINT] = True
+    states[1].qpos[2] = 0.3
+    mujoco.mj_forward(model, states[1])
+    assert states[1].ncon == 1
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        assert renderer.render_batch([]).shape == (0, HEIGHT, WIDTH, 3)
+        assert renderer.render_batch(states, "front").shape == (2, HEIGHT, WIDTH, 3)
+        with pytest.raises(ValueError, match=r"states must have the same geoms.*states\[1\]"):
+            renderer.render_batch(states, "front", option)
+
+
+def test_a_scene_of_a_model_is_one_for_rasterjit():
+    model = model_of(FALLING + '<geom type="plane" size="2 2 1"/>')
+    scene = drawn.from_model(model)
+    data = data_of(model)
+    scene.follow(data, "front")
+    camera = scene.camera_for((WIDTH, HEIGHT))
+    frame = rj.render(scene, camera, size=(WIDTH, HEIGHT), outputs=("color", "object_id", "depth"))
+    _, depth, numbers = pictures(model, data=data)
+    for node, (number, _) in enumerate(scene.object_numbers()):
+        there = numbers[..., 0] == number
+        assert there.sum() > 40
+        assert (frame.object_id == node)[there].mean() > 0.98
+    seen = np.isfinite(frame.depth) & (numbers[..., 0] >= 0)
+    assert (np.abs(frame.depth - depth)[seen] < 1e-3).mean() > 0.98
+    before = scene.matrices.copy()
+    data.qpos[0] = 0.5
+    mujoco.mj_forward(model, data)
+    scene.follow(data, "front")
+    assert np.abs(scene.matrices - before).max() == pytest.approx(0.5, abs=1e-6)
+
+
+def test_geoms_that_a_program_adds_are_drawn():
+    model = model_of('<geom type="box" size=".1 .1 .1" pos="0 9 0"/>')
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        renderer.update_scene(data_of(model), "front")
+        scene = renderer.scene
+        for kind in (mujoco.mjtGeom.mjGEOM_ARROW, mujoco.mjtGeom.mjGEOM_LINEBOX):
+            mujoco.mjv_initGeom(
+                scene.geoms[scene.ngeom], kind, np.array([0.2, 0.2, 0.8]), np.zeros(3),
+                np.eye(3).ravel(), np.array([1, 0, 0, 1], np.float32),
+            )  # fmt: skip
+            scene.ngeom += 1
+        color = renderer.render()
+    assert (color[..., 0] > 60).sum() > 60
+
+
+def test_a_cloth_is_drawn_and_its_vertices_are_named():
+    model = model_of(
+        '<flexcomp type="grid" count="5 5 1" spacing=".3 .3 .3" dim="2" name="cloth" pos="0 0 1" '
+        'radius=".02" rgba="0 1 0 1"><contact selfcollide="none"/></flexcomp>'
+    )
+    _, _, numbers = pictures(model)
+    assert (numbers[..., 1] == mujoco.mjtObj.mjOBJ_FLEX).sum() > 50
+
+
+def test_what_is_not_drawn_is_named_once():
+    model = model_of('<geom type="sphere" size="1"/>')
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        renderer.update_scene(data_of(model), "front")
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_WIREFRAME] = 1
+        with pytest.warns(UserWarning, match="not drawn: wireframes"):
+            renderer.render()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            renderer.render()
+
+
+def test_an_array_of_ones_own_is_filled():
+    model = model_of('<geom type="sphere" size="1"/>')
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        renderer.update_scene(data_of(model), "front")
+        out = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        assert renderer.render(out=out) is out
+        np.testing.assert_array_equal(out, renderer.render())
+        with pytest.raises(
+            ValueError, match=r"out must have the shape \(60, 80, 3\), got \(2, 2\)"
+        ):
+            renderer.render(out=np.zeros((2, 2)))
+        assert (renderer.height, renderer.width, renderer.model) == (HEIGHT, WIDTH, model)
+    with pytest.raises(RuntimeError, match="render cannot be called after close"):
+        renderer.render()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"model": 3}, "model must be a mujoco.MjModel, got 3"),
+        ({"height": 0}, "height must be"),
+        ({"width": 9999}, "width must be at most 640"),
+        ({"max_geom": -1}, "max_geom must be"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, said):
+    model = model_of('<geom type="sphere" size="1"/>')
+    with pytest.raises(ValueError, match=said):
+        drawn.Renderer(**{"model": model, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("camera", "said"),
+    [
+        ("back", r"camera must be one of \['front'\], got 'back'"),
+        (7, r"camera must be in -1..0, got 7"),
+        (1.5, "camera must be a number, a name or an MjvCamera, got 1.5"),
+    ],
+)
+def test_wrong_cameras_are_named(camera, said):
+    model = model_of('<geom type="sphere" size="1"/>')
+    with drawn.Renderer(model) as renderer, pytest.raises(ValueError, match=said):
+        renderer.update_scene(data_of(model), camera)
+
+
+def test_an_environment_renders_without_opengl(monkeypatch):
+    gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
+    pytest.importorskip("glfw", reason="gymnasium's MuJoCo environments import it")
+    monkeypatch.setenv("MUJOCO_GL", "no such thing")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made = gymnasium.make("Reacher-v5", render_mode="rgb_array", width=WIDTH, height=HEIGHT)
+        environment = drawn.draw_environment(made)
+        environment.reset(seed=0)
+        first = environment.render()
+        for _ in range(5):
+            environment.step(environment.action_space.sample())
+        second = environment.render()
+    environment.close()
+    assert first.shape == (HEIGHT, WIDTH, 3)
+    assert first.std() > 10.0
+    assert (first != second).any()
+    with pytest.raises(ValueError, match="environment must be one of gymnasium's for MuJoCo"):
+        drawn.draw_environment(object())
+
+
+def test_the_extra_is_named_where_mujoco_is_missing():
+    code = "import sys; sys.modules['mujoco'] = None; import rasterjit.compat.mujoco"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert 'pip install "rasterjit[mujoco]"' in done.stderr
