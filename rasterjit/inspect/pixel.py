@@ -33,7 +33,7 @@ from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.pipeline.visibility.primitive_expansion import PointRule, primitives_of
 from rasterjit.rendering import frame_shading, planning, supersample
-from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, cut_open
+from rasterjit.rendering.planning import Cull, check_request, choose_camera, cut_open
 from rasterjit.rendering.renderer import render
 from rasterjit.runtime.background_compile import beside
 from rasterjit.runtime.threads import Workers
@@ -41,7 +41,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
-from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
@@ -107,7 +107,7 @@ def explain_pixel(
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
     scene = scene_to_draw(what)
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
-    request = FrameRequest(size, check_quality(quality), ("color", "linear"), background, cull)
+    request = check_request(size, quality, ("color", "linear"), background, cull)
     plan = planning.plan_frame(request, scene, camera)
     with beside(partial(planning.list_tasks, plan)):
         return _explain(scene, plan, background, x, y)

@@ -8,6 +8,7 @@ for a serial one. ``benchmarks/many.py`` measures the gain.
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 import threading
@@ -17,7 +18,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, nullcontext
 from functools import partial
-from itertools import combinations
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args
 
 import numpy as np
@@ -31,11 +31,18 @@ from rasterjit.rendering import batch_scheduler, planning, view_warnings
 from rasterjit.rendering.batch_scheduler import (
     BATCH_CACHES,
     COUNTED,
-    BatchCache,
     BatchScheduler,
     can_batch,
+    renewed,
 )
-from rasterjit.rendering.planning import Cull, FrameRequest, naming, plan_views, settle_cameras
+from rasterjit.rendering.planning import (
+    Cull,
+    FrameRequest,
+    check_request,
+    naming,
+    plan_views,
+    settle_cameras,
+)
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.view_warnings import WarningsOfViews
 from rasterjit.runtime.background_compile import beside
@@ -44,15 +51,14 @@ from rasterjit.scene.background import Background, BackgroundImage, read_backgro
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.node import LAST_ROW_ROUNDING, Node
-from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.scene.transforms import product_of_each
-from rasterjit.scene.validation import image_size, in_short, number_array, one_of, thread_count
+from rasterjit.scene.validation import image_size, in_short, number_array, thread_count
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.deformation import scene_to_draw
-from rasterjit.survey.object_counts import check_scene, find_attribute
-from rasterjit.survey.object_transforms import projection_of
-from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.object_counts import find_attribute
+from rasterjit.survey.object_transforms import KNOWN_CAMERAS, projection_of
 
 Arrays = dict[str, NDArray[Any]]
 Frames = Generator[Frame, None, None]
@@ -81,6 +87,8 @@ PIXEL_BYTES = 4
 MATRIX_WORK = 64
 """Cost of an object, in faces: its matrices are found for all views of a group at once."""
 
+
+_COUNTS = operator.attrgetter(*COUNTED)
 
 AHEAD = 2
 """Prefetch distance: frames begun for each worker before any is taken, one in work, one waiting."""
@@ -174,49 +182,40 @@ def render_batch(
     # Check everything.
     cull = "none" if cull is None else cull
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
-    check_cameras(cameras)
-    eyes = [check_item(number, camera) for number, camera in enumerate(cameras)]
-    number = 0
-    try:
-        for number in range(len(eyes)):
-            projection_of(eyes[number], options.size)
-    except ValueError as error:
-        raise ValueError(f"cameras[{number}]: {error}") from None
+    eyes = [*check_cameras(cameras)]
+    is_lone = len(eyes) == 1
+    if not is_lone:
+        check_projections(eyes, options.size)
     places = check_transforms(transforms, len(eyes), scene)
-    arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
+    # A lone view brings its own arrays.
+    arrays = {}
+    if out is not None or not is_lone:
+        arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
     places = from_posed(places, scene)
-    workers, own = share_threads(threads, None)
-    views = AllViews(scene, tuple(eyes), places, options, arrays)
-    if not eyes:
-        drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
+    thread_count("threads", threads)
+    views = AllViews(scene, eyes, places, options, arrays)
+    if is_lone:
+        try:
+            stats, told = _draw_one(what, views, threads)
+        except ValueError:
+            check_projections(eyes, options.size)
+            raise
     else:
-        kept = _take_up(what, scene, options.quality)
-        if len(eyes) == 1:
-            drawn = _draw_one(views, kept, workers * own)
-        else:
-            # Plan the first, which finds what is wrong with all of them.
-            first = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first).plan
-            kept.first = first
-            with beside(partial(planning.list_tasks, first), workers * own):
-                drawn = _draw_all(views, kept, first, workers)
-        # After an error, drop the cache.
-        BATCH_CACHES.put(what, kept)
-    view_warnings.warn(drawn.told.named(), set())
-    *counts, covered = drawn.totals.tolist()
-    named = dict(zip(COUNTED, counts, strict=False))
-    seconds = {"all views": time.perf_counter() - since}
-    return Batch(arrays, FrameStats(**named, seconds=seconds, face_id=covered))
+        totals, told = _draw_all(what, views, threads)
+        *counts, covered = totals.tolist()
+        named = dict(zip(COUNTED, counts, strict=False))
+        seconds = {"all stages": time.perf_counter() - since}
+        stats = FrameStats(**named, seconds=seconds, face_id=covered)
+    if told:
+        view_warnings.warn(told.named(), set())
+    return Batch(arrays, stats)
 
 
-def _take_up(what: Any, scene: Scene, quality: Quality) -> BatchCache:
-    """Return the cache of a scene, if still valid, or a new one."""
-    kept = BATCH_CACHES.take(what)
-    known = None if kept is None else kept.cache
-    cache = prepare(scene.nodes, known, quality, scene.environment is not None)
-    if kept is None or not kept.holds(cache):
-        return BatchCache(cache)
-    kept.cache = cache
-    return kept
+def check_projections(cameras: Sequence[Camera], size: tuple[int, int]) -> None:
+    """Raise ``ValueError`` naming the camera whose projection is wrong."""
+    for number, camera in enumerate(cameras):
+        with naming(f"cameras[{number}]"):
+            projection_of(camera, size)
 
 
 def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.float64] | None:
@@ -260,7 +259,7 @@ def shapes_of(
     scene: Scene, count: int, options: FrameRequest
 ) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return the shape and the dtype of each output of all views."""
-    attributes = {
+    attributes: dict[str, Any] = {
         name: find_attribute(scene.nodes, name.removeprefix(ATTRIBUTE))
         for name in options.outputs
         if is_attribute(name)
@@ -295,7 +294,7 @@ def check_out(
             )
     held = [(f"out[{name!r}]", array) for name, array in given.items()]
     others = held if places is None else [*held, ("transforms", places)]
-    for (one, array), (other, beside_it) in combinations(others, 2):
+    for (one, array), (other, beside_it) in itertools.combinations(others, 2):
         if np.may_share_memory(array, beside_it):
             raise ValueError(f"{one} must not share memory with {other}")
     return {
@@ -363,47 +362,67 @@ class ViewsDrawn(NamedTuple):
         self.told.join(others.told)
 
 
-def _draw_one(views: AllViews, kept: BatchCache, threads: int) -> ViewsDrawn:
-    """Draw a single view: a small one by a renderer that is cached for the next call."""
-    size, quality = views.options.size, views.options.quality
-    if work_of(size, views.scene) > MAX_WORK:
-        with Renderer.of_many(size, quality, threads, kept.cache) as renderer:
-            return _draw_alone(renderer, views, 0)
-    renderer = kept.renderer
+def _draw_one(
+    what: Any, views: AllViews, threads: int | None
+) -> tuple[FrameStats, WarningsOfViews]:
+    """Draw a lone view: a small one by a renderer that is kept for the next call."""
+    kept, size, quality = BATCH_CACHES.take(what), views.options.size, views.options.quality
+    is_small = work_of(size, views.scene) <= MAX_WORK
+    renderer = kept.renderer if kept is not None and is_small else None
     if renderer is None or (renderer.size, renderer.quality) != (size, quality):
-        renderer = kept.renderer = Renderer(size, quality=quality, threads=1)
-        renderer.warned = None
-    renderer._cache = kept.cache
-    return _draw_alone(renderer, views, 0)
+        renderer = Renderer(size, quality=quality, threads=1 if is_small else threads)
+        renderer._cache = None if kept is None else kept.cache
+    frame = _draw_alone(renderer, views, 0)
+    cache: Any = renderer._cache
+    kept = renewed(kept, cache)
+    if is_small:
+        kept.renderer = renderer
+    else:
+        renderer.close()
+    # After an error, nothing is kept.
+    BATCH_CACHES.put(what, kept)
+    told = WarningsOfViews()
+    told.add(0, view_warnings.warnings_of_frame(frame))
+    return frame.stats, told
 
 
-def _draw_alone(renderer: Renderer, views: AllViews, number: int) -> ViewsDrawn:
-    """Draw a view as `rasterjit.render` does."""
-    options, told = views.options, WarningsOfViews()
-    frame = renderer.render(
-        views.scene_of(number), views.cameras[number], outputs=options.outputs,
-        background=options.background, cull=options.cull,
-    )  # fmt: skip
-    for name, array in frame.arrays().items():
-        views.arrays[name][number] = array
-    told.add(number, view_warnings.warnings_of_frame(frame))
-    return ViewsDrawn(np.array([getattr(frame.stats, name) for name in COUNTED], np.int64), told)
+def _draw_alone(renderer: Renderer, views: AllViews, number: int) -> Frame:
+    """Draw a view as `rasterjit.render` does, into the arrays that there are, or its own."""
+    frame = renderer._render(views.options, views.scene_of(number), views.cameras[number])
+    for name, array in frame._outputs.items():
+        if name in views.arrays:
+            views.arrays[name][number] = array
+        else:
+            views.arrays[name] = array[np.newaxis]
+    return frame
 
 
-def _draw_all(views: AllViews, kept: BatchCache, first: RenderPlan, workers: int) -> ViewsDrawn:
-    """Draw all views, given the plan of the first."""
-    cache, count = kept.cache, len(views.cameras)
-    by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
-    most = max(1, min(views_per_group(count, workers), by_work))
-    groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
-    make: Callable[[], Draws] = partial(SingleViews, views, cache)
-    is_possible = batch_scheduler.is_possible(views.options)
-    if is_possible and can_batch(first, views.scene, cache):
-        shared = BatchScheduler(views.scene, kept, views.options, views.arrays, views.scene_of)
-        make = partial(GroupedViews, views, cache, shared)
+def _draw_all(what: Any, views: AllViews, threads: int | None) -> ViewsDrawn:
+    """Draw all views, in groups that threads share."""
     total = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
-    for drawn in in_threads(make, groups, workers):
-        total.add(drawn)
+    scene, cameras, _, options, arrays = views
+    if not cameras:
+        return total
+    kept, has_environment = BATCH_CACHES.take(what), scene.environment is not None
+    known = None if kept is None else kept.cache
+    cache = prepare(scene.nodes, known, options.quality, has_environment)
+    kept = renewed(kept, cache)
+    # Plan the first, which finds what is wrong with all of them.
+    first = plan_views(options, views.scene_of(0), cameras[0], cache, kept.first).plan
+    kept.first = first
+    workers, own = share_threads(threads, None)
+    by_work = WORK_PER_LARGE_GROUP // work_of(options.size, scene)
+    most = max(1, min(views_per_group(len(cameras), workers), by_work))
+    groups = [range(n, min(n + most, len(cameras))) for n in range(0, len(cameras), most)]
+    make: Callable[[], Draws] = partial(SingleViews, views, cache)
+    if batch_scheduler.is_possible(options) and can_batch(first, scene, cache):
+        shared = BatchScheduler(scene, kept, options, arrays, views.scene_of)
+        make = partial(GroupedViews, views, cache, shared)
+    with beside(partial(planning.list_tasks, first), workers * own):
+        for drawn in in_threads(make, groups, workers):
+            total.add(drawn)
+    # After an error, nothing is kept.
+    BATCH_CACHES.put(what, kept)
     return total
 
 
@@ -489,14 +508,16 @@ class SingleViews:
 
     def __init__(self, views: AllViews, cache: SceneCache) -> None:
         self._views, options = views, views.options
-        self._renderer = Renderer.of_many(options.size, options.quality, 1, cache)
+        self._renderer = Renderer.timed(options.size, options.quality, 1, cache)
 
     def __call__(self, group: Iterable[int]) -> ViewsDrawn:
         """Draw some views."""
         drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
         for number in group:
             with naming(f"cameras[{number}]"):
-                drawn.add(_draw_alone(self._renderer, self._views, number))
+                frame = _draw_alone(self._renderer, self._views, number)
+            drawn.totals[:] += _COUNTS(frame.stats)
+            drawn.told.add(number, view_warnings.warnings_of_frame(frame))
         return drawn
 
     def close(self) -> None:
@@ -545,32 +566,35 @@ def check_arguments(
 ) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
     scene = scene_to_draw(what)
-    check_scene(scene)
     size = image_size("size", size)
     if background is not None:
         background = read_background(background)
     if isinstance(background, BackgroundImage):
         background.check_size(size)
-    one_of("cull", cull, planning.CULL_MODES)
-    names = output_table.check_outputs(outputs)
-    for name in names:
+    request = check_request(size, quality, outputs, background, cull)
+    for name in request.outputs:
         if name in output_table.MOTION_OUTPUTS:
             raise ValueError(
                 f"outputs has {name!r}, which needs an earlier view: see rasterjit.render"
             )
-    return scene, FrameRequest(size, check_quality(quality), names, background, cull)
+    return scene, request
 
 
-def check_cameras(cameras: Any) -> None:
-    """Raise ``ValueError`` if nothing can be taken from it, or if a sequence has a wrong item."""
+def check_cameras(cameras: Any) -> Iterable[Camera]:
+    """
+    Return the cameras, or raise ``ValueError`` if it is not what they can be taken from.
+
+    Those of a sequence are checked at once, others when they are taken.
+    """
+    if isinstance(cameras, (list, tuple)) and KNOWN_CAMERAS.issuperset(map(type, cameras)):
+        return cameras
     if not isinstance(cameras, Iterable) or isinstance(cameras, (str, bytes, dict)):
         raise ValueError(
             f"cameras must be an iterable of cameras, got {type(cameras).__name__}: "
             "put a single one into a list"
         )
-    if isinstance(cameras, Sequence):
-        for number, camera in enumerate(cameras):
-            check_item(number, camera)
+    checked = itertools.starmap(check_item, enumerate(cameras))
+    return [*checked] if isinstance(cameras, Sequence) else checked
 
 
 def check_prefetch(prefetch: Any) -> int | None:

@@ -644,10 +644,6 @@ class BatchCache:
         """Memory of all that is kept, about, bytes."""
         return self.bytes + (0 if self.renderer is None else self.renderer.bytes_kept)
 
-    def holds(self, cache: SceneCache) -> bool:
-        """Tell whether meshes and materials are still the same."""
-        return cache.shapes is self.cache.shapes and cache.tables is self.cache.tables
-
     def plan_of(self, kind: tuple) -> RenderPlan | None:
         """Return the plan that the command buffers of a kind were made for, if there are any."""
         return self._plans.get(kind)
@@ -694,6 +690,18 @@ class BatchCache:
         self.bytes -= sum(commands.bytes for commands in self._free_commands.pop(kind, ()))
 
 
+def renewed(kept: BatchCache | None, cache: SceneCache) -> BatchCache:
+    """Return what batches of a scene have prepared, or nothing, if meshes or materials changed."""
+    if (
+        kept is None
+        or cache.shapes is not kept.cache.shapes
+        or cache.tables is not kept.cache.tables
+    ):
+        return BatchCache(cache)
+    kept.cache = cache
+    return kept
+
+
 def serves(made: RenderPlan, asked: RenderPlan) -> bool:
     """Tell whether command buffers made for a plan are valid for another one of the same kind."""
     one, other = made.facts, asked.facts
@@ -731,25 +739,24 @@ class BatchCaches:
     """Caches of the scenes and meshes of the last batches, which go with them."""
 
     def __init__(self) -> None:
-        # An empty list while a batch is drawn: another one begins anew.
-        self._kept: WeakKeyDictionary[Scene | Mesh, list[BatchCache]] = WeakKeyDictionary()
+        # Without those of batches that are being drawn: others of the scene begin anew.
+        self._kept: WeakKeyDictionary[Scene | Mesh, BatchCache] = WeakKeyDictionary()
         self._lock = forks.lock()
 
     def take(self, what: Any) -> BatchCache | None:
         """Take what is kept of a scene or a mesh out, for exclusive use."""
+        if not isinstance(what, (Scene, Mesh)):
+            return None
         with self._lock:
-            kept = self._kept.get(what) if isinstance(what, Scene | Mesh) else None
-            return kept.pop() if kept else None
+            return self._kept.pop(what, None)
 
     def put(self, what: Any, cache: BatchCache) -> None:
         """Put the cache of a scene or a mesh back, which it does not keep alive."""
-        if not isinstance(what, Scene | Mesh):
+        if not isinstance(what, (Scene, Mesh)) or cache.size > MAX_KEPT:
             return
         with self._lock:
-            self._kept.setdefault(what, [])[:] = [cache]
-            if cache.size > MAX_KEPT:
-                del self._kept[what]
-            while sum(one.size for kept in self._kept.values() for one in kept) > MAX_KEPT:
+            self._kept[what] = cache
+            while len(self._kept) > 1 and sum(one.size for one in self._kept.values()) > MAX_KEPT:
                 del self._kept[next(iter(self._kept))]
 
 

@@ -26,7 +26,7 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.tile_rasterizer import empty_depth
 from rasterjit.rendering import frame_shading, planning, view_warnings
-from rasterjit.rendering.planning import Cull, FrameRequest, PlannedFrame, plan_views
+from rasterjit.rendering.planning import Cull, PlannedFrame, check_request, plan_views
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
 from rasterjit.runtime.background_compile import beside
 from rasterjit.runtime.clocks import StageClock
@@ -101,7 +101,7 @@ def render_layers(
     quality, size = check_quality(quality), image_size("size", size)
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
     try:
-        request = FrameRequest(size, quality, outputs, None, cull, previous=previous)
+        request = check_request(size, quality, outputs, None, cull, previous=previous)
         planned = plan_views(request, scene_to_draw(what), camera)
         if planned.plan.facts.has_round_points:
             raise ValueError(

@@ -53,7 +53,7 @@ from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import image_size, true_or_false
+from rasterjit.scene.validation import true_or_false
 from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import join
@@ -113,9 +113,8 @@ def plan_lensed(
         Naming the argument that is wrong.
     """
     _, quality, outputs, background, _, diagnose, previous = request
-    lens, size = check_lens("lens", lens), image_size("size", request.size)
+    lens, size = check_lens("lens", lens), request.size
     camera = choose_camera(scene, camera, size)
-    outputs = output_table.check_outputs(outputs)
     _refuse(outputs, diagnose)
     sight = see(lens, camera, size)
     if last is not None and (last.lens, last.size) == (lens, size) and last.sight.same(sight):

@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, ground_truth, motion, output_table
-from rasterjit.outputs.output_table import MIXED_OUTPUTS, Outputs, check_outputs, row_of
+from rasterjit.outputs.output_table import (
+    MIXED_OUTPUTS,
+    AnyOutput,
+    Outputs,
+    check_outputs,
+    row_of,
+)
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments.fragment_bands import peeling_kernels
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows
@@ -30,15 +36,10 @@ from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, ste
 from rasterjit.scene.camera_fitting import fit_upright
 from rasterjit.scene.node import Node
 from rasterjit.scene.previous_view import PreviousView
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.reference_shader import Imitation
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.validation import (
-    in_short,
-    one_of,
-    true_or_false,
-    whole_size,
-)
+from rasterjit.scene.validation import in_short, one_of, true_or_false
 from rasterjit.survey import clip_planes, deformation
 from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
@@ -56,7 +57,6 @@ from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.light_culling import headlight_row, imitated_lighting, lighting_of
 from rasterjit.survey.object_counts import (
     Inventory,
-    check_scene,
     inventory_of,
     may_have_holes,
     refuse_masked_field,
@@ -76,23 +76,36 @@ Known = tuple[Inventory, Extents]
 
 
 class FrameRequest(NamedTuple):
-    """The arguments of a frame beside its scene and camera, as `rasterjit.render` takes them."""
+    """The arguments of a frame beside its scene and camera; see `check_request`."""
 
     size: tuple[int, int]
     quality: Quality
-    outputs: Outputs = ("color",)
+    outputs: tuple[AnyOutput, ...] = ("color",)
     background: Any = None
     cull: Cull = "none"
     diagnose: bool = False
     previous: PreviousView | None = None
 
 
-def check_request(request: FrameRequest) -> tuple[tuple[int, int], tuple[str, ...]]:
-    """Return size and outputs, or raise ``ValueError``: a look at the scene may run kernels."""
-    one_of("cull", request.cull, CULL_MODES)
-    true_or_false("diagnose", request.diagnose)
-    size = whole_size("size", request.size, request.quality.subpixel_bits)
-    return size, check_outputs(request.outputs)
+def check_request(
+    size: tuple[int, int],
+    quality: Quality | None,
+    outputs: Outputs,
+    background: Any,
+    cull: Cull,
+    diagnose: bool = False,
+    previous: PreviousView | None = None,
+) -> FrameRequest:
+    """
+    Return the arguments of a frame, or raise ``ValueError``: a look at the scene may run kernels.
+
+    The size is checked already; background and previous are checked when the frame is planned.
+    """
+    one_of("cull", cull, CULL_MODES)
+    is_diagnosed, names = true_or_false("diagnose", diagnose), check_outputs(outputs)
+    return FrameRequest(
+        size, check_quality(quality), names, background, cull, is_diagnosed, previous
+    )
 
 
 def plan_frame(
@@ -104,7 +117,7 @@ def plan_frame(
     last: RenderPlan | None = None,
 ) -> RenderPlan:
     """
-    Check the arguments of a frame and decide what it needs.
+    Decide what a frame needs.
 
     ``known`` and ``views`` are those of the scene's nodes, where they are known already. ``last``
     is the plan of an earlier frame: what was decided by facts that still hold is taken from it.
@@ -114,12 +127,9 @@ def plan_frame(
     ValueError
         Naming the argument that is wrong.
     """
-    quality, background = request.quality, request.background
-    size, outputs = check_request(request)
-    cull, diagnose = request.cull, bool(request.diagnose)
+    size, quality, outputs, background, cull, diagnose, _ = request
     # Analyse the scene.
     if known is None:
-        check_scene(scene)
         known = inventory_of(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
@@ -411,7 +421,7 @@ def plan_views(
     last: RenderPlan | None = None,
 ) -> PlannedFrame:
     """
-    Check the arguments of a frame, and decide what it needs, with all that it is drawn from.
+    Decide what a frame needs, with all that it is drawn from.
 
     Parameters
     ----------
@@ -551,7 +561,6 @@ def _are_moved(before: Camera, after: Camera) -> bool:
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
     """Return the camera given, else the scene's own, else one that fits the scene."""
-    check_scene(scene)
     if camera is None:
         camera = scene.camera
     if camera is None:
@@ -586,7 +595,6 @@ def find_earlier(
     if previous.scene is not None:
         with naming("previous.scene"):
             earlier = scene_to_draw(previous.scene)
-            check_scene(earlier)
         motion.check_same_objects(_whole(scene), earlier.nodes)
     if previous.camera is not None:
         with naming("previous.camera"):

@@ -20,7 +20,7 @@ from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering import frame_shading, supersample
-from rasterjit.rendering.planning import Cull, FrameRequest, plan_views
+from rasterjit.rendering.planning import Cull, check_request, plan_views
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
@@ -80,7 +80,7 @@ class RegionRenderer:
         self._workers = Workers(thread_count("threads", threads))
         self.size = whole
         scene = scene_to_draw(what)
-        request = FrameRequest(whole, quality, outputs, background, cull)
+        request = check_request(whole, quality, outputs, background, cull)
         self._planned = plan_views(request, scene, camera)
         self._margin = _margin_of(self._planned.plan)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics as diagnosing
-from rasterjit.outputs import ground_truth, motion, output_table
+from rasterjit.outputs import ground_truth, motion
 from rasterjit.outputs.frame import Frame, FrameStats, keep_outputs
 from rasterjit.outputs.ground_truth import add_reversed_depth
 from rasterjit.outputs.output_table import Outputs
@@ -47,6 +47,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     image_size,
     in_short,
@@ -190,11 +191,8 @@ def explain(
     ValueError
         Naming the argument that is wrong.
     """
-    scene = scene_to_draw(what)
-    request = FrameRequest(
-        image_size("size", size), check_quality(quality), outputs, background, cull, diagnose,
-        previous,
-    )  # fmt: skip
+    size, scene = image_size("size", size), scene_to_draw(what)
+    request = check_request(size, quality, outputs, background, cull, diagnose, previous)
     if lens is not None:
         planned = lenses.plan_lensed(lens, request, scene, camera, Workers(1))
         plan, through = planned.plan, lenses.through_lens(planned)
@@ -533,23 +531,18 @@ class Renderer(Guarded):
         return f"Renderer({width} x {height}, {self.quality}, {self._workers.threads} threads)"
 
     @classmethod
-    def of_many(
-        cls, size: tuple[int, int], quality: Quality, threads: int, cache: SceneCache | None = None
-    ) -> Renderer:
+    def timed(
+        cls, size: tuple[int, int], quality: Quality, threads: int | None,
+        cache: SceneCache | None = None,
+    ) -> Renderer:  # fmt: skip
         """
-        Return a renderer for a pool, with the scene's cache.
+        Return one that draws each frame step by step, perhaps with a scene's cache.
 
-        It never warns, and records no calls: that would take memory once per renderer.
+        So that each stage is timed; or for a pool, where recorded calls would take memory once per
+        renderer.
         """
-        renderer = cls.timed(size, quality, threads)
-        renderer._cache, renderer.warned = cache, None
-        return renderer
-
-    @classmethod
-    def timed(cls, size: tuple[int, int], quality: Quality, threads: int | None) -> Renderer:
-        """Return one that draws each frame step by step, to time each stage."""
         renderer = cls(size, quality=quality, threads=threads)
-        renderer._is_timed = True
+        renderer._is_timed, renderer._cache = True, cache
         return renderer
 
     def __enter__(self) -> Renderer:
@@ -611,9 +604,7 @@ class Renderer(Guarded):
 
     def _request(self, *asked: Any) -> FrameRequest:
         """Return what is asked of a frame of this size and quality, checked."""
-        request = FrameRequest(self.size, self.quality, *asked)
-        check_request(request)
-        return request
+        return check_request(self.size, self.quality, *asked)
 
     def _render_asked(
         self,
@@ -629,26 +620,26 @@ class Renderer(Guarded):
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
                     raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
-            return self._render_with(lens, what, camera, request)
+            return self._render_with(lens, scene_to_draw(what), camera, request)
         if max_error is not None:
-            return self._render_within(max_error, time_budget, what, camera, request)
+            return self._render_within(max_error, time_budget, scene_to_draw(what), camera, request)
         if time_budget is not None:
             return self._render_in_time(time_budget, what, camera, request)
-        return self._render(request, what, camera)
+        return self._render(request, scene_to_draw(what), camera)
 
-    def _render(self, request: FrameRequest, what: Any, camera: Camera | None) -> Frame:
-        """Render one frame."""
+    def _render(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> Frame:
+        """Render one frame of a scene that `scene_to_draw` returned."""
         clock = StageClock()
-        planned = self._plan(request, what, camera)
+        planned = self._plan(request, scene, camera)
         return self._draw_bound(planned, clock) or self._draw(planned, clock=clock)
 
     def _render_with(
-        self, lens: Lens, what: Any, camera: Camera | None, request: FrameRequest
+        self, lens: Lens, scene: Scene, camera: Camera | None, request: FrameRequest
     ) -> Frame:
         """Render one frame with a lens."""
         planned = lenses.plan_lensed(
-            lens, request, scene_to_draw(what), camera, self._workers, self._cache, self._lensed
-        )  # fmt: skip
+            lens, request, scene, camera, self._workers, self._cache, self._lensed
+        )
         self._cache, self._lensed = planned.pictures[-1].cache, planned
 
         def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, Seen]:
@@ -668,8 +659,8 @@ class Renderer(Guarded):
         budget = positive_number("time_budget", time_budget)
         scene = scene_to_draw(what)
         circumstances = (
-            self.size, self._workers.threads, output_table.check_outputs(request.outputs),
-            request.cull, bool(request.diagnose), is_lone,
+            self.size, self._workers.threads, request.outputs, request.cull, request.diagnose,
+            is_lone,
         )  # fmt: skip
 
         def draw(quality: Quality) -> Frame:
@@ -686,7 +677,7 @@ class Renderer(Guarded):
         self,
         max_error: float,
         time_budget: float | None,
-        what: Any,
+        scene: Scene,
         camera: Camera | None,
         request: FrameRequest,
     ) -> Frame:
@@ -696,13 +687,13 @@ class Renderer(Guarded):
             raise ValueError(
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
             )
-        wanted = output_table.check_outputs(request.outputs)
+        wanted = request.outputs
         request = request._replace(outputs=tuple(dict.fromkeys((*wanted, *budgets.LIGHT))))
-        refined = self._refine(request, what, camera, ())
+        refined = self._refine(request, scene, camera, ())
         drawn: list[Frame] = []
 
         def draw(quality: Quality) -> Frame:
-            drawn[:] = [self._render(request._replace(quality=quality), what, camera)]
+            drawn[:] = [self._render(request._replace(quality=quality), scene, camera)]
             return drawn[0]
 
         def sweep() -> Iterator[Frame]:
@@ -710,7 +701,7 @@ class Renderer(Guarded):
             for is_turned in (False, True):
                 swept = supersample.SweptCamera(drawn[0].plan.camera, (0.0, 0.0), 1.0, is_turned)
                 own = request._replace(quality=picture, outputs=budgets.LIGHT)
-                yield self._render(own._replace(diagnose=False, previous=None), what, swept)
+                yield self._render(own._replace(diagnose=False, previous=None), scene, swept)
 
         frame = budgets.draw_within_error(bound, draw, refined, sweep)
         return keep_outputs(frame, wanted)
@@ -753,15 +744,15 @@ class Renderer(Guarded):
         """
         before = [check_quality(one, "each of first") for one in items("first", first)]
         request = self._request(outputs, background, cull, diagnose, previous)
-        return self._refine(request, what, camera, before)
+        return self._refine(request, scene_to_draw(what), camera, before)
 
     def _refine(
-        self, request: FrameRequest, what: Any, camera: Camera | None, first: Sequence[Quality]
+        self, request: FrameRequest, scene: Scene, camera: Camera | None, first: Sequence[Quality]
     ) -> Iterator[Frame]:
         """Render one frame in some qualities, and then as the reference, step by step."""
         qualities = *first, Quality.reference()
         *before, best = [
-            self._plan(request._replace(quality=one), what, camera) for one in qualities
+            self._plan(request._replace(quality=one), scene, camera) for one in qualities
         ]
         last = [best._replace(plan=step) for step in supersample.steps(best.plan)]
         return self._draw_all([*before, *last])
@@ -806,9 +797,8 @@ class Renderer(Guarded):
         finally:
             self._keeping.release()
 
-    def _plan(self, request: FrameRequest, what: Any, camera: Camera | None) -> PlannedFrame:
-        """Check the arguments of a frame, and decide what it needs."""
-        known = self._cache, self._last
-        planned = plan_views(request, scene_to_draw(what), camera, *known)
+    def _plan(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> PlannedFrame:
+        """Decide what a frame needs."""
+        planned = plan_views(request, scene, camera, self._cache, self._last)
         self._cache, self._last = planned.cache, planned.plan
         return planned

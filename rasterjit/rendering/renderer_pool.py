@@ -194,8 +194,7 @@ class PoolWorker:
     ) -> None:
         cache = cache or prepare_for(scene, options)
         self._scene, self._options, self._cache = scene, options, cache
-        # The pool tells once, for all of them.
-        self._renderer = Renderer.of_many(options.size, options.quality, threads, cache)
+        self._renderer = Renderer.timed(options.size, options.quality, threads, cache)
         self._arrays: dict[str, NDArray[Any]] = {}
         self._group: tuple[GroupRenderer, Shared] | None = None
 
@@ -231,12 +230,9 @@ class PoolWorker:
 
     def _draw_alone(self, camera: Camera) -> ViewResult:
         """Draw a view as `rasterjit.render` does."""
-        asked = self._options
         try:
-            frame = self._renderer.render(
-                self._scene, camera, outputs=asked.outputs, background=asked.background,
-                cull=asked.cull,
-            )  # fmt: skip
+            # The pool warns once, for all of them.
+            frame = self._renderer._render(self._options, self._scene, camera)
         except Exception as error:
             return ViewResult(error, {})
         return ViewResult(frame, view_warnings.warnings_of_frame(frame))

@@ -46,6 +46,9 @@ class WarningsOfViews:
             if kind not in self._found or number < self._found[kind][0]:
                 self._found[kind] = number, text
 
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
     def of(self, number: int) -> dict[str, str]:
         """Return the warnings that a view is the first to have, by kind."""
         return {kind: text for kind, (first, text) in self._found.items() if first == number}

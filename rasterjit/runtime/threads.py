@@ -265,6 +265,8 @@ class Memory:
 
     def __init__(self) -> None:
         self._shelves: dict[int, list[_Block]] = {}
+        self.bytes = 0
+        """How much it keeps."""
         self._frame = 0
         self._lock = forks.lock()
 
@@ -283,14 +285,9 @@ class Memory:
             else:
                 block = _Block(room)
                 shelf.append(block)
+                self.bytes += room
             block.frame = self._frame
             return block.room[:size].view(kind).reshape(shape)
-
-    @property
-    def bytes(self) -> int:
-        """How much it keeps."""
-        with self._lock:
-            return sum(room * len(shelf) for room, shelf in self._shelves.items())
 
     def next_frame(self) -> None:
         """
@@ -304,6 +301,7 @@ class Memory:
                 if all(block.frame + KEPT_FRAMES >= self._frame for block in shelf):
                     continue
                 left = [block for block in shelf if block.frame + KEPT_FRAMES >= self._frame]
+                self.bytes -= room * (len(shelf) - len(left))
                 if left:
                     self._shelves[room] = left
                 else:
@@ -313,6 +311,7 @@ class Memory:
         """Let go of everything; arrays that are held stay as they are."""
         with self._lock:
             self._shelves.clear()
+            self.bytes = 0
 
 
 class ReusedMemory:

@@ -48,18 +48,28 @@ if TYPE_CHECKING:
 _CHUNK = 1 << 18
 """Vertices transformed at once while measuring a scene."""
 
-EFFECT_FIELDS: dict[str, tuple[type | tuple[type, ...], str]] = {
-    "wireframe": (Wireframe, "a Wireframe"),
-    "ambient_occlusion": (AmbientOcclusion, "an AmbientOcclusion"),
-    "outline": (Outline, "an Outline"),
-    "environment": (Environment, "Environment"),
-    "eye_dome": (EyeDome, "an EyeDome"),
-    "fog": (Fog, "Fog"),
-    "tone_map": (ToneMap, "ToneMap"),
-    "vignette": (Vignette, "a Vignette"),
-    "section": ((SectionPlane, tuple), "a SectionPlane, several"),
+EFFECT_FIELDS: dict[str, type] = {
+    "wireframe": Wireframe,
+    "ambient_occlusion": AmbientOcclusion,
+    "outline": Outline,
+    "environment": Environment,
+    "eye_dome": EyeDome,
+    "fog": Fog,
+    "tone_map": ToneMap,
+    "vignette": Vignette,
+    "section": SectionPlane,
 }
-"""The fields of a scene that ask for effects: what they hold if not None, and that in words."""
+"""The fields of a scene that ask for effects: what they hold if not None; a section, or several."""
+
+
+def _effect(name: str, value: Any) -> Any:
+    """Return what a field of ``EFFECT_FIELDS`` is to hold, or raise ``ValueError``."""
+    kind = EFFECT_FIELDS[name]
+    if value is not None and not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        got = check.cut_short(value)
+        raise ValueError(f"scene.{name} must be {article} {kind.__name__} or None, got {got}")
+    return value
 
 
 def _direction(name: str, value: ArrayLike) -> tuple[float, float, float]:
@@ -115,11 +125,14 @@ class Scene(Guarded, Previewed):
     ------
     AttributeError
         If anything else is assigned than these.
+    ValueError
+        If an effect, a section or a direction is assigned something that is none.
     """
 
     _FIELDS = ("nodes", "lights", "camera", "up", "animations", *EFFECT_FIELDS, "variant")
     _CHECKS = MappingProxyType(
         {
+            **dict.fromkeys(EFFECT_FIELDS, _effect),
             "section": lambda _, value: check_section("section", value),
             "up": lambda name, value: None if value is None else _direction(name, value),
         }

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.pipeline.passes import Rows, rows_where
+from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
@@ -57,22 +58,40 @@ def kernel_rows() -> Rows:
 
 def scene_to_draw(what: Any) -> Scene:
     """
-    Return anything that can be drawn as a scene, posed.
+    Return anything that can be drawn as a scene, posed; raise ``ValueError`` if it cannot.
 
     That of a mesh is kept as long as the mesh, so that what is known of it is found again.
     """
-    if not isinstance(what, Mesh):
-        return posed_scene(as_scene(what))
-    scene = _SCENES.get(what)
+    scene = _SCENES.get(what) if isinstance(what, Mesh) else as_scene(what)
     if scene is None:
         scene = _SCENES[what] = as_scene(what._twin())
+    _check_lists(scene)
     return posed_scene(scene)
+
+
+def _check_lists(scene: Scene) -> None:
+    """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
+    for name, items, kinds in (
+        ("nodes", scene.nodes, (Node,)),
+        ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight, SpotLight)),
+    ):
+        if not isinstance(items, (list, tuple)):
+            raise ValueError(f"scene.{name} must be a list, got {items!r}")
+        if set(map(type, items)).issubset(kinds):
+            continue
+        for n, item in enumerate(items):
+            if not isinstance(item, kinds):
+                wanted = " or ".join(kind.__name__ for kind in kinds)
+                article = "an" if wanted[0] in "AEIOU" else "a"
+                raise ValueError(f"scene.{name}[{n}] must be {article} {wanted}, got {item!r}")
+    if not scene.nodes:
+        got = "labels alone" if scene.labelled else "an empty scene"
+        raise ValueError(f"scene must hold at least one mesh, got {got}")
 
 
 def posed_scene(scene: Scene) -> Scene:
     """Return a scene with all skins and morph weights applied; itself where nothing is posed."""
-    if not Posable.was_made or not isinstance(scene.nodes, list | tuple):
-        # What is wrong with a list is said by who checks scenes.
+    if not Posable.was_made:
         return scene
     # Of thousands of nodes, few can be posed.
     posable = [

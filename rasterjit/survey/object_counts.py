@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.scene.contours import Contours
-from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scalar_field import ColorScale
-from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
-from rasterjit.scene.validation import cut_short
 from rasterjit.survey.object_transforms import Extents, mesh_boxes
 from rasterjit.survey.quality_overrides import meshes_under
 
@@ -522,27 +519,3 @@ def _known_attributes(nodes: Sequence[Node]) -> str:
     meshes = dict.fromkeys(node.mesh for node in nodes)
     names = {name for mesh in meshes for name in (*mesh.vertex_attributes, *mesh.face_attributes)}
     return f"its meshes have {', '.join(sorted(names))}" if names else "its meshes have none"
-
-
-def check_scene(scene: Scene) -> None:
-    """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
-    for name, items, kinds in (
-        ("nodes", scene.nodes, (Node,)),
-        ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight, SpotLight)),
-    ):
-        if not isinstance(items, (list, tuple)):
-            raise ValueError(f"scene.{name} must be a list, got {items!r}")
-        if set(map(type, items)).issubset(kinds):
-            continue
-        for n, item in enumerate(items):
-            if not isinstance(item, kinds):
-                wanted = " or ".join(kind.__name__ for kind in kinds)
-                article = "an" if wanted[0] in "AEIOU" else "a"
-                raise ValueError(f"scene.{name}[{n}] must be {article} {wanted}, got {item!r}")
-    if not scene.nodes:
-        got = "labels alone" if scene.labelled else "an empty scene"
-        raise ValueError(f"scene must hold at least one mesh, got {got}")
-    for name, (kind, words) in EFFECT_FIELDS.items():
-        value = getattr(scene, name)
-        if value is not None and not isinstance(value, kind):
-            raise ValueError(f"scene.{name} must be {words} or None, got {cut_short(value)}")

@@ -356,7 +356,6 @@ ALLOWED = {
     ("io/primitives.py", "sin"): "curves of drawings, as trimesh and ezdxf cut them",
     ("io/primitives.py", "@"): "curves of drawings, as trimesh and ezdxf cut them",
     ("runtime/threads.py", "prod"): "whole numbers of Python",
-    ("runtime/threads.py", "sum"): "whole numbers: bytes",
     ("outputs/masks.py", "sum"): "whole numbers: counts of pixels",
     ("survey/object_counts.py", "sum"): "whole numbers: counts of objects",
     ("survey/facts.py", "sum"): "whole numbers: counts of objects",

@@ -327,13 +327,6 @@ def test_bad_input(arguments, message):
         rj.AmbientOcclusion(**arguments)
 
 
-def test_scene_refuses_what_is_no_effect():
-    scene, camera = corner()
-    scene.ambient_occlusion = True
-    with pytest.raises(ValueError, match=r"scene.ambient_occlusion must be an AmbientOcclusion"):
-        rj.render(scene, camera, size=(8, 8))
-
-
 def smoothed_slowly(occlusion, first, depth, tolerance, strength):
     """The twin: each pixel by itself, its neighbours in the same order."""
     smooth, one = np.empty_like(occlusion), np.float32(1.0)

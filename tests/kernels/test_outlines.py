@@ -285,10 +285,3 @@ def test_settings_are_kept_in_one_form():
     assert outline.color == (1.0, 1.0, 1.0, 1.0)
     assert (outline.width, outline.edges) == (3, ("object", "crease"))
     assert rj.Outline(edges="crease").edges == ("crease",)
-
-
-def test_scene_refuses_what_is_no_outline():
-    scene = scene_of(plane())
-    scene.outline = "black"
-    with pytest.raises(ValueError, match=r"scene.outline must be an Outline or None, got 'black'"):
-        rj.render(scene, looking(), size=(8, 8))

@@ -110,7 +110,7 @@ def test_of_many_scenes_the_last_are_kept(shelf, monkeypatch):
 def test_batches_of_one_view_are_drawn_by_calls_that_are_kept(shelf, scene):
     for camera in around(5):
         check(scene, [camera])
-    ((kept,),) = shelf._kept.values()
+    (kept,) = shelf._kept.values()
     assert 0 < kept.renderer.bytes_kept == kept.size
 
 

@@ -448,7 +448,6 @@ def test_wireframe_of_edges_through_the_eye_stays_in_its_picture(near, size):
         ("lights", None),
         ("lights", rj.AmbientLight()),
         ("nodes", ["cube"]),
-        ("wireframe", "overlay"),
     ],
 )
 def test_what_does_not_belong_in_a_scene_is_named(cube, attribute, value):

@@ -16,6 +16,7 @@ from rasterjit.animation import TransformTrack
 from rasterjit.scene.attribute_guard import similar
 from rasterjit.scene.environment import Panorama
 from rasterjit.scene.material import UnsaidMaterial
+from rasterjit.scene.scene import EFFECT_FIELDS
 from rasterjit.viewer.controls import Fly, Orbit
 
 MESH = rj.Mesh(np.eye(3), [[0, 1, 2]])
@@ -188,6 +189,19 @@ def test_what_a_renderer_is_assigned_is_checked_at_once(name, value, told):
     with pytest.raises(ValueError, match=re.escape(told)):
         setattr(renderer, name, value)
     assert vars(renderer) == before
+
+
+@pytest.mark.parametrize("name", EFFECT_FIELDS)
+def test_what_a_scene_is_assigned_is_checked_at_once(name):
+    scene = rj.Scene()
+    kind = EFFECT_FIELDS[name].__name__
+    for value, got in (("black", "'black'"), (True, "True"), (1e9, "1000000000.0")):
+        with pytest.raises(ValueError, match=rf"{name} must be an? {kind}.* or None, got {got}"):
+            setattr(scene, name, value)
+    with pytest.raises(ValueError, match=name) as told:
+        setattr(scene, name, [1.0] * 99_999)
+    assert len(str(told.value)) < 200
+    assert getattr(scene, name) is None
 
 
 def test_what_a_renderer_is_assigned_is_kept():
