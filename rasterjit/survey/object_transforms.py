@@ -50,7 +50,7 @@ EVENNESS = 2.0**-12
 normals that are as much too long or too short is a sixteenth of a code of 8 bits off."""
 
 
-_WITHOUT_ORIGIN = "is_nothing", "middles_and_axes", "boxes", "reach", "_columns"
+_WITHOUT_ORIGIN = "is_nothing", "middles_and_axes", "_halves", "boxes", "reach", "_columns"
 """What `Extents` find out that is the same where objects are only shifted."""
 
 
@@ -106,15 +106,18 @@ class Extents:
             return middles, self._columns * half.reshape(3, *(1,) * (x.ndim - 2), -1)
 
     @cached_property
+    def _halves(self) -> Float64:
+        """Half the sizes of boxes along the world's axes around those of objects, (3, O)."""
+        return np.add.reduce(np.abs(self.middles_and_axes[1]), axis=1)
+
+    @cached_property
     def around(self) -> tuple[Sequence[float], Sequence[float]]:
         """Low and high corner of a box around all, (3,) each, world space, but for rounding."""
         if len(self.bounds) > FEW:
-            middles, axes = self.middles_and_axes
             with np.errstate(invalid="ignore", over="ignore"):
-                middles = self._world_from_model[:, :3, 3].T + middles
-                halves = np.add.reduce(np.abs(axes), axis=1)
-                low = np.fmin.reduce(middles - halves, axis=1, initial=math.inf)
-                high = np.fmax.reduce(middles + halves, axis=1, initial=-math.inf)
+                middles = self._world_from_model[:, :3, 3].T + self.middles_and_axes[0]
+                low = np.fmin.reduce(middles - self._halves, axis=1, initial=math.inf)
+                high = np.fmax.reduce(middles + self._halves, axis=1, initial=-math.inf)
             return low.tolist(), high.tolist()
         lows, highs = [(math.inf,) * 3], [(-math.inf,) * 3]
         origins = self._world_from_model[:, :3, 3].tolist()
@@ -299,12 +302,12 @@ class Boxes:
         if len(self._bounds) > FEW:
             matrix, (middles, axes) = self._clip_from_relative, self._extents.middles_and_axes
             planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
-            a, b, c, d = planes.T[..., np.newaxis]
+            # Boxes out of view are outside by ``ROUNDING``: however a product rounds, none is here.
             with np.errstate(invalid="ignore", over="ignore"):
-                x, y, z = self.relative_from_model[:, :3, 3].T + middles
-                inside = a * x + b * y + c * z + d
-                for x, y, z in np.moveaxis(axes, 1, 0):
-                    inside += np.abs(a * x + b * y + c * z)
+                middles = self.relative_from_model[:, :3, 3].T + middles
+                inside = planes[:, :3] @ middles + planes[:, 3:]
+                halves = np.abs(planes[:, :3] @ axes.reshape(3, -1)).reshape(6, 3, -1)
+                inside += np.add.reduce(halves, axis=1)
             # What is not a number is not inside.
             return bool(inside.min() >= 0.0)
         rows = self._clip_from_relative.tolist()
@@ -538,9 +541,12 @@ def move_objects(
     moved : sequence of int
         The numbers of those that moved.
     """
-    world_from_model = known.world_from_model.copy()
-    for n in moved:
-        world_from_model[n] = matrices[n]
+    if len(moved) == len(matrices):
+        world_from_model = np.concatenate(matrices).reshape(-1, 4, 4)
+    else:
+        world_from_model = known.world_from_model.copy()
+        for n in moved:
+            world_from_model[n] = matrices[n]
     is_turned = world_from_model[:, :3, :3] != known.world_from_model[:, :3, :3]
     if not is_turned.any():
         # Only shifted: signs of zeros do not count.
@@ -607,20 +613,23 @@ def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
     eye = finite_array("camera.eye_position()", camera.eye_position(), (3,))
     relative_from_model = places.world_from_model.copy()
     relative_from_model[:, :3, 3] -= eye
-    return _view(relative_from_model, places.normal_matrices, places.mirrored, camera, size)
+    return _view(relative_from_model, places.normal_matrices, places.mirrored, camera, size, eye)
 
 
 def view_again(views: Views, camera: Camera, size: tuple[int, int]) -> Views:
     """Return the matrices of the same objects for another projection from the same eye."""
-    return _view(views.relative_from_model, views.normal_matrices, views.mirrored, camera, size)
+    eye = finite_array("camera.eye_position()", camera.eye_position(), (3,))
+    return _view(
+        views.relative_from_model, views.normal_matrices, views.mirrored, camera, size, eye
+    )
 
 
 def _view(
     relative_from_model: Float64, normal_matrices: Float64, mirrored: Float64, camera: Camera,
-    size: tuple[int, int],
+    size: tuple[int, int], eye: Float64,
 ) -> Views:  # fmt: skip
     """Return the matrices of objects, given those that the projection does not change."""
-    x, y, z = finite_array("camera.eye_position()", camera.eye_position(), (3,)).tolist()
+    x, y, z = eye.tolist()
     world_from_relative = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], LAST_ROW]
     view_from_world, is_known = camera.view_matrix(), type(camera) in KNOWN_CAMERAS
     if not is_known:
