@@ -290,8 +290,7 @@ def texels_of(scene: Scene) -> NDArray[np.float64]:
         texture = node.mesh.material.base_color_texture
         # Output uv is the first set of coordinates.
         if texture is not None and texture.uv_set == 0 and node.mesh.uv is not None:
-            height, width, _ = texture.image.shape
-            row[:] = np.abs(texture.scale) * (width, height)
+            row[:] = np.abs(texture.scale) * texture.size
     return rows
 
 

@@ -134,13 +134,21 @@ class Textures(NamedTuple):
 
     texels: float32[:, ::1]
     """(N, 4) float32, linear RGBA: level by level, row by row from the top; see ``mip_levels``."""
+    codes: uint8[::1]
+    """(B,) uint8: level 0 of pictures of codes, 1 to 4 to a texel: grey or colours, then alpha."""
+    curves: float32[:, ::1]
+    """(3, 256) float32: the linear value of each code, in rows ``texture_filters.SRGB`` ..."""
     levels: int64[:, ::1]
-    """(M, 3) int64: first texel, width, height."""
+    """
+    (M, 3) int64: first texel, width, height.
+
+    A level 0 of codes is numbered as if it lay before the next level.
+    """
     table: int64[:, :, ::1]
     """
-    (O, K, 7) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy, alpha.
-
-    The last is what alpha does to texels: ``texture_filters.PLAIN`` ...
+    (O, K, 10) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy, what
+    alpha does to texels (``texture_filters.PLAIN`` ...); channels of codes, or 0 if all levels are
+    floats; the first code; the curve of colours.
     """
     uv: float32[:, ::1]
     """(V, 2) float32; v runs up. Those of base colours; ``Maps.coordinates`` has others."""

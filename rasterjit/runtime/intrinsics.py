@@ -9,7 +9,7 @@ in Python; ``intrinsics_ir`` has the machine's.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,18 +68,55 @@ def nine_parts(rows, first, start, stop):
     return (*six_parts(rows, first, start, stop), *three_parts(rows, first + 6, start, stop))
 
 
+class Coded(NamedTuple):
+    """The texels of a picture that are codes: those before the others; whole numbers are int64."""
+
+    codes: Any
+    """(B,) uint8: channel by channel, texel by texel."""
+    first: Any
+    """The first code of the picture."""
+    step: Any
+    """Codes from texel to texel."""
+    others: Any
+    """Codes from that of red to those of green, blue and alpha."""
+    curves: Any
+    """(K, 256) float32: what codes stand for."""
+    curve: Any
+    """Where the curve of colours begins, in entries from the first of all curves."""
+    alphas: Any
+    """Where that of alpha does."""
+    end: Any
+    """The first texel that is no code, in `HALVES`."""
+
+
+def _read_texels(texels: Any, first: Any, numbers: Any, coded: Coded) -> Any:
+    """Return texels, (N, CHANNELS), in `HALVES` from a first one."""
+    numbers = numbers.astype(np.int64)
+    found = texels[np.where(numbers < coded.end, 0, int(first) + numbers // HALVES)]
+    for n in np.flatnonzero(numbers < coded.end):
+        red = int(coded.first + numbers[n] // HALVES * coded.step)
+        entries = [int(coded.codes[red + other]) for other in (0, *map(int, coded.others))]
+        starts = (int(coded.curve),) * 3 + (int(coded.alphas),)
+        found[n] = [
+            coded.curves.reshape(-1)[start + entry]
+            for start, entry in zip(starts, entries, strict=True)
+        ]
+    return found
+
+
 @intrinsic
-def copy_texels(texels: Any, first: Any, numbers: Any, colors: Any, n: Any) -> None:
-    """Copy ``CHANNELS`` texels, in `HALVES` from a first one, to places ``n`` ... of four rows."""
+def copy_texels(texels: Any, first: Any, numbers: Any, coded: Any, colors: Any, n: Any) -> None:
+    """Copy ``CHANNELS`` texels, as `mix_texels` takes them, to places ``n`` ... of four rows."""
     some = slice(int(n), int(n) + CHANNELS)
-    for k, texel in enumerate(texels[int(first) + numbers[some].astype(np.int64) // HALVES].T):
-        colors[k][some] = texel
+    for k, channel in enumerate(_read_texels(texels, first, numbers[some], Coded(*coded)).T):
+        colors[k][some] = channel
 
 
 @intrinsic
 def mix_texels(
-    texels: Any, first: Any, corners: Any, shares: Any, is_far: Any, colors: Any, n: Any
-) -> None:
+    texels: Any, first: Any, corners: Any, coded: Any, shares: Any, is_far: Any, colors: Any,
+    n: Any,
+) -> None:  # fmt: skip
     """
     Mix texels for ``CHANNELS`` neighbouring samples.
 
@@ -90,6 +127,8 @@ def mix_texels(
         The texel that texels are counted from.
     corners : tuple of four rows of int32
         For each sample the texels around it, in `HALVES`, lower left first, upper right last.
+    coded : tuple
+        As `Coded` has it: some texels are codes.
     shares : tuple of two rows of float32
         Those of the texels to the right, and of those above.
     is_far : bool
@@ -99,7 +138,7 @@ def mix_texels(
         Written, channel by channel, from place ``n`` on.
     """
     some = slice(int(n), int(n) + CHANNELS)
-    a, b, c, d = (texels[int(first) + row[some].astype(np.int64) // HALVES] for row in corners)
+    a, b, c, d = (_read_texels(texels, first, row[some], Coded(*coded)) for row in corners)
     right, up = (row[some, np.newaxis] for row in shares)
     lower, upper = a + right * (b - a), c + right * (d - c)
     for k, mixed in enumerate((lower + up * (upper - lower)).T):

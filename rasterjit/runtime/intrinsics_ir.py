@@ -45,6 +45,7 @@ from rasterjit.runtime.array_type import WORD, PlainArray, field, make, packed, 
 from rasterjit.runtime.intrinsics import (
     CHANNELS,
     LANES,
+    Coded,
 )
 from rasterjit.runtime.jit import CHECKED
 from rasterjit.runtime.targets import current
@@ -181,7 +182,7 @@ def _fetch(builder: Any, place: Any) -> None:
 def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
     """Ask for the texels left of samples `AHEAD`, whose neighbours mostly share their line."""
     texels, _, corners = signature.args[:3]
-    array, base, places, _, _, _, start = arguments
+    array, base, places, *_, start = arguments
     rows = [builder.extract_value(places, row) for row in (0, 2)]
     length = words(context, builder, corners[0], rows[0], "shape")[0]
     last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
@@ -193,32 +194,73 @@ def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> 
             _fetch(builder, _texel_at(context, builder, texels, array, base, number))
 
 
+def _decoded_texel(context: Any, builder: Any, kind: Any, coded: Any, number: Any) -> Any:
+    """Return the channels of a texel of codes, given in `HALVES`."""
+    codes, first, step, others, curves, curve, alphas, _ = (
+        builder.extract_value(coded, k) for k in range(len(Coded._fields))
+    )
+    codes = field(context, builder, kind[0], codes, "data")
+    curves = field(context, builder, kind[4], curves, "data")
+    texel = builder.sext(builder.ashr(number, LANE(1)), step.type)
+    red = builder.add(first, builder.mul(texel, step))
+    found = ir.Constant(ir.VectorType(ir.FloatType(), CHANNELS), ir.Undefined)
+    for k in range(CHANNELS):
+        place = builder.add(red, builder.extract_value(others, k - 1)) if k else red
+        code = builder.zext(builder.load(builder.gep(codes, [place])), step.type)
+        entry = builder.add(curve if k < CHANNELS - 1 else alphas, code)
+        value = builder.load(builder.gep(curves, [entry]))
+        found = builder.insert_element(found, value, LANE(k))
+    return found
+
+
+def _read_texels(
+    context: Any, builder: Any, kinds: Any, array: Any, base: Any, coded: Any, numbers: list[Any]
+) -> list[Any]:
+    """Load texels that are all codes or all floats, as the first of them is."""
+    end = builder.extract_value(coded, len(Coded._fields) - 1)
+    is_code = builder.icmp_signed("<", builder.sext(numbers[0], end.type), end)
+    with builder.if_else(is_code, likely=None) as (then, otherwise):
+        with then:
+            decoded = [_decoded_texel(context, builder, kinds[1], coded, n) for n in numbers]
+            after_codes = builder.block
+        with otherwise:
+            loaded = [_texel(context, builder, kinds[0], array, base, n) for n in numbers]
+            after_floats = builder.block
+    found = []
+    for code, value in zip(decoded, loaded, strict=True):
+        texel = builder.phi(value.type)
+        texel.add_incoming(code, after_codes)
+        texel.add_incoming(value, after_floats)
+        found.append(texel)
+    return found
+
+
 @intrinsic
 def copy_texels(
-    typing_context: Any, texels: Any, first: Any, numbers: Any, colors: Any, n: Any
+    typing_context: Any, texels: Any, first: Any, numbers: Any, coded: Any, colors: Any, n: Any
 ) -> Any:
-    """Copy ``CHANNELS`` texels, in `HALVES` from a first one, to places ``n`` ... of four rows."""
+    """Copy ``CHANNELS`` texels, as `mix_texels` takes them, to places ``n`` ... of four rows."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, base, row, target, start = arguments
+        array, base, row, codes, target, start = arguments
         data, found = field(context, builder, numbers, row, "data"), []
         for k in range(CHANNELS):
             number = builder.load(builder.gep(data, [builder.add(start, start.type(k))]))
-            found.append(_texel(context, builder, texels, array, base, number))
+            found += _read_texels(context, builder, (texels, coded), array, base, codes, [number])
         return _put_channels(context, builder, colors, target, start, found)
 
-    return types.void(texels, types.int64, numbers, colors, types.int64), generate
+    return types.void(texels, types.int64, numbers, coded, colors, types.int64), generate
 
 
 @intrinsic
 def mix_texels(
-    typing_context: Any, texels: Any, first: Any, corners: Any, shares: Any, is_far: Any,
-    colors: Any, n: Any,
+    typing_context: Any, texels: Any, first: Any, corners: Any, coded: Any, shares: Any,
+    is_far: Any, colors: Any, n: Any,
 ) -> Any:  # fmt: skip
     """Mix texels for ``CHANNELS`` neighbouring samples."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, base, places, weights, is_far, target, start = arguments
+        array, base, places, codes, weights, is_far, target, start = arguments
         with builder.if_then(context.is_true(builder, types.boolean, is_far)):
             _fetch_ahead(context, builder, signature, arguments)
         found = []
@@ -228,16 +270,17 @@ def mix_texels(
                 builder.load(_element(context, builder, shares, weights, row, at))
                 for row in range(2)
             )
-            values = []
-            for row in range(4):
-                number = builder.load(_element(context, builder, corners, places, row, at))
-                values.append(_texel(context, builder, texels, array, base, number))
+            numbers = [
+                builder.load(_element(context, builder, corners, places, row, at))
+                for row in range(4)
+            ]
+            values = _read_texels(context, builder, (texels, coded), array, base, codes, numbers)
             lower = _mix(builder, values[0], values[1], along)
             upper = _mix(builder, values[2], values[3], along)
             found.append(_mix(builder, lower, upper, upward))
         return _put_channels(context, builder, colors, target, start, found)
 
-    given = texels, types.int64, corners, shares, types.boolean, colors, types.int64
+    given = texels, types.int64, corners, coded, shares, types.boolean, colors, types.int64
     return types.void(*given), generate
 
 

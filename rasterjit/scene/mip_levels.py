@@ -30,8 +30,8 @@ from rasterjit.scene.validation import read_only
 _BAND = 1 << 16
 """Texels that are worked on at once: as float64, 2 MB."""
 
-_AT_ONCE = 3
-"""Levels made of a band at once: a level in float64 is whole when a 64th of the texels is left."""
+_AT_ONCE = 4
+"""Levels made of a band at once: a level in float64 is whole when a 256th of the texels is left."""
 
 
 def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
@@ -75,18 +75,19 @@ def further_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
         yield image
 
 
-def room_for(width: int, height: int, has_levels: bool = True) -> NDArray[np.float32]:
-    """Return room for the texels of a picture and those of its levels, (N, 4), row by row."""
-    sizes = level_sizes(width, height) if has_levels else [(width, height)]
-    return np.empty((sum(across * down for across, down in sizes), 4), np.float32)
+def room_for(sizes: list[tuple[int, int]]) -> NDArray[np.float32]:
+    """Return room for the texels of levels of these (width, height), (N, 4), row by row."""
+    return np.empty((sum(width * height for width, height in sizes), 4), np.float32)
 
 
-def split_levels(texels: NDArray[np.float32], width: int, height: int) -> list[NDArray[np.float32]]:
+def split_levels(
+    texels: NDArray[np.float32], sizes: list[tuple[int, int]]
+) -> list[NDArray[np.float32]]:
     """Return the levels, (h, w, 4) each, of the texels of all of them."""
     levels, start = [], 0
-    for across, down in level_sizes(width, height):
-        levels.append(texels[start : start + across * down].reshape(down, across, 4))
-        start += across * down
+    for width, height in sizes:
+        levels.append(texels[start : start + width * height].reshape(height, width, 4))
+        start += width * height
     return levels
 
 
@@ -97,16 +98,14 @@ def bands(height: int, width: int) -> Iterator[slice]:
         yield slice(begin, min(begin + step, height))
 
 
-def fill_levels(
-    levels: list[NDArray[np.float32]], rows_of: Callable[[slice], NDArray[Any]]
-) -> None:
+def fill_levels(levels: list[NDArray[Any]], rows_of: Callable[[slice], NDArray[Any]]) -> None:
     """
     Write all levels below a picture, channel by channel, band by band.
 
     Parameters
     ----------
     levels : list of (h, w, 4) float32
-        Changed, but for the first.
+        Written, but for the first, which may be of another type.
     rows_of : callable
         Returns some rows of the first level, (h, W, 4) float.
     """
@@ -114,16 +113,14 @@ def fill_levels(
     for base in range(0, len(levels) - 1, _AT_ONCE):
         last = min(base + _AT_ONCE, len(levels) - 1)
         height, width = levels[last].shape[:2]
-        rows = [
-            _halved_band(levels, base, rows_of, last, band)
-            for band in bands(height, width << 2 * (last - base))
-        ]
-        whole = np.concatenate(rows)
+        whole = np.empty((height, width, 4))
+        for band in bands(height, width << 2 * (last - base)):
+            whole[band] = _halved_band(levels, base, rows_of, last, band)
         rows_of = whole.__getitem__
 
 
 def _halved_band(
-    levels: list[NDArray[np.float32]],
+    levels: list[NDArray[Any]],
     base: int,
     rows_of: Callable[[slice], NDArray[Any]],
     number: int,
@@ -150,12 +147,12 @@ def weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.
         found[:, :, :3] *= found[:, :, 3:]
         return found
 
-    texels = room_for(width, height, has_levels)
-    first = texels[: height * width].reshape(height, width, 4)
+    sizes = level_sizes(width, height) if has_levels else [(width, height)]
+    texels = room_for(sizes)
+    levels = split_levels(texels, sizes)
     for rows in bands(height, width):
-        first[rows] = weighted(rows)
-    if has_levels:
-        fill_levels(split_levels(texels, width, height), weighted)
+        levels[0][rows] = weighted(rows)
+    fill_levels(levels, weighted)
     return read_only(texels)
 
 

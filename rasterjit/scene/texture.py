@@ -22,6 +22,7 @@ from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import (
     bands,
     fill_levels,
+    level_sizes,
     mask_levels,
     room_for,
     split_levels,
@@ -78,7 +79,14 @@ MAX_SIDE = 65536
 """Most texels in a row or column: positions along it keep their fraction."""
 
 MAX_TEXELS = 1 << 27
-"""Most texels of a picture: 2.1 GB as float32, and a third more with its mip levels."""
+"""Most texels of a picture: .4 GB of RGB codes, 2.1 GB of floats; .7 GB more with mip levels."""
+
+MAX_FLOAT_TEXELS = 1 << 20
+"""
+Pictures of 8-bit codes of up to so many texels are kept as floats, larger ones as codes.
+
+Floats take 16 bytes a texel, and codes 1 to 4, but a pixel that mixes four of them takes 4 ns more.
+"""
 
 _MAX_LEVELS = 16
 """Different whole numbers up to 254 that a picture of light may have without a warning."""
@@ -94,69 +102,117 @@ Others are refused: Pillow knows fifty, among them some that start programs, suc
 """
 
 
+NO_TEXELS = check.read_only(np.empty((0, 4), np.float32))
+
+
 class PictureSizeError(ValueError):
     """A picture is empty, or larger than what is taken."""
 
 
 class Pyramid:
     """
-    The texels of a picture and those of its mip levels, which are made when first asked for.
+    The texels of a picture, and those of its mip levels, which are made when first asked for.
 
     Parameters
     ----------
-    image : (H, W, 4) float32, linear
-        Kept as it is, or copied to the head of the chain once there is one.
+    picture : (H, W, 1..4) uint8 or (H, W, 4) float32
+        Codes, which are kept as such and decoded where they are read; or linear light.
+    color_space : {"srgb", "linear"}
+        What codes of colours are.
     room : (N, 4) float32, optional
-        What the image is the head of, with room behind it for its levels.
+        What a picture of linear light is the head of, with room behind it for its levels.
     """
 
-    def __init__(self, image: NDArray[np.float32], room: NDArray[np.float32] | None = None) -> None:
-        self.size = image.shape[1], image.shape[0]
-        self._texels, self._room = image.reshape(-1, 4), room
+    def __init__(
+        self,
+        picture: NDArray[Any],
+        color_space: ColorSpace = "srgb",
+        room: NDArray[np.float32] | None = None,
+    ) -> None:
+        self.size = picture.shape[1], picture.shape[0]
+        self.color_space = color_space
+        self.codes: NDArray[np.uint8] | None = picture if picture.dtype == np.uint8 else None
+        """The picture as codes, (H, W, 1..4), read-only; None if it is kept as linear light."""
+        self._texels = NO_TEXELS if self.codes is not None else picture.reshape(-1, 4)
+        self._room = room
         self._prepared: dict[tuple[AlphaUse, bool], NDArray[np.float32]] = {}
 
     @property
+    def picture(self) -> NDArray[Any]:
+        """The picture as it is kept, read-only: codes, (H, W, 1..4), or (H, W, 4) float32."""
+        return self.image if self.codes is None else self.codes
+
+    @property
     def image(self) -> NDArray[np.float32]:
-        """The picture, (H, W, 4) float32, read-only."""
+        """The picture as linear light, (H, W, 4) float32, read-only; of codes, made anew."""
         width, height = self.size
+        if self.codes is not None:
+            return check.read_only(self._rows(slice(0, height)))
         return self._texels[: width * height].reshape(height, width, 4)
+
+    def _rows(self, rows: slice) -> NDArray[np.float32]:
+        """Return some rows of the image."""
+        if self.codes is None:
+            return self.image[rows]
+        return decode_texels(self.codes[rows], self.color_space)
 
     @cached_property
     def lowest_alpha(self) -> float:
         """The least alpha of any texel."""
-        return float(self.image[:, :, 3].min())
+        return float(self._alphas().min())
 
     def least_alpha_from(self, cutoff: float) -> float | None:
         """Return the least alpha of a texel that is no hole; None if all are holes."""
-        alphas = self.image[:, :, 3]
+        alphas = self._alphas()
         kept = alphas[alphas >= np.float32(cutoff)]
         return float(kept.min()) if kept.size else None
 
-    def chain(self) -> NDArray[np.float32]:
-        """Return the texels of all levels, (N, 4) float32, read-only, row by row."""
-        image = self.image
-        if len(self._texels) == len(image.reshape(-1, 4)) > 1:
-            # The picture is kept once: in the chain.
+    def _alphas(self) -> NDArray[np.float32]:
+        """Return the alphas that texels have, of codes each once."""
+        if self.codes is None:
+            return self.image[:, :, 3]
+        if not has_alpha(self.codes):
+            return np.ones(1, np.float32)
+        return np.unique(self.codes[:, :, -1]).astype(np.float32) / np.float32(255.0)
+
+    def levels(self) -> list[NDArray[np.float32]]:
+        """Return all levels, (h, w, 4) float32 each, read-only."""
+        sizes = level_sizes(*self.size)
+        if self.codes is None:
+            return split_levels(self._floats(True), sizes)
+        return [self.image, *split_levels(self._floats(True), sizes[1:])]
+
+    def _floats(self, has_levels: bool) -> NDArray[np.float32]:
+        """Return the texels that are kept as linear light; all but the codes, if there are any."""
+        sizes = level_sizes(*self.size)
+        kept = sizes if self.codes is None else sizes[1:]
+        count = sum(width * height for width, height in kept)
+        if not has_levels:
+            return NO_TEXELS if self.codes is not None else self.image.reshape(-1, 4)
+        if len(self._texels) < count:
             room = self._room
             if room is None:
-                room = room_for(*self.size)
+                room = room_for(kept)
                 room[: len(self._texels)] = self._texels
-            fill_levels(split_levels(room, *self.size), image.__getitem__)
+            levels = split_levels(room, kept)
+            # A picture of linear light is kept once: at the head of its levels.
+            fill_levels(levels if self.codes is None else [self.codes, *levels], self._rows)
             self._texels, self._room = check.read_only(room), None
         return self._texels
 
     def prepared(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
         """
-        Return the texels that are read, (N, 4) float32, read-only, row by row.
+        Return the texels that are read as linear light, (N, 4) float32, read-only, row by row.
 
         Parameters
         ----------
         alpha : AlphaUse
+            If None, a picture of codes is read from these, and only its mip levels are returned.
         has_levels : bool
-            Whether those of the mip levels follow.
+            Whether the mip levels are read.
         """
         if alpha is None:
-            return self.chain() if has_levels else self.image.reshape(-1, 4)
+            return self._floats(has_levels)
         known = self._prepared.pop((alpha, has_levels), None)
         if known is None:
             weighted = alpha == WEIGHTED
@@ -195,8 +251,9 @@ class Texture(HoldsArrays):
     ----------
     image : (H, W) or (H, W, 1..4) array_like
         Grey, grey and alpha, RGB or RGBA, row 0 on top. ``uint8`` and ``uint16`` are what
-        ``color_space`` says; floats are linear, in 0..1e6. Alpha is linear in every form.
-        Stored as (H, W, 4) float32, linear, read-only.
+        ``color_space`` says; floats are linear, in 0..1e6. Alpha is linear in every form. Read as
+        (H, W, 4) float32, linear, read-only. ``uint8`` of more than 2**20 texels is kept as it is,
+        for memory, and decoded anew each time that ``image`` is read.
     wrap : {"repeat", "clamp", "mirror"} or a pair of them
         What coordinates outside 0..1 show; a pair gives u and v each their own. Stored as a pair.
     filter : {"trilinear", "bilinear", "nearest"}
@@ -270,9 +327,9 @@ class Texture(HoldsArrays):
         check.one_of("uv_set", self.uv_set, UV_SETS)
         store(self, wrap=wrap)
         self._set_transform(self.offset, self.rotation, self.scale)
-        # From here on the image is a part of the pyramid's texels, which copies share.
+        # From here on the pyramid has the image, which copies share.
         image = self.__dict__.pop("image")
-        store(self, pyramid=_linear_pyramid(image, self.color_space))
+        store(self, pyramid=_checked_pyramid(image, self.color_space))
 
     def _set_filter(self, filter: Any, anisotropy: Any) -> None:
         """Check and keep filter and anisotropy."""
@@ -291,7 +348,7 @@ class Texture(HoldsArrays):
         store(self, rotation=check.finite_number("rotation", rotation))
 
     def __getattr__(self, name: str) -> Any:
-        """Return the image, which lies where the texels of all levels do."""
+        """Return the image, as linear light."""
         if name == "image" and "pyramid" in self.__dict__:
             return self.pyramid.image
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -300,12 +357,13 @@ class Texture(HoldsArrays):
         """Return what is copied or pickled: the image, and no mip levels."""
         state = dict(self.__dict__)
         del state["pyramid"]
-        return {**state, "image": self.image}
+        return {**state, "image": self.pyramid.picture}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its texels are read-only too."""
         state = dict(state)
-        self.__dict__["pyramid"] = Pyramid(check.read_only(state.pop("image")))
+        picture = check.read_only(state.pop("image"))
+        self.__dict__["pyramid"] = Pyramid(picture, state["color_space"])
         self.__dict__.update(state)
 
     @classmethod
@@ -415,7 +473,7 @@ class Texture(HoldsArrays):
         texel is left. Its texels are means, by area, of the texels below them, in float64: the
         mean of the image is kept on every level, and a constant stays itself.
         """
-        return tuple(split_levels(self.pyramid.chain(), *self.size))
+        return tuple(self.pyramid.levels())
 
 
 @contextmanager
@@ -515,8 +573,8 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
     )
 
 
-def _linear_pyramid(value: Any, color_space: str) -> Pyramid:
-    """Return an image, linear, with room for its levels, or raise ``ValueError``."""
+def _checked_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
+    """Return a copy of an image, without its levels, or raise ``ValueError``."""
     # An array of a type that says what its numbers are.
     wanted = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
     if isinstance(value, (str, os.PathLike)):
@@ -533,12 +591,16 @@ def _linear_pyramid(value: Any, color_space: str) -> Pyramid:
         raise ValueError(f"image must have shape (H, W) or (H, W, 1..4), got {shape}")
     height, width, channels = image.shape
     check_extent("image", width, height)
-    # Linear light: floats are that, codes are decoded.
-    colors = channels - 1 if channels in (2, 4) else channels
-    # What no one reads or writes of the room takes no memory.
-    texels = room_for(width, height)
-    room, linear = texels[:], texels[: height * width].reshape(height, width, 4)
+    if image.dtype == np.uint8 and width * height > MAX_FLOAT_TEXELS:
+        is_opaque = has_alpha(image) and bool((image[:, :, -1] == 255).all())
+        codes = image[:, :, :-1] if is_opaque else image
+        return Pyramid(check.read_only(np.array(codes, order="C")), color_space)
+    # What no one reads or writes of the room for levels takes no memory.
+    room = room_for(level_sizes(width, height))
+    texels = room[:]
+    linear = texels[: height * width].reshape(height, width, 4)
     if image.dtype.kind == "f":
+        colors = channels - 1 if has_alpha(image) else channels
         _check_light(image[:, :, :colors], "linear light", MAX_LIGHT)
         _check_light(image[:, :, colors:], "alpha", 1.0)
         if _are_codes(image[:, :, :colors]):
@@ -548,16 +610,28 @@ def _linear_pyramid(value: Any, color_space: str) -> Pyramid:
                 "image.astype(numpy.uint8)"
             )
         linear[:, :, :3] = image[:, :, :colors]
-        linear[:, :, 3:] = image[:, :, colors:] if colors < channels else 1.0
+        linear[:, :, 3:] = image[:, :, colors:] if has_alpha(image) else 1.0
     else:
-        most = np.float32(np.iinfo(image.dtype).max)
-        decoded = srgb_to_linear if image.dtype == np.uint8 else _srgb_16_to_linear
         for rows in bands(height, width):
-            codes, is_light = image[rows, :, :colors], color_space == "linear"
-            linear[rows, :, :3] = codes / most if is_light else decoded(codes)
-            linear[rows, :, 3:] = image[rows, :, colors:] / most if colors < channels else 1.0
+            linear[rows] = decode_texels(image[rows], color_space)
     texels.setflags(write=False)
-    return Pyramid(check.read_only(linear), room)
+    return Pyramid(check.read_only(linear), color_space, room)
+
+
+def has_alpha(image: NDArray[Any]) -> bool:
+    """Tell whether the last channel of an image, (H, W, 1..4), is alpha."""
+    return image.shape[2] in (2, 4)
+
+
+def decode_texels(codes: NDArray[Any], color_space: ColorSpace) -> NDArray[np.float32]:
+    """Return codes of 8 or 16 bits, (H, W, 1..4), as linear light, (H, W, 4)."""
+    most = np.float32(np.iinfo(codes.dtype).max)
+    decoded = srgb_to_linear if codes.dtype == np.uint8 else _srgb_16_to_linear
+    colors = codes[:, :, :-1] if has_alpha(codes) else codes
+    linear = np.empty((*codes.shape[:2], 4), np.float32)
+    linear[:, :, :3] = colors / most if color_space == "linear" else decoded(colors)
+    linear[:, :, 3] = codes[:, :, -1] / most if has_alpha(codes) else 1.0
+    return linear
 
 
 def _are_codes(colors: NDArray[Any]) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Sequence
+from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -29,6 +30,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.visibility.primitive_expansion import LineRule, PointRule, Primitive
+from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
@@ -75,11 +77,19 @@ FILTERS = {
     "trilinear": texturing.TRILINEAR,
 }
 
+CURVES = {"srgb": texturing.SRGB, "linear": texturing.SHARES}
+
 ABSENT = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
 """Row of the table for an object without a texture of a kind."""
 
 _Picture: TypeAlias = tuple[Pyramid, AlphaUse]
 """A mip pyramid, and the use of its alpha."""
+
+_Place: TypeAlias = tuple[int, int]
+"""The first level of a picture, and how many it has."""
+
+_Codes: TypeAlias = tuple[int, int, int]
+"""Channels of a picture of codes, its first code and their curve; 0 channels: it has none."""
 
 UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """The identity transform."""
@@ -519,7 +529,7 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     others = (None,) * (len(kinds[0]) - 1)
     uses = [(_least_use(mesh), *others) for mesh, _ in runs]
     pairs = [list(zip(*row, strict=True)) for row in zip(kinds, uses, strict=True)]
-    texels, levels, places = _join_texels(
+    texels, codes, levels, places = _join_texels(
         [(texture, use) for row in pairs for texture, use in row if texture is not None]
     )
     table = [[_table_row(texture, use, places) for texture, use in row] for row in pairs]
@@ -529,6 +539,8 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
         transforms = np.repeat(np.array(rows, np.float64), counts, axis=0)
     return Textures(
         texels,
+        codes,
+        curves_of_codes(),
         levels,
         np.repeat(np.array(table, np.int64), counts, axis=0),
         join_uv(meshes, texturing.BASE_COLOR),
@@ -536,8 +548,16 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     )
 
 
+@cache
+def curves_of_codes() -> NDArray[np.float32]:
+    """Return ``Textures.curves``."""
+    shares = np.arange(256, dtype=np.float32) / np.float32(255.0)
+    return np.stack([decoding_table(), shares, np.ones_like(shares)])
+
+
 NO_TEXTURES = Textures(
-    np.empty((0, 4), np.float32), np.empty((0, 3), np.int64),
+    np.empty((0, 4), np.float32), np.empty(0, np.uint8), np.empty((0, 256), np.float32),
+    np.empty((0, 3), np.int64),
     np.empty((0, texturing.KINDS, texturing.TABLE_COLUMNS), np.int64), np.empty((0, 2), np.float32),
     np.empty((0, texturing.KINDS, 6)),
 )  # fmt: skip
@@ -576,34 +596,50 @@ def _least_use(mesh: Mesh) -> AlphaUse:
 
 def _join_texels(
     textures: Sequence[tuple[Texture, AlphaUse]],
-) -> tuple[NDArray[np.float32], NDArray[np.int64], dict[_Picture, tuple[int, int]]]:
-    """Return the texels and levels of all images, and the first level and level count of each."""
+) -> tuple[
+    NDArray[np.float32], NDArray[np.uint8], NDArray[np.int64], dict[_Picture, tuple[_Place, _Codes]]
+]:
+    """Return the texels, codes and levels of all images, and where those of each are."""
     has_levels: dict[_Picture, bool] = {}
     for texture, use in textures:
         picture, wants = (texture.pyramid, use), texture.filter == "trilinear"
         has_levels[picture] = has_levels.get(picture, False) or wants
-    texels, levels, places, first_texel = [], [], {}, 0
+    levels: list[tuple[int, int, int]] = []
+    texels, codes, places = [], [np.empty(0, np.uint8)], {}
+    first_texel, first_code = 0, 0
     for (pyramid, use), wants in has_levels.items():
         texels.append(pyramid.prepared(use, wants))
         sizes = level_sizes(*pyramid.size) if wants else [pyramid.size]
-        places[pyramid, use] = (len(levels), len(sizes))
+        coded: _Codes = (0, 0, 0)
+        if use is None and pyramid.codes is not None:
+            codes.append(pyramid.codes.reshape(-1))
+            coded = (pyramid.codes.shape[2], first_code, CURVES[pyramid.color_space])
+            first_code += pyramid.codes.size
+        places[pyramid, use] = (len(levels), len(sizes)), coded
+        start = first_texel + len(texels[-1]) - sum(width * height for width, height in sizes)
         for width, height in sizes:
-            levels.append((first_texel, width, height))
-            first_texel += width * height
-    joined = writable(texels[0]) if len(texels) == 1 else np.concatenate(texels)
-    return joined, np.array(levels, np.int64), places
+            levels.append((start, width, height))
+            start += width * height
+        first_texel = start
+    return _join_arrays(texels), _join_arrays(codes), np.array(levels, np.int64), places
+
+
+def _join_arrays(arrays: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return arrays one after another; what is one alone is not copied."""
+    filled = [array for array in arrays if array.size] or arrays
+    return writable(filled[0]) if len(filled) == 1 else np.concatenate(filled)
 
 
 def _table_row(
-    texture: Texture | None, use: AlphaUse, places: dict[_Picture, tuple[int, int]]
+    texture: Texture | None, use: AlphaUse, places: dict[_Picture, tuple[_Place, _Codes]]
 ) -> tuple[int, ...]:
     """Return what ``Textures.table`` holds of one texture of one object."""
     if texture is None:
         return ABSENT
     wraps = (WRAPS[wrap] for wrap in texture.wrap)
     alpha = {None: texturing.PLAIN, WEIGHTED: texturing.WEIGHTED}.get(use, texturing.MASK)
-    place = places[texture.pyramid, use]
-    return (*place, *wraps, FILTERS[texture.filter], texture.anisotropy, alpha)
+    place, coded = places[texture.pyramid, use]
+    return (*place, *wraps, FILTERS[texture.filter], texture.anisotropy, alpha, *coded)
 
 
 def _transform_row(texture: Texture | None) -> tuple[float, ...]:

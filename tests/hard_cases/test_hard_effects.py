@@ -296,15 +296,15 @@ def draw_picture(filter, pixels):
 @pytest.fixture
 def poisoned(monkeypatch):
     """Make every texel of the coarser mip levels NaN, so that reading one is seen."""
-    chain_of = Pyramid.chain
+    prepared_by = Pyramid.prepared
 
-    def with_poison(pyramid):
-        chain = np.array(chain_of(pyramid))
+    def with_poison(pyramid, alpha, has_levels):
+        texels = np.array(prepared_by(pyramid, alpha, has_levels))
         width, height = pyramid.size
-        chain[width * height :] = np.nan
-        return chain
+        texels[0 if pyramid.codes is not None else width * height :] = np.nan
+        return texels
 
-    monkeypatch.setattr(Pyramid, "chain", with_poison)
+    monkeypatch.setattr(Pyramid, "prepared", with_poison)
 
 
 @pytest.mark.case("G04")

@@ -288,21 +288,31 @@ def test_a_repeated_texture_of_one_level_is_read_as_any_other(u, v, size):
     )
 
 
+@settings(max_examples=300)
+@given(u=ANY_FLOAT, v=ANY_FLOAT, size=st.tuples(ANY_SIZE, ANY_SIZE))
+@example(u=-(2.0**-60), v=1.0 - 2.0**-53, size=(3, 5))
+@example(u=0.0, v=-0.0, size=(1, 1))
+@example(u=math.inf, v=math.nan, size=(7, 2))
+def test_the_texel_of_a_repeated_texture_is_found_as_any_other(u, v, size):
+    level, repeat = (1000, *size), WRAPS["repeat"]
+    wanted, _ = naive.texels_around(level, u, v, (repeat, repeat), 0.0)
+    assert naive.repeated_at(level, u, v) == wanted[0]
+
+
 @pytest.mark.parametrize("runs", [(32,), (16, 16), (20, 1, 11), (1,) * 32, (15, 9, 8)])
-@pytest.mark.parametrize("up", [0, 1])
-def test_runs_of_a_level_read_the_texels_of_each_sample(runs, up):
+@pytest.mark.parametrize("coarser_by", [0, 1])
+def test_runs_of_a_level_read_the_texels_of_each_sample(runs, coarser_by):
     rng, wraps = np.random.default_rng(len(runs)), (WRAPS["repeat"],) * 2
     levels = np.array([(100, 8, 4), (132, 4, 2), (140, 2, 1), (142, 1, 1)])
     details = np.repeat(rng.permutation(np.arange(len(runs)) % 4), runs)
     u, v = rng.uniform(-3.0, 3.0, (2, 32))
-    numbers, shares, _ = texture_lookup.lookup_memory(32)
+    numbers, shares, *_ = texture_lookup.lookup_memory(32)
     numbers[texture_lookup.LEVEL] = details
     corners = tuple(numbers[texture_lookup.CORNERS :])
-    texture_lookup.find_texels(
-        u, v, True, up, True, wraps, (0, 3), levels, numbers, shares, corners
-    )
+    row = np.array((0, 4, *wraps, texturing.TRILINEAR, 1, texturing.PLAIN, 0, 0, 0))
+    texture_lookup.find_texels(u, v, True, coarser_by, row, levels, numbers, shares)
     for n, detail in enumerate(details):
-        level = levels[min(detail + up, 3)] - (100, 0, 0)
+        level = levels[min(detail + coarser_by, 3)] - (100, 0, 0)
         texels, apart = naive.texels_around(level, u[n], v[n], wraps, 0.5)
         assert [corner[n] // HALVES for corner in corners] == list(texels)
         found = shares[[texture_lookup.ALONG, texture_lookup.UPWARD], n]

@@ -66,6 +66,14 @@ def repeated_around(level, u, v):
     return tuple((texels[:, 0] // HALVES).tolist()), shares[:, 0].tolist()
 
 
+def repeated_at(level, u, v):
+    """Return the texel of a repeated picture that the engine finds at a place."""
+    (u, v), texels = np.float64([[u], [v]]), np.empty(1, np.int32)
+    with np.errstate(invalid="ignore"):
+        texture_lookup.find_repeated_texel(u, v, tuple(np.int32(level)), texels)
+    return int(texels[0]) // HALVES
+
+
 def nearest(image, u, v, wraps):
     x = position(u, len(image[0]), wraps[0])
     y = position(v, len(image), wraps[1])

@@ -12,7 +12,7 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.surface import uv_derivatives
-from rasterjit.pipeline.surface.texture_lookup import SCRATCH_ROWS, STEPS, U
+from rasterjit.pipeline.surface.texture_lookup import RIGHT_U, SCRATCH_ROWS, U
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
@@ -221,11 +221,11 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
         np.ascontiguousarray(geometry.xy[:3]).reshape(6, 1),
     )
     uv_derivatives.mix_steps(
-        *places[STEPS : STEPS + 4, :1], *places[U : U + 2, :1], *corner_places, *corner_points,
+        *places[RIGHT_U : RIGHT_U + 4, :1], *places[U : U + 2, :1], *corner_places, *corner_points,
         *np.ones((3, 1)), *np.int32([[25], [20]]), viewport.grid_bits, 1.0, True,
     )  # fmt: skip
     want = np.concatenate([found[1] - found[0], found[2] - found[0]])
-    assert places[STEPS : STEPS + 4, 0] == pytest.approx(want, abs=1e-12)
+    assert places[RIGHT_U : RIGHT_U + 4, 0] == pytest.approx(want, abs=1e-12)
 
 
 def test_holes_lie_where_the_affine_alpha_says():

@@ -166,13 +166,13 @@ def test_arrays_of_meshes_textures_and_nodes_cannot_be_written_to(cube, copied):
         material=rj.Material(base_color_texture=rj.Texture(np.ones((2, 2)))),
     )  # fmt: skip
     mesh.vertex_normals()
-    mesh.material.base_color_texture.pyramid.chain()
+    mesh.material.base_color_texture.pyramid.levels()
     node = copied(rj.Node(mesh, np.eye(4), "box"))
     mesh = copied(node.mesh)
     texture = copied(mesh.material.base_color_texture)
     for array in (
         node.world_from_model, mesh.vertices, mesh.faces, mesh.vertex_colors, mesh.uv,
-        mesh.vertex_normals(), texture.image, texture.pyramid.chain(),
+        mesh.vertex_normals(), texture.image, texture.levels[1],
     ):  # fmt: skip
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0

@@ -232,7 +232,7 @@ class Properties:
             stack = [
                 textured[index].image
                 if index in textured
-                else np.broadcast_to(constant[index], texture.image.shape)
+                else np.broadcast_to(constant[index], (*texture.size[::-1], 4))
                 for index in order
             ]
             mixed = _blend(stack, [methods[index] for index in order], has_material)

@@ -3,7 +3,8 @@ Define texture filtering: wrap modes, mip level and anisotropic footprint of a s
 
 Coordinate u runs right and v up. They are reduced to one period in float64 before they are scaled
 to texels, so nothing is lost far from 0 but what float32 coordinates have lost already. Texels lie
-row by row from the top of the picture, as linear RGBA.
+row by row from the top of the picture, as linear RGBA, or as codes of 8 bits that become linear
+light by a table.
 
 The level of detail is ``log2 rho``; rho is the longer of the two steps on the picture, in texels,
 that one pixel to the right and one pixel down make. They are the exact derivatives of the
@@ -56,8 +57,12 @@ PLAIN, WEIGHTED, MASK = 0, 1, 2
 """Uses of alpha, as ``Textures.table`` numbers them; see ``mip_levels``."""
 
 FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER, ANISOTROPY, ALPHA_USE = range(7)
+CODE_CHANNELS, FIRST_CODE, CODE_CURVE = 7, 8, 9
 """Columns of ``Textures.table``."""
-TABLE_COLUMNS = 7
+TABLE_COLUMNS = 10
+
+SRGB, SHARES, OPAQUE = 0, 1, 2
+"""Rows of ``Textures.curves``: sRGB; shares of 1, as codes of alpha are; 1 for any code."""
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Textures.levels``."""

@@ -3,8 +3,8 @@ Look up textures for a part of a row, in vectorized passes over rows of scratch 
 
 ``texture_filters`` has the formulas; here they are branchless. Wrap modes are numbers (`axis_rule`,
 `texel_rule`), and every sample has the size of its own mip level. Positions are float64, texel
-indices int32, from the texture's first. Only the texel fetch goes sample by sample, four channels
-at once; colours come out as one row per channel.
+indices int32, from the texture's first. Only the texel fetch goes sample by sample: four channels
+at once of floats, code by code of codes. Colours come out as one row per channel.
 """
 
 from __future__ import annotations
@@ -17,9 +17,15 @@ from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Textures
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
-from rasterjit.pipeline.surface.sample_block import OWNER as OF
 from rasterjit.pipeline.surface.sample_block import PLACE_OWNER, SEGMENTS, START, STOP, Block
-from rasterjit.runtime.intrinsics import CHANNELS, HALVES, copy_texels, mix_texels, part, range_end
+from rasterjit.runtime.intrinsics import (
+    CHANNELS,
+    HALVES,
+    copy_texels,
+    mix_texels,
+    part,
+    range_end,
+)
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int64
 
@@ -27,18 +33,16 @@ U, V = 0, 1
 """Rows of places: texture coordinates."""
 OWNER = PLACE_OWNER
 """Row: the object."""
-STEPS = 3
-"""Four rows: what the next sample to the right adds to u and v, and the next down; for levels."""
+RIGHT_U, RIGHT_V, DOWN_U, DOWN_V = 3, 4, 5, 6
+"""Rows: what the next sample to the right adds to u and v, and the next down; for mip levels."""
 MOVED_U, MOVED_V = 7, 8
 """Rows: coordinates after the current texture's transform."""
 TAP_U, TAP_V = 9, 10
-"""Rows: those of one tap of a footprint."""
-WAY_U, WAY_V = 11, 12
+"""Rows: those of one tap. While mip levels are chosen, these four hold moved steps."""
+AXIS_U, AXIS_V = 11, 12
 """Rows: the axis along which the taps of a footprint lie."""
-LONGEST = 13
+STEP_SQUARED = 13
 """Row: the squared length that determines the level of detail, texels."""
-MOVED_STEPS = (MOVED_U, MOVED_V, TAP_U, TAP_V)
-"""Rows, free while mip levels are chosen: steps after the current texture's transform."""
 SCRATCH_ROWS = 14
 
 LEVEL, TAPS = 0, 1
@@ -68,6 +72,9 @@ EVEN_RUN = 16
 
 NEAR_TEXELS = 1 << 15
 """Textures of up to so many texels, 512 KiB, stay in the caches near the core."""
+
+CODES = 256
+"""Entries of a curve: codes of 8 bits."""
 
 
 @helper
@@ -165,14 +172,14 @@ def find_corners(
 
 @disjoint_helper
 def find_repeated(
-    u, v, own, along, upward, low_left, low_right, high_left, high_right
+    u, v, level, along, upward, low_left, low_right, high_left, high_right
 ):  # fmt: skip
     """
     Write what `find_positions` and `find_corners` do, of one level of a picture that is repeated.
 
     Takes its first texel, its width and its height.
     """
-    first, width, height = own
+    first, width, height = level
     across, up = (
         np.float64(width) * texturing.TEXEL_STEPS,
         np.float64(height) * texturing.TEXEL_STEPS,
@@ -202,6 +209,32 @@ def find_repeated(
 
 
 @disjoint_helper
+def find_repeated_texel(u, v, level, texels):
+    """
+    Write the texel that holds each position, of one level of a picture that is repeated.
+
+    Takes its first texel, its width and its height.
+    """
+    first, width, height = level
+    across, up = (
+        np.float64(width) * texturing.TEXEL_STEPS,
+        np.float64(height) * texturing.TEXEL_STEPS,
+    )
+    none, bottom = np.int32(0), np.int32(height - np.int32(1))
+    for n in range(u.shape[0]):
+        x, y = u[n] - np.floor(u[n]), v[n] - np.floor(v[n])
+        # NaN and infinity give the middle of texel 0.
+        x = np.floor(x * across + 0.5) / texturing.TEXEL_STEPS if x == x else 0.5
+        y = np.floor(y * up + 0.5) / texturing.TEXEL_STEPS if y == y else 0.5
+        column, row = np.int32(x), np.int32(y)
+        # Rounded up, they may be the first of the next period.
+        column, row = column if column < width else none, row if row < height else none
+        # Rows of texels run down.
+        row = np.int32(np.int32(bottom - row) * width)
+        texels[n] = np.int32(HALVES * np.int32(first + np.int32(row + column)))
+
+
+@disjoint_helper
 def fill_level(first, width, height, firsts, widths, heights):
     """Write first texel and size of one level for all samples."""
     for n in range(firsts.shape[0]):
@@ -218,25 +251,24 @@ def differences(values, count):
 
 
 @disjoint_helper
-def runs_of(values):
+def count_runs(values):
     """Return how many runs of equal values there are."""
-    found = np.int32(1)
+    count = np.int32(1)
     for n in range(values.shape[0] - 1):
-        found += np.int32(values[n] != values[n + 1])
-    return found
+        count += np.int32(values[n] != values[n + 1])
+    return count
 
 
 @helper
-def take_levels(size, up, own, levels, numbers):
+def gather_levels(size, coarser_by, first, last, levels, numbers):
     """
-    Write first texel and size of each sample's mip level plus ``up``, at most the last.
+    Write first texel and size of each sample's mip level, or of that ``coarser_by`` 1.
 
-    Takes the texture's first level, whose first texel indices are relative to, and its last.
+    Takes the texture's first level, whose first texel the others' are counted from, and its last.
     """
-    first, last = own
     base = levels[first, texturing.FIRST_TEXEL]
     for n in range(np.uintp(size)):
-        level = np.uintp(min(np.int64(numbers[LEVEL, n]) + up, last))
+        level = np.uintp(min(np.int64(numbers[LEVEL, n]) + coarser_by, last))
         numbers[FIRST, n] = np.int32(levels[level, texturing.FIRST_TEXEL] - base)
         numbers[WIDTH, n] = np.int32(levels[level, texturing.LEVEL_WIDTH])
         numbers[HEIGHT, n] = np.int32(levels[level, texturing.LEVEL_HEIGHT])
@@ -295,22 +327,22 @@ def move_steps(u, v, transform, moved_u, moved_v):
 
 
 @disjoint_helper
-def find_longest(right_u, right_v, down_u, down_v, width, height, longest, taps):
+def measure_footprints(right_u, right_v, down_u, down_v, width, height, squared, taps):
     """Write the squared length of the longer step of each sample, in texels, and one tap."""
-    for n in range(longest.shape[0]):
+    for n in range(squared.shape[0]):
         right = texturing.length_squared((right_u[n], right_v[n]), width, height)
         down = texturing.length_squared((down_u[n], down_v[n]), width, height)
-        longest[n], taps[n] = max(right, down), np.int32(1)
+        squared[n], taps[n] = max(right, down), np.int32(1)
 
 
-@helper
-def divide_footprints(right_u, right_v, down_u, down_v, size, limit, longest, taps, way_u, way_v):
+@disjoint_helper
+def divide_footprints(right_u, right_v, down_u, down_v, size, limit, squared, taps, axis_u, axis_v):
     """Write length, taps and axis of each footprint; return the most taps of the first samples."""
     width, height, count = size
     most = np.int64(1)
     for n in range(count):
         right, down = (right_u[n], right_v[n]), (down_u[n], down_v[n])
-        longest[n], parts, (way_u[n], way_v[n]) = texturing.long_footprint(
+        squared[n], parts, (axis_u[n], axis_v[n]) = texturing.long_footprint(
             texturing.length_squared(right, width, height),
             texturing.length_squared(down, width, height), right, down, limit,
         )  # fmt: skip
@@ -320,10 +352,10 @@ def divide_footprints(right_u, right_v, down_u, down_v, size, limit, longest, ta
 
 
 @disjoint_helper
-def split_details(longest, count, first, levels, shares):
+def split_details(squared, count, first, levels, shares):
     """Write the finer level of each sample, and the share of the coarser."""
-    for n in range(longest.shape[0]):
-        detail = texturing.level_of_detail(longest[n])
+    for n in range(squared.shape[0]):
+        detail = texturing.level_of_detail(squared[n])
         finer, shares[n] = texturing.split_detail(detail, count)
         levels[n] = np.int32(first + finer)
 
@@ -338,46 +370,59 @@ def any_coarse(shares, count):
 
 
 @disjoint_helper
-def place_taps(u, v, k, taps, way_u, way_v, tap_u, tap_v):
+def place_taps(u, v, k, taps, axis_u, axis_v, tap_u, tap_v):
     """Write the position of tap ``k`` of each footprint."""
     for n in range(u.shape[0]):
-        tap_u[n], tap_v[n] = texturing.tap_place((u[n], v[n]), (way_u[n], way_v[n]), k, taps[n])
+        tap_u[n], tap_v[n] = texturing.tap_place((u[n], v[n]), (axis_u[n], axis_v[n]), k, taps[n])
 
 
 @helper
-def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, shares, corners):
-    """Write the texels of its level around each position, and their weights."""
-    size, base = u.shape[0], levels[own[0], texturing.FIRST_TEXEL]
-    details, start, level = part(numbers, LEVEL, 0, size), np.int64(0), own[0]
-    is_quick = is_smooth and wraps[0] == texturing.REPEAT and wraps[1] == texturing.REPEAT
-    if is_quick and (not is_mipped or runs_of(details) * EVEN_RUN <= size):
+def find_texels(u, v, is_mipped, coarser_by, row, levels, numbers, shares):
+    """
+    Write the texels around each position, and their weights.
+
+    They are of the sample's level, or of that ``coarser_by`` 1, in rows `CORNERS`; one texel if the
+    texture is not filtered.
+    """
+    size, level, start = u.shape[0], row[texturing.FIRST_LEVEL], np.int64(0)
+    base, last = levels[level, texturing.FIRST_TEXEL], level + row[texturing.LEVEL_COUNT] - 1
+    is_smooth = row[texturing.FILTER] != texturing.NEAREST
+    details, corners = part(numbers, LEVEL, 0, size), rows_of(numbers, CORNERS, 0, size)
+    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
+    is_repeated = (
+        row[texturing.WRAP_U] == texturing.REPEAT and row[texturing.WRAP_V] == texturing.REPEAT
+    )
+    if is_repeated and (not is_mipped or count_runs(details) * EVEN_RUN <= size):
         while start < size:
             end = size
             if is_mipped:
                 finer = details[start]
                 end = range_end(details, start, finer, np.int32(finer + np.int32(1)))
-                level = min(np.int64(finer) + up, own[1])
+                level = min(np.int64(finer) + coarser_by, last)
             texel, width, height = texturing.level_at(levels, level)
-            find_repeated(
-                u[start:end], v[start:end],
-                (np.int32(texel - base), np.int32(width), np.int32(height)),
-                part(shares, ALONG, start, end), part(shares, UPWARD, start, end),
-                part(numbers, CORNERS, start, end), part(numbers, CORNERS + 1, start, end),
-                part(numbers, CORNERS + 2, start, end), part(numbers, CORNERS + 3, start, end),
-            )  # fmt: skip
+            extent = np.int32(texel - base), np.int32(width), np.int32(height)
+            if is_smooth:
+                find_repeated(
+                    u[start:end], v[start:end], extent,
+                    part(shares, ALONG, start, end), part(shares, UPWARD, start, end),
+                    part(numbers, CORNERS, start, end), part(numbers, CORNERS + 1, start, end),
+                    part(numbers, CORNERS + 2, start, end), part(numbers, CORNERS + 3, start, end),
+                )  # fmt: skip
+            else:
+                find_repeated_texel(u, v, extent, corners[0])
             start = end
         return
-    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
     firsts, widths, heights = (
         part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size), part(numbers, HEIGHT, 0, size)
     )  # fmt: skip
     if is_mipped:
-        take_levels(size, up, own, levels, numbers)
+        gather_levels(size, coarser_by, level, last, levels, numbers)
     else:
         texel, width, height = texturing.level_at(levels, level)
         fill_level(
             np.int32(texel - base), np.int32(width), np.int32(height), firsts, widths, heights
         )
+    wraps = row[texturing.WRAP_U], row[texturing.WRAP_V]
     columns, rows = part(numbers, COLUMN, 0, size), part(numbers, ROW, 0, size)
     find_positions(
         u, v, widths, heights, (axis_rule(wraps[0]), axis_rule(wraps[1])),
@@ -389,53 +434,80 @@ def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, sha
     )  # fmt: skip
 
 
+@disjoint_helper
+def fill_row(numbers, number):
+    """Write a number at all samples."""
+    for n in range(numbers.shape[0]):
+        numbers[n] = number
+
+
 @helper
-def read_level(is_smooth, own, textures, corners, shares, target):
-    """Write the filtered colours at positions."""
-    size, base = corners[0].shape[0], textures.levels[own[0], texturing.FIRST_TEXEL]
-    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
-    _, width, height = texturing.level_at(textures.levels, own[0])
+def codes_of(row, textures):
+    """Return the level 0 of a picture of codes, as `mix_texels` takes it; of floats, no texel."""
+    step, count = row[texturing.CODE_CHANNELS], np.int64(0)
+    if step > 0:
+        _, width, height = texturing.level_at(textures.levels, row[texturing.FIRST_LEVEL])
+        count = width * height
+    # Grey has one code for all three colours.
+    to_green = np.int64(1 if step > 2 else 0)
+    alphas = np.int64(texturing.SHARES if step % 2 == 0 else texturing.OPAQUE)
+    return (
+        textures.codes, row[texturing.FIRST_CODE], step, (to_green, 2 * to_green, step - 1),
+        textures.curves, CODES * row[texturing.CODE_CURVE], CODES * alphas, HALVES * count,
+    )  # fmt: skip
+
+
+@helper
+def read_level(row, textures, numbers, shares, target):
+    """Write the filtered colours at positions whose texels are known."""
+    size = target[0].shape[0]
+    start, width, height = texturing.level_at(textures.levels, row[texturing.FIRST_LEVEL])
+    corners, coded = rows_of(numbers, CORNERS, 0, size), codes_of(row, textures)
+    weights = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
+    is_smooth = row[texturing.FILTER] != texturing.NEAREST
     is_far = width * height > NEAR_TEXELS
     for n in range(0, size, CHANNELS):
         if is_smooth:
-            mix_texels(textures.texels, base, corners, (along, upward), is_far, target, n)
+            mix_texels(textures.texels, start, corners, coded, weights, is_far, target, n)
         else:
-            copy_texels(textures.texels, base, corners[0], target, n)
+            copy_texels(textures.texels, start, corners[0], coded, target, n)
 
 
 @helper
 def read_taps(
-    u, v, first, is_mipped, depth, most, is_smooth, wraps, own, textures, places, numbers, shares,
-    colors,
+    u, v, first, is_mipped, level_count, tap_count, row, textures, places, lookup
 ):  # fmt: skip
-    """Write the colours of neighbouring samples of one texture whose levels are known."""
-    size = u.shape[0]
+    """
+    Write the colours of neighbouring samples of one texture whose levels are known.
+
+    Takes how many levels are mixed, one or two, and the most taps of any sample.
+    """
+    size, (numbers, shares, colors) = u.shape[0], lookup
     # The colour of a lone tap is the result.
-    row, start, tap_u, tap_v = np.int64(SHOWN), first, u, v
-    if most > 1:
-        row, start = np.int64(TAP), np.int64(0)
+    tap_row, start, tap_u, tap_v = np.int64(SHOWN), first, u, v
+    if tap_count > 1:
+        tap_row, start = np.int64(TAP), np.int64(0)
         tap_u, tap_v = part(places, TAP_U, 0, size), part(places, TAP_V, 0, size)
-    taps, corners = part(numbers, TAPS, 0, size), rows_of(numbers, CORNERS, 0, size)
-    for k in range(most):
-        if most > 1:
+    taps = part(numbers, TAPS, 0, size)
+    for k in range(tap_count):
+        if tap_count > 1:
             place_taps(
-                u, v, k, taps, part(places, WAY_U, 0, size), part(places, WAY_V, 0, size), tap_u,
+                u, v, k, taps, part(places, AXIS_U, 0, size), part(places, AXIS_V, 0, size), tap_u,
                 tap_v,
             )  # fmt: skip
-        for up in range(depth):
-            find_texels(
-                tap_u, tap_v, is_mipped, up, is_smooth, wraps, own, textures.levels, numbers,
-                shares, corners,
-            )  # fmt: skip
-            at, begin = (row, start) if up == 0 else (np.int64(COARSE), np.int64(0))
-            target = rows_of(colors, at, begin, begin + size)
-            read_level(is_smooth, own, textures, corners, shares, target)
+        for coarser_by in range(level_count):
+            find_texels(tap_u, tap_v, is_mipped, coarser_by, row, textures.levels, numbers, shares)
+            is_finer = coarser_by == 0
+            target_row = tap_row if is_finer else np.int64(COARSE)
+            begin = start if is_finer else np.int64(0)
+            target = rows_of(colors, target_row, begin, begin + size)
+            read_level(row, textures, numbers, shares, target)
         for i in range(CHANNELS):
-            tap = part(colors, row + i, start, start + size)
-            if depth > 1:
+            tap = part(colors, tap_row + i, start, start + size)
+            if level_count > 1:
                 coarse = part(colors, COARSE + i, 0, size)
                 add_coarse(part(shares, COARSER, 0, size), coarse, tap)
-            if most > 1:
+            if tap_count > 1:
                 add_tap(k, taps, tap, part(colors, SHOWN + i, first, first + size))
 
 
@@ -453,25 +525,22 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
         part(shares, COARSER, 0, size),
         part(numbers, TAPS, 0, size),
     )
-    right_u, right_v = part(places, STEPS, first, stop), part(places, STEPS + 1, first, stop)
-    down_u, down_v = part(places, STEPS + 2, first, stop), part(places, STEPS + 3, first, stop)
+    right_u, right_v, down_u, down_v = rows_of(places, RIGHT_U, first, stop)
     if textures.transforms.shape[0] > 0:
-        transform = textures.transforms[owner, kind]
-        own, moved = (right_u, right_v, down_u, down_v), MOVED_STEPS
-        right_u, right_v = places[moved[0], :size], places[moved[1], :size]
-        down_u, down_v = places[moved[2], :size], places[moved[3], :size]
-        move_steps(own[0], own[1], transform, right_u, right_v)
-        move_steps(own[2], own[3], transform, down_u, down_v)
+        transform, moved = textures.transforms[owner, kind], rows_of(places, MOVED_U, 0, size)
+        move_steps(right_u, right_v, transform, moved[0], moved[1])
+        move_steps(down_u, down_v, transform, moved[2], moved[3])
+        right_u, right_v, down_u, down_v = moved
     _, width, height = texturing.level_at(textures.levels, level)
-    longest, most = part(places, LONGEST, 0, size), np.int64(1)
-    find_longest(right_u, right_v, down_u, down_v, width, height, longest, taps)
+    squared, tap_count = part(places, STEP_SQUARED, 0, size), np.int64(1)
+    measure_footprints(right_u, right_v, down_u, down_v, width, height, squared, taps)
     if row[texturing.ANISOTROPY] > 1:
-        most = divide_footprints(
+        tap_count = divide_footprints(
             right_u, right_v, down_u, down_v, (width, height, count), row[texturing.ANISOTROPY],
-            longest, taps, part(places, WAY_U, 0, size), part(places, WAY_V, 0, size),
+            squared, taps, part(places, AXIS_U, 0, size), part(places, AXIS_V, 0, size),
         )  # fmt: skip
-    split_details(longest, np.int32(row[texturing.LEVEL_COUNT]), level, levels, coarser)
-    return most
+    split_details(squared, np.int32(row[texturing.LEVEL_COUNT]), level, levels, coarser)
+    return tap_count
 
 
 @helper
@@ -486,24 +555,21 @@ def places_seen(first, size, owner, kind, textures, places):
 
 
 @helper
-def read_one_texture(first, count, owner, kind, textures, places, numbers, shares, colors):
+def read_one_texture(first, count, owner, kind, textures, places, lookup):
     """Look up one object's texture at neighbouring samples; white without one."""
+    numbers, shares, colors = lookup
     row, size = textures.table[owner, kind], whole_vectors(count)
     if row[texturing.FIRST_LEVEL] < 0:
-        shown = rows_of(colors, SHOWN, first, first + size)
-        fill_white(shown[0], shown[1], shown[2], shown[3])
+        for i in range(CHANNELS):
+            fill_row(part(colors, SHOWN + i, first, first + size), np.float32(1.0))
         return
-    most, depth, is_mipped = np.int64(1), np.int64(1), row[texturing.FILTER] == texturing.TRILINEAR
+    tap_count, level_count = np.int64(1), np.int64(1)
+    is_mipped = row[texturing.FILTER] == texturing.TRILINEAR
     if is_mipped:
-        most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
-        depth = np.int64(2 if any_coarse(shares, count) else 1)
+        tap_count = find_levels(first, count, owner, kind, textures, places, numbers, shares)
+        level_count = np.int64(2 if any_coarse(shares, count) else 1)
     u, v = places_seen(first, size, owner, kind, textures, places)
-    own = row[texturing.FIRST_LEVEL], row[texturing.FIRST_LEVEL] + row[texturing.LEVEL_COUNT] - 1
-    read_taps(
-        u, v, first, is_mipped, depth, most, row[texturing.FILTER] != texturing.NEAREST,
-        (row[texturing.WRAP_U], row[texturing.WRAP_V]), own, textures, places, numbers, shares,
-        colors,
-    )  # fmt: skip
+    read_taps(u, v, first, is_mipped, level_count, tap_count, row, textures, places, lookup)
     if row[texturing.ALPHA_USE] == texturing.WEIGHTED:
         shown = rows_of(colors, SHOWN, first, first + size)
         for i in range(CHANNELS - 1):
@@ -521,14 +587,6 @@ def owner_end(owners, first, count):
     return end
 
 
-@disjoint_helper
-def fill_white(red, green, blue, alpha):
-    """Write opaque white."""
-    one = np.float32(1.0)
-    for n in range(red.shape[0]):
-        red[n], green[n], blue[n], alpha[n] = one, one, one, one
-
-
 @helper
 def show_textures(places, lookup, count, kind, textures):
     """
@@ -537,7 +595,7 @@ def show_textures(places, lookup, count, kind, textures):
     Parameters
     ----------
     places : (SCRATCH_ROWS, W) float64
-        Reads rows U, V, OWNER and STEPS of ``count`` samples.
+        Reads rows U, V, OWNER and RIGHT_U of ``count`` samples.
     lookup : tuple
         What `lookup_memory` gave. Writes rows SHOWN of the last: linear RGBA.
     count : int
@@ -545,14 +603,12 @@ def show_textures(places, lookup, count, kind, textures):
         ``BASE_COLOR`` ... ``EMISSIVE``. All of this is compiled into every place that calls it.
     textures : Textures
     """
-    numbers, shares, colors = lookup
     first = np.int64(0)
     while first < count:
         end = owner_end(places[OWNER], first, count)
         read_one_texture(
-            first, end - first, np.int64(places[OWNER, first]), kind, textures, places, numbers,
-            shares, colors,
-        )  # fmt: skip
+            first, end - first, np.int64(places[OWNER, first]), kind, textures, places, lookup
+        )
         first = end
 
 
@@ -590,7 +646,11 @@ def multiply_textures_below_highlights(
     samples, shown = block.samples, block.colors
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
-        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.uintp(segment[OF])
+        s, e, owner = (
+            np.int64(segment[START]),
+            np.int64(segment[STOP]),
+            np.uintp(segment[rows.OWNER]),
+        )
         is_lit = np.int64(materials[owner, MATERIAL_MODEL]) == GOURAUD
         for i in range(3):
             colors, texels = part(samples, rows.RED + i, s, e), part(shown, SHOWN + i, s, e)

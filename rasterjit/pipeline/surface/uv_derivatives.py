@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface.barycentric_weights import span_start
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_filters import FILTER, FIRST_LEVEL, TRILINEAR
-from rasterjit.pipeline.surface.texture_lookup import STEPS, U, V
+from rasterjit.pipeline.surface.texture_lookup import DOWN_U, DOWN_V, RIGHT_U, RIGHT_V, U, V
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int64
@@ -79,8 +79,8 @@ def note_clipped_steps(places, n, a, b, c, column, row, uv, clip_positions, view
         texturing.vertex_place(uv, a), texturing.vertex_place(uv, b), texturing.vertex_place(uv, c)
     )  # fmt: skip
     place = places[U, n], places[V, n]
-    places[STEPS, n], places[STEPS + 1, n] = texturing.place_step(right, place, pa, pb, pc)
-    places[STEPS + 2, n], places[STEPS + 3, n] = texturing.place_step(down, place, pa, pb, pc)
+    places[RIGHT_U, n], places[RIGHT_V, n] = texturing.place_step(right, place, pa, pb, pc)
+    places[DOWN_U, n], places[DOWN_V, n] = texturing.place_step(down, place, pa, pb, pc)
 
 
 @disjoint_helper
@@ -223,7 +223,7 @@ def find_steps_of_mixed(segment, block, viewport, is_affine):
     s = np.int64(segment[sample_block.START])
     e = s + whole_vectors(segment[sample_block.STOP] - s)
     mix_steps(
-        *three_parts(places, STEPS, s, e), part(places, STEPS + 3, s, e), part(places, U, s, e),
+        *three_parts(places, RIGHT_U, s, e), part(places, DOWN_V, s, e), part(places, U, s, e),
         part(places, V, s, e), *six_parts(single, 0, s, e),
         *six_parts(whole, sample_block.AX, s, e),
         *three_parts(real, 0, s, e), part(whole, sample_block.COLUMN, s, e),
@@ -241,7 +241,7 @@ def find_steps_of_span(segment, block, uv, viewport, xy, codes, w):
     if (codes[a] | codes[b] | codes[c]) & CLIPPED:
         return
     fill_steps(
-        *three_parts(places, STEPS, s, e), part(places, STEPS + 3, s, e), part(places, U, s, e),
+        *three_parts(places, RIGHT_U, s, e), part(places, DOWN_V, s, e), part(places, U, s, e),
         part(places, V, s, e), ends, span_start(a, b, c, column, row, bits, xy, w), bits,
         viewport.spacing, w.shape[0] == 0,
     )  # fmt: skip
@@ -267,7 +267,7 @@ def find_steps_of_clipped(segment, whole, places, uv, codes, clip_positions, vie
                 texturing.vertex_place(uv, c),
             )  # fmt: skip
             fill_clipped_steps(
-                *three_parts(places, STEPS, s, e), part(places, STEPS + 3, s, e),
+                *three_parts(places, RIGHT_U, s, e), part(places, DOWN_V, s, e),
                 part(places, U, s, e), part(places, V, s, e), (a, b, c), ends,
                 np.float64(whole[sample_block.COLUMN, s]), np.int64(whole[sample_block.ROW, s]),
                 clip_positions, viewport,

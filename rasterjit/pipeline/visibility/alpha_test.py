@@ -40,7 +40,7 @@ from rasterjit.pipeline.surface.texture_filters import (
     MASK,
     TRILINEAR,
 )
-from rasterjit.pipeline.surface.texture_lookup import SHOWN, STEPS, U, V, show_textures
+from rasterjit.pipeline.surface.texture_lookup import DOWN_V, RIGHT_U, SHOWN, U, V, show_textures
 from rasterjit.pipeline.visibility.hashed_alpha import keep_share
 from rasterjit.runtime.intrinsics import (
     LANES,
@@ -213,7 +213,7 @@ def find_coordinates(
         return
     viewport = geometry.viewport
     uv_derivatives.mix_steps(
-        *three_parts(places, STEPS, 0, size), part(places, STEPS + 3, 0, size),
+        *three_parts(places, RIGHT_U, 0, size), part(places, DOWN_V, 0, size),
         part(places, U, 0, size), part(places, V, 0, size), *six_parts(single, 0, 0, size),
         *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
         part(whole, at.COLUMN, 0, size), part(whole, at.ROW, 0, size), viewport.grid_bits,

@@ -125,8 +125,8 @@ def keep_share(count, cutoff, textures, owner, kind, places, lookup):
     numbers, shares, colors = lookup
     row, size = textures.table[owner, kind], whole_vectors(count)
     first = row[FIRST_LEVEL]
-    texture_lookup.take_levels(
-        size, 0, (first, first + row[LEVEL_COUNT] - 1), textures.levels, numbers
+    texture_lookup.gather_levels(
+        size, 0, first, first + row[LEVEL_COUNT] - 1, textures.levels, numbers
     )
     u, v = texture_lookup.places_seen(0, size, owner, kind, textures, places)
     compare_with_share(
