@@ -21,7 +21,7 @@ from viewing import click, picture_of_window, press, viewing, wait_until  # noqa
 WIDTH, HEIGHT = 900, 560
 """Of the window, CSS pixels."""
 
-PICKED = (300, 300)
+PICK_OUTPUTS = (300, 300)
 """Where the pointer clicks on the teapot."""
 
 MAX_COLORS = 256
@@ -51,7 +51,7 @@ def main(folder: Path) -> None:
         wait_until(page, f"picture.dataset.kind === 'png' && picture.width === {WIDTH}")
         wait_until(page, "picture.dataset.done === 'true'")
         press(page, "i")  # Hides the line below, whose time is this machine's.
-        click(page, *PICKED)
+        click(page, *PICK_OUTPUTS)
         time.sleep(2.0)
         picture_of_window(page, folder / "page.png")
     with Image.open(folder / "page.png") as image:

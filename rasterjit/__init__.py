@@ -147,7 +147,7 @@ __all__ = sorted({*_MODULE_OF, *_MODULES} - {"mpl", "types"})
 
 
 class _Folder(list[str]):
-    """The package's folder, in which pydoc alone finds nothing: ``help`` would list the inside."""
+    """The package's folder, which pydoc sees as empty: ``help`` would list internal modules."""
 
     def __iter__(self) -> Iterator[str]:
         caller = sys._getframe(1)
@@ -159,7 +159,7 @@ __path__ = _Folder(__path__)
 
 
 def __dir__() -> list[str]:
-    """Name what is public, which ``help`` and completion list; what is inside stays importable."""
+    """List the public names for ``help`` and completion; internal ones stay importable."""
     loaded = [name for name in _MODULES if name in globals()]
     facts = [name for name, value in globals().items() if name[:2] == "__" and not callable(value)]
     return sorted({*__all__, "types", *loaded, *facts})

@@ -20,37 +20,37 @@ from importlib import _bootstrap
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-LONGEST_WAIT = 60.0
-"""Seconds that a fork waits at most, such as for a compiler in another thread."""
+MAX_WAIT = 60.0
+"""Most seconds that a fork waits, such as for a compiler in another thread."""
 
 PAUSE = 0.001
 """Seconds between two attempts to take all locks."""
 
 _LOCKS: weakref.WeakSet[Any] = weakref.WeakSet()
 _HELD_OVER_FORKS: list[Any] = []
-_HELD_NOW: list[Any] = []
+_ACQUIRED: list[Any] = []
 _IMPORTS = SimpleNamespace(release=_imp.release_lock)
 
 
 def lock() -> threading.Lock:
     """Return a lock that is free in a forked child."""
-    made = threading.Lock()
-    _LOCKS.add(made)
-    return made
+    result = threading.Lock()
+    _LOCKS.add(result)
+    return result
 
 
 def reentrant_lock() -> Any:
     """Return a reentrant lock that is free in a forked child."""
-    made = threading.RLock()
-    _LOCKS.add(made)
-    return made
+    result = threading.RLock()
+    _LOCKS.add(result)
+    return result
 
 
-def hold_over_forks(held: Any) -> Any:
+def hold_over_forks(guard: Any) -> Any:
     """Let forks wait for a lock, and free it in their children; return it."""
-    _LOCKS.add(held)
-    _HELD_OVER_FORKS.append(held)
-    return held
+    _LOCKS.add(guard)
+    _HELD_OVER_FORKS.append(guard)
+    return guard
 
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 else:
 
     class cached_property(functools.cached_property):  # noqa: N801
-        """A property that is worked out once, without a lock: two threads may both do it."""
+        """A cached property without a lock: two threads may both compute it."""
 
         def __get__(self, instance, owner=None):
             """Work it out, and keep it as an attribute; what came first is kept."""
@@ -71,21 +71,21 @@ def _is_importing() -> bool:
     """Tell whether another thread is in the middle of finding or importing a module."""
     # Python has no public name for these locks, each held by who imports the module.
     locks = [reference() for reference in list(_bootstrap._module_locks.values())]
-    return any(getattr(held, "owner", None) not in (None, threading.get_ident()) for held in locks)
+    return any(getattr(each, "owner", None) not in (None, threading.get_ident()) for each in locks)
 
 
 def _before_fork() -> None:
-    """Take the locks that forks wait for, all or none, so that nobody waits in a circle."""
-    until = time.monotonic() + LONGEST_WAIT
-    while time.monotonic() < until:
-        for held in _HELD_OVER_FORKS:
-            if not held.acquire(blocking=False):
+    """Acquire all locks that forks wait for, or none, to avoid a deadlock."""
+    deadline = time.monotonic() + MAX_WAIT
+    while time.monotonic() < deadline:
+        for guard in _HELD_OVER_FORKS:
+            if not guard.acquire(blocking=False):
                 break
-            _HELD_NOW.append(held)
+            _ACQUIRED.append(guard)
         else:
             # From here to the fork, no other thread begins an import.
             _imp.acquire_lock()
-            _HELD_NOW.append(_IMPORTS)
+            _ACQUIRED.append(_IMPORTS)
             if not _is_importing():
                 return
         _release()
@@ -93,19 +93,19 @@ def _before_fork() -> None:
 
 
 def _release() -> None:
-    """Let go of the locks in the parent."""
-    while _HELD_NOW:
-        _HELD_NOW.pop().release()
+    """Release the locks in the parent."""
+    while _ACQUIRED:
+        _ACQUIRED.pop().release()
 
 
-def _free_all() -> None:
+def _reset_locks() -> None:
     """Free all locks in a child."""
-    if _IMPORTS in _HELD_NOW:
+    if _IMPORTS in _ACQUIRED:
         _IMPORTS.release()
-    _HELD_NOW.clear()
-    for made in list(_LOCKS):
-        made._at_fork_reinit()
+    _ACQUIRED.clear()
+    for each in list(_LOCKS):
+        each._at_fork_reinit()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_before_fork, after_in_parent=_release, after_in_child=_free_all)
+    os.register_at_fork(before=_before_fork, after_in_parent=_release, after_in_child=_reset_locks)

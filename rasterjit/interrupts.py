@@ -10,7 +10,7 @@ import os
 import sys
 
 TYPE_CHECKING = False
-"""As the module typing says, which takes time to import."""
+"""Stands for ``typing.TYPE_CHECKING``: that module takes time to import."""
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -23,18 +23,18 @@ INTERRUPTED = 130
 def is_program() -> bool:
     """Tell whether this process was started as the command line."""
     try:
-        started, shown = sys.orig_argv[-len(sys.argv)], sys.argv[0]
+        started, script = sys.orig_argv[-len(sys.argv)], sys.argv[0]
     except (AttributeError, IndexError):
         return False
-    if shown == "-m":
+    if script == "-m":
         package = __name__.partition(".")[0]
         return started.removeprefix("-m") in (package, f"{package}.__main__")
-    stem = os.path.splitext(os.path.basename(shown))[0]
-    return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
+    stem = os.path.splitext(os.path.basename(script))[0]
+    return started == script and stem.removesuffix("-script") == __name__.partition(".")[0]
 
 
 def end_now(*_: Any) -> None:
-    """End the process: nothing has been begun, or all is done."""
+    """End the process with status `INTERRUPTED`: nothing has begun, or all is done."""
     try:
         os.write(2, b"error: interrupted\n")
     finally:
@@ -52,23 +52,23 @@ except KeyboardInterrupt:
     end_now()
 
 IMPORT_SYSTEM = "<frozen importlib._bootstrap>"
-"""Where Python imports modules."""
+"""File name of Python's import system in tracebacks."""
 
 PAUSE = 0.01
-"""Seconds after which an interrupt that came at a bad time comes again."""
+"""Seconds after which an interrupt during an import is repeated."""
 
-LONGEST_IMPORT = 5.0
-"""Seconds that an interrupt waits at most for an import."""
+MAX_IMPORT_WAIT = 5.0
+"""Most seconds that an interrupt waits for an import."""
 
 
-class _Interrupts:
+class _FirstInterrupt:
     """When the first one came."""
 
-    since: float | None = None
+    time: float | None = None
 
 
 def refuse(complaint: str | None) -> None:
-    """Refuse to be imported, if there is a complaint: the command line ends with one line."""
+    """Refuse to be imported if there is a complaint; the command line exits with one line."""
     if complaint is not None and is_program():
         sys.exit(f"error: {complaint}")
     if complaint is not None:
@@ -77,16 +77,16 @@ def refuse(complaint: str | None) -> None:
 
 def interrupt(number: int, frame: FrameType | None) -> None:
     """
-    Raise ``KeyboardInterrupt``, as Python does; while a module is imported, a little later.
+    Raise ``KeyboardInterrupt``; while a module is imported, a little later.
 
     Modules that are interrupted as they begin print tracebacks of their own, or raise other errors.
     """
     now = time.monotonic()
-    if _Interrupts.since is None:
-        _Interrupts.since = now
-    while frame is not None and now - _Interrupts.since < LONGEST_IMPORT:
+    if _FirstInterrupt.time is None:
+        _FirstInterrupt.time = now
+    while frame is not None and now - _FirstInterrupt.time < MAX_IMPORT_WAIT:
         if frame.f_code.co_filename == IMPORT_SYSTEM:
-            _come_again()
+            _interrupt_later()
             return
         frame = frame.f_back
     raise KeyboardInterrupt
@@ -94,23 +94,23 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 def raise_if_interrupted() -> None:
     """Raise ``KeyboardInterrupt`` if one came that others, as trimesh does, took for an error."""
-    if _Interrupts.since is not None:
+    if _FirstInterrupt.time is not None:
         raise KeyboardInterrupt
 
 
-def say_unraisable(unraisable: Any) -> None:
+def print_unraisable(unraisable: Any) -> None:
     """
-    Print what Python could not raise, as it does, unless Ctrl-C is behind it.
+    Print an unraisable exception as Python does, unless Ctrl-C caused it.
 
     An interrupt in a destructor comes again. After one, pipes that break tell nothing new.
     """
     if unraisable.exc_type is KeyboardInterrupt:
-        _come_again()
-    elif _Interrupts.since is None:
+        _interrupt_later()
+    elif _FirstInterrupt.time is None:
         sys.__unraisablehook__(unraisable)
 
 
-def _come_again() -> None:
+def _interrupt_later() -> None:
     """Interrupt this thread, the main one, after a pause."""
     thread = _thread.get_ident()
 
@@ -125,7 +125,7 @@ def _come_again() -> None:
     _thread.start_new_thread(come, ())
 
 
-def answer_with(handler: Any) -> None:
+def set_handler(handler: Any) -> None:
     """Handle Ctrl-C, unless whoever started the process has it ignored."""
     ours = (signal.default_int_handler, end_now, interrupt)
     # Not in the main thread: another's.
@@ -137,6 +137,6 @@ def answer_with(handler: Any) -> None:
 
 
 if is_program():
-    answer_with(end_now)
+    set_handler(end_now)
     # What is registered first comes last: then Python takes itself apart, and would be killed.
-    atexit.register(answer_with, signal.SIG_IGN)
+    atexit.register(set_handler, signal.SIG_IGN)

@@ -39,7 +39,7 @@ FILL_METHODS: dict[FillMethod, Callable[..., None]] = {
 }
 
 NO_DEPTH = np.empty((0, 0), np.float32)
-"""What a triangle without a depth test is given for depths."""
+"""Depths of a triangle without a depth test."""
 
 LINE_RANGE = (-(2**31), 2**31 - 1)
 """Smallest and largest coordinate of a line's end, pixels."""
@@ -54,7 +54,7 @@ FEW_PIXELS = 2**19
 """Up to this many pixels are drawn at once: to bin lines and to wake threads would cost more."""
 
 SEQUENCES = (tuple, list, np.ndarray, Sequence)
-"""What may hold numbers or colours; the commonest first."""
+"""Types of sequences of numbers or colours, the commonest first."""
 
 WHOLE_TYPES = frozenset({int, *(np.dtype(code).type for code in "bhilqBHILQ")})
 """Types of whole numbers."""
@@ -63,7 +63,7 @@ BAND_BYTES = 2**20
 """Most bytes of a band of rows: what a core has as a cache of its own."""
 
 MAX_BANDS = 64
-"""So many lists a line may be in, at most."""
+"""Most bands, and so most lists that a line may be in."""
 
 MIN_ROWS = 16
 """Fewest rows of a band; in thinner ones most lines would be drawn in pieces."""
@@ -387,7 +387,7 @@ class Framebuffer(Guarded):
 
 
 def _is_little(ends: NDArray[np.int64], most_steps: int) -> bool:
-    """Tell whether lines have few pixels, none of them more than ``most_steps`` that are seen."""
+    """Tell whether lines have so few pixels that they are drawn without bands."""
     if len(ends) * most_steps <= FEW_PIXELS:
         return True
     # To measure millions of lines would take a quarter of the time to draw them
@@ -440,7 +440,7 @@ def _bin_lines(
     width: int,
     bands: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return where each band's lines begin in a list, (bands + 1,), and the list."""
+    """Return the start of each band in a list of lines, (bands + 1,), and the list."""
     counts = np.zeros(bands, np.int64)
     line_bands.count_lines(ends, band_of_row, width, counts)
     starts = np.concatenate(([0], np.cumsum(counts)))
@@ -450,7 +450,7 @@ def _bin_lines(
 
 
 def _rows_per_band(height: int, width: int, threads: int) -> int:
-    """Return how many rows a band has: a cache full, but fewer to give every thread two bands."""
+    """Return the rows of a band: a cache full, but at least two bands for every thread."""
     rows = BAND_BYTES // (4 * width)
     if threads > 1:
         rows = min(rows, -(-height // (2 * threads)))
@@ -472,7 +472,7 @@ def _draw_band(
 
 def _few_whole(value: Any, counts: Sequence[int], low: int, high: int) -> Sequence[int] | None:
     """
-    Return one of some counts of whole numbers in low..high, if they are a tuple, list or array.
+    Return integers in low..high of a tuple, list or array of an allowed length, else None.
 
     Of what is anything else, right or wrong, return None.
     """

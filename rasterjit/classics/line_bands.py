@@ -67,7 +67,7 @@ MINOR_ROUNDING = (1 << (bresenham.FRACTION_BITS - MINOR_BITS)) - 1
 """Added before the surplus bits are cut off: rounds up."""
 
 FRACTION_MASK = (1 << bresenham.FRACTION_BITS) - 1
-"""Keeps the fraction of a running number."""
+"""Mask of the fraction of a running number."""
 
 
 @helper

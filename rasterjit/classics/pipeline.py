@@ -14,7 +14,7 @@ from rasterjit.scene.validation import finite_array, finite_number, image_size, 
 
 class Projection(NamedTuple):
     """
-    Where points land in the image.
+    Projected points: pixels, depth and visibility.
 
     Attributes
     ----------

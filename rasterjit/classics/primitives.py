@@ -81,7 +81,7 @@ EXCLUSIVE_BIAS = -1
 """Bias that drops them: edge functions are integers."""
 
 FLATNESS = 0.125
-"""Largest distance of a curve from its chords, pixels: a quarter of what a pixel may be away."""
+"""Largest distance of a curve from its chords, pixels: a quarter of the pixels' own tolerance."""
 
 CURVE_BITS = 40
 """Fraction bits of where a chord crosses columns; coordinates and a sign still fit ``int64``."""
@@ -108,7 +108,7 @@ def is_above(corner, other):
 @helper
 def ordered_corners(corners):
     """
-    Return the corners topmost then leftmost first and positively turned, and A2.
+    Return the corners in a fixed order, positively wound, and A2.
 
     Positive is clockwise on the screen. Whatever the order given, the one returned is the same.
     """
@@ -441,7 +441,7 @@ def ramp_color(colors, t):
 
 @helper
 def ramp_gain(colors, channel, change):
-    """Return what a channel gains when ``t`` grows by ``change``, as a running number."""
+    """Return the change of a channel when ``t`` grows by ``change``, as a running number."""
     difference = channel_of(colors[1], channel) - channel_of(colors[0], channel)
     return np.int64(np.float64(difference) * change * (1 << FRACTION_BITS))
 

@@ -8,15 +8,15 @@ from rasterjit import interrupts
 def main() -> None:
     """Run the command line, in a process of its own."""
     try:
-        interrupts.answer_with(interrupts.end_now)
+        interrupts.set_handler(interrupts.end_now)
         from rasterjit.cli.commands import main as run
 
-        sys.unraisablehook = interrupts.say_unraisable
+        sys.unraisablehook = interrupts.print_unraisable
         try:
-            interrupts.answer_with(interrupts.interrupt)
+            interrupts.set_handler(interrupts.interrupt)
             run()
         finally:
             # What is left is Python's own end.
-            interrupts.answer_with(interrupts.end_now)
+            interrupts.set_handler(interrupts.end_now)
     except KeyboardInterrupt:
         interrupts.end_now()

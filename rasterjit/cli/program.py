@@ -362,14 +362,14 @@ def write_files(
 
 def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
     """Return scene units per code for a frame's depth, or raise ``ValueError``."""
-    from rasterjit.outputs.save import MAX, decimal_scale, nearest_code
+    from rasterjit.outputs.save import LIMIT, decimal_scale, nearest_code
 
     seen = depth[np.isfinite(depth)]
     if not seen.size:
         return DEPTH_SCALE
     nearest, farthest = float(seen.min()), float(seen.max())
     low, high = nearest_code(nearest, DEPTH_SCALE), nearest_code(farthest, DEPTH_SCALE)
-    if low >= 1 and high <= MAX and high - low >= MIN_CODES - 1:
+    if low >= 1 and high <= LIMIT and high - low >= MIN_CODES - 1:
         return DEPTH_SCALE
     scale = decimal_scale(seen)
     if scale is None:
@@ -384,12 +384,12 @@ def _check_codes(
     arrays: dict[str, NDArray[Any]], places: Places, scales: dict[Path, float | None]
 ) -> None:
     """Raise ``ValueError`` if a PNG of 16-bit codes cannot hold its values."""
-    from rasterjit.outputs.save import as_codes
+    from rasterjit.outputs.save import encode_output
 
     for place, content in places.items():
         if place.suffix.lower() == ".png" and content not in ("picture", "coverage"):
             (name,) = (content,) if isinstance(content, str) else content
-            as_codes(name, arrays[name], scales[place])
+            encode_output(name, arrays[name], scales[place])
 
 
 def _write_file(

@@ -1,4 +1,4 @@
-"""Make a data set: find the meshes, leave out what is done, share the rest, and say what failed."""
+"""Build a data set: find meshes, skip finished ones, share the others, list failures."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.validation import existing_folder, in_short, whole_number
 
 LOCK = ".lock"
-"""Name of the lock file, in the folder."""
+"""Name of the lock file in the folder."""
 
-TRIES = 10
-"""How often the lock file is made or asked for, while others remove it."""
+MAX_ATTEMPTS = 10
+"""Attempts to create and lock the file, while other runs remove it."""
 
 
 @contextmanager
-def owned(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """
-    Have a folder for oneself.
+    Lock a folder for this run.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ def owned(folder: Path) -> Iterator[None]:
     """
     file = folder / LOCK
     try:
-        with _taken(file) as held:
+        with _acquire_lock(file) as held:
             try:
-                held.write(_myself().encode())
+                held.write(_lock_content().encode())
                 yield
             finally:
                 if held.is_of(file):
@@ -72,10 +72,10 @@ def owned(folder: Path) -> Iterator[None]:
         raise
 
 
-def _taken(file: Path) -> Lock:
-    """Make the lock file, or take one over that is nobody's, or raise ``ValueError``."""
-    for _ in range(TRIES):
-        is_mine = _created(file)
+def _acquire_lock(file: Path) -> Lock:
+    """Create and lock the lock file, or take over a stale one, or raise ``ValueError``."""
+    for _ in range(MAX_ATTEMPTS):
+        is_created = _create_lock_file(file)
         try:
             held = lock(file)
         except FileNotFoundError:
@@ -85,12 +85,12 @@ def _taken(file: Path) -> Lock:
         # Whoever had it may have removed it meanwhile.
         if not held.is_of(file):
             held.close()
-        elif is_mine or (held.is_sure and _is_near(_parsed(held.read()))):
+        elif is_created or (held.is_sure and _is_lock_visible(_parse(held.read()))):
             return held
         else:
             held.close()
             break
-    raise _refusal(file)
+    raise _locked_error(file)
 
 
 def _remove_empty(file: Path) -> None:
@@ -103,8 +103,8 @@ def _remove_empty(file: Path) -> None:
             held.close()
 
 
-def _created(file: Path) -> bool:
-    """Make the lock file, unless there is one."""
+def _create_lock_file(file: Path) -> bool:
+    """Create the lock file; return False if it exists."""
     try:
         os.close(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
     except FileExistsError:
@@ -112,12 +112,12 @@ def _created(file: Path) -> bool:
     return True
 
 
-def _refusal(file: Path) -> ValueError:
+def _locked_error(file: Path) -> ValueError:
     """Return the error that says who has the folder."""
     owner = {}
     # Where locks are mandatory, nobody else can read it.
     with suppress(OSError):
-        owner = _parsed(file.read_bytes())
+        owner = _parse(file.read_bytes())
     who = f", process {owner['pid']} on {owner['host']}" if {"pid", "host"} <= owner.keys() else ""
     return ValueError(
         f"output is being written by another run{who}: wait until it ends; "
@@ -125,21 +125,21 @@ def _refusal(file: Path) -> ValueError:
     )
 
 
-def _myself() -> str:
-    """Return what a lock file of this process says."""
+def _lock_content() -> str:
+    """Return the content of this process's lock file."""
     return json.dumps({"host": platform.node(), "pid": os.getpid(), "machine": machine()})
 
 
-def _is_near(owner: dict[str, Any]) -> bool:
-    """Tell whether a run that goes on would be seen to hold its lock."""
+def _is_lock_visible(owner: dict[str, Any]) -> bool:
+    """Tell whether the lock of a live run would be visible from this machine."""
     names = owner.get("machine")
     return not isinstance(names, list) or any(
-        mine == other for mine, other in zip(machine(), names, strict=False)
+        own == other for own, other in zip(machine(), names, strict=False)
     )
 
 
-def _parsed(content: bytes) -> dict[str, Any]:
-    """Return what a lock file says; nothing if that is damaged."""
+def _parse(content: bytes) -> dict[str, Any]:
+    """Return the content of a lock file; {} if it is damaged."""
     try:
         owner = json.loads(content.decode("utf-8", "replace"))
     except ValueError:
@@ -150,29 +150,29 @@ def _parsed(content: bytes) -> dict[str, Any]:
 Job = tuple[Any, ...]
 Task = Callable[..., Any]
 
-AT_HAND = 2
+JOBS_EACH = 2
 """Jobs for each worker that are handed out ahead."""
 
-PATIENCE = 10.0
-"""Seconds in which a scheduler must answer."""
+CONNECT_TIMEOUT = 10.0
+"""Seconds within which a scheduler must answer."""
 
-_calls_off: Any = None
-"""In a process of a crew: the event that calls off its work."""
+_cancel_event: Any = None
+"""In a worker process: the event that cancels the work."""
 
 
 class LostWorkersError(ConnectionError):
-    """Those who do the work are gone, or never were there; what is done is whole."""
+    """Workers died or could not be reached; finished meshes are complete."""
 
 
-def run_here(task: Task, jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
-    """Do one job after the other; yield each with its result."""
+def run_serially(task: Task, jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
+    """Run jobs one after the other; yield each with its result."""
     for job in jobs:
         yield job, task(*job, None)
 
 
 def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tuple[Job, Any]]:
     """
-    Share jobs among some processes; yield each with its result, in the order they are done.
+    Share jobs among processes; yield each with its result, in the order they finish.
 
     When the iterator is closed, or anything is raised, the processes end after the view at hand.
     """
@@ -180,16 +180,16 @@ def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tu
     if count == 0:
         return
     context = multiprocessing.get_context("spawn")
-    calls_off = context.Event()
+    cancel_event = context.Event()
     threads = max(1, available_processors() // count)
     waiting, running = iter(jobs), {}
     pool = futures.ProcessPoolExecutor(
-        count, mp_context=context, initializer=_follow, initargs=(calls_off,)
+        count, mp_context=context, initializer=_init_worker, initargs=(cancel_event,)
     )
     try:
         while True:
-            with _interrupts_for_this_process_alone():
-                while len(running) < AT_HAND * count and (job := next(waiting, None)) is not None:
+            with _block_interrupts():
+                while len(running) < JOBS_EACH * count and (job := next(waiting, None)) is not None:
                     running[pool.submit(_call, task, (*job, threads))] = job
             if not running:
                 return
@@ -202,11 +202,11 @@ def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tu
             "with fewer workers"
         ) from None
     finally:
-        calls_off.set()
+        cancel_event.set()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def need_dask() -> Any:
+def require_dask() -> Any:
     """Return ``dask.distributed``, or raise ``ImportError`` naming what to install."""
     try:
         from dask import distributed
@@ -223,13 +223,13 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
 
     Yields each job with its result, in the order in which they are done.
     """
-    distributed = need_dask()
+    distributed = require_dask()
     try:
-        client = distributed.Client(address, timeout=PATIENCE)
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT)
     except (OSError, ValueError, asyncio.TimeoutError) as error:
-        said = " ".join(str(error).split()).splitlines()
+        message = " ".join(str(error).split()).splitlines()
         raise LostWorkersError(
-            f"no scheduler answers at {address}" + (f": {said[0]}" if said else "")
+            f"no scheduler answers at {address}" + (f": {message[0]}" if message else "")
         ) from None
     with client:
         # Whatever has been done before is not kept: the files are what counts.
@@ -252,16 +252,16 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
                 client.cancel(list(submitted), force=True)
 
 
-def _follow(calls_off: Any) -> None:
+def _init_worker(cancel_event: Any) -> None:
     """Prepare a process of a crew: Ctrl-C is for the one who gave it its work."""
-    global _calls_off
-    _calls_off = calls_off
+    global _cancel_event
+    _cancel_event = cancel_event
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that gave it its work is gone, however that ended."""
+    """Exit when the parent process ends, however it ended."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -269,19 +269,19 @@ def _end_with_parent() -> None:
 
 
 def _call(task: Task, arguments: Job) -> Any:
-    """Do one job in a process of a crew, unless it is called off."""
-    return task(*arguments, _check)
+    """Run one job in a worker process, unless the work is cancelled."""
+    return task(*arguments, _check_cancelled)
 
 
-def _check() -> None:
+def _check_cancelled() -> None:
     """Raise `Cancelled` if the work has been called off."""
-    if _calls_off is not None and _calls_off.is_set():
+    if _cancel_event is not None and _cancel_event.is_set():
         raise Cancelled
 
 
 @contextmanager
-def _interrupts_for_this_process_alone() -> Iterator[None]:
-    """Let processes that are started now never see Ctrl-C, not even while they are starting."""
+def _block_interrupts() -> Iterator[None]:
+    """Block Ctrl-C in processes that are started inside the ``with`` block."""
     if sys.platform == "win32":
         yield
         return
@@ -293,10 +293,10 @@ def _interrupts_for_this_process_alone() -> Iterator[None]:
 
 
 SETTINGS = "dataset.json"
-"""The file that says how a data set is made."""
+"""File with the recipe of a data set."""
 
 FAILURES = "failures.json"
-"""The file that says which meshes could not be rendered, and why."""
+"""File with the meshes that could not be rendered, and the reasons."""
 
 MAX_WORKERS = 256
 
@@ -304,7 +304,7 @@ MAX_WORKERS = 256
 @dataclass(frozen=True)
 class Outcome:
     """
-    What became of a mesh.
+    The result of one mesh.
 
     Attributes
     ----------
@@ -324,7 +324,7 @@ class Outcome:
 @dataclass(frozen=True)
 class Summary:
     """
-    What became of all meshes.
+    The results of all meshes.
 
     Attributes
     ----------
@@ -400,107 +400,107 @@ def make(
     recipe = Recipe() if recipe is None else recipe
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
-    crew = _crew(workers)
+    runner = _job_runner(workers)
     source = existing_folder("folder", folder).resolve()
-    place = _checked_output(output, source)
+    target = _check_output(output, source)
     names = {file.relative_to(source).as_posix(): file for file in mesh_files(source)}
-    names = {name: file for name, file in names.items() if not file.is_relative_to(place)}
+    names = {name: file for name, file in names.items() if not file.is_relative_to(target)}
     if not names:
         raise ValueError(f"folder must hold mesh files, got none in {str(source)!r}")
     if report is not None and not callable(report):
         raise ValueError(f"report must be a function, got {in_short(report)}")
-    _check_settings(place, recipe)
-    place.mkdir(parents=True, exist_ok=True)
-    with owned(place):
-        _begin(place, recipe)
-        return _make_all(names, place, recipe, crew, report)
+    _check_settings(target, recipe)
+    target.mkdir(parents=True, exist_ok=True)
+    with lock_folder(target):
+        _prepare_output(target, recipe)
+        return _make_all(names, target, recipe, runner, report)
 
 
 def _make_all(
     names: dict[str, Path],
-    place: Path,
+    target: Path,
     recipe: Recipe,
-    crew: Callable[..., Iterator[tuple[Any, MeshResult]]],
+    runner: Callable[..., Iterator[tuple[Any, MeshResult]]],
     report: Callable[[Outcome, int, int], None] | None,
 ) -> Summary:
     """Render the meshes that are not done, and list those that fail."""
-    todo = [name for name in names if not (place / name / MANIFEST).is_file()]
-    jobs = [(names[name], name, place, recipe) for name in todo]
+    pending = [name for name in names if not (target / name / MANIFEST).is_file()]
+    jobs = [(names[name], name, target, recipe) for name in pending]
     results: dict[str, MeshResult] = {}
     # Closing it lets the workers go, whatever happens here.
-    with closing(crew(render_mesh_file, jobs)) as done:
-        for number, (job, made) in enumerate(done, start=1):
-            results[job[1]] = made
+    with closing(runner(render_mesh_file, jobs)) as results_of_jobs:
+        for number, (job, result) in enumerate(results_of_jobs, start=1):
+            results[job[1]] = result
             if report is not None:
-                report(Outcome(job[1], *made), number, len(todo))
-    in_order = {name: results[name] for name in todo if name in results}
-    failures = {name: made.failure for name, made in in_order.items() if made.failure is not None}
-    warned = {name: made.warnings for name, made in in_order.items() if made.warnings}
-    _list_failures(place, failures)
-    return Summary(len(todo) - len(failures), len(names) - len(todo), failures, warned)
+                report(Outcome(job[1], *result), number, len(pending))
+    in_order = {name: results[name] for name in pending if name in results}
+    failures = {name: job.failure for name, job in in_order.items() if job.failure is not None}
+    warnings = {name: job.warnings for name, job in in_order.items() if job.warnings}
+    _list_failures(target, failures)
+    return Summary(len(pending) - len(failures), len(names) - len(pending), failures, warnings)
 
 
-def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, MeshResult]]]:
-    """Return who does the work, or raise ``ValueError``."""
+def _job_runner(workers: Any) -> Callable[..., Iterator[tuple[Any, MeshResult]]]:
+    """Return the function that runs jobs, or raise ``ValueError``."""
     if isinstance(workers, str):
         if "://" not in workers:
             raise ValueError(
                 f"workers must be a number, or an address such as tcp://host:8786, got {workers!r}"
             )
-        need_dask()
+        require_dask()
         return lambda task, jobs: run_on_dask(task, jobs, workers)
     count = whole_number("workers", workers, 1, MAX_WORKERS)
     if count == 1:
-        return run_here
+        return run_serially
     return lambda task, jobs: run_in_processes(task, jobs, count)
 
 
-def _checked_output(output: Any, source: Path) -> Path:
+def _check_output(output: Any, source: Path) -> Path:
     """Return the full path of the folder to write to, or raise ``ValueError``."""
     if not isinstance(output, (str, os.PathLike)):
         raise ValueError(f"output must be a folder, got {in_short(output)}")
-    place = Path(output).resolve()
-    if place == source or source.is_relative_to(place):
+    target = Path(output).resolve()
+    if target == source or source.is_relative_to(target):
         raise ValueError(f"output must not hold the meshes, got {str(output)!r}")
-    if place.exists() and not place.is_dir():
+    if target.exists() and not target.is_dir():
         raise ValueError(f"output must be a folder, but {str(output)!r} is a file")
-    is_full = place.is_dir() and any(not one.name.startswith(LOCK) for one in place.iterdir())
-    if is_full and not (place / SETTINGS).is_file():
+    is_full = target.is_dir() and any(not one.name.startswith(LOCK) for one in target.iterdir())
+    if is_full and not (target / SETTINGS).is_file():
         raise ValueError(f"output must be empty or a data set, but {str(output)!r} holds files")
-    return place
+    return target
 
 
-def _begin(place: Path, recipe: Recipe) -> None:
-    """Note how the data set is made, or see that it is the same; clear away what was not ended."""
-    wanted = _check_settings(place, recipe)
-    if not (place / SETTINGS).is_file():
-        write_json(place / SETTINGS, wanted)
-    for leftover in place.glob(f"{PARTIAL}*"):
+def _prepare_output(target: Path, recipe: Recipe) -> None:
+    """Write or compare the settings of the data set; remove unfinished folders."""
+    settings = _check_settings(target, recipe)
+    if not (target / SETTINGS).is_file():
+        write_json(target / SETTINGS, settings)
+    for leftover in target.glob(f"{PARTIAL}*"):
         shutil.rmtree(leftover, ignore_errors=True)
 
 
-def _check_settings(place: Path, recipe: Recipe) -> dict[str, Any]:
-    """Return how the data set is to be made; raise ``ValueError`` if it was made otherwise."""
+def _check_settings(target: Path, recipe: Recipe) -> dict[str, Any]:
+    """Return the settings of the data set; raise ``ValueError`` if it has others."""
     # Importing the package by name would make all of it something that this module needs.
     version = sys.modules["rasterjit"].__version__
-    wanted = {"rasterjit": version, **recipe.describe()}
-    settings = place / SETTINGS
+    expected = {"rasterjit": version, **recipe.describe()}
+    settings = target / SETTINGS
     if settings.is_file():
         try:
-            found = json.loads(settings.read_text(encoding="utf-8"))
-            changed = sorted(k for k in {*found, *wanted} if found.get(k) != wanted.get(k))
+            stored = json.loads(settings.read_text(encoding="utf-8"))
+            changed = sorted(k for k in {*stored, *expected} if stored.get(k) != expected.get(k))
         except (ValueError, TypeError) as error:
             raise ValueError(f"output has a {SETTINGS} that cannot be read: {error}") from None
         if changed:
-            shown = ", ".join(f"{k} {found.get(k)!r}, not {wanted.get(k)!r}" for k in changed)
-            raise ValueError(f"output holds a data set made otherwise: {shown}")
-    return wanted
+            changes = ", ".join(f"{k} {stored.get(k)!r}, not {expected.get(k)!r}" for k in changed)
+            raise ValueError(f"output holds a data set made otherwise: {changes}")
+    return expected
 
 
-def _list_failures(place: Path, failures: dict[str, str]) -> None:
+def _list_failures(target: Path, failures: dict[str, str]) -> None:
     """Write why meshes failed; no file if none did."""
     if not failures:
-        (place / FAILURES).unlink(missing_ok=True)
+        (target / FAILURES).unlink(missing_ok=True)
         return
     listed = [{"file": name, "reason": reason} for name, reason in failures.items()]
-    write_json(place / FAILURES, listed)
+    write_json(target / FAILURES, listed)

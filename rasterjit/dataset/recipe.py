@@ -1,4 +1,4 @@
-"""What a data set is made of, and from where its views are taken."""
+"""Define a data set: its outputs and cameras; render the views of a mesh."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ GOLDEN_ANGLE = FULL_TURN / 2.0 * (3.0 - math.sqrt(5.0))
 @dataclasses.dataclass(frozen=True)
 class Recipe:
     """
-    How each mesh of a data set is shown, and what is kept of it.
+    Views, outputs and options of every mesh of a data set.
 
     Parameters
     ----------
@@ -178,18 +178,18 @@ class Recipe:
 
 def _outputs(names: Any) -> tuple[str, ...]:
     """Return names of outputs without repeats, or raise ``ValueError``."""
-    given = (names,) if isinstance(names, str) else names
-    if not isinstance(given, (list, tuple, set, frozenset)) or not given:
+    choices = (names,) if isinstance(names, str) else names
+    if not isinstance(choices, (list, tuple, set, frozenset)) or not choices:
         raise ValueError(f"outputs must name at least one output, got {in_short(names)}")
-    for name in given:
+    for name in choices:
         one_of("outputs", name, OUTPUT_CHOICES)
-    if "coco" in given and "color" not in given:
+    if "coco" in choices and "color" not in choices:
         raise ValueError(
             "outputs must name color with coco, which annotates the pictures; got "
-            + ", ".join(given)
+            + ", ".join(choices)
         )
     # One order, whatever that of a set is.
-    return tuple(name for name in OUTPUT_CHOICES if name in given)
+    return tuple(name for name in OUTPUT_CHOICES if name in choices)
 
 
 def _color(value: Any) -> Any:
@@ -390,42 +390,42 @@ def render_views(
     OSError
         If a file cannot be written.
     """
-    place = _checked_folder(scene, folder, recipe, name, check)
+    target = _check_folder(scene, folder, recipe, name, check)
     count, _ = share_threads(threads, None)
-    with _as_mesh_error(place, name):
+    with _as_mesh_error(target, name):
         cameras = view_cameras(scene, recipe, name)
         depth_scale = max(camera.far for camera in cameras) / MAX_DEPTH_CODE
     frames: list[dict[str, Any]] = []
     annotation: dict[str, Any] = {}
     for output in recipe.outputs:
         if output != "coco":
-            (place / _folder(output)).mkdir(exist_ok=True)
-    with _as_mesh_error(place, name):
-        drawn_scene, options = check_arguments(
+            (target / _folder(output)).mkdir(exist_ok=True)
+    with _as_mesh_error(target, name):
+        checked_scene, options = check_arguments(
             scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
         )
-    with closing(draw_in_turns(drawn_scene, cameras, options, count)) as drawn:
+    with closing(draw_in_turns(checked_scene, cameras, options, count)) as frames_drawn:
         for number, camera in enumerate(cameras):
             check()
-            with _as_mesh_error(place, name):
-                frame = _next(drawn, number)
+            with _as_mesh_error(target, name):
+                frame = _next(frames_drawn, number)
             try:
-                paths = _write(frame, place, number, recipe, depth_scale)
+                paths = _write(frame, target, number, recipe, depth_scale)
             except ValueError as error:
                 # A depth that has no code, or the like.
                 raise MeshError(_one_line(error)) from error
             frames.append({**paths, "transform_matrix": _pose(camera)})
             if "coco" in recipe.outputs:
-                with _as_mesh_error(place, name):
+                with _as_mesh_error(target, name):
                     _annotate(annotation, paths["file_path"], frame.object_id, scene)
     if annotation:
-        with atomic_file(place / "coco.json") as temporary:
+        with atomic_file(target / "coco.json") as temporary:
             temporary.write_text(json.dumps(annotation), encoding="utf-8")
-    with _as_mesh_error(place, name):
+    with _as_mesh_error(target, name):
         document = _intrinsics(cameras[0], recipe.size) | _unit_cube_transform(scene)
     if "depth" in recipe.outputs:
         document |= {"enable_depth_loading": True, "integer_depth_scale": depth_scale}
-    write_json(place / MANIFEST, {**document, "frames": frames})
+    write_json(target / MANIFEST, {**document, "frames": frames})
 
 
 def write_json(path: Path, document: Any) -> None:
@@ -440,15 +440,15 @@ def atomic_folder(output: Path, name: str) -> Iterator[Path]:
     partial.mkdir()
     try:
         yield partial
-        place = output / name
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if place.is_dir():
-            shutil.rmtree(place)
-        os.replace(partial, place)
+        target = output / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.is_dir():
+            shutil.rmtree(target)
+        os.replace(partial, target)
     except OSError as error:
         # Name what was to be written, not where it was built.
-        named = str(error.filename or "").replace(str(partial), str(output / name))
-        error.filename = named or str(output / name)
+        message_path = str(error.filename or "").replace(str(partial), str(output / name))
+        error.filename = message_path or str(output / name)
         raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -466,25 +466,25 @@ def _as_mesh_error(source: Path, name: str) -> Iterator[None]:
         raise MeshError(_one_line(error).replace(str(source), name)[:MAX_REASON_LENGTH]) from error
 
 
-def _checked_folder(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
+def _check_folder(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
     """Check all arguments; return the folder to render into, or raise ``ValueError``."""
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
-    place = existing_folder("folder", folder)
+    target = existing_folder("folder", folder)
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
     if not isinstance(name, str):
         raise ValueError(f"name must be a text, got {in_short(name)}")
     if not callable(check):
         raise ValueError(f"check must be a function, got {in_short(check)}")
-    return place
+    return target
 
 
-def _next(drawn: Iterator[Frame], view: int) -> Frame:
+def _next(frames: Iterator[Frame], view: int) -> Frame:
     """Return the next frame; warnings about its view begin with the number of the view."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        frame = next(drawn)
+        frame = next(frames)
     for one in caught:
         view_of = f"view {view}: " if issubclass(one.category, ViewWarning) else ""
         warnings.warn(f"{view_of}{one.message}", one.category, stacklevel=3)
@@ -502,7 +502,7 @@ def _folder(output: str) -> str:
 
 
 def _write(
-    frame: Frame, place: Path, number: int, recipe: Recipe, depth_scale: float
+    frame: Frame, target: Path, number: int, recipe: Recipe, depth_scale: float
 ) -> dict[str, str]:
     """Write the files of one view; return their paths by `PATH_KEYS`."""
     paths: dict[str, str] = {}
@@ -512,10 +512,10 @@ def _write(
         is_picture = output in ("color", "depth", "normal", "mask")
         path = f"{_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
         if output == "mask":
-            images.save_image(place / path, _mask(frame))
+            images.save_image(target / path, _mask(frame))
         else:
             scale = depth_scale if output == "depth" else None
-            frame.save(place / path, output, scale=scale)
+            frame.save(target / path, output, scale=scale)
         paths |= dict.fromkeys(PATH_KEYS.get(output, (f"{output}_path",)), path)
     return paths
 

@@ -19,22 +19,22 @@ T = TypeVar("T")
 
 LOGGER = logging.getLogger("rasterjit.distributed")
 
-LOOK_EVERY = 1.0
-"""Seconds between two looks at whether the scheduler is still there."""
+POLL_SECONDS = 1.0
+"""Seconds between two checks of the connection to the scheduler."""
 
-RECONNECT_WITHIN = 10.0
-"""Seconds that a client may take to find its scheduler again."""
+RECONNECT_TIMEOUT = 10.0
+"""Seconds within which a client may reconnect to its scheduler."""
 
-TRANSFER_WITHIN = 3600.0
-"""Seconds that a result may take from a worker to here."""
+TRANSFER_TIMEOUT = 3600.0
+"""Seconds within which a result must arrive from a worker."""
 
-CONNECT_WITHIN = 20.0
-"""Seconds that a client takes to find a cluster of our own."""
+CONNECT_TIMEOUT = 20.0
+"""Seconds within which a client must connect to a local cluster."""
 
-WORKER_WITHIN = 60.0
-"""Seconds that a cluster has to start its first worker."""
+START_TIMEOUT = 60.0
+"""Seconds within which a cluster must start its first worker."""
 
-OVER = "closing", "closed"
+CLOSED_STATUSES = "closing", "closed"
 """Status of a client that will not be connected any more."""
 
 MAX_ATTEMPTS = 5
@@ -75,15 +75,15 @@ def check_client(client: Any) -> Client:
         raise ValueError(f"client must be a distributed.Client, got {type(client).__name__}")
     if client.asynchronous:
         raise ValueError("client must not be asynchronous: make it without asynchronous=True")
-    if client.status in OVER:
+    if client.status in CLOSED_STATUSES:
         raise ValueError(f"client must be connected to a scheduler; its status is {client.status}")
     check_connected(client)
     return client
 
 
 @contextmanager
-def connected(client: Client | None) -> Iterator[Client]:
-    """Give a client: the one given, or one of a local cluster that is closed at the end."""
+def use_client(client: Client | None) -> Iterator[Client]:
+    """Yield the given client, or one of a local cluster that is closed at the end."""
     if client is not None:
         client = check_client(client)
         LOGGER.info("dashboard: %s", client.dashboard_link)
@@ -95,15 +95,15 @@ def connected(client: Client | None) -> Iterator[Client]:
             n_workers=available_processors(), threads_per_worker=1, processes=True,
             dashboard_address="127.0.0.1:0",
         ) as cluster,
-        distributed.Client(cluster, timeout=CONNECT_WITHIN) as own,
+        distributed.Client(cluster, timeout=CONNECT_TIMEOUT) as local_client,
     ):  # fmt: skip
-        LOGGER.info("dashboard: %s", own.dashboard_link)
-        yield own
+        LOGGER.info("dashboard: %s", local_client.dashboard_link)
+        yield local_client
 
 
-def result_of(future: Future, client: Client) -> Any:
+def wait_for_result(future: Future, client: Client) -> Any:
     """
-    Return the result of a task when it is there.
+    Wait for the result of a task.
 
     Raises
     ------
@@ -117,11 +117,11 @@ def result_of(future: Future, client: Client) -> Any:
         What the task raises.
     """
     distributed = require_dask()
-    until = None
+    deadline = None
     while True:
         _wait(future, client)
         try:
-            return future.result(timeout=TRANSFER_WITHIN)
+            return future.result(timeout=TRANSFER_TIMEOUT)
         except distributed.KilledWorker as error:
             raise RuntimeError(
                 "a task lost one worker after the other, which mostly means that they had too "
@@ -136,10 +136,10 @@ def result_of(future: Future, client: Client) -> Any:
                 # It is the task's own.
                 raise
             # A connection broke; soon the client knows whether it was that to the scheduler.
-            until = until or time.monotonic() + RECONNECT_WITHIN
-            if time.monotonic() > until:
-                raise _lost(client) from None
-            time.sleep(LOOK_EVERY / 5.0)
+            deadline = deadline or time.monotonic() + RECONNECT_TIMEOUT
+            if time.monotonic() > deadline:
+                raise _lost_error(client) from None
+            time.sleep(POLL_SECONDS / 5.0)
 
 
 def _wait(future: Future, client: Client) -> None:
@@ -147,29 +147,29 @@ def _wait(future: Future, client: Client) -> None:
     is_done = threading.Event()
     future.add_done_callback(lambda _: is_done.set())
     while True:
-        came = is_done.wait(LOOK_EVERY)
+        finished = is_done.wait(POLL_SECONDS)
         check_connected(client)
-        if came or future.status != "pending":
+        if finished or future.status != "pending":
             return
 
 
 def check_connected(client: Client) -> None:
     """
-    Return if a client is connected; one that lost its scheduler looks for it again for a while.
+    Return when a client is connected; wait a while for one that lost its scheduler.
 
     Raises
     ------
     ConnectionError
         If the scheduler is lost.
     """
-    until = time.monotonic() + RECONNECT_WITHIN
+    deadline = time.monotonic() + RECONNECT_TIMEOUT
     while client.status != "running":
-        if client.status in OVER or time.monotonic() > until:
-            raise _lost(client)
-        time.sleep(LOOK_EVERY / 5.0)
+        if client.status in CLOSED_STATUSES or time.monotonic() > deadline:
+            raise _lost_error(client)
+        time.sleep(POLL_SECONDS / 5.0)
 
 
-def _lost(client: Client) -> ConnectionError:
+def _lost_error(client: Client) -> ConnectionError:
     """Return the error that says that a scheduler is lost."""
     return ConnectionError(
         f"the Dask scheduler at {address_of(client)} is lost, and what it held with it: start it "
@@ -178,9 +178,9 @@ def _lost(client: Client) -> ConnectionError:
 
 
 @contextmanager
-def reaching(client: Client) -> Iterator[None]:
+def report_lost_scheduler(client: Client) -> Iterator[None]:
     """
-    Ask a scheduler for something.
+    Turn errors of a request to a lost scheduler into ``ConnectionError``.
 
     Raises
     ------
@@ -195,21 +195,21 @@ def reaching(client: Client) -> Iterator[None]:
         raise
     except Exception as error:
         if isinstance(error, OSError) or client.status != "running":
-            raise _lost(client) from None
+            raise _lost_error(client) from None
         raise
 
 
-def submit(function: Callable[..., Any], *arguments: Any, client: Client, **how: Any) -> Future:
+def submit(function: Callable[..., Any], *arguments: Any, client: Client, **options: Any) -> Future:
     """
-    Begin a task.
+    Submit a task.
 
     Raises
     ------
     ConnectionError
         If the scheduler is lost.
     """
-    with reaching(client):
-        return client.submit(function, *arguments, pure=False, **how)
+    with report_lost_scheduler(client):
+        return client.submit(function, *arguments, pure=False, **options)
 
 
 def count_threads(client: Client) -> int:
@@ -221,12 +221,12 @@ def count_threads(client: Client) -> int:
     ConnectionError
         If the scheduler is lost.
     """
-    with reaching(client):
+    with report_lost_scheduler(client):
         return max(1, sum(client.nthreads().values()))
 
 
 def cancel(futures: Sequence[Future | None], client: Client) -> None:
-    """End tasks and let data go; a scheduler that is lost holds nothing any more."""
+    """Cancel tasks and release data, if the scheduler is connected."""
     if client.status == "running":
         with suppress(OSError):
             client.cancel([one for one in futures if one is not None], force=True)
@@ -234,7 +234,7 @@ def cancel(futures: Sequence[Future | None], client: Client) -> None:
 
 def send(data: Any, client: Client) -> Future:
     """
-    Send data to every worker that is there; later ones take it from those.
+    Send data to all workers; later workers copy it from these.
 
     Raises
     ------
@@ -249,20 +249,20 @@ def scatter(data: list[Any], client: Client, *, broadcast: bool = False) -> list
     if not data:
         return []
     try:
-        with reaching(client):
+        with report_lost_scheduler(client):
             return list(
-                client.scatter(data, broadcast=broadcast, hash=False, timeout=WORKER_WITHIN)
+                client.scatter(data, broadcast=broadcast, hash=False, timeout=START_TIMEOUT)
             )
     except TimeoutError:
         raise ConnectionError(
-            f"no worker came to the Dask scheduler at {address_of(client)} in {WORKER_WITHIN:g} s: "
+            f"no worker came to the Dask scheduler at {address_of(client)} in {START_TIMEOUT:g} s: "
             "start one (dask worker ADDRESS), or give an adaptive cluster a minimum of 1"
         ) from None
 
 
-def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None = None) -> T:
+def retry(take: Callable[[], T], what: str, resend: Callable[[], bool] | None = None) -> T:
     """
-    Return what ``take`` gives, trying anew where data that was sent is lost with its workers.
+    Return the result of ``take``, called again where data is lost with its workers.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None =
         Raises ``CancelledError`` where data is lost.
     what : str
         What a message calls the data.
-    again : callable, optional
+    resend : callable, optional
         Called before another attempt: it sends what is lost, and tells whether nobody else had.
 
     Raises
@@ -284,7 +284,7 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None =
         except CancelledError:
             pass
         # Of tasks that lost the same data one says so.
-        if attempt < MAX_ATTEMPTS and (again is None or again()):
+        if attempt < MAX_ATTEMPTS and (resend is None or resend()):
             LOGGER.warning("all workers that held %s were lost: it is sent again", what)
     raise RuntimeError(
         f"all workers that held {what} were lost, {MAX_ATTEMPTS} times: see their logs, and their "
@@ -293,16 +293,16 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None =
 
 
 class SentTask:
-    """What a worker does, with what all tasks share; `TaskFarm` begins it anew if need be."""
+    """A task with arguments, which `TaskFarm` can submit again."""
 
-    def __init__(self, function: Callable[..., Any], *arguments: Any, **how: Any) -> None:
-        self.function, self.arguments, self.how = function, arguments, how
+    def __init__(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+        self.function, self.arguments, self.options = function, arguments, options
         self.future: Future | None = None
 
 
 class TaskFarm:
     """
-    Tasks of a cluster that take the same scene; where it is lost with its workers, it is sent anew.
+    Submits tasks that share a scene, and sends the scene again where it is lost.
 
     Parameters
     ----------
@@ -315,35 +315,35 @@ class TaskFarm:
         self._sent: Future | None = None
 
     def begin(self, task: SentTask) -> SentTask:
-        """Begin a task, with the scene that every worker has, and return it."""
+        """Submit a task with the shared scene, and return it."""
         if self._sent is None:
             self._sent = send(self._shared, self._client)
         task.future = submit(
-            task.function, self._sent, *task.arguments, client=self._client, **task.how
+            task.function, self._sent, *task.arguments, client=self._client, **task.options
         )
         return task
 
     def result(self, task: SentTask) -> Any:
-        """Return what a task gives when it is done, begun anew where the scene was lost."""
+        """Return the result of a task, submitted again where the scene was lost."""
 
-        def again() -> bool:
+        def resend() -> bool:
             # An earlier task may have seen to it already.
             is_lost = self._sent is not None and self._sent.status != "finished"
             self._sent = None if is_lost else self._sent
             self.begin(task)
             return is_lost
 
-        return retried(lambda: result_of(task.future, self._client), "the scene", again)
+        return retry(lambda: wait_for_result(task.future, self._client), "the scene", resend)
 
     def end(self, tasks: Iterable[SentTask]) -> None:
-        """End tasks, and let the scene go."""
+        """Cancel tasks, and release the scene."""
         cancel([*(task.future for task in tasks), self._sent], self._client)
         self._sent = None
 
 
 class SharedScene:
     """
-    What all tasks have in common; on a worker, also the renderers that are made of it.
+    The arguments that all tasks share; on a worker, also the renderers made of them.
 
     They are kept for later tasks, one for each thread, and go when the worker lets the data go.
 
@@ -364,15 +364,15 @@ class SharedScene:
 
     @contextmanager
     def renderer(self) -> Iterator[Any]:
-        """Give a renderer that no other thread has."""
+        """Yield a renderer that no other thread uses."""
         try:
-            one = self._idle.pop()
+            renderer = self._idle.pop()
         except IndexError:
-            one = self.make(*self.arguments)
-        yield one
-        self._idle.append(one)
+            renderer = self.make(*self.arguments)
+        yield renderer
+        self._idle.append(renderer)
 
 
 def address_of(client: Client) -> str:
-    """Return where a client's scheduler is, or was."""
+    """Return the address of a client's scheduler, connected or not."""
     return "?" if client.scheduler is None else client.scheduler.address

@@ -50,8 +50,8 @@ from rasterjit.scene.validation import one_of, thread_count
 if TYPE_CHECKING:
     from distributed import Client
 
-Drawn = tuple[dict[str, NDArray[Any]], FrameStats, dict[str, str]]
-"""What a worker sends back of a frame: its arrays, statistics, and what there is to warn of."""
+FrameData = tuple[dict[str, NDArray[Any]], FrameStats, dict[str, str]]
+"""A frame as a worker returns it: arrays, statistics and warnings."""
 
 
 def render_many(
@@ -70,7 +70,7 @@ def render_many(
     client: Client | None = None,
 ) -> Iterator[Frame]:
     """
-    Render one frame for each camera, in order, while they are taken.
+    Render one frame for each camera, in order, as an iterator.
 
     Each frame has the bits that `rasterjit.render` gives. Frames are drawn ahead of the one that is
     taken, ``prefetch`` of them and no more, so memory stays bounded however many cameras there
@@ -132,28 +132,28 @@ def render_many(
     batch.check_cameras(cameras)
     one_of("progress", progress, batch.PROGRESS)
     if client is not None:
-        return farm_out(scene, cameras, options, threads, prefetch, progress, client)
-    count, own = batch.share_threads(threads, workers)
+        return _render_on_cluster(scene, cameras, options, threads, prefetch, progress, client)
+    count, threads_each = batch.share_threads(threads, workers)
     pace = GrowingPace(
-        scene, options, count, own, batch.check_prefetch(prefetch), count_of(cameras)
+        scene, options, count, threads_each, batch.check_prefetch(prefetch), camera_count(cameras)
     )
-    pool = RendererPool(scene, options, count, own, pace)
+    pool = RendererPool(scene, options, count, threads_each, pace)
     settled = batch.settle_all(scene, cameras, options)
     return batch.with_bar(batch.draw_all(pool, settled), cameras, progress)
 
 
-def count_of(cameras: Iterable[Camera]) -> int | None:
-    """Return how many cameras there are; ``None`` if they come as they are asked for."""
+def camera_count(cameras: Iterable[Camera]) -> int | None:
+    """Return the number of cameras; ``None`` if they are no sequence."""
     return len(cameras) if isinstance(cameras, Sequence) else None
 
 
-class FarFrame(LazyFrame):
-    """A frame that a worker drew; its plan is made here, when it is first asked for."""
+class RemoteFrame(LazyFrame):
+    """A frame that a worker drew; its plan is made here, on first use."""
 
-    def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: FrameRequest) -> None:
+    def __init__(self, raw: FrameData, scene: Scene, camera: Camera, options: FrameRequest) -> None:
         self._scene = scene
         make_plan = partial(planning.plan_frame, options, scene, camera)
-        super().__init__(drawn[0], make_plan, drawn[1])
+        super().__init__(raw[0], make_plan, raw[1])
 
     def _first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
@@ -161,26 +161,26 @@ class FarFrame(LazyFrame):
 
 
 def share_scene(scene: Scene, options: FrameRequest, threads: int) -> SharedScene:
-    """Return what all frames have in common; ``threads`` are those of each task."""
+    """Return the arguments that all frames share; ``threads`` are those of each task."""
     return SharedScene(PoolWorker, scene, options, threads)
 
 
-def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[Drawn | Exception]:
+def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[FrameData | Exception]:
     """
-    Draw frames on a worker, which keeps what frames of one scene have in common.
+    Draw frames on a worker, which caches what frames of one scene share.
 
     What there is to warn of goes to the caller; an error of another view than the first, too, in
     its place at the end.
     """
     with shared.renderer() as worker:
-        begun = worker.draw(cameras)
-    if isinstance(begun[0].result, Exception):
-        raise begun[0].result
-    return [as_drawn(one) for one in begun]
+        results = worker.draw(cameras)
+    if isinstance(results[0].result, Exception):
+        raise results[0].result
+    return [pack_frame(one) for one in results]
 
 
-def as_drawn(one: ViewResult) -> Drawn | Exception:
-    """Return what a worker sends back of a frame."""
+def pack_frame(one: ViewResult) -> FrameData | Exception:
+    """Convert a view's result to `FrameData`, or return its exception."""
     if isinstance(one.result, Exception):
         return one.result
     # Counted where the faces are: they do not travel for it.
@@ -193,14 +193,14 @@ class FrameTask(NamedTuple):
 
     task: SentTask
     cameras: list[Camera]
-    """Of the frames that are not taken."""
-    drawn: deque[Drawn | Exception]
-    """What came back of those."""
+    """Cameras of the frames that are not yet taken."""
+    drawn: deque[FrameData | Exception]
+    """Frames that came back and are not yet taken."""
 
 
 class Farm:
     """
-    The frames of one scene that a cluster draws.
+    Draws the frames of one scene on a cluster.
 
     Parameters
     ----------
@@ -218,40 +218,40 @@ class Farm:
         self.pace = pace
         self._scene, self._options = scene, options
         self._farm = TaskFarm(client, share_scene(scene, options, threads))
-        self._begun: set[SentTask] = set()
+        self._tasks: set[SentTask] = set()
         self._count = 0
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
 
     def __enter__(self) -> Farm:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self._farm.end(self._begun)
-        self._begun.clear()
+        self._farm.end(self._tasks)
+        self._tasks.clear()
 
     def submit(self, cameras: list[Camera]) -> FrameTask:
-        """Begin frames, in one task; those of earlier ones go first."""
+        """Submit frames as one task; earlier tasks have priority."""
         self._count += 1
         task = self._farm.begin(SentTask(draw_frames, list(cameras), priority=-self._count))
-        self._begun.add(task)
+        self._tasks.add(task)
         return FrameTask(task, cameras, deque())
 
-    def take(self, begun: FrameTask) -> Frame:
+    def take(self, frame_task: FrameTask) -> Frame:
         """Return the next frame of a task when it is done, wherever that is."""
-        task, cameras, drawn = begun
-        if task in self._begun:
+        task, cameras, drawn = frame_task
+        if task in self._tasks:
             drawn += self._farm.result(task)
-            self._begun.remove(task)
+            self._tasks.remove(task)
         one = drawn.popleft()
         if isinstance(one, Exception):
             raise one
-        view_warnings.warn(one[2], self._told)
-        frame = FarFrame(one, self._scene, cameras.pop(0), self._options)
+        view_warnings.warn(one[2], self._warned)
+        frame = RemoteFrame(one, self._scene, cameras.pop(0), self._options)
         self.pace.see(frame, None)
         return frame
 
 
-def farm_out(
+def _render_on_cluster(
     scene: Scene,
     cameras: Iterable[Camera],
     options: FrameRequest,
@@ -262,19 +262,19 @@ def farm_out(
 ) -> Iterator[Frame]:
     """Yield frames in the order of the cameras; see `rasterjit.render_many`."""
     client = check_client(client)
-    own = thread_count("threads", threads) or 1
+    threads_each = thread_count("threads", threads) or 1
     workers = count_threads(client)
     pace = GrowingPace(
-        scene, options, workers, own, batch.check_prefetch(prefetch), count_of(cameras)
+        scene, options, workers, threads_each, batch.check_prefetch(prefetch), camera_count(cameras)
     )
-    farm = Farm(client, scene, options, own, pace)
-    settled = batch.settle_all(scene, cameras, options)
-    return batch.with_bar(batch.draw_all(farm, settled), cameras, progress)
+    farm = Farm(client, scene, options, threads_each, pace)
+    cameras_settled = batch.settle_all(scene, cameras, options)
+    return batch.with_bar(batch.draw_all(farm, cameras_settled), cameras, progress)
 
 
 FORMATS = (".tif", ".tiff", ".zarr")
 
-AHEAD = 2
+TILES_PER_THREAD = 2
 """Tiles under way for each thread of a cluster."""
 
 Tiles = Generator[tuple[Region, NDArray[np.uint8]], None, None]
@@ -294,7 +294,7 @@ def render_large(
     client: Client | None = None,
 ) -> None:
     """
-    Render a picture that is too large for one frame, and write it tile by tile.
+    Render a picture that is too large for one frame, tile by tile into a file.
 
     Each tile has the bits that the whole picture has there. No more than two tiles, or with a
     cluster two for each of its threads, are held at a time. The scene must fit each machine.
@@ -332,30 +332,30 @@ def render_large(
     ConnectionError
         If the client's scheduler is lost.
     """
-    place = _checked_place(path)
+    target = _check_path(path)
     regions_of((1, 1), tile)
-    write = _writer(place)
+    write = _writer(target)
     arguments = {
         "camera": camera, "size": size, "quality": quality, "background": background, "cull": cull,
     }  # fmt: skip
     count = thread_count("threads", threads)
-    own = None if client is None else check_client(client)
+    dask = None if client is None else check_client(client)
     renderer = RegionRenderer(what, threads=count, **arguments)
     view_warnings.warn(view_warnings.warnings_of(renderer.plan), set())
     with renderer:
-        whole = renderer.size
-        if own is None:
-            tiles = _draw_here(renderer, tile)
+        picture_size = renderer.size
+        if dask is None:
+            tiles = _draw_locally(renderer, tile)
         else:
             arguments["camera"] = renderer.plan.camera
             # A picture's file may be out of the workers' reach.
             arguments["background"] = renderer.plan.facts.background_image or background
-            tiles = _draw_there(TileFarm(own, what, arguments, count or 1), renderer, tile)
+            tiles = _draw_on_cluster(TileFarm(dask, what, arguments, count or 1), renderer, tile)
         with closing(tiles):
-            write(tiles, whole, tile)
+            write(tiles, picture_size, tile)
 
 
-def _draw_here(renderer: RegionRenderer, tile: int) -> Tiles:
+def _draw_locally(renderer: RegionRenderer, tile: int) -> Tiles:
     """Yield the tiles, row by row."""
     for region, frame in renderer.render_regions(tile):
         yield region, frame.color
@@ -365,7 +365,7 @@ def _draw_here(renderer: RegionRenderer, tile: int) -> Tiles:
 
 class TileFarm:
     """
-    The tiles of one picture that a cluster draws.
+    Draws the tiles of one picture on a cluster.
 
     Parameters
     ----------
@@ -385,24 +385,24 @@ class TileFarm:
         self, function: Callable[..., Any], regions: Sequence[Region], *more: Any
     ) -> Iterator[tuple[Region, Any]]:
         """Yield what a function gives of each region on a worker, in order, few ahead."""
-        ahead = AHEAD * count_threads(self._client)
+        limit = TILES_PER_THREAD * count_threads(self._client)
         farm = TaskFarm(self._client, SharedScene(_region_renderer, *self._task, *more))
-        begun: deque[tuple[Region, SentTask]] = deque()
-        waiting = iter(regions)
+        tasks: deque[tuple[Region, SentTask]] = deque()
+        pending = iter(regions)
         try:
             while True:
-                while len(begun) < ahead and (region := next(waiting, None)) is not None:
-                    begun.append((region, farm.begin(SentTask(function, region))))
-                if not begun:
+                while len(tasks) < limit and (region := next(pending, None)) is not None:
+                    tasks.append((region, farm.begin(SentTask(function, region))))
+                if not tasks:
                     return
-                region, task = begun.popleft()
+                region, task = tasks.popleft()
                 yield region, farm.result(task)
                 del task
         finally:
-            farm.end(task for _, task in begun)
+            farm.end(task for _, task in tasks)
 
 
-def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
+def _draw_on_cluster(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
     """Yield the tiles that a cluster draws, row by row; survey first where shadows need it."""
     regions = regions_of(renderer.size, tile)
     if not renderer.needs_surveys:
@@ -434,52 +434,52 @@ def _draw_tile(shared: SharedScene, region: Region) -> NDArray[np.uint8]:
         return renderer.render_region(region).color
 
 
-def _checked_place(path: Any) -> Path:
+def _check_path(path: Any) -> Path:
     """Return the path of the picture, or raise ``ValueError``; a Zarr array may be replaced."""
     if isinstance(path, (str, os.PathLike)) and str(path).lower().endswith(".zarr"):
-        place = Path(path)
-        if os.path.lexists(place) and not _is_array(place):
-            raise ValueError(f"path {str(place)!r} is there, but is no Zarr array to be replaced")
-        return checked_path(place.with_name(f"{place.name}.zarr"), FORMATS).with_name(place.name)
+        target = Path(path)
+        if os.path.lexists(target) and not _is_zarr_array(target):
+            raise ValueError(f"path {str(target)!r} is there, but is no Zarr array to be replaced")
+        return checked_path(target.with_name(f"{target.name}.zarr"), FORMATS).with_name(target.name)
     return checked_path(path, FORMATS)
 
 
-def _is_array(place: Path) -> bool:
+def _is_zarr_array(target: Path) -> bool:
     """Tell whether a folder is a Zarr array, not a group of them or anything else."""
     try:
-        about = json.loads((place / "zarr.json").read_bytes())
+        metadata = json.loads((target / "zarr.json").read_bytes())
     except (OSError, ValueError):
         return False
-    return isinstance(about, dict) and about.get("node_type") == "array"
+    return isinstance(metadata, dict) and metadata.get("node_type") == "array"
 
 
-def _writer(place: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
-    """Return what writes tiles to a place, with the library that it needs there."""
+def _writer(target: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
+    """Return a function that writes tiles to a path, by the library for its format."""
     try:
-        if place.suffix.lower() == ".zarr":
+        if target.suffix.lower() == ".zarr":
             import zarr
 
-            return lambda tiles, size, tile: _write_zarr(zarr, place, tiles, size, tile)
+            return lambda tiles, size, tile: _write_zarr(zarr, target, tiles, size, tile)
         import tifffile
 
-        return lambda tiles, size, tile: _write_tiff(tifffile, place, tiles, size, tile)
+        return lambda tiles, size, tile: _write_tiff(tifffile, target, tiles, size, tile)
     except ImportError as error:
         raise ImportError(
-            f'writing a {place.suffix} tile by tile needs: pip install "rasterjit[large]"'
+            f'writing a {target.suffix} tile by tile needs: pip install "rasterjit[large]"'
         ) from error
 
 
-def _write_tiff(tifffile: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
+def _write_tiff(tifffile: Any, path: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
     """Write tiles to a BigTIFF."""
     width, height = size
 
     def padded() -> Iterator[NDArray[np.uint8]]:
         for _, color in tiles:
-            yield _squared(color, tile)
+            yield _pad_tile(color, tile)
             # Not held while the next one is drawn.
             del color
 
-    with atomic_file(place) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
+    with atomic_file(path) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
         file.write(
             padded(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
             photometric="rgb", extrasamples=["unassalpha"], compression="zlib",
@@ -489,7 +489,7 @@ def _write_tiff(tifffile: Any, place: Path, tiles: Tiles, size: tuple[int, int],
         )  # fmt: skip
 
 
-def _squared(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
+def _pad_tile(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
     """Return a whole tile, as those of a TIFF are; what lies beyond the picture is not shown."""
     height, width, _ = color.shape
     if height == width == tile:
@@ -497,28 +497,28 @@ def _squared(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
     return np.pad(color, ((0, tile - height), (0, tile - width), (0, 0)))
 
 
-def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
+def _write_zarr(zarr: Any, target: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
     """Write tiles to the chunks of a Zarr array."""
     width, height = size
-    with atomic_folder(place) as temporary:
-        with _naming(place):
+    with atomic_folder(target) as temporary:
+        with _name_picture_in_errors(target):
             array = zarr.create_array(
                 store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4),
                 dtype="uint8", dimension_names=("row", "column", "channel"),
             )  # fmt: skip
         for region, color in tiles:
             rows = slice(region.top, region.top + region.height)
-            with _naming(place):
+            with _name_picture_in_errors(target):
                 array[rows, region.left : region.left + region.width] = color
             del color
 
 
 @contextmanager
-def _naming(place: Path) -> Iterator[None]:
+def _name_picture_in_errors(target: Path) -> Iterator[None]:
     """Let an error of the system name the picture, not one of the files it is made of."""
     try:
         yield
     except OSError as error:
         if error.errno is None:
             raise
-        raise OSError(error.errno, error.strerror, str(place)) from error
+        raise OSError(error.errno, error.strerror, str(target)) from error

@@ -41,8 +41,8 @@ from rasterjit.survey.plan import RenderPlan
 if TYPE_CHECKING:
     from distributed import Client
 
-MAX_FACE = 2**31 - 1
-"""Most faces of all parts: their numbers are int32."""
+MAX_FACES = 2**31 - 1
+"""Most faces of all parts together: their numbers are int32."""
 
 COUNTS = (
     "triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn", "clipped",
@@ -52,10 +52,10 @@ COUNTS = (
 
 @dataclass
 class PartialImage:
-    """What some neighbouring parts of a mesh show."""
+    """The image of some neighbouring parts of a mesh."""
 
     faces: int
-    """How many they have."""
+    """Number of their faces."""
     depth: NDArray[Any]
     """(H, W), as stored: greater is nearer."""
     outputs: dict[str, NDArray[Any]]
@@ -64,7 +64,7 @@ class PartialImage:
     seconds: dict[str, float]
     plan: RenderPlan
     look: BesidePlanes
-    """What is seen of all of them beside the near and the far plane."""
+    """View summary of all these parts, beside the near and the far plane."""
 
     def frame(self) -> Frame:
         """Return the picture of all parts, which are one object."""
@@ -75,9 +75,9 @@ class PartialImage:
         return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))
 
 
-def mesh_of(part: Any, material: Material | None) -> Mesh | None:
+def mesh_of_part(part: Any, material: Material | None) -> Mesh | None:
     """
-    Return a part of a mesh, wherever it comes from; ``None`` if it has no face.
+    Convert a part to a `Mesh`; ``None`` if it has no face.
 
     Parameters
     ----------
@@ -105,16 +105,16 @@ def mesh_of(part: Any, material: Material | None) -> Mesh | None:
         )
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in pairs)])
     faces = [
-        np.asarray(own).reshape(-1, 3) + first
-        for (_, own), first in zip(pairs, starts[:-1], strict=True)
+        np.asarray(indices).reshape(-1, 3) + first
+        for (_, indices), first in zip(pairs, starts[:-1], strict=True)
     ]
     if not sum(map(len, faces)):
         return None
-    vertices = np.concatenate([np.asarray(own, np.float64) for own, _ in pairs])
+    vertices = np.concatenate([np.asarray(indices, np.float64) for indices, _ in pairs])
     return Mesh(vertices, np.concatenate(faces), material=material or Material(shading="flat"))
 
 
-def draw_layer(
+def draw_part(
     part: Any,
     setting: Scene,
     material: Material | None,
@@ -124,29 +124,29 @@ def draw_layer(
     steps: tuple[int, int] = (0, 0),
 ) -> PartialImage | None:
     """
-    Draw one part with the light of the whole; ``None`` if it has no face.
+    Draw one part with the lights of the whole; ``None`` if it has no face.
 
     ``steps`` say where planes are that the camera leaves open, as `settled` takes them.
     """
-    checked = plan_part(mesh_of(part, material), setting, camera, options)
-    if checked is None:
+    checked_part = plan_part(mesh_of_part(part, material), setting, camera, options)
+    if checked_part is None:
         return None
-    scene, asked = checked
+    scene, plan = checked_part
     outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
     clock, workers = StageClock(), Workers(threads)
     try:
         request = options._replace(outputs=outputs)
         planned = plan_views(request, scene, settled(camera, *steps))
-        kept = {"depth": True, "draws": True}
-        frame, seen = draw_frame(planned, workers, clock=clock, **kept)
+        options_kept = {"depth": True, "draws": True}
+        frame, drawing = draw_frame(planned, workers, clock=clock, **options_kept)
     finally:
         workers.close()
     counts = {name: getattr(frame.stats, name) for name in COUNTS}
     (node,) = scene.nodes
     faces = len(node.mesh.faces)
-    asked, seconds = asked.with_(camera=planned.plan.camera), frame.stats.seconds
+    plan, seconds = plan.with_(camera=planned.plan.camera), frame.stats.seconds
     return PartialImage(
-        faces, seen.coverage.depth, frame.arrays(), counts, seconds, asked, asked.look
+        faces, drawing.coverage.depth, frame.arrays(), counts, seconds, plan, plan.look
     )
 
 
@@ -154,7 +154,7 @@ def plan_part(
     mesh: Mesh | None, setting: Scene, camera: Camera, options: FrameRequest
 ) -> tuple[Scene, RenderPlan] | None:
     """
-    Return a part in the light of the whole, and the plan of it; ``None`` if it has no face.
+    Return a part as a scene with the lights of the whole, and its plan; ``None`` for no face.
 
     Raises
     ------
@@ -163,24 +163,24 @@ def plan_part(
     """
     if mesh is None or not len(mesh.faces):
         return None
-    _refuse_neighbours(mesh, options.outputs)
+    _check_neighbours(mesh, options.outputs)
     scene = Scene()
     for name in ("lights", *EFFECT_FIELDS):
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
     scene = scene.posed()
     plan = planning.plan_frame(options, scene, camera)
-    _refuse_mixing(plan)
+    _check_opaque(plan)
     return scene, plan
 
 
-def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
+def _check_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
     """Raise ``ValueError`` for what faces of other parts have a share in."""
     material = mesh.material
-    asked = next((name for name in NORMAL_OUTPUTS if name in outputs), None)
-    if asked is not None and mesh.normals is None:
+    output = next((name for name in NORMAL_OUTPUTS if name in outputs), None)
+    if output is not None and mesh.normals is None:
         raise ValueError(
-            f"partitions must have normals for the output {asked!r}, for those at their edges "
+            f"partitions must have normals for the output {output!r}, for those at their edges "
             "follow from faces of other partitions; give a Mesh with normals, or ask for "
             "'geometric_normal'"
         )
@@ -197,7 +197,7 @@ def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
         )
 
 
-def _refuse_mixing(plan: RenderPlan) -> None:
+def _check_opaque(plan: RenderPlan) -> None:
     """Raise ``ValueError`` if a pixel shows more than its nearest face."""
     sees_through = any(isinstance(one.effect, SeesThrough) for one in plan.planned)
     if plan.layers is not None or plan.pictures > 1 or sees_through:
@@ -208,9 +208,9 @@ def _refuse_mixing(plan: RenderPlan) -> None:
         )
 
 
-def merge_layers(first: PartialImage | None, second: PartialImage | None) -> PartialImage | None:
+def merge_images(first: PartialImage | None, second: PartialImage | None) -> PartialImage | None:
     """
-    Return what two neighbours show together; the first one's faces have the lower numbers.
+    Merge the images of two neighbours by depth; the first one's faces have the lower numbers.
 
     Raises
     ------
@@ -220,21 +220,21 @@ def merge_layers(first: PartialImage | None, second: PartialImage | None) -> Par
     if first is None or second is None:
         return first if second is None else second
     faces = first.faces + second.faces
-    if faces > MAX_FACE:
-        raise ValueError(f"partitions must have at most {MAX_FACE} faces together, got {faces}")
+    if faces > MAX_FACES:
+        raise ValueError(f"partitions must have at most {MAX_FACES} faces together, got {faces}")
     is_nearer = second.depth > first.depth
     outputs = {}
-    for name, own in first.outputs.items():
+    for name, array in first.outputs.items():
         other = second.outputs[name]
-        if own.shape != other.shape:
+        if array.shape != other.shape:
             raise ValueError(
                 f"partitions must have as many columns each in the output {name!r}, got "
-                f"{own.shape[-1]} and {other.shape[-1]}"
+                f"{array.shape[-1]} and {other.shape[-1]}"
             )
         if name == "face_id":
             other = np.where(other >= 0, other + np.int32(first.faces), other)
-        mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (own.ndim - 2))
-        outputs[name] = np.where(mask, other, own)
+        mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (array.ndim - 2))
+        outputs[name] = np.where(mask, other, array)
     return PartialImage(
         faces,
         np.where(is_nearer, second.depth, first.depth),
@@ -272,7 +272,7 @@ def render_partitions(
     client: Client | None = None,
 ) -> Frame:
     """
-    Render a mesh that no machine holds as a whole, each part of it where it is.
+    Render a mesh whose parts lie on several machines, sort-last.
 
     Each part becomes colours, depths and face numbers; of two neighbours the nearer one is kept at
     every pixel, of equal depths the lower face number; then of two such results, up to the last.
@@ -342,21 +342,23 @@ def render_partitions(
             _check_meshes(name, partitions, parts)
     # What is here is looked at here, before anything is sent.
     planned = [
-        plan_part(mesh_of(part, material), setting, camera, options)
-        for part in filter(_is_here, parts)
+        plan_part(mesh_of_part(part, material), setting, camera, options)
+        for part in filter(_is_local, parts)
     ]
-    steps = join([found[1].look for found in planned if found is not None]).steps
-    own = thread_count("threads", threads) or 1
-    with clusters.connected(client) as chosen:
+    steps = join([one[1].look for one in planned if one is not None]).steps
+    threads_each = thread_count("threads", threads) or 1
+    with clusters.use_client(client) as dask_client:
 
         def draw(steps: tuple[int, int]) -> PartialImage:
-            found = clusters.retried(
-                lambda: _render_once(parts, setting, material, camera, options, own, steps, chosen),
+            one = clusters.retry(
+                lambda: _render_once(
+                    parts, setting, material, camera, options, threads_each, steps, dask_client
+                ),
                 "the partitions",
             )
-            if found is None:
+            if one is None:
                 raise ValueError("partitions must have at least one face together, got none")
-            return found
+            return one
 
         layer = draw(steps)
         if layer.look.steps != steps:
@@ -381,18 +383,18 @@ def _render_once(
     import dask
 
     shared = clusters.send(setting, client)
-    held = [n for n, part in enumerate(parts) if _is_here(part)]
-    sent = dict(zip(held, clusters.scatter([parts[n] for n in held], client), strict=True))
-    draw = dask.delayed(draw_layer, pure=False)
-    merge = dask.delayed(merge_layers, pure=False)
-    drawn = [
-        draw(sent.get(n, part), shared, material, camera, options, threads, steps)
+    local = [n for n, part in enumerate(parts) if _is_local(part)]
+    sent_data = dict(zip(local, clusters.scatter([parts[n] for n in local], client), strict=True))
+    draw = dask.delayed(draw_part, pure=False)
+    merge = dask.delayed(merge_images, pure=False)
+    images = [
+        draw(sent_data.get(n, part), shared, material, camera, options, threads, steps)
         for n, part in enumerate(parts)
     ]
-    with clusters.reaching(client):
-        future = client.compute(merge_tree(drawn, merge), optimize_graph=False)
+    with clusters.report_lost_scheduler(client):
+        future = client.compute(merge_tree(images, merge), optimize_graph=False)
     try:
-        return clusters.result_of(future, client)
+        return clusters.wait_for_result(future, client)
     finally:
         clusters.cancel([future], client)
 
@@ -424,7 +426,7 @@ def _parts_of(partitions: Any) -> list[Any]:
     return parts
 
 
-def _is_here(part: Any) -> bool:
+def _is_local(part: Any) -> bool:
     """Tell whether this process holds a part; others are loaded by workers."""
     return isinstance(part, (Mesh, tuple, list))
 
@@ -437,7 +439,7 @@ def _check_meshes(output: str, partitions: Any, parts: Sequence[Any]) -> None:
         raise ValueError(f"outputs has {output!r}, but partitions of (vertices, faces) have none")
 
 
-JOINING = tuple(one for one in EFFECTS if isinstance(one, LooksAround) and one.joins_faces)
+JOINING_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, LooksAround) and one.joins_faces)
 """Effects that no part of a scene has alone."""
 
 
@@ -448,18 +450,18 @@ def _check_setting(setting: Any) -> Scene:
     if not isinstance(setting, Scene):
         raise ValueError(f"setting must be a Scene or None, got {in_short(setting)}")
     if setting.nodes:
-        joined = {effect.field for effect in JOINING}
-        held = [name.replace("_", " ") for name in EFFECT_FIELDS if name not in joined]
+        joined = {effect.field for effect in JOINING_EFFECTS}
+        names = [name.replace("_", " ") for name in EFFECT_FIELDS if name not in joined]
         raise ValueError(
             f"setting must be a scene without meshes, got {len(setting.nodes)}: its lights, "
-            f"{', '.join(held[:-1])} and {held[-1]} hold for all partitions"
+            f"{', '.join(names[:-1])} and {names[-1]} hold for all partitions"
         )
     if setting.labelled:
         raise ValueError(
             f"setting must have no labels, got {len(setting.labelled)}: they are drawn over the "
             "finished picture, which no partition has"
         )
-    for effect in JOINING:
+    for effect in JOINING_EFFECTS:
         if getattr(setting, effect.field) is not None:
             raise ValueError(
                 f"setting.{effect.field} must be None: it looks at faces of several partitions at "

@@ -1,1 +1,1 @@
-"""What comes out of a render: the frame, its buffers, and how they are saved."""
+"""The results of a render: frames, their buffers, and files of them."""

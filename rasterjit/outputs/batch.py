@@ -1,4 +1,4 @@
-"""What a batch of views returns: the outputs of all of them, one array each."""
+"""The result of a batch of views: all outputs, one array each."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Batch(RenderedOutputs):
         try:
             index = operator.index(number)
         except TypeError:
-            raise TypeError(_no_number(number, self._outputs)) from None
+            raise TypeError(_index_message(number, self._outputs)) from None
         count = len(self)
         if not -count <= index < count:
             views = "1 view" if count == 1 else f"{count} views"
@@ -74,12 +74,12 @@ class Batch(RenderedOutputs):
         return (self[number] for number in range(len(self)))
 
 
-def _no_number(key: Any, outputs: Iterable[str]) -> str:
-    """Say of a key that is no whole number what gives outputs of a batch."""
+def _index_message(key: Any, outputs: Iterable[str]) -> str:
+    """Return the message for an index that is no integer, naming what to write instead."""
     names = [*outputs]
     name = key if isinstance(key, str) and key in names else names[0]
-    whole = f"batch.attribute({name.removeprefix(ATTRIBUTE)!r})"
+    expression = f"batch.attribute({name.removeprefix(ATTRIBUTE)!r})"
     if not is_attribute(name):
-        whole = f"batch.{name}"
-    shown = in_short(key)
-    return f"batch[n] takes a whole number, got {shown}; {whole} is an array of all views"
+        expression = f"batch.{name}"
+    text = in_short(key)
+    return f"batch[n] takes a whole number, got {text}; {expression} is an array of all views"

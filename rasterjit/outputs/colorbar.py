@@ -18,27 +18,27 @@ from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.validation import index_below
 
 PAPER, INK = (255, 255, 255), (0, 0, 0)
-"""The colours of a bar's ground, and of its text and lines."""
+"""Colours of the background, and of text and lines."""
 
 FONT_SHARE, MIN_FONT = 1 / 30, 10
-"""How high text is, of the height of the bar's picture; and its least height, pixels."""
+"""Font size as a share of the height of the picture, and the least font size, pixels."""
 
 LINES_PER_TICK = 3
-"""Most ticks: one for so many lines of text."""
+"""Lines of text for each tick, at least."""
 
 STEPS = (1, 2, 5, 10, 20)
 """Ticks lie at multiples of one of these times a power of ten, the first that are few enough."""
 
-PLAIN_DIGITS = 6
+MAX_DIGITS = 6
 """Numbers with more digits before or behind the point have a power of ten or an offset."""
 
-MIN_PLAIN = -4
+MIN_EXPONENT = -4
 """Power of ten of the largest tick below which ticks are written with a power of ten."""
 
 
-def scale_of(scales: Sequence[ColorScale | None], node: int | None) -> ColorScale:
+def find_scale(scales: Sequence[ColorScale | None], node: int | None) -> ColorScale:
     """
-    Return the scale of a node, or that of all nodes that have one.
+    Return the scale of a node, or the scale that all nodes with scalars share.
 
     Raises
     ------
@@ -50,24 +50,24 @@ def scale_of(scales: Sequence[ColorScale | None], node: int | None) -> ColorScal
         if scale is None:
             raise ValueError(f"node must be one whose mesh has scalars, got {node}")
         return scale
-    found = [scale for scale in scales if scale is not None]
-    if not found:
+    given = [scale for scale in scales if scale is not None]
+    if not given:
         raise ValueError("there is no colour bar: no mesh of the scene has scalars")
-    if any(not scale.same(found[0]) for scale in found):
+    if any(not scale.same(given[0]) for scale in given):
         raise ValueError(
             "node must say whose colour bar it is, where meshes have several maps or ranges; give "
             "them one colormap and range for one bar, got None"
         )
-    with_nan = [scale for scale in found if scale.nan_color is not None]
-    lines = dict.fromkeys(line for scale in found for line in scale.lines)
-    return (with_nan or found)[0]._replace(lines=tuple(lines))
+    nan_scales = [scale for scale in given if scale.nan_color is not None]
+    lines = dict.fromkeys(line for scale in given for line in scale.lines)
+    return (nan_scales or given)[0]._replace(lines=tuple(lines))
 
 
 def draw_colorbar(
     scale: ColorScale, height: int, title: str = "", font: str | os.PathLike[str] | None = None
 ) -> NDArray[np.uint8]:
     """
-    Draw the bar of a scale, the highest value on top, with its contours as lines across it.
+    Draw the colour bar of a scale, the highest value on top, with contours as lines across it.
 
     Where ticks have many digits, or are far from 1, what is above the bar says what to multiply the
     numbers beside it with, ``1e-7``, and what to add then, ``+1e9``.
@@ -105,7 +105,7 @@ def draw_colorbar(
     if len(ticks) < 2 and high > low and length >= 2 * size:
         # A short bar without room for round numbers says where it ends.
         ticks, note = [low, high], ""
-        labels = [f"{end:.{PLAIN_DIGITS}g}" for end in ticks]
+        labels = [f"{end:.{MAX_DIGITS}g}" for end in ticks]
     texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
     widest = max(text_width(text, size, font) for text in texts)
     text_left = right + size
@@ -116,38 +116,38 @@ def draw_colorbar(
     image = Image.new("RGB", (width, height), PAPER)
     pen = ImageDraw.Draw(image)
     # The bar itself, entry by entry.
-    places = (length - 0.5 - np.arange(length)) / length
-    entries = scale.colormap.entries(low + places * (high - low), low, high)
+    heights = (length - 0.5 - np.arange(length)) / length
+    entries = scale.colormap.entries(low + heights * (high - low), low, high)
     pixels = np.array(image)
-    pixels[top:bottom, left:right] = _on_paper(scale.colormap.codes[entries])[:, np.newaxis]
+    pixels[top:bottom, left:right] = _over_paper(scale.colormap.codes[entries])[:, np.newaxis]
     image.paste(Image.fromarray(pixels))
     for level, color in scale.lines:
-        y = bottom - 1 - round(_share(level, low, high) * (length - 1))
+        y = bottom - 1 - round(_fraction(level, low, high) * (length - 1))
         pen.line((left, y, right - 1, y), fill=tuple(opaque_codes(color)[:3].tolist()))
     pen.rectangle((left - 1, top - 1, right, bottom), outline=INK)
-    written: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
+    captions: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
     for tick, label in zip(ticks, labels, strict=True):
-        y = bottom - 1 - round(_share(tick, low, high) * (length - 1))
+        y = bottom - 1 - round(_fraction(tick, low, high) * (length - 1))
         pen.line((right + 1, y, right + size // 2, y), fill=INK)
-        written.append((label, (text_left, y), (0.0, 0.5)))
+        captions.append((label, (text_left, y), (0.0, 0.5)))
     if scale.nan_color is not None:
         box = (left - 1, bottom + size, right, bottom + 2 * size)
         nan = tuple(opaque_codes(scale.nan_color)[:3].tolist())
         pen.rectangle(box, fill=nan, outline=INK)
         middle = (box[1] + box[3]) // 2
-        written.append(("NaN", (text_left, middle), (0.0, 0.5)))
+        captions.append(("NaN", (text_left, middle), (0.0, 0.5)))
     if title:
-        written.append((title, (left, size), (0.0, 0.0)))
+        captions.append((title, (left, size), (0.0, 0.0)))
     if note:
-        written.append((note, (left, top - 2 * size), (0.0, 0.0)))
-    drawn = np.full((height, width, 4), 255, np.uint8)
-    drawn[..., :3] = np.array(image)
-    for text, place, anchor in written:
-        draw_text(drawn[..., :3], text, place, size, INK, anchor=anchor, font=font)
-    return drawn
+        captions.append((note, (left, top - 2 * size), (0.0, 0.0)))
+    picture = np.full((height, width, 4), 255, np.uint8)
+    picture[..., :3] = np.array(image)
+    for text, position, anchor in captions:
+        draw_text(picture[..., :3], text, position, size, INK, anchor=anchor, font=font)
+    return picture
 
 
-def beside(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def append_bar(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a picture, (H, W, 4), with a bar of its height to the right of it."""
     return np.concatenate([picture, bar], axis=1)
 
@@ -157,35 +157,35 @@ def _ticks_of(low: float, high: float, length: int, size: int) -> list[float]:
     return find_ticks(low, high, max(1, length // (LINES_PER_TICK * size)))
 
 
-def _share(value: float, low: float, high: float) -> float:
-    """Return how far up in a range a value lies, 0..1; in its middle where it has no width."""
+def _fraction(value: float, low: float, high: float) -> float:
+    """Return the relative position of a value in a range, 0..1; 0.5 in an empty one."""
     return (value - low) / (high - low) if high > low else 0.5
 
 
-def find_ticks(low: float, high: float, most: int) -> list[float]:
+def find_ticks(low: float, high: float, limit: int) -> list[float]:
     """
-    Return where a range has ticks: round numbers, at least one, ``most + 1`` at most.
+    Return the ticks of a range: round numbers, at least one, ``limit + 1`` at most.
 
     ``low`` alone where the range has no width, or is too narrow for round numbers.
     """
     width = high - low
     if width <= 0.0:
         return [low]
-    if not width / most > 0.0:
+    if not width / limit > 0.0:
         return [low]
     # From text, so that each is rounded once.
-    steps = [float(f"{factor}e{exponent_of(width / most)}") for factor in STEPS]
+    steps = [float(f"{factor}e{exponent_of(width / limit)}") for factor in STEPS]
     if not (steps[0] > 0.0 and math.isfinite(max(abs(low), abs(high)) / steps[0])):
         return [low]
     counts = (math.floor(high / step) - math.ceil(low / step) + 1 for step in steps)
-    fitting = (step for step, count in zip(steps, counts, strict=True) if count <= most + 1)
+    fitting = (step for step, count in zip(steps, counts, strict=True) if count <= limit + 1)
     step = next(fitting, steps[-1])
     ticks = [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)]
     # So that 3 * 0.1 is 0.3.
     digits = -exponent_of(step)
     rounded = [round(tick, digits) + 0.0 for tick in ticks]
-    held = [tick for tick in rounded if low <= tick <= high]
-    return list(dict.fromkeys(held)) or [low]
+    inside = [tick for tick in rounded if low <= tick <= high]
+    return list(dict.fromkeys(inside)) or [low]
 
 
 def exponent_of(value: float) -> int:
@@ -195,13 +195,13 @@ def exponent_of(value: float) -> int:
 
 def write_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
     """
-    Return ticks as text, all in one way, with as many digits as tell them apart, and a note.
+    Format ticks with as many digits as tell them apart; return a note of factor and offset.
 
     The note says what number the texts are to be multiplied with, and what is to be added then:
     ``"1e-7"``, ``"+1e9"``, ``"1e-6+1"``, as Matplotlib has it; empty if they are the ticks.
     """
     if len(ticks) == 1:
-        return [f"{ticks[0]:.{PLAIN_DIGITS}g}"], ""
+        return [f"{ticks[0]:.{MAX_DIGITS}g}"], ""
     # From text, so that each has the digits that it is written with.
     exact = [Decimal(repr(tick)) for tick in ticks]
     # Differences are off by their last bits: 3e-9 - 2e-9 is below 1e-9.
@@ -210,7 +210,7 @@ def write_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
     rest = [tick - offset for tick in exact]
     largest = max(one.adjusted() for one in rest if one)
     power = 0
-    if largest >= PLAIN_DIGITS or step < -PLAIN_DIGITS or largest < MIN_PLAIN:
+    if largest >= MAX_DIGITS or step < -MAX_DIGITS or largest < MIN_EXPONENT:
         power = largest
     digits = max(0, power - step)
     texts = [f"{one.scaleb(-power).quantize(Decimal(1).scaleb(-digits)):f}" for one in rest]
@@ -219,11 +219,11 @@ def write_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
 
 
 def _offset_of(ticks: Sequence[Decimal], step: int) -> Decimal:
-    """Return what all ticks have in common, if it has many digits more than their differences."""
+    """Return the offset that ticks share, if it has many more digits than their differences."""
     low, high = ticks[0], ticks[-1]
     if low * high <= 0:
         return Decimal(0)
-    if max(abs(low), abs(high)).adjusted() - step < PLAIN_DIGITS:
+    if max(abs(low), abs(high)).adjusted() - step < MAX_DIGITS:
         return Decimal(0)
     # What is left has a digit more than the differences.
     power = (high - low).adjusted() + 1
@@ -241,7 +241,7 @@ def _unsigned_zero(text: str) -> str:
     return text.removeprefix("-") if not float(text) else text
 
 
-def _on_paper(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _over_paper(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return sRGB codes, (N, 3), of colours with an alpha, (N, 4), mixed with the paper."""
     shares = codes[:, 3:].astype(np.float64) / 255.0
     mixed: NDArray[Any] = shares * codes[:, :3] + (1.0 - shares) * np.array(PAPER)

@@ -23,13 +23,13 @@ from rasterjit.scene.validation import (
 if TYPE_CHECKING:
     from PIL import Image
 
-FONT_SIZE, LINE = 13, 20
+FONT_SIZE, LINE_HEIGHT = 13, 20
 """Height of text, and of its line; pixels."""
 
-MAX = 1 << 16
-"""Pixels and columns are fewer."""
+LIMIT = 1 << 16
+"""Upper bound, excluded, of numbers of pixels and columns."""
 
-LIGHT = 128
+MIN_BRIGHTNESS = 128
 """Mean of a background's codes from which on text is black."""
 
 
@@ -43,7 +43,7 @@ def grid(
     font: str | os.PathLike[str] | None = None,
 ) -> Image.Image:
     """
-    Lay pictures out in rows, as a contact sheet.
+    Arrange pictures in rows, as a contact sheet.
 
     Parameters
     ----------
@@ -90,13 +90,13 @@ def grid(
         labels = words("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
-    gap = index_below("gap", gap, MAX)
+    gap = index_below("gap", gap, LIMIT)
     width, height = (max(image.size[axis] for image in images) for axis in (0, 1))
-    text = LINE if labels is not None else 0
+    text = LINE_HEIGHT if labels is not None else 0
     if columns is None:
         columns = math.ceil(math.sqrt(len(images) * (height + text) / width))
         columns = min(max(columns, 1), len(images))
-    if index_below("columns", columns, MAX) == 0:
+    if index_below("columns", columns, LIMIT) == 0:
         raise ValueError("columns must be at least 1, got 0")
     rows = math.ceil(len(images) / columns)
     paper = tuple(int(code) for code in opaque_codes(linear_color("background", background))[:3])
@@ -105,15 +105,15 @@ def grid(
         (columns * (width + gap) + gap, rows * (height + text + gap) + gap),
         paper,
     )
-    ink = (0, 0, 0) if sum(paper) / 3 >= LIGHT else (255, 255, 255)
+    ink = (0, 0, 0) if sum(paper) / 3 >= MIN_BRIGHTNESS else (255, 255, 255)
     for number, image in enumerate(images):
         row, column = divmod(number, columns)
         left, top = gap + column * (width + gap), gap + row * (height + text + gap)
-        place = left + (width - image.width) // 2, top + (height - image.height) // 2
-        sheet.paste(image, place, image)
+        corner = left + (width - image.width) // 2, top + (height - image.height) // 2
+        sheet.paste(image, corner, image)
         if labels is not None:
-            strip = np.full((LINE, width, 3), paper, np.uint8)
-            middle = width / 2, LINE / 2
+            strip = np.full((LINE_HEIGHT, width, 3), paper, np.uint8)
+            middle = width / 2, LINE_HEIGHT / 2
             draw_text(strip, labels[number], middle, FONT_SIZE, ink, anchor=(0.5, 0.5), font=font)
             sheet.paste(Image.fromarray(strip), (left, top + height))
     return sheet

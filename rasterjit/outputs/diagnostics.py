@@ -1,4 +1,4 @@
-"""What became of every face of a frame, exactly, and how precise its numbers are."""
+"""Exact counts of what happens to the faces of a frame, and error bounds of its values."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.notebook_preview import Printed
 from rasterjit.survey.depth_format import DepthFormat
 
-STORING = 2.0**-24
+FLOAT32_ROUNDING = 2.0**-24
 """Largest relative error of rounding a value to float32."""
 
 
 @dataclass(frozen=True, repr=False)
 class Diagnostics(Printed):
     """
-    What became of every face, exactly, and how precise a frame's numbers are; prints as a table.
+    Exact counts of faces by fate, and error bounds of a frame's values; prints as a table.
 
     ``faces`` is the sum of ``visible``, ``hidden``, ``sub_pixel``, ``culled``, ``degenerate``,
     ``outside`` and ``invalid``.
@@ -35,13 +35,13 @@ class Diagnostics(Printed):
 
     faces: int
     visible: int
-    """Seen at one pixel or more."""
+    """Visible at one pixel or more."""
     hidden: int
     """Cover the centre of a pixel, but are seen at none."""
     sub_pixel: int
-    """Have area inside the image, but cover no pixel's centre: too small or too thin."""
+    """With area inside the image, but at no pixel's centre: too small or too thin."""
     culled: int
-    """Turned away from the viewer, with culling on."""
+    """Facing away from the viewer, with culling on."""
     degenerate: int
     """Without area once their vertices are snapped to the sub-pixel grid."""
     outside: int
@@ -58,7 +58,7 @@ class Diagnostics(Printed):
     pixels_covered: int
     """Pixels that show a face."""
     tied_pixels: int
-    """Pixels where a face lost to the one seen there at exactly equal stored depth."""
+    """Pixels where a hidden face has exactly the stored depth of the visible one."""
     depth_range: tuple[float, float] | None
     """Nearest and farthest depth seen, scene units along the viewing axis; None if no face is."""
     stored_depth_range: tuple[float, float] | None
@@ -73,7 +73,7 @@ class Diagnostics(Printed):
     side that nothing is certain; 0 if no face is seen.
     """
     attribute_error: float
-    """The same for a value stored as float32, as all outputs are; 2**-24 = 6e-8 of it is that."""
+    """The same bound for a value stored as float32, as all outputs are."""
 
     @property
     def overdraw(self) -> float:
@@ -81,7 +81,7 @@ class Diagnostics(Printed):
         return self.samples / self.pixels_covered if self.pixels_covered else 0.0
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return what a table shows: names, with a leading blank for parts of a sum, and values."""
+        """Return the rows of the table: names, with leading blanks for parts of a sum, values."""
         counts = [
             ("faces", self.faces),
             ("  visible", self.visible),
@@ -96,13 +96,13 @@ class Diagnostics(Printed):
             ("pixels covered", self.pixels_covered),
             ("pixels with a tie in depth", self.tied_pixels),
         ]
-        shown = [(name, f"{count:,}") for name, count in counts]
-        shown.append(("faces over a covered pixel", f"{self.overdraw:.2f}"))
-        shown.append(("depth, scene units", _span(self.depth_range)))
-        shown.append(("stored depth", _span(self.stored_depth_range)))
-        shown.append(("error of interpolation, relative", f"{self.interpolation_error:.1e}"))
-        shown.append(("error as stored, relative", f"{self.attribute_error:.1e}"))
-        return shown
+        rows = [(name, f"{count:,}") for name, count in counts]
+        rows.append(("faces over a covered pixel", f"{self.overdraw:.2f}"))
+        rows.append(("depth, scene units", _format_range(self.depth_range)))
+        rows.append(("stored depth", _format_range(self.stored_depth_range)))
+        rows.append(("error of interpolation, relative", f"{self.interpolation_error:.1e}"))
+        rows.append(("error as stored, relative", f"{self.attribute_error:.1e}"))
+        return rows
 
     def __str__(self) -> str:
         rows = self.rows()
@@ -129,7 +129,7 @@ def diagnose(
     depth_format: DepthFormat | None = None,
 ) -> Diagnostics:
     """
-    Look at a drawn frame once more.
+    Count the faces of a drawn frame by fate, and bound the errors of its values.
 
     Parameters
     ----------
@@ -151,11 +151,12 @@ def diagnose(
         raise ValueError("coverage must be drawn with Wanted(lists=True)")
     faces, viewport, face_id = coverage.lists.faces, geometry.viewport, coverage.face_id
     samples, tied_pixels = _count_samples(coverage, coverage.lists, geometry, workers)
-    seen = face_id >= 0
-    shown = np.zeros(len(faces.faces), np.uint8)
-    shown[face_id[seen]] = 1
+    covered = face_id >= 0
+    visible = np.zeros(len(faces.faces), np.uint8)
+    visible[face_id[covered]] = 1
     fates = np.empty(len(faces.faces), np.uint8)
-    diagnostics_stage.find_fates(faces, objects, coverage.screen, viewport, (samples, shown), fates)
+    view = coverage.screen, viewport, (samples, visible)
+    diagnostics_stage.find_fates(faces, objects, *view, fates)
     counts = np.bincount(fates, minlength=diagnostics_stage.FATES).tolist()
     codes = coverage.screen.codes[: len(geometry.clip_positions)]
     depths = _ranges(coverage, camera, depth_format)
@@ -172,13 +173,13 @@ def diagnose(
         invalid_vertices=int(np.count_nonzero(codes & setup.INVALID)),
         clipped=coverage.totals.clipped,
         samples=int(samples.sum()),
-        pixels_covered=int(np.count_nonzero(seen)),
+        pixels_covered=int(np.count_nonzero(covered)),
         tied_pixels=tied_pixels,
         depth_range=depths[0],
         stored_depth_range=depths[1],
         interpolation_error=error,
         # What is rounded is the value with its error.
-        attribute_error=error + STORING * (1.0 + error) if error > 0.0 else 0.0,
+        attribute_error=error + FLOAT32_ROUNDING * (1.0 + error) if error > 0.0 else 0.0,
     )
 
 
@@ -213,8 +214,8 @@ def _ranges(
     coverage: visibility_pass.Coverage, camera: Camera, depth_format: DepthFormat | None
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
     """Return the range of the metric depth and that of the stored one, as outputs hold them."""
-    seen = coverage.face_id >= 0
-    stored = coverage.depth[seen]
+    covered = coverage.face_id >= 0
+    stored = coverage.depth[covered]
     if not len(stored):
         return None, None
     ends = np.array([stored.max(), stored.min()])
@@ -222,7 +223,7 @@ def _ranges(
         with np.errstate(over="ignore"):
             nearest, farthest = np.asarray(camera.view_depth(ends), np.float32).tolist()
     else:
-        metric = metric_depth(depth_format, camera, coverage, seen.shape[::-1])[seen]
+        metric = metric_depth(depth_format, camera, coverage, covered.shape[::-1])[covered]
         nearest, farthest = float(metric.min()), float(metric.max())
     return (nearest, farthest), (float(ends[1]), float(ends[0]))
 
@@ -242,6 +243,6 @@ def _largest_error(face_id: Int32, geometry: Geometry, workers: Workers) -> floa
     return float(largest.max())
 
 
-def _span(ends: tuple[float, float] | None) -> str:
+def _format_range(ends: tuple[float, float] | None) -> str:
     """Return a range as text."""
     return "none" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}"

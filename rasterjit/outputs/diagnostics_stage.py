@@ -86,7 +86,7 @@ def corners_on_screen(corners, xy):
 
 
 @helper
-def take_samples(face, box, origin, tile, empty, frame, ties):
+def count_triangle_samples(face, box, origin, tile, empty, frame, ties):
     """Count and clear the samples of the one triangle in the tile; mark where it lost a tie."""
     depths, numbers = tile
     frame_depth, face_id = frame
@@ -106,7 +106,7 @@ def take_samples(face, box, origin, tile, empty, frame, ties):
 
 @helper
 def count_and_clear(ties):
-    """Return how many samples of a tile are marked, and clear the marks."""
+    """Count the marked samples of a tile, and clear the marks."""
     count = np.int64(0)
     for row in range(ties.shape[0]):
         for column in range(ties.shape[1]):
@@ -143,7 +143,7 @@ def count_samples(
     samples, tied = counts
     depths, numbers, empty = scratch[0], scratch[1], scratch[tile_rasterizer.EMPTY][0]
     columns = (np.int64(viewport.width) + setup.TILE_SIZE - 1) >> setup.TILE_BITS
-    whole = scratch[2]
+    bounds = scratch[2]
     tile_rasterizer.clear_tile(depths, numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
@@ -154,16 +154,16 @@ def count_samples(
             tile_rasterizer.plan_listed(drawing, k, 1)
             tile_rasterizer.draw_some(drawing, drawing.tile, 0, 1)
             # The box of a wide triangle may begin left of the tile.
-            left, top = max(np.int64(whole[LEFT, 0]), origin[0]), np.int64(whole[TOP, 0])
-            box = left, top, np.int64(whole[RIGHT, 0]), np.int64(whole[BOTTOM, 0])
-            samples[k] = take_samples(
-                whole[FACE, 0], box, origin, (depths, numbers), empty, frame, ties
+            left, top = max(np.int64(bounds[LEFT, 0]), origin[0]), np.int64(bounds[TOP, 0])
+            box = left, top, np.int64(bounds[RIGHT, 0]), np.int64(bounds[BOTTOM, 0])
+            samples[k] = count_triangle_samples(
+                bounds[FACE, 0], box, origin, (depths, numbers), empty, frame, ties
             )
         tied[tile] = count_and_clear(ties)
 
 
 @helper
-def greatest(ax, ay, bx, by, width, height):
+def max_edge_value(ax, ay, bx, by, width, height):
     """Return the greatest value of an edge function over the image."""
     px = np.int64(0) if by > ay else width
     py = height if bx > ax else np.int64(0)
@@ -171,13 +171,13 @@ def greatest(ax, ay, bx, by, width, height):
 
 
 @helper
-def fate_of(corners, screen, viewport, turn, samples):
-    """Return what became of one triangle that was set up, seen or not."""
+def fate_of(corners, screen, viewport, winding, samples):
+    """Return the fate of one triangle that was set up, visible or not."""
     ax, ay, bx, by, cx, cy = corners_on_screen(corners, screen.xy)
     area = setup.edge(ax, ay, bx, by, cx, cy)
     if area == 0:
         return DEGENERATE
-    if (area > 0 and turn > 0) or (area < 0 and turn < 0):
+    if (area > 0 and winding > 0) or (area < 0 and winding < 0):
         return CULLED
     if samples > 0:
         return HIDDEN
@@ -191,9 +191,9 @@ def fate_of(corners, screen, viewport, turn, samples):
         or min(ax, min(bx, cx)) >= width
         or max(ay, max(by, cy)) <= 0
         or min(ay, min(by, cy)) >= height
-        or greatest(ax, ay, bx, by, width, height) <= 0
-        or greatest(bx, by, cx, cy, width, height) <= 0
-        or greatest(cx, cy, ax, ay, width, height) <= 0
+        or max_edge_value(ax, ay, bx, by, width, height) <= 0
+        or max_edge_value(bx, by, cx, cy, width, height) <= 0
+        or max_edge_value(cx, cy, ax, ay, width, height) <= 0
     )
     return OUTSIDE if is_missed else SUB_PIXEL
 
@@ -201,53 +201,53 @@ def fate_of(corners, screen, viewport, turn, samples):
 @kernel
 def find_fates(
     faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport,
-    seen: (int64[::1], uint8[::1]), fates: uint8[::1],
+    coverage: (int64[::1], uint8[::1]), fates: uint8[::1],
 ):  # fmt: skip
     """
-    Say what became of each face.
+    Write the fate of each face.
 
     Parameters
     ----------
     faces, objects, screen, viewport : records
         As `setup.set_up_triangles` took them.
-    seen : (samples (F + P,) int64, shown (F,) uint8)
+    coverage : (samples (F + P,) int64, shown (F,) uint8)
         The samples that each triangle covers, faces first, then pieces; and which faces are visible
         at a pixel.
     fates : (F,) uint8
         Written: ``DROPPED`` .. ``VISIBLE``.
     """
-    samples, shown = seen
-    own, codes = faces.faces, screen.codes
-    face_count = np.int64(own.shape[0])
+    samples, is_visible = coverage
+    vertices, codes = faces.faces, screen.codes
+    face_count = np.int64(vertices.shape[0])
     piece = 0
     owner = 0
     for face in range(face_count):
         while face >= objects.face_starts[owner + 1]:
             owner += 1
-        corners = setup.corners_of(own, face)
+        corners = setup.corners_of(vertices, face)
         code0, code1, code2 = codes[corners[0]], codes[corners[1]], codes[corners[2]]
         any_code = code0 | code1 | code2
-        turn = objects.culled_turns[owner]
+        winding = objects.culled_turns[owner]
         if any_code & setup.INVALID:
             fate = DROPPED
         elif code0 & code1 & code2 & setup.FRUSTUM:
             fate = OUTSIDE
         elif not any_code & setup.CLIPPED:
-            fate = fate_of(corners, screen, viewport, turn, samples[face])
+            fate = fate_of(corners, screen, viewport, winding, samples[face])
         else:
-            is_left = piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face
-            fate = DEGENERATE if is_left else OUTSIDE
+            has_pieces = piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face
+            fate = DEGENERATE if has_pieces else OUTSIDE
             while piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face:
                 corners = setup.corners_of(faces.pieces, piece)
                 covered = samples[face_count + piece]
-                fate = max(fate, fate_of(corners, screen, viewport, turn, covered))
+                fate = max(fate, fate_of(corners, screen, viewport, winding, covered))
                 piece += 1
-        fates[face] = VISIBLE if shown[face] else fate
+        fates[face] = VISIBLE if is_visible[face] else fate
 
 
 @helper
 def cross_error(p1, u1, q1, v1, p2, u2, q2, v2):
-    """Return what one weight of a clipped face is off by, at most."""
+    """Return the error bound of one weight of a clipped face."""
     operands = p1 * abs(v2) + abs(u1) * q2 + p2 * abs(v1) + abs(u2) * q1
     operands += 16.0 * ROUNDING * (p1 * q2 + p2 * q1)
     return HOMOGENEOUS * (5.0 * operands + 2.0 * (abs(u1 * v2) + abs(u2 * v1)))
@@ -305,8 +305,8 @@ def clipped_error(a, b, c, column, row, geometry):
     total = b0 + b1 + b2
     if not abs(total) > 2.0 * s:
         return np.inf
-    turn = 1.0 if total > 0.0 else -1.0
-    b0, b1, b2 = max(turn * b0, 0.0), max(turn * b1, 0.0), max(turn * b2, 0.0)
+    winding = 1.0 if total > 0.0 else -1.0
+    b0, b1, b2 = max(winding * b0, 0.0), max(winding * b1, 0.0), max(winding * b2, 0.0)
     total = b0 + b1 + b2
     off = (s1 + s2 + (b1 + b2) / total * s) / (total - s)
     error = 2.0 * off + CLIPPED_SUM
@@ -331,7 +331,7 @@ def largest_error(
         values, in float64, before a value is stored; infinite if a face is seen exactly from its
         side.
     """
-    found = largest[0]
+    bound = largest[0]
     for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
@@ -339,7 +339,7 @@ def largest_error(
                 continue
             a, b, c = setup.corners_of(geometry.faces, face)
             if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & setup.CLIPPED:
-                found = max(found, clipped_error(a, b, c, column, row, geometry))
+                bound = max(bound, clipped_error(a, b, c, column, row, geometry))
             else:
-                found = max(found, UNCLIPPED)
-    largest[0] = found
+                bound = max(bound, UNCLIPPED)
+    largest[0] = bound

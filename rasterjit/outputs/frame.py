@@ -1,4 +1,4 @@
-"""What a render returns: the outputs that were asked for, and what it took to make them."""
+"""The result of a render: requested outputs, statistics and plan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
-from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
+from rasterjit.outputs.colorbar import append_bar, draw_colorbar, find_scale
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.output_table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene import notebook_preview
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rasterjit.outputs.masks import ObjectMask
 
 
-Part = tuple[slice, slice]
+Slices = tuple[slice, slice]
 """Rows and columns of a picture."""
 
 
@@ -41,7 +41,7 @@ class OutputNotRequestedError(AttributeError, ValueError):
 @dataclass(frozen=True, repr=False)
 class FrameStats:
     """
-    What became of the triangles, and where the time went.
+    Counts of triangles by fate, and the time of each stage.
 
     ``triangles_in`` is the sum of ``outside``, ``culled``, ``degenerate``, ``unsampled``,
     ``invalid`` and ``drawn``.
@@ -56,11 +56,11 @@ class FrameStats:
     outside: int
     """Wholly outside the view volume."""
     culled: int
-    """Turned away from the viewer, with culling on."""
+    """Facing away from the viewer, with culling on."""
     degenerate: int
     """Without area once their vertices are snapped."""
     unsampled: int
-    """So small that they hold no pixel's centre, or beside the image."""
+    """So small that they cover no pixel's centre, or outside the image."""
     invalid: int
     """With a vertex that is NaN, infinite or beyond 1e150 in clip space."""
     drawn: int
@@ -91,16 +91,16 @@ class FrameStats:
             covered = self.__dict__["_covered"] = int(np.count_nonzero(covered >= 0))
         return covered
 
-    def of_part(self, part: Part, face_id: NDArray[np.int32] | None) -> FrameStats:
-        """Return those of a frame that was cut out of another; its faces, if they were counted."""
-        shown = self.__dict__["_covered"] if face_id is None else face_id
-        return replace(self, face_id=shown if isinstance(shown, int) else shown[part].copy())
+    def cropped(self, slices: Slices, face_id: NDArray[np.int32] | None) -> FrameStats:
+        """Return the statistics of a crop, with the crop's own covered pixels."""
+        faces = self.__dict__["_covered"] if face_id is None else face_id
+        return replace(self, face_id=faces if isinstance(faces, int) else faces[slices].copy())
 
 
 @dataclass(frozen=True, repr=False)
 class QualityChoice(notebook_preview.Printed):
     """
-    Which quality was chosen for a frame, and what was expected of it.
+    The quality that was chosen for a frame, with predicted and actual cost.
 
     Attributes
     ----------
@@ -120,17 +120,17 @@ class QualityChoice(notebook_preview.Printed):
     predicted_error: float | None = None
 
     def __str__(self) -> str:
-        told = [f"{self.quality} in {1e3 * self.seconds:.3g} ms"]
+        parts = [f"{self.quality} in {1e3 * self.seconds:.3g} ms"]
         if self.predicted_seconds is not None:
-            told.append(f"{1e3 * self.predicted_seconds:.3g} ms expected")
+            parts.append(f"{1e3 * self.predicted_seconds:.3g} ms expected")
         if self.predicted_error is not None:
-            told.append(f"error {self.predicted_error:.2g} expected")
-        return f"QualityChoice({', '.join(told)})"
+            parts.append(f"error {self.predicted_error:.2g} expected")
+        return f"QualityChoice({', '.join(parts)})"
 
 
 class PickedPixel(NamedTuple):
     """
-    The point that a pixel shows at its centre, as `Frame.pick` finds it.
+    The surface point at a pixel's centre, as `Frame.pick` returns it.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class PickedPixel(NamedTuple):
     scalar: float | None = None
 
 
-PICKED = ("face_id", "barycentric", "position")
+PICK_OUTPUTS = ("face_id", "barycentric", "position")
 """Outputs that `Frame.pick` reads."""
 
 
@@ -355,7 +355,7 @@ class RenderedOutputs:
         return dict(self._outputs)
 
     def _output(self, name: str) -> NDArray[Any]:
-        return output_named(name, self._outputs, self._HOLDER)
+        return get_output(name, self._outputs, self._HOLDER)
 
 
 class Frame(RenderedOutputs):
@@ -391,7 +391,7 @@ class Frame(RenderedOutputs):
         # Not None for a type checker: who asks for a choice knows that there is one.
         self.choice: QualityChoice | Any = None
         self._white_share = 0.0
-        """Of the lit surfaces that are seen, 0..1; 0 where no light is so strong: see notices."""
+        """Share of the visible lit surfaces that is burnt out, 0..1: see ``view_warnings``."""
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
@@ -423,7 +423,7 @@ class Frame(RenderedOutputs):
 
     @property
     def diagnostics(self) -> Diagnostics:
-        """What became of every face, and how precise the numbers are; needs ``diagnose=True``."""
+        """Counts of faces by fate, and error bounds; needs ``diagnose=True``."""
         if self._diagnostics is None:
             raise OutputNotRequestedError(
                 "diagnostics were not made: ask for them with diagnose=True"
@@ -480,13 +480,13 @@ class Frame(RenderedOutputs):
         ``32768 + 32767 n``, motion ``32768 + 64 pixels`` as in the KITTI flow benchmark.
         """
         formats = dict.fromkeys((*saving.FORMATS, *images.IMAGE_FORMATS))
-        place = images.checked_path(path, formats)
-        suffix = place.suffix.lower()
+        target = images.checked_path(path, formats)
+        suffix = target.suffix.lower()
         is_image = suffix in images.IMAGE_FORMATS
         if outputs is None and is_image:
             self._output("color")
             outputs = "color"
-        arrays = saving.chosen(self._outputs, outputs)
+        arrays = saving.select_outputs(self._outputs, outputs)
         if not isinstance(colorbar, (bool, str)):
             raise ValueError(
                 f"colorbar must be True, False or a title, got {check.in_short(colorbar)}"
@@ -499,11 +499,11 @@ class Frame(RenderedOutputs):
             )
         if has_bar:
             title = colorbar if isinstance(colorbar, str) else ""
-            images.save_image(place, beside(self.color, self.colorbar(title)))
+            images.save_image(target, append_bar(self.color, self.colorbar(title)))
         elif suffix in saving.FORMATS:
-            saving.save_outputs(place, arrays, scale=scale)
+            saving.save_outputs(target, arrays, scale=scale)
         elif list(arrays) == ["color"] and scale is None:
-            images.save_image(place, self.color)
+            images.save_image(target, self.color)
         else:
             raise ValueError(
                 f"path {str(path)!r}: {suffix} holds the colour alone, without a scale; "
@@ -541,13 +541,13 @@ class Frame(RenderedOutputs):
     def caption(self) -> str:
         """One line for people: ``640 × 480, 7,656 triangles, 12 ms``; without compiling."""
         width, height = self.plan.size
-        took = sum(time for name, time in self.stats.seconds.items() if name != "compile")
-        duration = f"{took:.1f} s" if took >= 1.0 else f"{1e3 * took:.0f} ms"
+        seconds = sum(time for name, time in self.stats.seconds.items() if name != "compile")
+        duration = f"{seconds:.1f} s" if seconds >= 1.0 else f"{1e3 * seconds:.0f} ms"
         return f"{width} × {height}, {self.counted}, {duration}"
 
     @property
     def counted(self) -> str:
-        """What was drawn, in words: ``7,656 triangles``, ``90 triangles and points``."""
+        """The drawn primitives in words: ``7,656 triangles``, ``90 triangles and points``."""
         contents, count = self.plan.facts.contents, self.stats.triangles_in
         kinds = {"segments": contents.lines, "points": contents.points}
         others = contents.objects - sum(kinds.values())
@@ -560,7 +560,7 @@ class Frame(RenderedOutputs):
         font: str | os.PathLike[str] | None = None,
     ) -> NDArray[np.uint8]:  # fmt: skip
         """
-        Draw which colours stand for which scalars, as high as the frame, the highest on top.
+        Draw the colour bar of the scalars, as high as the frame, the highest value on top.
 
         Ticks lie at round numbers. If any scalar is NaN, its colour is shown as well.
 
@@ -586,7 +586,7 @@ class Frame(RenderedOutputs):
         """
         if not isinstance(title, str):
             raise ValueError(f"title must be a text, got {check.in_short(title)}")
-        scale = scale_of(self.plan.facts.inventory.color_scales, node)
+        scale = find_scale(self.plan.facts.inventory.color_scales, node)
         return draw_colorbar(scale, self.plan.size[1], title, font)
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
@@ -642,15 +642,15 @@ class Frame(RenderedOutputs):
         return self._pick(x, y, ())
 
     def _pick(self, x: float, y: float, layer: tuple[int, ...]) -> PickedPixel | None:
-        """Return what a pixel shows, in a layer if there are several."""
-        missing = [name for name in PICKED if name not in self._outputs]
+        """Return the surface point of a pixel, in a layer if there are several."""
+        missing = [name for name in PICK_OUTPUTS if name not in self._outputs]
         if missing:
             raise OutputNotRequestedError(
-                f"pick needs the outputs {', '.join(PICKED)}; {' and '.join(missing)} "
+                f"pick needs the outputs {', '.join(PICK_OUTPUTS)}; {' and '.join(missing)} "
                 f"{'was' if len(missing) == 1 else 'were'} not rendered: ask for them with "
                 f"outputs=(..., {', '.join(map(repr, missing))})"
             )
-        face_id, weights, position = (self._outputs[name][layer] for name in PICKED)
+        face_id, weights, position = (self._outputs[name][layer] for name in PICK_OUTPUTS)
         height, width = face_id.shape
         pixel = _pixel("y", y, height), _pixel("x", x, width)
         face = int(face_id[pixel])
@@ -658,14 +658,14 @@ class Frame(RenderedOutputs):
             return None
         starts = self._first_faces()
         node = int(np.searchsorted(starts, face, side="right")) - 1
-        own = face - int(starts[node])
+        face_number = face - int(starts[node])
         if node == len(starts) - 1:
             # A cap: those of an object, one for each plane, follow each other.
-            node, plane = divmod(own, len(planes_of(self.plan.facts.asked["section"])))
-            own = -1 - plane
+            node, plane = divmod(face_number, len(planes_of(self.plan.facts.asked["section"])))
+            face_number = -1 - plane
         scalar = self._outputs.get("scalar")
         return PickedPixel(
-            node, own, weights[pixel].copy(), position[pixel].copy(),
+            node, face_number, weights[pixel].copy(), position[pixel].copy(),
             None if scalar is None else float(scalar[layer][pixel]),
         )  # fmt: skip
 
@@ -694,22 +694,22 @@ class Frame(RenderedOutputs):
         )
 
 
-def output_named(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> NDArray[Any]:
+def get_output(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> NDArray[Any]:
     """Return an output of a frame, or of what else holds some; raise if it was not asked for."""
     if name not in outputs:
-        held = f"this {holder} has {', '.join(outputs)}"
+        available = f"this {holder} has {', '.join(outputs)}"
         if name not in OUTPUTS and not is_attribute(name):
-            meant = check.question(name, (*OUTPUTS, *outputs))
+            hint = check.question(name, (*OUTPUTS, *outputs))
             raise OutputNotRequestedError(
-                f"{check.in_short(name)} is the name of no output; {held}{meant}"
+                f"{check.in_short(name)} is the name of no output; {available}{hint}"
             )
-        meant = ""
+        hint = ""
         if is_attribute(name):
             # All begin alike.
-            others = [one.removeprefix(ATTRIBUTE) for one in outputs if is_attribute(one)]
-            meant = check.question(name.removeprefix(ATTRIBUTE), others)
+            attributes = [one.removeprefix(ATTRIBUTE) for one in outputs if is_attribute(one)]
+            hint = check.question(name.removeprefix(ATTRIBUTE), attributes)
         raise OutputNotRequestedError(
-            f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
+            f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {available}{hint}"
         )
     return outputs[name]
 
@@ -783,7 +783,7 @@ class LayeredFrame(Frame):
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         if colorbar is not False:
             raise ValueError(f"colorbar must be False for layers, got {check.in_short(colorbar)}")
-        saving.save_layers(path, saving.chosen(self._outputs, outputs))
+        saving.save_layers(path, saving.select_outputs(self._outputs, outputs))
 
     def pick(self, x: float, y: float, layer: int = 0) -> PickedPixel | None:
         """
@@ -799,7 +799,7 @@ class LayeredFrame(Frame):
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
-        Refuse: a mask is of one layer.
+        Raise ``ValueError``: a mask is of one layer.
 
         Raises
         ------
@@ -813,22 +813,22 @@ class LayeredFrame(Frame):
         )
 
 
-def cut_out(frame: Frame, part: Part, plan: RenderPlan) -> Frame:
+def crop_frame(frame: Frame, slices: Slices, plan: RenderPlan) -> Frame:
     """Return a part of a frame, with its own plan."""
-    arrays = {name: array[part].copy() for name, array in frame.arrays().items()}
-    stats = frame.stats.of_part(part, frame.arrays().get("face_id"))
+    arrays = {name: array[slices].copy() for name, array in frame.arrays().items()}
+    stats = frame.stats.cropped(slices, frame.arrays().get("face_id"))
     return Frame(arrays, plan, stats, None, frame._face_starts)
 
 
-def keep_outputs(frame: Frame, outputs: tuple[str, ...]) -> Frame:
+def select_outputs(frame: Frame, outputs: tuple[str, ...]) -> Frame:
     """Return a frame with these of its outputs alone."""
     arrays = frame.arrays()
     plan = frame.plan.with_(facts=replace(frame.plan.facts, outputs=outputs))
-    kept = Frame(
+    selected = Frame(
         {name: arrays[name] for name in outputs}, plan, frame.stats, frame._diagnostics,
         frame._face_starts,
     )  # fmt: skip
-    kept.choice = frame.choice
+    selected.choice = frame.choice
     if "color" in outputs:
-        kept._white_share = frame._white_share
-    return kept
+        selected._white_share = frame._white_share
+    return selected

@@ -40,12 +40,12 @@ from rasterjit.survey.plan import RenderPlan
 if TYPE_CHECKING:
     from rasterjit.survey.cross_sections import Cut
 
-PIXELS_AT_ONCE = 1 << 15
-"""Pixels that NumPy does at once: their float64 copies stay in L2."""
+PIXELS_PER_BLOCK = 1 << 15
+"""Pixels that NumPy processes at once: their float64 copies stay in L2."""
 
 Buffers = dict[str, NDArray[Any]]
 
-SAMPLES_AT_ONCE = 1 << 15
+SAMPLES_PER_BLOCK = 1 << 15
 """Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
 is done in one step."""
 
@@ -60,7 +60,7 @@ def fill_buffers(
     result: Buffers,
     workers: Workers,
 ) -> None:
-    """Make the ground-truth buffers that were asked for, but for the coverage of pixels."""
+    """Fill the requested ground-truth buffers, except the coverage of pixels."""
     shapes, face_id = cache.shapes, coverage.face_id
     if "face_id" in plan.outputs:
         result["face_id"] = face_id if cache.cut is None else cache.cut.face_numbers[face_id]
@@ -76,24 +76,24 @@ def fill_buffers(
     _fill_numbers(plan, cache, face_id, result)
     if points is not None:
         _fill_points(plan, cache, geometry, placement, face_id, points, result, workers)
-    _finish(plan, cache, placement, face_id, result, workers)
+    _complete_buffers(plan, cache, placement, face_id, result, workers)
     if compared is not None:
         shared = face_id, geometry, shapes.arrays.face_starts
         if "motion" in plan.outputs:
             result["motion"] = motion.fill_motion(*shared, compared, workers)
         if compared.sighting is not None:
-            seen = compared.before, compared.sighting
-            result["motion_visible"] = motion.fill_visible(*shared, *seen, workers)
+            previous = compared.before, compared.sighting
+            result["motion_visible"] = motion.fill_visible(*shared, *previous, workers)
 
 
-class Fill(NamedTuple):
-    """How a kernel fills a buffer, of one view or of many, from the face at each pixel."""
+class FillCall(NamedTuple):
+    """A kernel call that fills a buffer, of one view or of many, from the face at each pixel."""
 
     kernel: Kernel
     channels: tuple[int, ...]
     """() of a buffer (H, W), (C,) of one (H, W, C)."""
     arguments: tuple[Any, ...]
-    """What it is called with between the geometry and the buffer."""
+    """Arguments of the kernel between the geometry and the buffer."""
 
     def run(self, face_id: Int32, geometry: Geometry, workers: Workers) -> Float32:
         """Return the buffer, filled for the faces of a picture, (H, W)."""
@@ -111,62 +111,62 @@ def list_fills(
     cache: SceneCache,
     placement: Placement,
     world_from_model: Float64 | None = None,
-) -> dict[str, Fill]:
+) -> dict[str, FillCall]:
     """
-    Return how kernels fill the buffers that were asked for, by name, one for each row of the table.
+    Return the kernel calls for the requested buffers, by name, one for each row of the table.
 
     Of ``distance`` that is the point relative to the eye. ``world_from_model`` is (O, 3, 4), where
     it is not that of the scene.
     """
-    shapes, wanted, fills = cache.shapes, set(plan.outputs), {}
-    if "barycentric" in wanted:
-        places = (shapes.listed_places,)
-        fills["barycentric"] = Fill(interpolation.fill_barycentric, (3,), places)
-    if "uv" in wanted:
-        fills["uv"] = Fill(interpolation.fill_attribute, (2,), (shapes.uv,))
-    if "scalar" in wanted:
-        fills["scalar"] = Fill(scalar_colors.fill_scalars, (), shapes.scalars[:1])
-    for name in plan.facts.attributes.keys() & wanted:
+    shapes, asked, fills = cache.shapes, set(plan.outputs), {}
+    if "barycentric" in asked:
+        vertices = (shapes.listed_places,)
+        fills["barycentric"] = FillCall(interpolation.fill_barycentric, (3,), vertices)
+    if "uv" in asked:
+        fills["uv"] = FillCall(interpolation.fill_attribute, (2,), (shapes.uv,))
+    if "scalar" in asked:
+        fills["scalar"] = FillCall(scalar_colors.fill_scalars, (), shapes.scalars[:1])
+    for name in plan.facts.attributes.keys() & asked:
         attribute = plan.facts.attributes[name]
         values, _ = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
         if values is not None:
-            fills[name] = Fill(interpolation.fill_attribute, (attribute.columns,), (values,))
-    for name in POSITIONS & wanted:
+            fills[name] = FillCall(interpolation.fill_attribute, (attribute.columns,), (values,))
+    for name in POSITIONS & asked:
         matrices = _matrices(name, plan, cache, placement)
         if name == "position" and world_from_model is not None:
             matrices = world_from_model
-        placed = _at_rest(name, cache, placement), matrices
-        fills[name] = Fill(interpolation.fill_positions, (3,), placed)
+        arguments = _placement(name, cache, placement), matrices
+        fills[name] = FillCall(interpolation.fill_positions, (3,), arguments)
     # The kernel is the same without vertex normals: it is given an empty table.
     count = len(shapes.meshes)
     flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
-    if not wanted.isdisjoint(NORMAL_OUTPUTS):
-        given = (shapes.normals, np.ones(count, np.uint8)) if plan.facts.shows_normals else flat
-        fills["normal"] = Fill(interpolation.fill_normals, (3,), (placement, given))
-    if "geometric_normal" in wanted:
-        given = _normals_of_points(shapes, flat)
-        fills["geometric_normal"] = Fill(interpolation.fill_normals, (3,), (placement, given))
+    if not asked.isdisjoint(NORMAL_OUTPUTS):
+        normals = (shapes.normals, np.ones(count, np.uint8)) if plan.facts.shows_normals else flat
+        fills["normal"] = FillCall(interpolation.fill_normals, (3,), (placement, normals))
+    if "geometric_normal" in asked:
+        normals = _normals_of_points(shapes, flat)
+        fills["geometric_normal"] = FillCall(interpolation.fill_normals, (3,), (placement, normals))
     return fills
 
 
-def _at_rest(name: str, cache: SceneCache, placement: Placement) -> Placement:
-    """Return where vertices are that a buffer of positions shows: not posed in a model's space."""
+def _placement(name: str, cache: SceneCache, placement: Placement) -> Placement:
+    """Return the placement for a buffer of positions: unposed for those in model space."""
     return cache.shapes.at_rest(placement) if name in ("object_position", "nocs") else placement
 
 
 def _matrices(name: str, plan: RenderPlan, cache: SceneCache, placement: Placement) -> Float64:
-    """Return what takes each object into the space of a buffer of positions, (O, 3, 4)."""
+    """Return the matrices from objects to the space of a buffer of positions, (O, 3, 4)."""
     if name == "position":
         return np.ascontiguousarray(cache.places.world_from_model[:, :3])
     if name == "position_camera":
-        return _into_view(plan.camera, placement.relative_from_model)
+        return _view_matrices(plan.camera, placement.relative_from_model)
     if name == "object_position":
         return np.tile(np.eye(3, 4), (len(cache.shapes.meshes), 1, 1))
-    return box_matrices(_whole_boxes(cache)) if name == "nocs" else placement.relative_from_model
+    return box_matrices(_rest_boxes(cache)) if name == "nocs" else placement.relative_from_model
 
 
-def _turns(name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen) -> Float64:
-    """Return what takes ways in world axes into that space, (O, 3, 3)."""
+def _rotations(name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen) -> Float64:
+    """Return the matrices from world directions to that space, (O, 3, 3)."""
     if name == "position_camera":
         view = np.asarray(plan.camera.view_matrix())[:3, :3]
         return np.tile(view, (len(cache.shapes.meshes), 1, 1))
@@ -174,7 +174,7 @@ def _turns(name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen) -
         return np.tile(np.eye(3), (len(cache.shapes.meshes), 1, 1))
     axes = _model_axes(cache.places.world_from_model, points)
     if name == "nocs":
-        axes = axes * box_matrices(_whole_boxes(cache))[:, :1, :1]
+        axes = axes * box_matrices(_rest_boxes(cache))[:, :1, :1]
     return axes
 
 
@@ -183,7 +183,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     attributes = plan.facts.attributes
     by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
     kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
-    rows = [KernelRow(kernel, _way_of_weights(plan)) for kernel in kernels if kernel]
+    rows = [KernelRow(kernel, _weights_note(plan)) for kernel in kernels if kernel]
     if plan.facts.seen.spheres and interpolation.fill_positions in kernels:
         rows.append(KernelRow(point_normals.fill_sphere_positions))
     if plan.facts.seen.points and interpolation.fill_normals in kernels:
@@ -191,38 +191,38 @@ def kernels_of(plan: RenderPlan) -> Rows:
     return rows
 
 
-def _way_of_weights(plan: RenderPlan) -> str:
-    """Return how values are interpolated, if not perspective-correctly."""
+def _weights_note(plan: RenderPlan) -> str:
+    """Return a note on how values are interpolated, if not perspective-correctly."""
     return "affine weights" if plan.is_affine else ""
 
 
-def _weigh_whole_faces(cut: Cut, face_id: Int32, barycentric: Float32) -> None:
-    """Turn weights in parts of faces, (H, W, 3), into those in the whole faces."""
+def _unclip_weights(cut: Cut, face_id: Int32, barycentric: Float32) -> None:
+    """Convert weights in clipped parts of faces, (H, W, 3), to weights in the whole faces."""
     rows, columns = np.nonzero(cut.is_piece[face_id])
-    for start in range(0, len(rows), SAMPLES_AT_ONCE):
-        some = rows[start : start + SAMPLES_AT_ONCE], columns[start : start + SAMPLES_AT_ONCE]
-        own, corners = barycentric[some], cut.weights[face_id[some]]
-        a, b, c = (own[:, k, np.newaxis] * corners[:, k] for k in range(3))
-        barycentric[some] = (a + b) + c
+    for start in range(0, len(rows), SAMPLES_PER_BLOCK):
+        block = rows[start : start + SAMPLES_PER_BLOCK], columns[start : start + SAMPLES_PER_BLOCK]
+        weights, corners = barycentric[block], cut.weights[face_id[block]]
+        a, b, c = (weights[:, k, np.newaxis] * corners[:, k] for k in range(3))
+        barycentric[block] = (a + b) + c
 
 
 def _fill_numbers(plan: RenderPlan, cache: SceneCache, face_id: Int32, result: Buffers) -> None:
     """Fill the buffers of numbers that belong to whole objects, -1 where nothing is."""
-    wanted = [name for name in ("object_id", "instance_id", "material_id") if name in plan.outputs]
-    if not wanted:
+    asked = [name for name in ("object_id", "instance_id", "material_id") if name in plan.outputs]
+    if not asked:
         return
     # Nothing, -1, finds the last number. Half as long as an index takes.
     shapes, object_id = cache.shapes, cache.shapes.object_numbers.take(face_id, mode="wrap")
     if cache.cut is not None:
         # Of the scene before it was cut.
         shapes, object_id = Shapes(list(cache.cut.meshes)), cache.cut.owners[object_id]
-    for name in wanted:
+    for name in asked:
         is_own = name == "object_id"
         result[name] = object_id if is_own else object_table(name, shapes)[object_id]
 
 
 def object_table(name: str, shapes: Shapes) -> Int32:
-    """Return what a buffer of numbers shows of each object, (O+1,); -1 of object -1."""
+    """Return the values of a buffer of numbers for each object, (O+1,); -1 for object -1."""
     if name == "object_id":
         return np.array([*range(len(shapes.meshes)), -1], np.int32)
     return shapes.instance_numbers if name == "instance_id" else material_numbers(shapes)
@@ -230,7 +230,7 @@ def object_table(name: str, shapes: Shapes) -> Int32:
 
 def material_numbers(shapes: Shapes) -> Int32:
     """
-    Return the number of each object's material, (O+1,), as they are first used in the scene.
+    Number the materials of objects, (O+1,), by their first use in the scene.
 
     Equal materials have one number. The last entry, which object -1 finds, is -1.
     """
@@ -253,17 +253,17 @@ def _fill_points(
     """Fill positions and normals anew where they are those of points' shapes, not of faces."""
     if points.has_spheres:
         for name in POSITIONS & result.keys():
-            placed = _at_rest(name, cache, placement), _matrices(name, plan, cache, placement)
-            turns = _turns(name, plan, cache, points)
-            seen = geometry.faces, *points.read, *placed, turns, result[name]
-            fill_rows(point_normals.fill_sphere_positions, face_id, seen, workers)
+            placed = _placement(name, cache, placement), _matrices(name, plan, cache, placement)
+            rotations = _rotations(name, plan, cache, points)
+            inputs = geometry.faces, *points.read, *placed, rotations, result[name]
+            fill_rows(point_normals.fill_sphere_positions, face_id, inputs, workers)
     for name in ("normal", "geometric_normal"):
         if name in result:
-            own = geometry.faces, *points.read, placement, result[name]
-            fill_rows(point_normals.fill_point_normals, face_id, own, workers)
+            arguments = geometry.faces, *points.read, placement, result[name]
+            fill_rows(point_normals.fill_point_normals, face_id, arguments, workers)
 
 
-def _finish(
+def _complete_buffers(
     plan: RenderPlan,
     cache: SceneCache,
     placement: Placement,
@@ -271,10 +271,10 @@ def _finish(
     result: Buffers,
     workers: Workers,
 ) -> None:
-    """Do what NumPy does with buffers that kernels have filled."""
+    """Complete, with NumPy, the buffers that kernels have filled."""
     shapes = cache.shapes
     if "barycentric" in result and cache.cut is not None:
-        _weigh_whole_faces(cache.cut, face_id, result["barycentric"])
+        _unclip_weights(cache.cut, face_id, result["barycentric"])
     for name in plan.facts.attributes.keys() & set(plan.outputs):
         attribute = plan.facts.attributes[name]
         of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
@@ -293,10 +293,10 @@ def _finish(
     if "distance" in result:
         result["distance"] = _distances(result["distance"], plan, placement, workers)
     if "normal_camera" in plan.outputs:
-        result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
+        result["normal_camera"] = _camera_normals(result["normal"], plan.camera, workers)
 
 
-def _whole_boxes(cache: SceneCache) -> Float64:
+def _rest_boxes(cache: SceneCache) -> Float64:
     """Return the box of each object, (O, 2, 3), before it was posed and a section cut it."""
     if cache.cut is None:
         return cache.shapes.rest_boxes
@@ -304,7 +304,7 @@ def _whole_boxes(cache: SceneCache) -> Float64:
 
 
 def _model_axes(world_from_model: Float64, points: PointsSeen) -> Float64:
-    """Return what takes ways in world axes to those of models, (O, 3, 3); 0 but for spheres."""
+    """Return the matrices from world to model directions, (O, 3, 3); 0 but for spheres."""
     axes = np.zeros((len(world_from_model), 3, 3))
     for number in np.flatnonzero(points.rows.shapes[:, 0] == SPHERE):
         # What is flattened has no way back.
@@ -313,21 +313,21 @@ def _model_axes(world_from_model: Float64, points: PointsSeen) -> Float64:
     return axes
 
 
-def _into_view(camera: Camera, relative_from_model: Float64) -> Float64:
-    """Return what takes each object into camera space, (O, 3, 4), given its matrix to the eye."""
+def _view_matrices(camera: Camera, relative_from_model: Float64) -> Float64:
+    """Return the matrices from objects to camera space, (O, 3, 4), given those to the eye."""
     shift = transforms.translate(camera.eye_position())
     view = transforms.compose(camera.view_matrix(), shift)[:3, :, np.newaxis]
     m = relative_from_model[:, np.newaxis]
     with np.errstate(over="ignore", invalid="ignore"):
         # In one order on every CPU, which products from BLAS are not.
-        placed = (view[:, 0] * m[..., 0, :] + view[:, 1] * m[..., 1, :]) + view[:, 2] * m[..., 2, :]
-        placed[..., 3] += view[:, 3, 0]
-    return placed
+        result = (view[:, 0] * m[..., 0, :] + view[:, 1] * m[..., 1, :]) + view[:, 2] * m[..., 2, :]
+        result[..., 3] += view[:, 3, 0]
+    return result
 
 
 def box_matrices(boxes: Float64) -> Float64:
     """
-    Return what takes each object into a cube of side 1, (O, 3, 4), given its box, (O, 2, 3).
+    Return the matrices from objects to a cube of side 1, (O, 3, 4), given their boxes.
 
     The middle of the box goes to (1/2, 1/2, 1/2), and its diagonal has length 1 there.
     """
@@ -350,7 +350,7 @@ def box_matrices(boxes: Float64) -> Float64:
 def _distances(
     relative: Float32, plan: RenderPlan, placement: Placement, workers: Workers
 ) -> Float32:
-    """Return how far points (H, W, 3), relative to the eye, are from it, (H, W); inf for NaN."""
+    """Return the distances of points, (H, W, 3), relative to the eye; inf for NaN."""
     height, width, _ = relative.shape
     distance = workers.memory.empty((height, width), np.float32)
     x, y, z = np.asarray(plan.camera.view_matrix())[2, :3].tolist()
@@ -358,16 +358,16 @@ def _distances(
     is_parallel = placement.toward_viewer[3] == 0.0
 
     def measure_some(first: int) -> None:
-        some = slice(first, first + rows)
-        right, up, back = (relative[some, :, k].astype(np.float64) for k in range(3))
+        band = slice(first, first + rows)
+        right, up, back = (relative[band, :, k].astype(np.float64) for k in range(3))
         with np.errstate(over="ignore"):
             if is_parallel:
                 far = -((x * right + y * up) + z * back) / size
             else:
                 far = np.sqrt((right * right + up * up) + back * back)
-            distance[some] = np.where(np.isnan(far), np.inf, far)
+            distance[band] = np.where(np.isnan(far), np.inf, far)
 
-    rows = max(1, PIXELS_AT_ONCE // width)
+    rows = max(1, PIXELS_PER_BLOCK // width)
     workers.run(measure_some, [(first,) for first in range(0, height, rows)])
     return distance
 
@@ -378,33 +378,33 @@ def _normals_of_points(shapes: Shapes, flat: tuple[Float32, UInt8]) -> tuple[Flo
     return (shapes.normals, np.array(has_own, np.uint8)) if any(has_own) else flat
 
 
-def _turned_into_view(normal: Float32, camera: Camera, workers: Workers) -> Float32:
+def _camera_normals(normal: Float32, camera: Camera, workers: Workers) -> Float32:
     """Return unit normals, (H, W, 3), of world space in camera space; zero ones stay zero."""
     height, width, _ = normal.shape
-    turned = workers.memory.empty(normal.shape, np.float32)
+    result = workers.memory.empty(normal.shape, np.float32)
     axes = transforms.normal_matrix(camera.view_matrix())
     # So that the squares stay in range.
     axes = (axes / np.abs(axes).max()).tolist()
 
     def turn_some(first: int) -> None:
-        some = slice(first, first + rows)
-        right, up, back = (normal[some, :, k].astype(np.float64) for k in range(3))
+        band = slice(first, first + rows)
+        right, up, back = (normal[band, :, k].astype(np.float64) for k in range(3))
         x, y, z = ((a * right + b * up) + c * back for a, b, c in axes)
         length = np.sqrt((x * x + y * y) + z * z)
         scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
         for k, along in enumerate((x, y, z)):
-            turned[some, :, k] = along * scale
+            result[band, :, k] = along * scale
 
-    rows = max(1, PIXELS_AT_ONCE // width)
+    rows = max(1, PIXELS_PER_BLOCK // width)
     workers.run(turn_some, [(first,) for first in range(0, height, rows)])
-    return turned
+    return result
 
 
 def depth_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the reversed depth of what is seen, if a pass reads it."""
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
-    rows = [KernelRow(depths.fill_depths, _way_of_weights(plan))]
+    rows = [KernelRow(depths.fill_depths, _weights_note(plan))]
     if plan.facts.contents.points:
         rows.append(KernelRow(point_normals.fill_point_depths))
     return rows
@@ -419,7 +419,7 @@ def add_reversed_depth(
     placement: Placement,
 ) -> visibility_pass.Coverage:
     """
-    Return the coverage with the reversed depth of what is seen, and that of the vertices.
+    Return the coverage with the reversed depth of pixels and vertices.
 
     Where depths were compared in another way they are found anew for the faces that were seen, so
     that nothing is rounded to the format.
@@ -477,7 +477,7 @@ def metric_depth(
     """
     depth = np.full(coverage.face_id.shape, np.inf, np.float32)
     (width, height), (left, top) = size, corner
-    rows = max(1, SAMPLES_AT_ONCE // coverage.face_id.shape[1])
+    rows = max(1, SAMPLES_PER_BLOCK // coverage.face_id.shape[1])
     for row in range(0, len(depth), rows):
         band = slice(row, row + rows)
         if coverage.first_depth is None:

@@ -34,14 +34,14 @@ from rasterjit.scene.validation import (
 )
 
 _GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
-"""Of a compressed length: bits a character holds, their mask, the sign, that more follow, "0"."""
+"""Compressed lengths: bits of a character, their mask, sign bit, continuation bit, code of "0"."""
 _MAX_SHORT = 65535
-"""Largest number of 16 bits."""
+"""Largest uint16."""
 _MAX_GROUPS = 13
 """Characters that a 64-bit number takes at most."""
 _MAX_LISTED = 8
 """Objects that a message names."""
-_LONGEST = 1 << 63
+_LENGTH_LIMIT = 1 << 63
 """First length that 64 bits do not hold."""
 
 
@@ -89,7 +89,7 @@ class ObjectMask:
 
 def find(ids: ArrayLike, name: str = "ids") -> tuple[ObjectMask, ...]:
     """
-    Return the mask of every number in an image.
+    Return the mask of every object number in an image.
 
     Parameters
     ----------
@@ -107,26 +107,26 @@ def find(ids: ArrayLike, name: str = "ids") -> tuple[ObjectMask, ...]:
     if numbers.ndim != 2 or numbers.dtype.kind not in "iu" or numbers.size == 0:
         raise ValueError(f"{name} must be (H, W) whole numbers, not empty; got {in_short(numbers)}")
     columns = np.ascontiguousarray(numbers.T).ravel()
-    places = np.flatnonzero(columns >= 0)
-    if not len(places):
+    positions = np.flatnonzero(columns >= 0)
+    if not len(positions):
         return ()
-    keys = columns[places]
+    keys = columns[positions]
     if keys.max() <= _MAX_SHORT:
         # NumPy sorts 16 bits by their digits, in half the time.
         keys = keys.astype(np.uint16)
     # Column by column inside each number.
     order = np.argsort(keys, kind="stable")
-    places, keys = places[order], keys[order]
+    positions, keys = positions[order], keys[order]
     starts = np.flatnonzero(np.diff(keys.astype(np.int64), prepend=-1))
     return tuple(
-        _mask(int(keys[start]), own, numbers.shape)
-        for start, own in zip(starts, np.split(places, starts[1:]), strict=True)
+        _mask(int(keys[start]), pixels, numbers.shape)
+        for start, pixels in zip(starts, np.split(positions, starts[1:]), strict=True)
     )
 
 
 def encode(mask: ArrayLike) -> ObjectMask:
     """
-    Return a mask with its box, area and codes; its ``id`` is 1.
+    Return a mask as an `ObjectMask` with ``id`` 1.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def encode(mask: ArrayLike) -> ObjectMask:
 
 def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
     """
-    Return the mask, (H, W) bool, of a COCO code.
+    Decode a COCO run-length code to a mask, (H, W) bool.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
 
 def compress(counts: ArrayLike) -> str:
     """
-    Return run lengths as COCO's string.
+    Encode run lengths as COCO's compressed string.
 
     Parameters
     ----------
@@ -193,27 +193,27 @@ def compress(counts: ArrayLike) -> str:
     lengths = unmasked_array("counts", counts)
     if lengths.ndim != 1 or lengths.dtype.kind not in "iu" or (lengths < 0).any():
         raise ValueError(f"counts must be whole numbers from 0, got {in_short(counts)}")
-    left = lengths.astype(np.int64)
-    left[3:] -= lengths[1:-2].astype(np.int64)
-    codes = np.zeros((len(left), _MAX_GROUPS), np.uint8)
+    rest = lengths.astype(np.int64)
+    rest[3:] -= lengths[1:-2].astype(np.int64)
+    codes = np.zeros((len(rest), _MAX_GROUPS), np.uint8)
     used = np.zeros(codes.shape, bool)
-    going = np.ones(len(left), bool)
+    active = np.ones(len(rest), bool)
     for group in range(_MAX_GROUPS):
-        used[:, group] = going
-        bits = left & _GROUP
-        left >>= _GROUP_BITS
+        used[:, group] = active
+        bits = rest & _GROUP
+        rest >>= _GROUP_BITS
         # What is left must be nothing but the sign of what is written.
-        more = left != np.where(bits & _SIGN, -1, 0)
+        more = rest != np.where(bits & _SIGN, -1, 0)
         codes[:, group] = bits + np.where(more, _MORE, 0) + _ZERO
-        going = going & more
-        if not going.any():
+        active = active & more
+        if not active.any():
             break
     return codes[used].tobytes().decode("ascii")
 
 
 def decompress(text: str | bytes) -> NDArray[np.int64]:
     """
-    Return the run lengths, (N,) int64, of COCO's string.
+    Decode COCO's compressed string to run lengths, (N,) int64.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
             value -= 1 << shift
         lengths.append(value + (lengths[-2] if len(lengths) > 2 else 0))
         value = shift = 0
-        if not -_LONGEST <= lengths[-1] < _LONGEST:
+        if not -_LENGTH_LIMIT <= lengths[-1] < _LENGTH_LIMIT:
             raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
     if shift:
         raise ValueError(f"text must be a whole compressed mask, got {in_short(text)}")
@@ -251,7 +251,7 @@ def coco(
     info: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """
-    Return a COCO instance annotation of images: what its JSON file holds.
+    Return a COCO instance annotation of images, as its JSON file holds it.
 
     Parameters
     ----------
@@ -280,8 +280,8 @@ def coco(
     info = {} if info is None else info
     if not isinstance(info, Mapping):
         raise ValueError(f"info must be a mapping or None, got {in_short(info)}")
-    named = _categories(categories)
-    kinds = dict.fromkeys(name for name in named.values() if name is not None)
+    category_of = _categories(categories)
+    kinds = dict.fromkeys(name for name in category_of.values() if name is not None)
     numbered = {name: number for number, name in enumerate(kinds, 1)}
     document: dict[str, Any] = {
         "info": dict(info),
@@ -302,9 +302,9 @@ def coco(
         file_name = file_name.as_posix() if isinstance(file_name, PurePath) else file_name
         masks = find(ids, f"images: the numbers of {file_name!r}")
         height, width = np.shape(ids)
-        unsaid = [str(mask.id) for mask in masks if mask.id not in named]
-        if unsaid:
-            listed = ", ".join(unsaid[:_MAX_LISTED]) + (" ..." if unsaid[_MAX_LISTED:] else "")
+        missing = [str(mask.id) for mask in masks if mask.id not in category_of]
+        if missing:
+            listed = ", ".join(missing[:_MAX_LISTED]) + (" ..." if missing[_MAX_LISTED:] else "")
             raise ValueError(
                 f"categories must have an entry for each object that {file_name!r} shows, its "
                 f"name, or None to leave it out; got none for {listed}"
@@ -312,11 +312,11 @@ def coco(
         document["images"].append(
             {"id": image_id, "file_name": file_name, "width": width, "height": height}
         )
-        found = ((mask, named[mask.id]) for mask in masks)
-        wanted = ((mask, category) for mask, category in found if category is not None)
+        pairs = ((mask, category_of[mask.id]) for mask in masks)
+        annotated = ((mask, category) for mask, category in pairs if category is not None)
         document["annotations"] += [
             {
-                "id": len(document["annotations"]) + place,
+                "id": len(document["annotations"]) + number,
                 "image_id": image_id,
                 "category_id": numbered[category],
                 "object_id": mask.id,
@@ -325,7 +325,7 @@ def coco(
                 "area": mask.area,
                 "iscrowd": 0,
             }
-            for place, (mask, category) in enumerate(wanted, 1)
+            for number, (mask, category) in enumerate(annotated, 1)
         ]
     return document
 
@@ -338,7 +338,7 @@ def save_coco(
     info: Mapping[str, Any] | None = None,
 ) -> None:
     """
-    Write a COCO instance annotation, whole or not at all; takes what `coco` takes.
+    Write a COCO instance annotation atomically; takes the arguments of `coco`.
 
     Raises
     ------
@@ -347,43 +347,43 @@ def save_coco(
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    place = checked_path(path, (".json",))
+    target = checked_path(path, (".json",))
     text = json.dumps(coco(images, categories, info=info))
-    with atomic_file(place) as temporary:
+    with atomic_file(target) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def _categories(categories: Any) -> dict[int, str | None]:
     """Return the category of each object by its number, or raise ``ValueError``."""
     if isinstance(categories, Mapping):
-        named = dict(categories)
+        category_of = dict(categories)
     elif isinstance(categories, Sequence) and not isinstance(categories, (str, bytes)):
-        named = dict(enumerate(categories))
+        category_of = dict(enumerate(categories))
     else:
         raise ValueError(
             f"categories must be names by the objects' numbers, got {in_short(categories)}"
         )
-    for number, name in named.items():
+    for number, name in category_of.items():
         is_name = name is None or (isinstance(name, str) and name)
         if not isinstance(number, (int, np.integer)) or not is_name:
             raise ValueError(f"categories must be names by number, got {number!r}: {name!r}")
-    return {int(number): name for number, name in named.items()}
+    return {int(number): name for number, name in category_of.items()}
 
 
-def _mask(number: int, places: NDArray[np.int64], shape: tuple[int, ...]) -> ObjectMask:
+def _mask(number: int, positions: NDArray[np.int64], shape: tuple[int, ...]) -> ObjectMask:
     """Return the mask of ascending places, counted column by column."""
     height, width = shape
     # Split where the next place is not the next pixel.
-    first = np.flatnonzero(np.diff(places, prepend=-2) != 1)
-    ends = np.append(first[1:], len(places))[: len(first)] - 1
-    bounds = np.stack([places[first], places[ends] + 1], axis=1).ravel()
+    first = np.flatnonzero(np.diff(positions, prepend=-2) != 1)
+    ends = np.append(first[1:], len(positions))[: len(first)] - 1
+    bounds = np.stack([positions[first], positions[ends] + 1], axis=1).ravel()
     edges = np.concatenate([[0], bounds, [height * width]])
     counts = np.diff(edges)
     if len(counts) > 1 and counts[-1] == 0:
         counts = counts[:-1]
     box = (0, 0, 0, 0)
-    if len(places):
-        columns, rows = np.divmod(places, height)
+    if len(positions):
+        columns, rows = np.divmod(positions, height)
         left, top = int(columns[0]), int(rows.min())
         box = (left, top, int(columns[-1]) - left + 1, int(rows.max()) - top + 1)
-    return ObjectMask(number, (height, width), counts.astype(np.int64), box, len(places))
+    return ObjectMask(number, (height, width), counts.astype(np.int64), box, len(positions))

@@ -1,4 +1,4 @@
-"""Find how far what is seen has moved since an earlier view, and what of it was seen there."""
+"""Compute the motion of visible points since an earlier view, and their visibility then."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rasterjit.survey.object_transforms import Views
 
 
 class Moment(NamedTuple):
-    """Where the vertices of all objects were, and what took them to the screen."""
+    """The vertices of all objects at a time, and their matrices to the screen."""
 
     positions: Float64
     """(V, 3), model space."""
@@ -29,8 +29,8 @@ class Moment(NamedTuple):
     """(O, 5, 4), see ``motion_stage``."""
 
 
-class Sighting(NamedTuple):
-    """What was seen of them."""
+class PreviousFaces(NamedTuple):
+    """The faces that were visible in the previous view."""
 
     face_id: Int32
     """(H, W), -1 where nothing was."""
@@ -39,11 +39,11 @@ class Sighting(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The two moments that are compared."""
+    """The two moments between which motion is computed."""
 
     now: Moment
     before: Moment
-    sighting: Sighting | None
+    sighting: PreviousFaces | None
     """``None`` if nobody asks what was seen before."""
 
 
@@ -64,37 +64,37 @@ def check_same_objects(now: Sequence[Node], before: Sequence[Node]) -> None:
 def moment_of(
     shapes: Shapes, now: Shapes, views: Views, camera: Camera, size: tuple[int, int]
 ) -> Moment:
-    """Return where all vertices are for a camera, of faces that begin as those of now do."""
+    """Return the vertices and matrices for a camera, with faces in the order of ``now``."""
     matrices = _screen_matrices(views, camera, size)
     return Moment(shapes.arrays.positions, shapes.faces_as(now), matrices)
 
 
 def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> Float64:
-    """Return what takes each object to pixels and depth, (O, 5, 4); see ``motion_stage``."""
+    """Return the matrices from objects to pixels and depth, (O, 5, 4); see ``motion_stage``."""
     x, y, z, w = views.clip_from_relative
     (width, height), (c0, c1, c2) = size, camera.depth_coefficients()
     # The stored depth has a part that is the same for all points.
     nearness = c1 * z + c2 * w + np.array([0.0, 0.0, 0.0, c0])
     rows = np.array([(x + w) * (0.5 * width), (w - y) * (0.5 * height), z, w, nearness])
-    found, model = np.zeros((len(views.relative_from_model), 5, 4)), views.relative_from_model
+    matrices, model = np.zeros((len(views.relative_from_model), 5, 4)), views.relative_from_model
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(4):
-            found += rows[:, k, np.newaxis] * model[:, np.newaxis, k]
-    return found
+            matrices += rows[:, k, np.newaxis] * model[:, np.newaxis, k]
+    return matrices
 
 
 def fill_motion(
     face_id: Int32, geometry: Geometry, face_starts: Int64, compared: Motion, workers: Workers
 ) -> Float32:
-    """Return how far each point has moved, (H, W, 2), pixels; NaN where nothing is."""
-    moved = workers.memory.empty((*face_id.shape, 2), np.float32)
+    """Return the motion of each pixel's point, (H, W, 2), pixels; NaN for the background."""
+    motion = workers.memory.empty((*face_id.shape, 2), np.float32)
     now, before = compared.now, compared.before
     arguments = (
         geometry, face_starts, (now.positions, now.matrices),
-        (before.positions, before.matrices, before.faces), moved,
+        (before.positions, before.matrices, before.faces), motion,
     )  # fmt: skip
     fill_rows(motion_stage.fill_motion, face_id, arguments, workers)
-    return moved
+    return motion
 
 
 def fill_visible(
@@ -102,7 +102,7 @@ def fill_visible(
     geometry: Geometry,
     face_starts: Int64,
     before: Moment,
-    sighting: Sighting,
+    sighting: PreviousFaces,
     workers: Workers,
 ) -> Bool:
     """Return whether each point was seen before, (H, W); False where nothing is."""

@@ -24,13 +24,13 @@ from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int8, int32, int64, uint8
 
-ACROSS, DOWN, DEPTH, DEEP, NEARNESS = 0, 1, 2, 3, 4
+COLUMN, ROW, CLIP_Z, CLIP_W, STORED_DEPTH = 0, 1, 2, 3, 4
 """
-Rows of the matrices that take points of the model to the screen, all to be divided by ``DEEP``:
+Rows of the matrices that take points of the model to the screen, all to be divided by ``CLIP_W``:
 column and row in pixels, clip-space z, clip-space w, stored depth.
 """
 
-DEPTH_STEP = 2.0**-22
+DEPTH_TOLERANCE = 2.0**-22
 """What depths differ by, as a share of them, if one is nearer: a step of float32, in which it was
 decided what is seen."""
 
@@ -43,7 +43,7 @@ def row_at(matrices, owner, row, x, y, z):
 
 
 @helper
-def point_of(weights, a, b, c, positions):
+def interpolate_point(weights, a, b, c, positions):
     """Return the point of a face in model space."""
     p = positions
     return (
@@ -54,28 +54,28 @@ def point_of(weights, a, b, c, positions):
 
 
 @helper
-def place_on_screen(point, owner, matrices):
+def project_to_pixels(point, owner, matrices):
     """Return column and row of a point in pixels, and its w; without sense unless w > 0."""
     x, y, z = point
-    deep = row_at(matrices, owner, DEEP, x, y, z)
+    w = row_at(matrices, owner, CLIP_W, x, y, z)
     return (
-        row_at(matrices, owner, ACROSS, x, y, z) / deep,
-        row_at(matrices, owner, DOWN, x, y, z) / deep,
-        deep,
+        row_at(matrices, owner, COLUMN, x, y, z) / w,
+        row_at(matrices, owner, ROW, x, y, z) / w,
+        w,
     )
 
 
 @helper
-def beside_place(vertex, owner, positions, matrices, x, y):
+def offset_from_pixel(vertex, owner, positions, matrices, x, y):
     """Return of a vertex what is 0 if it lies at a place on the screen, its w and its depth."""
     p = positions
     px, py, pz = p[vertex, 0], p[vertex, 1], p[vertex, 2]
-    deep = row_at(matrices, owner, DEEP, px, py, pz)
+    w = row_at(matrices, owner, CLIP_W, px, py, pz)
     return (
-        row_at(matrices, owner, ACROSS, px, py, pz) - x * deep,
-        row_at(matrices, owner, DOWN, px, py, pz) - y * deep,
-        deep,
-        row_at(matrices, owner, NEARNESS, px, py, pz),
+        row_at(matrices, owner, COLUMN, px, py, pz) - x * w,
+        row_at(matrices, owner, ROW, px, py, pz) - y * w,
+        w,
+        row_at(matrices, owner, STORED_DEPTH, px, py, pz),
     )
 
 
@@ -89,43 +89,43 @@ def plane_at(corners, owner, positions, matrices, x, y):
     run clockwise. That of a segment is 0, its depth that of the foot of the perpendicular, and a
     point's its own.
     """
-    u0, v0, w0, d0 = beside_place(corners[0], owner, positions, matrices, x, y)
-    u1, v1, w1, d1 = beside_place(corners[1], owner, positions, matrices, x, y)
-    u2, v2, w2, d2 = beside_place(corners[2], owner, positions, matrices, x, y)
+    u0, v0, w0, d0 = offset_from_pixel(corners[0], owner, positions, matrices, x, y)
+    u1, v1, w1, d1 = offset_from_pixel(corners[1], owner, positions, matrices, x, y)
+    u2, v2, w2, d2 = offset_from_pixel(corners[2], owner, positions, matrices, x, y)
     if corners[1] == corners[2]:
         dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
         first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
         t = barycentric.share_along(first, second, w0, w1)
         return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0, False
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
-    turn = b0 * w0 + b1 * w1 + b2 * w2
-    if turn == 0.0:
-        return np.nan, turn, False
-    covers = min(b0 * turn, b1 * turn, b2 * turn) >= 0.0
-    return (b0 * d0 + b1 * d1 + b2 * d2) / turn, turn, covers
+    winding = b0 * w0 + b1 * w1 + b2 * w2
+    if winding == 0.0:
+        return np.nan, winding, False
+    covers = min(b0 * winding, b1 * winding, b2 * winding) >= 0.0
+    return (b0 * d0 + b1 * d1 + b2 * d2) / winding, winding, covers
 
 
 @helper
 def is_nearer(one, other):
     """Return whether a stored depth is nearer than another, by more than they are rounded."""
-    return one - other > DEPTH_STEP * (abs(one) + abs(other))
+    return one - other > DEPTH_TOLERANCE * (abs(one) + abs(other))
 
 
 @helper
 def share_vertex(corners, others, positions):
     """Return whether two faces of an object have a corner at the same place."""
-    found = False
+    is_shared = False
     for a in corners:
         for b in others:
             alike = positions[a, 0] == positions[b, 0] and positions[a, 1] == positions[b, 1]
-            found = found or (alike and positions[a, 2] == positions[b, 2])
-    return found
+            is_shared = is_shared or (alike and positions[a, 2] == positions[b, 2])
+    return is_shared
 
 
 @helper
 def was_seen(face, owner, point, corners, x, y, before, face_starts):
     """
-    Return whether a point that was in the picture was seen.
+    Return whether a point inside the previous picture was visible there.
 
     Parameters
     ----------
@@ -145,15 +145,15 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     column, row = np.int64(x), np.int64(y)
     if face_id[row, column] == face:
         return True
-    z = row_at(matrices, owner, DEPTH, point[0], point[1], point[2])
-    w = row_at(matrices, owner, DEEP, point[0], point[1], point[2])
+    z = row_at(matrices, owner, CLIP_Z, point[0], point[1], point[2])
+    w = row_at(matrices, owner, CLIP_W, point[0], point[1], point[2])
     if not abs(z) <= w:
         return False
     center_x, center_y = np.float64(column) + 0.5, np.float64(row) + 0.5
-    own, turn, _ = plane_at(corners, owner, positions, matrices, center_x, center_y)
-    if turn * np.float64(culled_turns[owner]) > 0.0:
+    own_depth, winding, _ = plane_at(corners, owner, positions, matrices, center_x, center_y)
+    if winding * np.float64(culled_turns[owner]) > 0.0:
         return False
-    depth = row_at(matrices, owner, NEARNESS, point[0], point[1], point[2]) / w
+    depth = row_at(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
     # Is it hidden by what was seen around, at its own place?
     last = np.int64(face)
     for i in range(max(row - 1, 0), min(row + 2, face_id.shape[0])):
@@ -162,24 +162,24 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
             is_known, last = other == last, other
             if other < 0 or other == face or is_known:
                 continue
-            there = barycentric.find_object(other, face_starts, owner)
-            hiding = corners_of(faces, other)
-            beside, _, covers = plane_at(hiding, there, positions, matrices, x, y)
-            if covers and is_nearer(beside, depth):
+            other_owner = barycentric.find_object(other, face_starts, owner)
+            other_corners = corners_of(faces, other)
+            other_depth, _, covers = plane_at(other_corners, other_owner, positions, matrices, x, y)
+            if covers and is_nearer(other_depth, depth):
                 return False
     # Is it behind the surface that was seen at the centre of its pixel?
     other = np.int64(face_id[row, column])
     if other < 0:
         return True
-    there = barycentric.find_object(other, face_starts, owner)
-    hiding = corners_of(faces, other)
-    if there == owner and share_vertex(corners, hiding, positions):
+    other_owner = barycentric.find_object(other, face_starts, owner)
+    other_corners = corners_of(faces, other)
+    if other_owner == owner and share_vertex(corners, other_corners, positions):
         return True
-    nearest, _, _ = plane_at(hiding, there, positions, matrices, center_x, center_y)
-    if not is_nearer(nearest, own):
+    nearest, _, _ = plane_at(other_corners, other_owner, positions, matrices, center_x, center_y)
+    if not is_nearer(nearest, own_depth):
         return True
-    beside, _, _ = plane_at(hiding, there, positions, matrices, x, y)
-    return not is_nearer(beside, depth)
+    other_depth, _, _ = plane_at(other_corners, other_owner, positions, matrices, x, y)
+    return not is_nearer(other_depth, depth)
 
 
 @kernel
@@ -189,7 +189,7 @@ def fill_motion(
     before: (float64[:, ::1], float64[:, :, ::1], int32[:, ::1]), motion: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write how far each point that is seen has moved across the screen.
+    Write the motion of each visible point across the screen.
 
     Parameters
     ----------
@@ -218,10 +218,10 @@ def fill_motion(
             a, b, c = corners_of(geometry.faces, face)
             weights = barycentric.sample_weights(a, b, c, column, row, geometry)
             i, j, k = corners_of(before[2], face)
-            x, y, deep = place_on_screen(point_of(weights, a, b, c, now[0]), owner, now[1])
-            point = point_of(weights, i, j, k, before[0])
-            old_x, old_y, old_deep = place_on_screen(point, owner, before[1])
-            if deep > 0.0 and old_deep > 0.0:
+            x, y, w = project_to_pixels(interpolate_point(weights, a, b, c, now[0]), owner, now[1])
+            point = interpolate_point(weights, i, j, k, before[0])
+            old_x, old_y, old_w = project_to_pixels(point, owner, before[1])
+            if w > 0.0 and old_w > 0.0:
                 motion[row, column, 0] = x - old_x
                 motion[row, column, 1] = y - old_y
 
@@ -233,7 +233,7 @@ def fill_visible(
     visible: uint8[:, ::1],
 ):  # fmt: skip
     """
-    Write whether each point that is seen was seen before.
+    Write whether each visible point was visible before.
 
     Parameters
     ----------
@@ -259,9 +259,9 @@ def fill_visible(
             a, b, c = corners_of(geometry.faces, face)
             weights = barycentric.sample_weights(a, b, c, column, row, geometry)
             corners = corners_of(before[2], face)
-            point = point_of(weights, corners[0], corners[1], corners[2], before[0])
-            x, y, deep = place_on_screen(point, owner, before[1])
-            if deep > 0.0 and 0.0 <= x < width and 0.0 <= y < height:
+            point = interpolate_point(weights, corners[0], corners[1], corners[2], before[0])
+            x, y, w = project_to_pixels(point, owner, before[1])
+            if w > 0.0 and 0.0 <= x < width and 0.0 <= y < height:
                 visible[row, column] = was_seen(
                     face, owner, point, corners, x, y, before, face_starts
                 )

@@ -27,7 +27,7 @@ OutputName: TypeAlias = Literal[
     "distance", "object_position", "nocs", "geometric_normal", "normal_camera", "position_camera",
     "material_id", "instance_id", "coverage", "motion", "motion_visible", "scalar",
 ]  # fmt: skip
-"""The names of the rows below, for type checkers."""
+"""Names of the outputs, for type checkers."""
 
 AttributeName = NewType("AttributeName", str)
 """
@@ -38,28 +38,28 @@ They know no pattern of names; at run time it is a plain string.
 
 AnyOutput: TypeAlias = OutputName | AttributeName
 Outputs: TypeAlias = AnyOutput | Sequence[AnyOutput] | Set[AnyOutput]
-"""What a render is asked for: one output, or several."""
+"""The outputs argument of a render: one output, or several."""
 
 IdOutput: TypeAlias = Literal["face_id", "object_id", "material_id", "instance_id"]
 """Outputs of whole numbers that tell things apart."""
 
 
 class Output(NamedTuple):
-    """What an output holds, and how files store it."""
+    """A row of the table: content of an output, and its form in files."""
 
     channels: int
-    """How many; 0: as many as the attribute has columns."""
+    """Number of channels; 0: as many as the attribute has columns."""
     dtype: str
     empty: float
-    """What it holds where nothing is; of colour, the background stands there instead."""
+    """Value of the background; colours show the background instead."""
     unit: str = ""
-    """What its values are: unit and space; empty for colours and numbers of things."""
+    """Unit and space of its values; empty for colours and numbers of things."""
     exr: tuple[str, ...] = ()
-    """Its channels in an EXR file; () -> its name, with .X, .Y and .Z, or .R to
+    """Channel names in an EXR file; () -> its name, with .X, .Y and .Z, or .R to
     .A, if there are several."""
     codes: str = "fitted"
     """
-    How a 16-bit PNG stores it: ``fitted`` to its values, or by its known range: ``vector`` (-1..1),
+    Encoding in a 16-bit PNG: ``fitted`` to its values, or by its known range: ``vector`` (-1..1),
     ``cube`` (0..1), ``share`` (0..1, with 0 in it), ``flow``.
     """
     is_mixed: bool = False
@@ -67,7 +67,7 @@ class Output(NamedTuple):
     needs_previous: bool = False
     """Whether it compares what is seen with an earlier view."""
     kernel: Kernel | None = None
-    """The kernel that fills it; None: NumPy does."""
+    """The kernel that fills it; None: NumPy fills it."""
 
 
 TABLE: dict[str, Output] = {
@@ -126,30 +126,30 @@ TABLE: dict[str, Output] = {
     ),
     "scalar": Output(1, "float32", math.nan, "of the scalars", kernel=scalar_colors.fill_scalars),
 }  # fmt: skip
-"""What a frame can hold, by name."""
+"""All outputs of a frame, by name."""
 
 _ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel=barycentric.fill_attribute)
 """That of any attribute."""
 
-UNKNOWN = Output(1, "float32", 0)
-"""What is known of an output that no frame has."""
+UNKNOWN_ROW = Output(1, "float32", 0)
+"""Row of an unknown output."""
 
 OUTPUTS: tuple[OutputName, ...] = get_args(OutputName)
-"""The names."""
+"""Names of all outputs."""
 
 MOTION_OUTPUTS = tuple(name for name in OUTPUTS if TABLE[name].needs_previous)
-"""Those that compare what is seen with an earlier view."""
+"""Outputs that need an earlier view."""
 
 MIXED_OUTPUTS = tuple(name for name in OUTPUTS if TABLE[name].is_mixed)
-"""Those that are mixed from all that a pixel shows."""
+"""Outputs that mix all surfaces of a pixel."""
 
 LAYER_OUTPUTS = tuple(name for name in OUTPUTS if not TABLE[name].is_mixed)
-"""Those that a layer of surfaces can hold."""
+"""Outputs that a layer of surfaces can hold."""
 
 
 def row_of(name: str) -> Output:
-    """Return what an output holds, be it an attribute or none that a frame has."""
-    return _ATTRIBUTE_ROW if is_attribute(name) else TABLE.get(name, UNKNOWN)
+    """Return the row of an output, an attribute or an unknown name."""
+    return _ATTRIBUTE_ROW if is_attribute(name) else TABLE.get(name, UNKNOWN_ROW)
 
 
 def is_attribute(name: object) -> bool:
@@ -165,15 +165,15 @@ def check_outputs(outputs: Outputs | Sequence[str]) -> tuple[AnyOutput, ...]:
         raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
     if not outputs:
         raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
-    found: dict[AnyOutput, None] = {}
+    unique: dict[AnyOutput, None] = {}
     for output in outputs:
         if not _is_output(output):
             raise ValueError(
                 f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}, "
                 f"and {ATTRIBUTE}NAME of an attribute of meshes{question(output, OUTPUTS)}"
             )
-        found[output] = None
-    return tuple(found)
+        unique[output] = None
+    return tuple(unique)
 
 
 def _is_output(name: object) -> TypeGuard[AnyOutput]:

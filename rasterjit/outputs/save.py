@@ -28,22 +28,22 @@ FORMATS = (".npz", ".npy", ".exr", ".png")
 LAYER_FORMATS = (".npz", ".npy", ".exr")
 """Extensions that ``save_layers`` writes."""
 
-MAX = 65535
-"""Largest code."""
+LIMIT = 65535
+"""Largest 16-bit code."""
 
-NOTHING = "nothing is there"
+EMPTY_TEXT = "nothing is there"
 
-_PARTS = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z"), 4: ("R", "G", "B", "A")}
-"""Endings of an output's channels in an EXR file, by how many there are."""
+_CHANNEL_NAMES = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z"), 4: ("R", "G", "B", "A")}
+"""Endings of an output's channel names in an EXR file, by their number."""
 
 _FLOW_SCALE, _FLOW_OFFSET = 1.0 / 64.0, -512.0
-"""Of motion, as the optical flow of the KITTI benchmark is stored: 64 codes a pixel, 0 at 2**15."""
+"""Scale and offset of motion, as the KITTI benchmark stores flow: 64 codes a pixel, 0 at 2**15."""
 
 
 @dataclass(frozen=True)
 class Codes:
     """
-    An output in 16-bit codes, and what they mean.
+    An output in 16-bit codes, with their meaning.
 
     Attributes
     ----------
@@ -59,10 +59,10 @@ class Codes:
     scale: float
     offset: float
     unit: str
-    zero: str = NOTHING
+    zero: str = EMPTY_TEXT
 
     def texts(self, name: str) -> dict[str, str]:
-        """Return what the file says of itself."""
+        """Return the text entries of the file."""
         return {
             "Title": name,
             "Description": "value = code * scale + offset",
@@ -86,7 +86,7 @@ def save_outputs(
     arrays : mapping of str to (H, W) or (H, W, C) array
         Outputs by name; what is not known by its name is known by its type and shape.
     scale : float, optional
-        PNG of floats only: units a code; see `as_codes`.
+        PNG of floats only: units a code; see `encode_output`.
 
     Raises
     ------
@@ -98,8 +98,8 @@ def save_outputs(
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    place = images.checked_path(path, FORMATS)
-    suffix = place.suffix.lower()
+    target = images.checked_path(path, FORMATS)
+    suffix = target.suffix.lower()
     _check_count(suffix, arrays)
     if scale is not None and suffix != ".png":
         raise ValueError(f"scale must be None for {suffix}, which holds the values, got {scale!r}")
@@ -107,15 +107,15 @@ def save_outputs(
         if array.ndim not in (2, 3) or array.size == 0:
             raise ValueError(f"outputs must be (H, W) or (H, W, C), got {name} {array.shape}")
     if suffix == ".npz":
-        images.save_arrays(place, **arrays)
+        images.save_arrays(target, **arrays)
     elif suffix == ".exr":
-        images.write_exr(place, exr_channels(arrays), _attributes(arrays))
+        images.write_exr(target, exr_channels(arrays), _attributes(arrays))
     else:
         ((name, array),) = arrays.items()
         if suffix == ".npy":
-            _save_array(place, array)
+            _save_array(target, array)
         else:
-            _save_png(place, name, array, scale)
+            _save_png(target, name, array, scale)
 
 
 def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -140,8 +140,8 @@ def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    place = images.checked_path(path, dict.fromkeys((*FORMATS, *images.IMAGE_FORMATS)))
-    suffix = place.suffix.lower()
+    target = images.checked_path(path, dict.fromkeys((*FORMATS, *images.IMAGE_FORMATS)))
+    suffix = target.suffix.lower()
     if suffix not in LAYER_FORMATS:
         raise ValueError(
             f"path {str(path)!r}: {suffix} holds one layer: choose one of "
@@ -149,10 +149,10 @@ def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         )
     _check_count(suffix, arrays)
     if suffix == ".npz":
-        images.save_arrays(place, **arrays)
+        images.save_arrays(target, **arrays)
     elif suffix == ".npy":
         (array,) = arrays.values()
-        _save_array(place, array)
+        _save_array(target, array)
     else:
         channels: dict[str, NDArray[Any]] = {}
         count = len(next(iter(arrays.values())))
@@ -160,7 +160,7 @@ def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
             layer = exr_channels({name: array[n] for name, array in arrays.items()})
             channels |= {f"layer{n}.{channel}": plane for channel, plane in layer.items()}
         images.write_exr(
-            place, channels, _attributes({name: array[0] for name, array in arrays.items()})
+            target, channels, _attributes({name: array[0] for name, array in arrays.items()})
         )
 
 
@@ -175,31 +175,31 @@ def _check_count(suffix: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         )
 
 
-def _save_array(place: Path, array: NDArray[Any]) -> None:
+def _save_array(path: Path, array: NDArray[Any]) -> None:
     """Write an array, whole or not at all."""
-    with atomic_file(place) as temporary:
+    with atomic_file(path) as temporary:
         np.save(temporary, array)
 
 
-def _save_png(place: Path, name: str, array: NDArray[Any], scale: float | None) -> None:
+def _save_png(path: Path, name: str, array: NDArray[Any], scale: float | None) -> None:
     """Write one output: pictures and yes-or-no as they are, all else in 16-bit codes."""
     is_mask = array.dtype == bool
     if scale is not None and (is_mask or array.dtype.kind != "f"):
         raise ValueError(f"scale must be None for {name}, which is {array.dtype}, got {scale!r}")
     if is_mask:
-        images.save_image(place, np.where(array, np.uint8(255), np.uint8(0)))
+        images.save_image(path, np.where(array, np.uint8(255), np.uint8(0)))
     elif array.dtype == np.uint8 and array.shape[2:] in ((3,), (4,)):
-        images.save_image(place, array)
+        images.save_image(path, array)
     else:
-        codes = as_codes(name, array, scale)
+        codes = encode_output(name, array, scale)
         data = images.encode_png(codes.pixels, codes.texts(name))
-        with atomic_file(place) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_bytes(data)
 
 
-def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Codes:
+def encode_output(name: str, array: NDArray[Any], scale: float | None = None) -> Codes:
     """
-    Return an output in 16-bit codes; 0 stands for pixels where nothing is.
+    Encode an output in 16 bits; code 0 stands for the background.
 
     Parameters
     ----------
@@ -236,43 +236,44 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
         array = array[..., 0]
     channels = array.shape[2] if array.ndim == 3 else 1
     if array.ndim == 2 and array.dtype.kind in "iu":
-        return _counted(name, array)
+        return _encode_integers(name, array)
     if array.dtype.kind != "f" or channels not in (1, 2, 3):
         raise ValueError(
             f"outputs must name one of 1 to 3 channels of floats, or of 1 of whole numbers, for a "
             f"16-bit .png; {name} is {array.shape} {array.dtype}: choose .exr or .npz"
         )
     values = array.astype(np.float64)
-    seen = np.isfinite(values) if channels == 1 else np.all(np.isfinite(values), axis=2)
+    valid = np.isfinite(values) if channels == 1 else np.all(np.isfinite(values), axis=2)
     row = row_of(name)
     unit, codes = row.unit, row.codes if row.channels == channels else "fitted"
     if codes == "vector":
         _refuse_scale(name, scale)
-        return _vectors(values, seen & np.any(values, axis=2), 1.0 / 32767, -32768.0 / 32767, unit)
+        valid &= np.any(values, axis=2)
+        return _encode_unit(values, valid, 1.0 / 32767, -32768.0 / 32767, unit)
     if codes == "cube":
         _refuse_scale(name, scale)
         # Where nothing is, all are NaN or all are 0.
-        shown = seen & np.any(values, axis=2) if row.empty == 0 else seen
-        return _vectors(values, shown, 1.0 / (MAX - 1), -1.0 / (MAX - 1), unit)
+        valid = valid & np.any(values, axis=2) if row.empty == 0 else valid
+        return _encode_unit(values, valid, 1.0 / (LIMIT - 1), -1.0 / (LIMIT - 1), unit)
     if codes == "share":
         _refuse_scale(name, scale)
-        return Codes(_rounded(name, values, seen, 1.0 / MAX, 0.0, 0), 1.0 / MAX, 0.0, unit)
+        return Codes(_encode(name, values, valid, 1.0 / LIMIT, 0.0, 0), 1.0 / LIMIT, 0.0, unit)
     if codes == "flow" and scale is None:
         scale, offset, mark = _FLOW_SCALE, _FLOW_OFFSET, 1
     else:
-        scale, offset = _fitted(values[seen], scale)
-        mark = MAX
-    pixels = _rounded(name, values, seen, scale, offset, 1)
+        scale, offset = _fit_range(values[valid], scale)
+        mark = LIMIT
+    pixels = _encode(name, values, valid, scale, offset, 1)
     if channels == 2:
-        blue = np.where(seen, np.uint16(mark), np.uint16(0))
+        blue = np.where(valid, np.uint16(mark), np.uint16(0))
         pixels = np.dstack([pixels, blue])
-        return Codes(pixels, scale, offset, unit, f"{NOTHING}, where blue is 0")
+        return Codes(pixels, scale, offset, unit, f"{EMPTY_TEXT}, where blue is 0")
     return Codes(pixels, scale, offset, unit)
 
 
 def decimal_scale(values: NDArray[Any]) -> float | None:
     """
-    Return the smallest power of ten that as a scale takes values to codes in 1..65535.
+    Return the smallest power of ten that scales values to codes in 1..65535.
 
     Parameters
     ----------
@@ -288,10 +289,10 @@ def decimal_scale(values: NDArray[Any]) -> float | None:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     if low <= 0.0:
         return None
-    power = int(f"{high / MAX:e}".partition("e")[2])
+    power = int(f"{high / LIMIT:e}".partition("e")[2])
     # The quotient may be rounded past a power of ten.
-    tried = (float(f"1e{power + step}") for step in range(-1, 3))
-    fitting = (scale for scale in tried if scale > 0.0 and nearest_code(high, scale) <= MAX)
+    tries = (float(f"1e{power + step}") for step in range(-1, 3))
+    fitting = (scale for scale in tries if scale > 0.0 and nearest_code(high, scale) <= LIMIT)
     scale = next(fitting, math.inf)
     return scale if nearest_code(low, scale) >= 1.0 else None
 
@@ -319,13 +320,13 @@ def channel_names(name: str, count: int) -> tuple[str, ...]:
     ValueError
         If there are more.
     """
-    known = row_of(name).exr
-    if len(known) == count:
-        return known
-    if count not in _PARTS and not is_attribute(name):
+    names = row_of(name).exr
+    if len(names) == count:
+        return names
+    if count not in _CHANNEL_NAMES and not is_attribute(name):
         raise ValueError(f"outputs must have 1 to 4 channels for .exr, got {count} in {name!r}")
-    parts = _PARTS.get(count) or map(str, range(count))
-    return tuple(f"{name}.{part}" if part else name for part in parts)
+    endings = _CHANNEL_NAMES.get(count) or map(str, range(count))
+    return tuple(f"{name}.{part}" if part else name for part in endings)
 
 
 def exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -346,8 +347,8 @@ def exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     channels: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
         planes = np.moveaxis(_planes(name, array), 2, 0)
-        shown = "linear" if name == "color" and "linear" not in arrays else name
-        channels.update(zip(channel_names(shown, len(planes)), planes, strict=True))
+        layer = "linear" if name == "color" and "linear" not in arrays else name
+        channels.update(zip(channel_names(layer, len(planes)), planes, strict=True))
     return channels
 
 
@@ -370,19 +371,19 @@ def _planes(name: str, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _attributes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
-    """Return what the header says of each output."""
-    said = {"software": "RasterJIT"}
+    """Return the header entries that describe each output."""
+    attributes = {"software": "RasterJIT"}
     for name, array in arrays.items():
         if array.dtype.kind in "iu" and array.ndim == 2:
-            said[f"rasterjit.{name}"] = f"number + 1; 0 where {NOTHING}"
+            attributes[f"rasterjit.{name}"] = f"number + 1; 0 where {EMPTY_TEXT}"
         elif name in ("color", "linear"):
-            said[f"rasterjit.{name}"] = "linear light, sRGB primaries, multiplied by alpha"
+            attributes[f"rasterjit.{name}"] = "linear light, sRGB primaries, multiplied by alpha"
         elif row_of(name).unit:
-            said[f"rasterjit.{name}"] = row_of(name).unit
-    return said
+            attributes[f"rasterjit.{name}"] = row_of(name).unit
+    return attributes
 
 
-def chosen(
+def select_outputs(
     arrays: Mapping[str, NDArray[Any]], names: str | Iterable[str] | None
 ) -> dict[str, NDArray[Any]]:
     """
@@ -402,66 +403,66 @@ def chosen(
     if names is None:
         return dict(arrays)
     try:
-        wanted = [names] if isinstance(names, str) else list(check.items("outputs", names))
+        selected = [names] if isinstance(names, str) else list(check.items("outputs", names))
     except TypeError:
         raise ValueError(f"outputs must be a name or names, got {check.in_short(names)}") from None
-    for name in wanted:
+    for name in selected:
         if not isinstance(name, str) or name not in arrays:
             raise ValueError(
                 f"outputs must be among what was rendered ({', '.join(arrays)}), got {name!r}"
             )
-    return {name: arrays[name] for name in wanted}
+    return {name: arrays[name] for name in selected}
 
 
-def _counted(name: str, array: NDArray[Any]) -> Codes:
-    """Return whole numbers, one more than they were."""
+def _encode_integers(name: str, array: NDArray[Any]) -> Codes:
+    """Encode integers as themselves plus one."""
     numbers = array.astype(np.int64) + 1
     low, high = int(numbers.min()), int(numbers.max())
-    if low < 0 or high > MAX:
+    if low < 0 or high > LIMIT:
         raise ValueError(
-            f"outputs must lie in -1..{MAX - 1} for a 16-bit .png, {name} has {low - 1}.."
+            f"outputs must lie in -1..{LIMIT - 1} for a 16-bit .png, {name} has {low - 1}.."
             f"{high - 1}: choose .exr or .npz"
         )
     return Codes(numbers.astype(np.uint16), 1.0, -1.0, "number")
 
 
-def _vectors(values: Float64, seen: Bool, scale: float, offset: float, unit: str) -> Codes:
+def _encode_unit(values: Float64, valid: Bool, scale: float, offset: float, unit: str) -> Codes:
     """Return vectors in codes from 1, those a rounding beyond their range at its end."""
-    codes = np.floor((np.where(seen[..., None], values, 0.0) - offset) / scale + 0.5)
-    pixels = np.where(seen[..., None], np.clip(codes, 1, MAX), 0).astype(np.uint16)
+    codes = np.floor((np.where(valid[..., None], values, 0.0) - offset) / scale + 0.5)
+    pixels = np.where(valid[..., None], np.clip(codes, 1, LIMIT), 0).astype(np.uint16)
     return Codes(pixels, scale, offset, unit)
 
 
-def _fitted(values: Float64, scale: float | None) -> tuple[float, float]:
+def _fit_range(values: Float64, scale: float | None) -> tuple[float, float]:
     """Return scale and offset that take finite values to codes in 1..65535."""
     if scale is not None:
         return check.positive_number("scale", scale), 0.0
     if not values.size:
         return 1.0, 0.0
     low, high = float(values.min()), float(values.max())
-    step = high / MAX
+    step = high / LIMIT
     if low >= step > 0.0:
         return step, 0.0
-    step = (high - low) / (MAX - 1)
+    step = (high - low) / (LIMIT - 1)
     if step <= 0.0:
         step = 1.0
     return step, low - step
 
 
-def _rounded(
-    name: str, values: Float64, seen: Bool, scale: float, offset: float, least: int
+def _encode(
+    name: str, values: Float64, valid: Bool, scale: float, offset: float, least: int
 ) -> NDArray[np.uint16]:
     """Return the nearest codes, half up, and 0 where nothing is; raise if they do not fit."""
-    given = np.floor((values[seen] - offset) / scale + 0.5)
-    if given.size and not (least <= given.min() and given.max() <= MAX):
-        fitting = decimal_scale(values[seen])
-        others = ".exr or .npz" if fitting is None else f"{fitting:g}, .exr or .npz"
+    rounded = np.floor((values[valid] - offset) / scale + 0.5)
+    if rounded.size and not (least <= rounded.min() and rounded.max() <= LIMIT):
+        fitting = decimal_scale(values[valid])
+        choices = ".exr or .npz" if fitting is None else f"{fitting:g}, .exr or .npz"
         raise ValueError(
-            f"scale must take {name} to codes in {least}..{MAX} of a 16-bit .png, got "
-            f"{given.min():.0f}..{given.max():.0f} with scale={scale!r}; choose {others}"
+            f"scale must take {name} to codes in {least}..{LIMIT} of a 16-bit .png, got "
+            f"{rounded.min():.0f}..{rounded.max():.0f} with scale={scale!r}; choose {choices}"
         )
     codes = np.zeros(values.shape, np.uint16)
-    codes[seen] = given
+    codes[valid] = rounded
     return codes
 
 

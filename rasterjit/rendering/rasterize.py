@@ -70,7 +70,7 @@ class RasterizedFaces:
         is. Computed when first read.
         """
         places = listed_places(self._listed, self._geometry.faces)
-        return self._filled(ground_truth.Fill(interpolation.fill_barycentric, (3,), (places,)))
+        return self._filled(ground_truth.FillCall(interpolation.fill_barycentric, (3,), (places,)))
 
     def interpolate(self, values: ArrayLike) -> NDArray[np.float32]:
         """
@@ -98,10 +98,10 @@ class RasterizedFaces:
                 f"values must have one row per vertex ({self._vertex_count}), got {len(rows)}"
             )
         return self._filled(
-            ground_truth.Fill(interpolation.fill_attribute, rows.shape[1:], (rows,))
+            ground_truth.FillCall(interpolation.fill_attribute, rows.shape[1:], (rows,))
         )
 
-    def _filled(self, one: ground_truth.Fill) -> NDArray[np.float32]:
+    def _filled(self, one: ground_truth.FillCall) -> NDArray[np.float32]:
         return one.run(self.face_id, self._geometry, Workers(1))
 
 

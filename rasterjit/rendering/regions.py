@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.outputs.frame import Frame, cut_out
+from rasterjit.outputs.frame import Frame, crop_frame
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.visibility_pass import Region
@@ -325,7 +325,7 @@ def _cut_out(frame: Frame, drawn: Region, region: Region) -> Frame:
     """Return the part of a frame that shows a region."""
     left, top = region.left - drawn.left, region.top - drawn.top
     part = np.s_[top : top + region.height, left : left + region.width]
-    return cut_out(frame, part, frame.plan.with_(region=region))
+    return crop_frame(frame, part, frame.plan.with_(region=region))
 
 
 def _margin_of(plan: RenderPlan) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import ground_truth, motion
-from rasterjit.outputs.frame import Frame, FrameStats, keep_outputs
+from rasterjit.outputs.frame import Frame, FrameStats, select_outputs
 from rasterjit.outputs.ground_truth import add_reversed_depth
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.fragments.fragment_bands import sampled_viewport
@@ -419,7 +419,7 @@ def compare(
     if "motion_visible" in planned.plan.outputs:
         plan, cache, views = planned.earlier[:3]
         seen = find_visible(plan, cache, workers, clock, views)
-        sighting = motion.Sighting(seen.coverage.face_id, seen.objects.culled_turns)
+        sighting = motion.PreviousFaces(seen.coverage.face_id, seen.objects.culled_turns)
     return motion.Motion(after, before, sighting)
 
 
@@ -704,7 +704,7 @@ class Renderer(Guarded):
                 yield self._render(own._replace(diagnose=False, previous=None), scene, swept)
 
         frame = budgets.draw_within_error(bound, draw, refined, sweep)
-        return keep_outputs(frame, wanted)
+        return select_outputs(frame, wanted)
 
     def refine(
         self,

@@ -40,7 +40,7 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.styles import style
-from rasterjit.styles.style import Gradient, GroundLight, Style, metered_exposure, with_changes
+from rasterjit.styles.style import Gradient, GroundLight, Style, choose_exposure, with_changes
 from rasterjit.survey.deformation import posed_scene
 
 __all__ = [
@@ -51,27 +51,27 @@ __all__ = [
 SAMPLES: Final = 4
 
 ANISOTROPY = 8
-"""Of textures, which are blurred at necks and rims of pots without it."""
+"""Anisotropy of textures, which would be blurred at grazing angles without it."""
 
 KEY = (-0.62, 0.95, 0.62)
-"""From the scene towards the key light: right, up, and towards the camera along the ground."""
+"""Direction towards the key light: right, up, and towards the camera along the ground."""
 
 KEY_INTENSITY = 0.58
 
 KEY_SHADOW = Shadow(size=1024, filter="soft", light_size=8.0, bias=8.0)
-"""Of a lamp that is 8 degrees wide. The bias hides the faces of coarse meshes in penumbras."""
+"""Shadow of a lamp 8 degrees wide. The bias hides the faces of coarse meshes in penumbras."""
 
 SKY = (0.50, 0.36, 0.20)
 """Light from overhead, from the horizon and from below, linear grey: in even steps, no edge."""
 
 SKY_ROWS = 64
-"""Of the picture of the sky where another axis than y is up."""
+"""Rows of the sky's panorama where another axis than y is up."""
 
-GREYS = Gradient(0x7E, 0xB2)
-"""The background: between black and white objects, in light or in shade."""
+GREY_BACKGROUND = Gradient(0x7E, 0xB2)
+"""The background: a grey between black and white objects, lit or shaded."""
 
-SHADES = GroundLight(None, (0.45, 0.5))
-"""What the shadow on the ground takes: not all of the light, so that it stays a soft grey."""
+GROUND_LIGHT = GroundLight(None, (0.45, 0.5))
+"""The shadow on the ground takes a part of the light, so that it stays a soft grey."""
 
 CLAY = "#b7a596"
 
@@ -95,7 +95,7 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
 
 def studio(scene: Any, camera: Camera | None = None) -> Style:
     """
-    Return a scene as a photographer would set it up.
+    Return a scene in the light of a photo studio.
 
     A large lamp over the left shoulder with a soft shadow, light from the sky, darker corners, 4
     samples a pixel, greys behind, neutral tones, sharp textures. The scene stands on an invisible
@@ -115,31 +115,31 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
     posed = posed_scene(as_scene(scene, "scene"))
-    sharp = style.sharpened(posed, ANISOTROPY)
-    lit, key, adds = _lit(sharp, camera)
+    sharp = style.with_anisotropy(posed, ANISOTROPY)
+    lighted, key, adds = _add_lights(sharp, camera)
     if sharp is not posed:
         adds["textures"] = "sharp where they are seen aslant"
     changes: dict[str, Any] = {}
-    if lit.ambient_occlusion is None:
+    if lighted.ambient_occlusion is None:
         changes["ambient_occlusion"] = AmbientOcclusion(strength=0.8)
         adds["ambient occlusion"] = "darker corners"
-    if lit.eye_dome is None and _is_bare_cloud(lit):
+    if lighted.eye_dome is None and _is_bare_cloud(lighted):
         changes["eye_dome"] = EyeDome()
         adds["eye-dome lighting"] = "points have neither colours nor normals"
-    if lit.tone_map is None:
-        exposure = metered_exposure(lit, camera)
+    if lighted.tone_map is None:
+        exposure = choose_exposure(lighted, camera)
         changes["tone_map"] = ToneMap("neutral", exposure)
         adds["tone mapping"] = "nothing is too bright to show"
         if exposure:
             adds["tone mapping"] += f", {exposure:+g} stops for what is seen"
     adds["anti-aliasing"] = f"{SAMPLES} samples"
-    if lit.environment is not None and lit.environment.background:
+    if lighted.environment is not None and lighted.environment.background:
         background = ground = None
     else:
-        background, ground = GREYS, SHADES._replace(key=key)
+        background, ground = GREY_BACKGROUND, GROUND_LIGHT._replace(key=key)
         adds["background image"] = "greys"
     return Style(
-        "studio", with_changes(lit, **changes), camera, Quality(samples=SAMPLES), background,
+        "studio", with_changes(lighted, **changes), camera, Quality(samples=SAMPLES), background,
         ground, adds,
     )  # fmt: skip
 
@@ -154,8 +154,8 @@ def clay(scene: Any, camera: Camera | None = None) -> Style:
         As `studio` takes them.
     """
     material = Material(base_color=CLAY, specular=0.0)
-    made = studio(style.covered(as_scene(scene, "scene"), material), camera)
-    return replace(made, name="clay", adds={**made.adds, "shading": "one material"})
+    result = studio(style.recolor(as_scene(scene, "scene"), material), camera)
+    return replace(result, name="clay", adds={**result.adds, "shading": "one material"})
 
 
 def technical(scene: Any, camera: Camera | None = None) -> Style:
@@ -167,10 +167,10 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    paper = style.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
-    drawn = with_changes(paper, outline=Outline(INK), environment=None, fog=None)
+    paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
+    styled = with_changes(paper, outline=Outline(INK), environment=None, fog=None)
     adds = {"outline": "lines along edges", "shading": "one colour"}
-    return Style("technical", drawn, camera, Quality.standard(), PAPER, adds=adds)
+    return Style("technical", styled, camera, Quality.standard(), PAPER, adds=adds)
 
 
 def xray(scene: Any, camera: Camera | None = None) -> Style:
@@ -183,14 +183,14 @@ def xray(scene: Any, camera: Camera | None = None) -> Style:
         As `plain` takes them.
     """
     film = Material(base_color=BLUE_FILM, alpha_mode="blend")
-    shown = with_changes(
-        style.covered(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
+    styled = with_changes(
+        style.recolor(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
     )
     adds = {
         "transparency": "all surfaces are seen through",
         "anti-aliasing": f"{SAMPLES} samples",
     }
-    return Style("xray", shown, camera, Quality(samples=SAMPLES), DARKROOM, adds=adds)
+    return Style("xray", styled, camera, Quality(samples=SAMPLES), DARKROOM, adds=adds)
 
 
 def depth(scene: Any, camera: Camera | None = None) -> Style:
@@ -208,10 +208,10 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
     """
     scene = posed_scene(as_scene(scene, "scene"))
     # Cameras that look the same way see the same differences of depth.
-    painted = style.painted_by_depth(scene, _seen_from(scene, camera))
-    shown = with_changes(painted, environment=None, fog=None, tone_map=None)
+    colored = style.color_by_depth(scene, _view_camera(scene, camera))
+    styled = with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"scalar fields": "the depth", "anti-aliasing": f"{SAMPLES} samples"}
-    return Style("depth", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
+    return Style("depth", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)
 
 
 def normals(scene: Any, camera: Camera | None = None) -> Style:
@@ -223,10 +223,10 @@ def normals(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    painted = style.painted_by_normal(posed_scene(as_scene(scene, "scene")))
-    shown = with_changes(painted, environment=None, fog=None, tone_map=None)
+    colored = style.color_by_normal(posed_scene(as_scene(scene, "scene")))
+    styled = with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
-    return Style("normals", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
+    return Style("normals", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)
 
 
 def wireframe(scene: Any, camera: Camera | None = None) -> Style:
@@ -238,10 +238,10 @@ def wireframe(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    paper = style.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
-    drawn = with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
+    paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
+    styled = with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
     adds = {"wireframe": "smooth lines along edges", "shading": "one colour"}
-    return Style("wireframe", drawn, camera, Quality(lines="coverage"), PAPER, adds=adds)
+    return Style("wireframe", styled, camera, Quality(lines="coverage"), PAPER, adds=adds)
 
 
 STYLES: Mapping[str, Callable[..., Style]] = MappingProxyType(
@@ -249,11 +249,11 @@ STYLES: Mapping[str, Callable[..., Style]] = MappingProxyType(
 )
 """All of them by their names; that of the command line first."""
 
-PAINTED = ("clay", "technical", "xray", "depth", "normals", "wireframe")
+RECOLORED_STYLES = ("clay", "technical", "xray", "depth", "normals", "wireframe")
 """Styles with colours of their own."""
 
 
-def _seen_from(scene: Scene, camera: Camera | None) -> Camera:
+def _view_camera(scene: Scene, camera: Camera | None) -> Camera:
     """Return the camera, the scene's, or one that looks from where a fitted one does."""
     if camera is not None:
         return check_camera("camera", camera)
@@ -273,14 +273,14 @@ def _is_bare_cloud(scene: Scene) -> bool:
     )
 
 
-def _lit(
+def _add_lights(
     scene: Scene, camera: Camera | None
 ) -> tuple[Scene, tuple[float, float, float] | None, dict[str, str]]:
     """Return a scene with lights, the direction towards the lamp, and what was added."""
     if scene.lights or scene.environment is not None or not scene.nodes:
         return with_changes(scene), None, {}
     up = scene.up or (0.0, 1.0, 0.0)
-    key = _beside(_seen_from(scene, camera), up)
+    key = _key_direction(_view_camera(scene, camera), up)
     lamp = DirectionalLight(
         tuple(-part for part in key), intensity=KEY_INTENSITY, shadow=KEY_SHADOW
     )
@@ -292,7 +292,7 @@ def _lit(
     return with_changes(scene, lights=[lamp], environment=_sky(up)), key, adds
 
 
-def _beside(camera: Camera, up: tuple[float, float, float]) -> tuple[float, float, float]:
+def _key_direction(camera: Camera, up: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return the direction towards the lamp, of length one, for a camera."""
     view = camera.view_matrix()
     toward = view[2, :3].tolist()

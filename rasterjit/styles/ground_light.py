@@ -52,7 +52,7 @@ def blur(
     total: int32[::1],
 ):  # fmt: skip
     """
-    Add up the counts in a square around each texel, and once more their sums.
+    Blur counts by a box filter, twice.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def blur(
 
 
 @disjoint_helper
-def find_kept(places, m, y, shade, side, kept):
+def find_light_shares(columns_x, m, y, shade, side, shares):
     """Write the share of its light that each pixel of a row keeps: linear between texels."""
     one, last = np.float32(1.0), np.int32(side)
     u_row, v_row, w_row = m[0, 1] * y + m[0, 2], m[1, 1] * y + m[1, 2], m[2, 1] * y + m[2, 2]
-    for i in range(kept.shape[0]):
-        x = places[i]
+    for i in range(shares.shape[0]):
+        x = columns_x[i]
         u, v, w = m[0, 0] * x + u_row, m[1, 0] * x + v_row, m[2, 0] * x + w_row
         is_on = w > 0.0
         w = w if is_on else 1.0
@@ -92,17 +92,17 @@ def find_kept(places, m, y, shade, side, kept):
         below = np.int32(at + last)
         upper = shade[np.uintp(at)] * (one - a) + shade[np.uintp(at + np.int32(1))] * a
         lower = shade[np.uintp(below)] * (one - a) + shade[np.uintp(below + np.int32(1))] * a
-        kept[i] = one - (upper * (one - b) + lower * b) if is_on else one
+        shares[i] = one - (upper * (one - b) + lower * b) if is_on else one
 
 
 @kernel
 def darken_picture(
     map_from_screen: float64[:, ::1], shade: float32[:, ::1], palette: float32[:, ::1],
     table: int32[::1], codes: uint32[:, ::1], light: float32[:, ::1],
-    places: float64[::1], kept: float32[::1],
+    columns_x: float64[::1], shares: float32[::1],
 ):  # fmt: skip
     """
-    Take the light that the ground lacks from a picture of it.
+    Darken a picture of the ground where light is missing.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def darken_picture(
         Changed: red, green, blue, alpha from the lowest byte up.
     light : (W, 4) float32
         Scratch memory.
-    places, kept : (W,) float64, (W,) float32
+    columns_x, shares : (W,) float64, (W,) float32
         The same: where columns are on the screen, and what share of its light a pixel keeps.
 
     Returns
@@ -130,15 +130,15 @@ def darken_picture(
     side, is_dark, one = shade.shape[0], False, np.float32(1.0)
     height, width = np.float64(codes.shape[0]), np.float64(codes.shape[1])
     for column in range(np.uintp(codes.shape[1])):
-        places[column] = 2.0 * (np.float64(column) + 0.5) / width - 1.0
+        columns_x[column] = 2.0 * (np.float64(column) + 0.5) / width - 1.0
     for row in range(np.uintp(codes.shape[0])):
         # Find which pixels of the row lack light.
         y = 1.0 - 2.0 * (np.float64(row) + 0.5) / height
-        find_kept(places, map_from_screen, y, flat(shade), side, kept)
+        find_light_shares(columns_x, map_from_screen, y, flat(shade), side, shares)
         first, end = np.int64(0), np.int64(codes.shape[1])
-        while first < end and kept[np.uintp(first)] == one:
+        while first < end and shares[np.uintp(first)] == one:
             first += 1
-        while first < end and kept[np.uintp(end - 1)] == one:
+        while first < end and shares[np.uintp(end - 1)] == one:
             end -= 1
         if first == end:
             continue
@@ -147,7 +147,7 @@ def darken_picture(
         for column in range(np.uintp(first), np.uintp(end)):
             code = np.uintp(codes[row, column] & np.uint32(255))
             for k in range(3):
-                light[column, k] = palette[code, k] * kept[column]
+                light[column, k] = palette[code, k] * shares[column]
             light[column, 3] = palette[code, 3]
         encode_row(flat(light[first:end]), table, codes[row, first:end])
     return is_dark

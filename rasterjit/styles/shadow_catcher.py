@@ -48,45 +48,45 @@ SIDE = 384
 KEY_DIRECTIONS, SKY_DIRECTIONS = 32, 64
 """Directions that light comes from: of the key light, and of the sky."""
 
-BLURS = 2, 5, 10
+BLUR_RADII = 2, 5, 10
 """
 Texels around each that are averaged, for the key light and what comes from overhead first.
 
 Light from low in the sky makes wide penumbras, which few directions show as steps.
 """
 
-MIN = 12
+MIN_DIRECTIONS = 12
 """Directions of each for scenes of many faces."""
 
-FACES_DRAWN = 24_000_000
+MAX_FACES_DRAWN = 24_000_000
 """Faces drawn for all directions together, about; more would take most of a picture's time."""
 
 KEY_RADIUS = 0.16
-"""Of the key light's disk, over its distance: a penumbra of 18 degrees."""
+"""Radius of the key light's disk over its distance: a penumbra of 18 degrees."""
 
-LOWEST_SINE = 0.82
+MAX_SKY_SINE = 0.82
 """Largest sine of the angle between the vertical and where sky light comes from."""
 
-LONGEST = 2.5
-"""How long the key light's shadow is at most, in heights of the scene."""
+MAX_SHADOW_LENGTH = 2.5
+"""Longest shadow of the key light, in heights of the scene."""
 
-REACH = 0.9
-"""How far around the scene the sky's shadow is looked for, in heights of the scene."""
+SKY_REACH = 0.9
+"""Distance around the scene in which the sky's shadow is computed, in heights of the scene."""
 
 MIN_HEIGHT = 1e-6
-"""Of a scene that is not flat, in sides of the ground under it."""
+"""Least height of a scene that is not flat, in sides of the ground under it."""
 
-FADE = 0.2
+FADE_SHARE = 0.2
 """Share of the map, at each border, over which the shadow fades out."""
 
-TURN = 137.50776405003785
+GOLDEN_ANGLE = 137.50776405003785
 """Angle from one direction to the next, degrees: the golden one spreads them evenly."""
 
-MIN_FLOOR = 0.7
-"""Share of the ground under a scene that faces cover which are a floor."""
+MIN_FLOOR_SHARE = 0.7
+"""Least share of the ground under a scene that a floor covers."""
 
-FLOOR_HEIGHT = 0.05
-"""How high they lie at most, in heights of the scene."""
+MAX_FLOOR_HEIGHT = 0.05
+"""Largest height of a floor, in heights of the scene."""
 
 
 class Ground(NamedTuple):
@@ -95,11 +95,11 @@ class Ground(NamedTuple):
     frame: Float64
     """(3, 3): world axes along the map's columns, its rows, and up, one a row."""
     height: float
-    """Of the plane along up, scene units."""
+    """Height of the plane along up, scene units."""
     above: float
     """Height of the scene, scene units."""
     slope: tuple[float, float] | None
-    """How far the key light goes aside for each unit down; None: there is none above."""
+    """Horizontal offset of the key light for each unit down; None: it is not above."""
     low: tuple[float, float]
     """Corner of the map, along its columns and rows, scene units."""
     extent: float
@@ -108,9 +108,9 @@ class Ground(NamedTuple):
     """(SIDE, SIDE): share of the light that is missing, 0..1."""
 
 
-def place_ground(scene: Scene, key: Vector | None) -> Ground | None:
+def find_ground(scene: Scene, key: Vector | None) -> Ground | None:
     """
-    Return the plane under a scene, in light; None if it has a floor or casts no shadow.
+    Return the unshadowed plane under a scene; None if it has a floor or casts no shadow.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def place_ground(scene: Scene, key: Vector | None) -> Ground | None:
     key : (3,) tuple of float or None
         Direction towards the key light, world space; None: there is none.
     """
-    if _casters(scene) is None:
+    if _shadow_casters(scene) is None:
         return None
     frame = np.ascontiguousarray(frame_of(scene.up or (0.0, 1.0, 0.0))[:3, :3].T[[0, 2, 1]])
     bounds = [_bounds_along(scene, axis) for axis in frame]
@@ -129,14 +129,14 @@ def place_ground(scene: Scene, key: Vector | None) -> Ground | None:
         return None
     if _has_floor(scene, frame, bounds):
         return None
-    slope = _slope_of(frame, key)
-    reach = REACH * min(height, size)
-    far = (0.0, 0.0) if slope is None else (slope[0] * height, slope[1] * height)
+    slope = _light_slope(frame, key)
+    reach = SKY_REACH * min(height, size)
+    shadow_tip = (0.0, 0.0) if slope is None else (slope[0] * height, slope[1] * height)
     ends = [
         (min(low - reach, low + along), max(high + reach, high + along))
-        for (low, high), along in zip(bounds[:2], far, strict=True)
+        for (low, high), along in zip(bounds[:2], shadow_tip, strict=True)
     ]
-    extent = max(high - low for low, high in ends) / (1.0 - FADE)
+    extent = max(high - low for low, high in ends) / (1.0 - FADE_SHARE)
     corner = tuple((low + high - extent) / 2.0 for low, high in ends)
     missing = np.zeros((SIDE, SIDE), np.float32)
     return Ground(frame, h0, height, slope, (corner[0], corner[1]), extent, missing)
@@ -151,24 +151,24 @@ def cast_shadow(
     Parameters
     ----------
     ground : Ground
-        That of `place_ground`.
+        That of `find_ground`.
     scene : Scene
     shares : (float, float)
         Of the light on the plane, those that the key light and the sky bring.
     threads : int or None
     """
-    casters, slope = _casters(scene), ground.slope
+    casters, slope = _shadow_casters(scene), ground.slope
     if casters is None:
         return ground
     faces = 0
     for node in casters.nodes:
         faces += len(node.mesh.faces)
-    most = max(MIN, FACES_DRAWN // max(faces, 1) // 2)
+    most = max(MIN_DIRECTIONS, MAX_FACES_DRAWN // max(faces, 1) // 2)
     # Directions that are blurred alike: rings of the sky, and the key light.
     sky = sky_slopes(min(SKY_DIRECTIONS, most))
     groups = [
-        sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)]
-        for n in range(len(BLURS))
+        sky[n * len(sky) // len(BLUR_RADII) : (n + 1) * len(sky) // len(BLUR_RADII)]
+        for n in range(len(BLUR_RADII))
     ]
     if slope is not None:
         groups.append(key_slopes(slope, min(KEY_DIRECTIONS, most)))
@@ -176,26 +176,26 @@ def cast_shadow(
 
     def hidden(n: int, blur: int, share: float) -> NDArray[np.float32]:
         """Return the share of light of a group that is kept off, times a factor."""
-        return _blurred(counts[n], blur, np.float32(share / len(groups[n])))
+        return _blur(counts[n], blur, np.float32(share / len(groups[n])))
 
     missing = np.zeros((SIDE, SIDE), np.float32)
-    for ring, blur in enumerate(BLURS):
-        missing += hidden(ring, blur, 1.0 / len(BLURS))
+    for ring, blur in enumerate(BLUR_RADII):
+        missing += hidden(ring, blur, 1.0 / len(BLUR_RADII))
     # Where little sky is left, what is near takes most of it: contacts are dark.
     missing *= np.float32(2.0) - missing
     missing *= np.float32(shares[1])
     if slope is not None:
-        missing += hidden(len(BLURS), BLURS[0], shares[0])
-    return ground._replace(shade=missing * _fading())
+        missing += hidden(len(BLUR_RADII), BLUR_RADII[0], shares[0])
+    return ground._replace(shade=missing * _fade_mask())
 
 
-def in_the_dark(ground: Ground) -> Ground:
+def darken_fully(ground: Ground) -> Ground:
     """Return the ground without any light wherever a shadow may lie."""
-    return ground._replace(shade=_fading())
+    return ground._replace(shade=_fade_mask())
 
 
-def _slope_of(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
-    """Return how far the key light goes aside for each unit down; None if it is not above."""
+def _light_slope(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
+    """Return the horizontal offset of the key light for each unit down; None if it is below."""
     if key is None:
         return None
     across, along, up = (dot(axis, key) for axis in frame.tolist())
@@ -203,11 +203,11 @@ def _slope_of(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
     if up <= 0.0:
         return None
     # A light near the horizon would need an endless map.
-    down = max(up, length / LONGEST)
+    down = max(up, length / MAX_SHADOW_LENGTH)
     return -across / down, -along / down
 
 
-def _casters(scene: Scene) -> Scene | None:
+def _shadow_casters(scene: Scene) -> Scene | None:
     """Return a scene of the triangles that cast shadows, alone; None if there are none."""
     nodes = [
         node
@@ -216,10 +216,10 @@ def _casters(scene: Scene) -> Scene | None:
     ]
     if not nodes:
         return None
-    bare = Scene()
-    bare.section = scene.section
-    bare.nodes = nodes
-    return bare
+    result = Scene()
+    result.section = scene.section
+    result.nodes = nodes
+    return result
 
 
 def _bounds_along(scene: Scene, axis: Float64) -> tuple[float, float]:
@@ -227,35 +227,35 @@ def _bounds_along(scene: Scene, axis: Float64) -> tuple[float, float]:
     low, high = math.inf, -math.inf
     x, y, z = axis.tolist()
     for positions, _ in scene._world_chunks():
-        places = positions[:, 0] * x + positions[:, 1] * y + positions[:, 2] * z
-        low, high = min(low, float(places.min())), max(high, float(places.max()))
+        heights = positions[:, 0] * x + positions[:, 1] * y + positions[:, 2] * z
+        low, high = min(low, float(heights.min())), max(high, float(heights.max()))
     return low, high
 
 
 def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) -> bool:
-    """Tell whether low faces that look up cover most of the ground under a scene."""
+    """Tell whether low, upward faces cover most of the ground under a scene."""
     (u0, u1), (v0, v1), (h0, h1) = bounds
-    covered, most = 0.0, h0 + FLOOR_HEIGHT * (h1 - h0)
+    covered, most = 0.0, h0 + MAX_FLOOR_HEIGHT * (h1 - h0)
     for node in scene.nodes:
         if type(node.mesh) is not Mesh:
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
-        places = np.empty(positions.shape)
+        axes = np.empty(positions.shape)
         columns = matrix[:3].T.tolist()
         # Vertices of no face may be infinite.
         with np.errstate(over="ignore", invalid="ignore"):
             for k, axis in enumerate(frame.tolist()):
                 x, y, z, w = (dot(column, axis) for column in columns)
-                places[:, k] = (positions[:, 0] * x + positions[:, 1] * y + positions[:, 2] * z) + w
-        is_low = places[:, 2] <= most
-        corners = places[node.mesh.faces[is_low[node.mesh.faces].all(axis=1)]]
+                axes[:, k] = (positions[:, 0] * x + positions[:, 1] * y + positions[:, 2] * z) + w
+        is_low = axes[:, 2] <= most
+        corners = axes[node.mesh.faces[is_low[node.mesh.faces].all(axis=1)]]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         # Columns, rows and up are left-handed.
         areas = np.maximum(a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1], 0.0) / 2.0
         if len(areas):
             # A running sum: its order is fixed.
             covered += float(np.cumsum(areas)[-1])
-    return covered >= MIN_FLOOR * (u1 - u0) * (v1 - v0)
+    return covered >= MIN_FLOOR_SHARE * (u1 - u0) * (v1 - v0)
 
 
 def _cameras(ground: Ground, slopes: list[tuple[float, float]]) -> tuple[Float64, Float64]:
@@ -295,15 +295,15 @@ def _count_hidden(
     if counts is not None and all(one is not None for one in counts):
         return counts
     # What has holes, or reaches beyond the guard band, is drawn.
-    drawn = []
+    drawn_counts = []
     with Renderer((SIDE, SIDE), threads=threads) as renderer:
         renderer.warned = None
         for view, clips in groups:
-            drawn.append(np.zeros((SIDE, SIDE), np.int32))
+            drawn_counts.append(np.zeros((SIDE, SIDE), np.int32))
             for clip in clips:
                 frame = renderer.render(scene, MatrixCamera(view, clip), outputs=("face_id",))
-                drawn[-1] += frame.face_id >= 0
-    return drawn
+                drawn_counts[-1] += frame.face_id >= 0
+    return drawn_counts
 
 
 def _edges(arrays: SceneArrays) -> NDArray[np.int32]:
@@ -318,7 +318,7 @@ def _count_covered(
     cache: SceneCache, edges: NDArray[np.int32], camera: MatrixCamera, clips: Float64
 ) -> NDArray[np.int32] | None:
     """
-    Return from how many directions a scene covers each texel; None: faces must be cut.
+    Count the directions from which a scene covers each texel; None: faces must be clipped.
 
     ``camera`` is that of one of them: the others, by ``clip_from_view``, see from the same eye.
     """
@@ -358,66 +358,66 @@ def _count_covered(
 
 
 @lru_cache(max(KEY_DIRECTIONS, SKY_DIRECTIONS))
-def _turned(number: int) -> tuple[float, float]:
+def _spiral_direction(number: int) -> tuple[float, float]:
     """Return sine and cosine of the angle of a direction."""
-    return transforms.sine_cosine(number * TURN)
+    return transforms.sine_cosine(number * GOLDEN_ANGLE)
 
 
 def sky_slopes(count: int) -> list[tuple[float, float]]:
-    """Return how far light from the sky goes aside for each unit down, spread by its cosine."""
+    """Return the slopes of ``count`` directions of sky light, weighted by cosine."""
     slopes = []
     for n in range(count):
-        sine = LOWEST_SINE * math.sqrt((n + 0.5) / count)
+        sine = MAX_SKY_SINE * math.sqrt((n + 0.5) / count)
         cosine = math.sqrt(1.0 - sine * sine)
-        y, x = _turned(n)
+        y, x = _spiral_direction(n)
         slopes.append((x * sine / cosine, y * sine / cosine))
     return slopes
 
 
 def key_slopes(slope: tuple[float, float], count: int) -> list[tuple[float, float]]:
-    """Return the same for light from a disk around the key light."""
+    """Return the slopes of ``count`` directions in a disk around the key light."""
     length = math.sqrt(slope[0] * slope[0] + slope[1] * slope[1])
     along = (slope[0] / length, slope[1] / length) if length > 0.0 else (1.0, 0.0)
     slopes = []
     for n in range(count):
         radius = KEY_RADIUS * math.sqrt((n + 0.5) / count)
-        y, x = _turned(n)
+        y, x = _spiral_direction(n)
         # The plane cuts the cone of light aslant: longer along the light than across.
-        far = radius * x * (1.0 + length * length)
-        wide = radius * y * math.sqrt(1.0 + length * length)
+        along_offset = radius * x * (1.0 + length * length)
+        across_offset = radius * y * math.sqrt(1.0 + length * length)
         slopes.append(
             (
-                slope[0] + along[0] * far - along[1] * wide,
-                slope[1] + along[1] * far + along[0] * wide,
+                slope[0] + along[0] * along_offset - along[1] * across_offset,
+                slope[1] + along[1] * along_offset + along[0] * across_offset,
             )
         )
     return slopes
 
 
-def _blurred(count: NDArray[np.int32], radius: int, weight: np.float32) -> NDArray[np.float32]:
+def _blur(count: NDArray[np.int32], radius: int, weight: np.float32) -> NDArray[np.float32]:
     """Return the mean of counts around each texel, twice over a square, times a weight."""
     blurred = np.zeros(count.shape, np.float32)
     if not count.any():
         return blurred
     # Beyond this part, nothing is blurred.
-    part = tuple(_widened(np.flatnonzero(count.any(axis=axis)), 2 * radius) for axis in (1, 0))
-    own = np.ascontiguousarray(count[part])
-    sums, scratch = np.empty_like(own), np.empty_like(own)
-    ground_light.blur(own, radius, sums, scratch, scratch[0].copy())
+    part = tuple(_widen(np.flatnonzero(count.any(axis=axis)), 2 * radius) for axis in (1, 0))
+    inner = np.ascontiguousarray(count[part])
+    sums, scratch = np.empty_like(inner), np.empty_like(inner)
+    ground_light.blur(inner, radius, sums, scratch, scratch[0].copy())
     square = (2 * radius + 1) ** 2
     blurred[part] = sums.astype(np.float32) * (weight / np.float32(square**2))
     return blurred
 
 
-def _widened(places: NDArray[np.int64], by: int) -> slice:
+def _widen(indices: NDArray[np.int64], by: int) -> slice:
     """Return the texels along a side of the map from some before the first place to the last's."""
-    return slice(max(int(places[0]) - by, 0), min(int(places[-1]) + 1 + by, SIDE))
+    return slice(max(int(indices[0]) - by, 0), min(int(indices[-1]) + 1 + by, SIDE))
 
 
-def _fading() -> NDArray[np.float32]:
-    """Return what the shadow is multiplied by, (SIDE, SIDE): 0 at the borders of the map."""
-    place = (np.arange(SIDE) + 0.5) / SIDE
-    t = np.clip(np.minimum(place, 1.0 - place) / (FADE / 2.0), 0.0, 1.0)
+def _fade_mask() -> NDArray[np.float32]:
+    """Return a mask, (SIDE, SIDE), that fades to 0 at the borders of the map."""
+    position = (np.arange(SIDE) + 0.5) / SIDE
+    t = np.clip(np.minimum(position, 1.0 - position) / (FADE_SHARE / 2.0), 0.0, 1.0)
     t = t * t * (3.0 - 2.0 * t)
     return (t[:, None] * t[None, :]).astype(np.float32)
 
@@ -430,18 +430,18 @@ def is_above(ground: Ground, camera: Camera, size: tuple[int, int]) -> bool:
     return dot(up, camera.view_matrix()[2, :3].tolist()) > 0.0
 
 
-def in_shade(
-    ground: Ground, camera: Camera, behind: NDArray[np.float32], codes: NDArray[np.uint32]
+def darken_background(
+    ground: Ground, camera: Camera, palette: NDArray[np.float32], codes: NDArray[np.uint32]
 ) -> NDArray[np.uint32] | None:
     """
-    Return a picture of the ground in the light that it has, (H, W) codes; None if it has all.
+    Return a picture with the ground's shadow, (H, W) codes; None if none is in view.
 
     Parameters
     ----------
     ground : Ground
     camera : Camera
         Above the ground.
-    behind : (256, 4) float32, linear
+    palette : (256, 4) float32, linear
         What the ground looks like in the light, by the red codes.
     codes : (H, W) uint32
     """
@@ -459,12 +459,12 @@ def in_shade(
     rows = [[dot(row, column) + row[3] * column[3] for column in columns] for row in clip]
     inverse = _adjugate(rows)
     sign = math.copysign(1.0, dot(rows[0], [row[0] for row in inverse]))
-    shaded, light = codes.copy(), np.empty((size[0], 4), np.float32)
+    result, light = codes.copy(), np.empty((size[0], 4), np.float32)
     is_dark = ground_light.darken_picture(
-        sign * np.array(inverse), ground.shade, behind, srgb_encoding.encoding_table(), shaded,
+        sign * np.array(inverse), ground.shade, palette, srgb_encoding.encoding_table(), result,
         light, np.empty(size[0]), np.empty(size[0], np.float32),
     )  # fmt: skip
-    return shaded if is_dark else None
+    return result if is_dark else None
 
 
 def _adjugate(m: list[list[float]]) -> list[list[float]]:

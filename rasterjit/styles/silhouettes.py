@@ -53,7 +53,7 @@ def pair_edges(faces: int32[:, ::1], newest: int32[::1], older: int32[::1], edge
     int
         How many edges there are.
     """
-    count, nobody = np.int64(0), np.int32(faces.shape[0])
+    count, no_face = np.int64(0), np.int32(faces.shape[0])
     for v in range(newest.shape[0]):
         newest[v] = -1
     for face in range(faces.shape[0]):
@@ -66,36 +66,36 @@ def pair_edges(faces: int32[:, ::1], newest: int32[::1], older: int32[::1], edge
             while edge >= 0 and compared < MAX_COMPARED:
                 is_same = edges[edge, FROM] == a and edges[edge, TO] == b
                 is_back = edges[edge, FROM] == b and edges[edge, TO] == a
-                if (is_same or is_back) and edges[edge, RIGHT] == nobody:
+                if (is_same or is_back) and edges[edge, RIGHT] == no_face:
                     break
                 edge, compared = older[edge], compared + 1
             if edge >= 0 and compared < MAX_COMPARED:
                 edges[edge, RIGHT] = np.int32(~face) if is_same else np.int32(face)
                 continue
             edges[count, FROM], edges[count, TO] = a, b
-            edges[count, LEFT], edges[count, RIGHT] = np.int32(face), nobody
+            edges[count, LEFT], edges[count, RIGHT] = np.int32(face), no_face
             older[count], newest[lower] = newest[lower], np.int32(count)
             count += 1
     return count
 
 
 @helper
-def find_turns(faces, objects, screen, seen, turns):
+def find_windings(faces, objects, screen, any_codes, windings):
     """Write the winding of each face, 0 if it is not drawn; return whether none has to be cut."""
     xy, codes = screen.xy, screen.codes
     for owner in range(objects.face_starts.shape[0] - 1):
         culled = np.int32(objects.culled_turns[owner])
         for face in range(objects.face_starts[owner], objects.face_starts[owner + 1]):
             a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
-            if seen & (CLIPPED | INVALID):
+            if any_codes & (CLIPPED | INVALID):
                 bits = codes[a] | codes[b] | codes[c]
                 if bits & INVALID:
-                    turns[face] = 0
+                    windings[face] = 0
                     continue
                 if bits & CLIPPED:
                     return False
-            turn = turn_of((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
-            turns[face] = np.int8(0 if turn == culled else turn)
+            winding = turn_of((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
+            windings[face] = np.int8(0 if winding == culled else winding)
     return True
 
 
@@ -145,11 +145,11 @@ def sweep_rows(layers, ends, counts):
 def count_covered(
     matrices: float64[:, :, ::1], matrix: float64[:, ::1], transform: int64[::1],
     screen: ScreenVertices, grid_bits: int64, faces: int32[:, ::1], objects: Objects,
-    edges: int32[:, ::1], turns: int8[::1], layers: int32[:, ::1], ends: int32[:, ::1],
+    edges: int32[:, ::1], windings: int8[::1], layers: int32[:, ::1], ends: int32[:, ::1],
     counts: int32[:, ::1],
 ):  # fmt: skip
     """
-    Count from how many directions each texel is covered.
+    Count the directions from which each texel is covered.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def count_covered(
     objects : Objects
     edges : (E, 4) int32
         Of `pair_edges`.
-    turns : (F+1,) int8
+    windings : (F+1,) int8
         Scratch memory.
     layers : (H, W+1) int32
         Scratch memory, zeros.
@@ -180,21 +180,21 @@ def count_covered(
     bool
         False if a face had to be cut: then the counts are worth nothing.
     """
-    turns[faces.shape[0]] = 0
+    windings[faces.shape[0]] = 0
     for n in range(matrices.shape[0]):
         for row in range(4):
             for column in range(4):
                 matrix[row, column] = matrices[n, row, column]
-        seen = call_bound(transform)
-        if not find_turns(faces, objects, screen, seen, turns):
+        any_codes = call_bound(transform)
+        if not find_windings(faces, objects, screen, any_codes, windings):
             return False
         for k in range(np.uintp(edges.shape[0])):
             right = edges[k, RIGHT]
-            change = np.int32(turns[np.uintp(edges[k, LEFT])])
+            change = np.int32(windings[np.uintp(edges[k, LEFT])])
             if right >= 0:
-                change -= np.int32(turns[np.uintp(right)])
+                change -= np.int32(windings[np.uintp(right)])
             else:
-                change += np.int32(turns[np.uintp(~right)])
+                change += np.int32(windings[np.uintp(~right)])
             if change != 0:
                 first, last = np.uintp(edges[k, FROM]), np.uintp(edges[k, TO])
                 add_edge(screen.xy, first, last, layers, grid_bits, change, ends)

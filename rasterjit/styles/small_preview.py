@@ -8,12 +8,12 @@ from rasterjit.scene.scene import Scene
 from rasterjit.styles import studio
 
 SIZE = (320, 240)
-"""Of the picture, pixels."""
+"""Size of the picture, pixels."""
 
 
 def preview(what: Scene | Mesh) -> Frame | None:
     """
-    Return a small picture of a scene or mesh that is fitted into it, in the style `studio`.
+    Return a small picture of a scene or mesh, in the style `studio`.
 
     Parameters
     ----------

@@ -38,29 +38,29 @@ from rasterjit.styles.shadow_catcher import (
     Ground,
     Vector,
     cast_shadow,
-    in_shade,
-    in_the_dark,
+    darken_background,
+    darken_fully,
+    find_ground,
     is_above,
-    place_ground,
 )
 from rasterjit.survey.deformation import posed_scene
 from rasterjit.survey.light_culling import most_light
 from rasterjit.survey.plan import RenderPlan
 
-METERED_SIZE = (96, 96)
-"""Of the picture that is looked at, pixels."""
+EXPOSURE_SIZE = (96, 96)
+"""Size of the picture that the exposure is measured by, pixels."""
 
-BRIGHT_SHARE, SHOWN = 0.95, 0.8
-"""Share of what is seen that is at most as bright, and the light, linear, that it is shown at."""
+BRIGHT_SHARE, TARGET_LEVEL = 0.95, 0.8
+"""Percentile of the visible light, and the linear level at which it is to be shown."""
 
 
 QUARTER_BELOW, THREE_QUARTERS_BELOW = 0.8408964152537145, 0.5946035575013605
 """2 to the power of -1/4 and of -3/4."""
 
 
-def metered_exposure(scene: Scene, camera: Camera | None) -> float:
+def choose_exposure(scene: Scene, camera: Camera | None) -> float:
     """
-    Return the exposure, stops, that strong lights of a scene call for; 0 if they are not.
+    Return the exposure, stops, for strong lights of a scene; 0 for others.
 
     Parameters
     ----------
@@ -73,17 +73,17 @@ def metered_exposure(scene: Scene, camera: Camera | None) -> float:
         return 0.0
     with told_elsewhere(EACH_FRAME):
         frame = render(
-            scene, camera, size=METERED_SIZE, outputs=("linear",), background="transparent"
+            scene, camera, size=EXPOSURE_SIZE, outputs=("linear",), background="transparent"
         )
-    seen = frame.linear[frame.linear[:, :, 3] > 0.5]
-    if not len(seen):
+    visible = frame.linear[frame.linear[:, :, 3] > 0.5]
+    if not len(visible):
         return 0.0
-    levels = np.sort(seen[:, :3].max(axis=1))
+    levels = np.sort(visible[:, :3].max(axis=1))
     level = float(levels[int(BRIGHT_SHARE * (len(levels) - 1))])
     if level <= STRONG:
         return 0.0
     # To half a stop: with no logarithm, which may differ from machine to machine.
-    share, stops = math.frexp(level / SHOWN)
+    share, stops = math.frexp(level / TARGET_LEVEL)
     lacking = 0.0 if share >= QUARTER_BELOW else 0.5 if share >= THREE_QUARTERS_BELOW else 1.0
     return max(lacking - stops, -MAX_STOPS)
 
@@ -93,17 +93,17 @@ NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None]
 
 UNLIT = Material(shading="unlit")
 
-ALL_KINDS = (Mesh, Points, Lines)
+MESH_TYPES = (Mesh, Points, Lines)
 
-SMOOTH = ("phong", "gouraud", "pbr")
+SMOOTH_SHADINGS = ("phong", "gouraud", "pbr")
 """Shadings by normals of vertices."""
 
 
-def repainted(
+def with_meshes(
     scene: Scene, paint: Callable[[Node], Mesh], kinds: tuple[type[Mesh], ...] = (Mesh,)
 ) -> Scene:
     """
-    Return a scene, posed, with other meshes; labels stay, and points and lines unless named.
+    Return a posed scene in which ``paint`` replaces the meshes of some types.
 
     Parameters
     ----------
@@ -121,27 +121,27 @@ def repainted(
     return changed
 
 
-def covered(scene: Scene, material: Material) -> Scene:
+def recolor(scene: Scene, material: Material) -> Scene:
     """Return a scene whose triangles all have one material, and no colours of their own."""
-    painted: dict[int, Mesh] = {}
+    meshes: dict[int, Mesh] = {}
 
     def paint(node: Node) -> Mesh:
-        if id(node.mesh) not in painted:
-            mesh = painted[id(node.mesh)] = node.mesh.without_colors()
-            mesh.material = _as_seen(node.mesh, material)
-        return painted[id(node.mesh)]
+        if id(node.mesh) not in meshes:
+            mesh = meshes[id(node.mesh)] = node.mesh.without_colors()
+            mesh.material = _match_sides(node.mesh, material)
+        return meshes[id(node.mesh)]
 
-    return repainted(scene, paint)
+    return with_meshes(scene, paint)
 
 
-def _as_seen(mesh: Mesh, material: Material) -> Material:
+def _match_sides(mesh: Mesh, material: Material) -> Material:
     """Return a material whose back faces are drawn where those of a mesh are."""
     return replace(material, double_sided=mesh.material.double_sided)
 
 
-def sharpened(scene: Scene, anisotropy: Anisotropy) -> Scene:
+def with_anisotropy(scene: Scene, anisotropy: Anisotropy) -> Scene:
     """
-    Return a scene whose trilinear textures stay sharp aslant; itself where there are none.
+    Return a scene with anisotropic trilinear textures; itself where there are none.
 
     Textures of other filters and of an anisotropy of their own stay as they are.
     """
@@ -160,8 +160,8 @@ def sharpened(scene: Scene, anisotropy: Anisotropy) -> Scene:
                 textures[texture] = texture.with_filter("trilinear", anisotropy)
             changes[name] = textures[texture]
         if changes:
-            sharp = meshes[id(mesh)] = copy.copy(mesh)
-            sharp.material = replace(mesh.material, **changes)
+            mesh_copy = meshes[id(mesh)] = copy.copy(mesh)
+            mesh_copy.material = replace(mesh.material, **changes)
     if not meshes:
         return scene
     changed = copy.copy(scene)
@@ -174,23 +174,23 @@ def sharpened(scene: Scene, anisotropy: Anisotropy) -> Scene:
     return changed
 
 
-def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
+def color_by_depth(scene: Scene, camera: Camera) -> Scene:
     """Return a scene whose objects show how far along the viewing axis they lie."""
     scene, row = posed_scene(scene), camera.view_matrix()[2].tolist()
     depths, low, high = {}, np.inf, -np.inf
     for node in scene.nodes:
-        if type(node.mesh) not in ALL_KINDS:
+        if type(node.mesh) not in MESH_TYPES:
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
         x, y, z, w = (dot(row, column) for column in matrix[:3].T.tolist())
         w += row[3]
         # Vertices of no face may be infinite.
         with np.errstate(over="ignore", invalid="ignore"):
-            away = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
-        depths[id(node)] = away
-        ahead = away[(away > 0.0) & node.mesh.used_vertices()]
-        if len(ahead):
-            low, high = min(low, float(ahead.min())), max(high, float(ahead.max()))
+            distances = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
+        depths[id(node)] = distances
+        in_front = distances[(distances > 0.0) & node.mesh.used_vertices()]
+        if len(in_front):
+            low, high = min(low, float(in_front.min())), max(high, float(in_front.max()))
     if not low < high:
         low, high = 0.0, 1.0
 
@@ -198,20 +198,20 @@ def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
         # Shares, for scalars are float32: of distances that has too few digits, or no room.
         shares = (np.clip(depths[id(node)], low, high) - low) / (high - low)
         mesh = node.mesh.with_scalars(shares, NEAR_TO_FAR, range=(0.0, 1.0))
-        mesh.material = _as_seen(node.mesh, UNLIT)
+        mesh.material = _match_sides(node.mesh, UNLIT)
         return mesh
 
-    return repainted(scene, paint, ALL_KINDS)
+    return with_meshes(scene, paint, MESH_TYPES)
 
 
-def painted_by_normal(scene: Scene) -> Scene:
+def color_by_normal(scene: Scene) -> Scene:
     """Return a scene whose triangles show their normals: red x, green y, blue z, world space."""
 
     def paint(node: Node) -> Mesh:
         mesh = node.mesh
         matrix = node.world_matrix[:3, :3]
         positions, faces = mesh.vertices, mesh.faces
-        if mesh.normals is not None or mesh.material.shading in SMOOTH:
+        if mesh.normals is not None or mesh.material.shading in SMOOTH_SHADINGS:
             normals = mesh.vertex_normals().astype(np.float64)
         else:
             # Each face has vertices of its own.
@@ -221,26 +221,26 @@ def painted_by_normal(scene: Scene) -> Scene:
         # The cofactors turn normals as the matrix turns surfaces.
         rows = np.stack([np.cross(matrix[(k + 1) % 3], matrix[(k + 2) % 3]) for k in range(3)])
         x, y, z = normals.T
-        turned = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in rows], axis=1)
+        rotated = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in rows], axis=1)
         if dot(matrix[0].tolist(), rows[0].tolist()) < 0.0:
-            turned = -turned
-        colors = np.clip(np.floor(unit_rows(turned) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
+            rotated = -rotated
+        colors = np.clip(np.floor(unit_rows(rotated) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
         return Mesh(
-            positions, faces, colors=colors, on_invalid="drop", material=_as_seen(mesh, UNLIT)
+            positions, faces, colors=colors, on_invalid="drop", material=_match_sides(mesh, UNLIT)
         )
 
-    return repainted(scene, paint)
+    return with_meshes(scene, paint)
 
 
 SIZE = (1280, 720)
 
-SAMPLED = "anti-aliasing"
+SAMPLES_ROW = "anti-aliasing"
 """Row of ``explain`` that samples belong to."""
 
-OF_QUALITY = {SAMPLED: "samples", "textures": "texture_filter", "wireframe": "lines"}
+QUALITY_ROWS = {SAMPLES_ROW: "samples", "textures": "texture_filter", "wireframe": "lines"}
 """Rows of ``explain`` that a setting of the quality decides, if it is another than the style's."""
 
-BEHIND = "background image"
+BACKGROUND_ROW = "background image"
 """Row of ``explain`` that the shadow on the ground belongs to."""
 
 
@@ -283,7 +283,7 @@ class Gradient(NamedTuple):
 
 
 class GroundLight(NamedTuple):
-    """The light on the ground that is not there: what of it a shadow takes away."""
+    """The light on the invisible ground, which a shadow takes away."""
 
     key: Vector | None
     """(3,): direction towards the key light, world space; None: there is none."""
@@ -294,7 +294,7 @@ class GroundLight(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Style:
     """
-    A scene made ready, and what to render it with; ``dataclasses.replace`` changes parts of it.
+    A scene with the arguments to render it; ``dataclasses.replace`` changes parts of it.
 
     Attributes
     ----------
@@ -349,24 +349,24 @@ class Style:
             As `rasterjit.render` does.
         """
         options["camera"] = camera
-        made, has_shadow = self._made(size, options)
-        frame = render(self.scene, size=size, **made)
-        frame.plan = self._told(frame.plan, options, has_shadow)
+        arguments, has_shadow = self._render_options(size, options)
+        frame = render(self.scene, size=size, **arguments)
+        frame.plan = self._explain(frame.plan, options, has_shadow)
         return frame
 
     def explain(
         self, camera: Camera | None = None, *, size: tuple[int, int] = SIZE, **options: Any
     ) -> RenderPlan:
         """
-        Say what `render` would do, with the style as the reason of what it adds.
+        Return the plan of `render`, with the style as the reason of what it adds.
 
         Takes what `rasterjit.explain` takes, but for the scene. The plan prints as a table. It
         counts on a shadow wherever the ground around the scene is in view.
         """
         options["camera"] = camera
-        made, has_shadow = self._made(size, options, casts=False)
-        plan = explain(self.scene, size=size, **made)
-        return self._told(plan, options, has_shadow)
+        arguments, has_shadow = self._render_options(size, options, casts=False)
+        plan = explain(self.scene, size=size, **arguments)
+        return self._explain(plan, options, has_shadow)
 
     def options(self, size: tuple[int, int], **options: Any) -> dict[str, Any]:
         """
@@ -387,43 +387,44 @@ class Style:
             With ``camera``, ``background`` and, unless the options choose another way to find it,
             ``quality``.
         """
-        return self._made(size, options)[0]
+        return self._render_options(size, options)[0]
 
-    def _made(
+    def _render_options(
         self, size: tuple[int, int], options: Mapping[str, Any], casts: bool = True
     ) -> tuple[dict[str, Any], bool]:
         """
-        Return what to render with, and whether a shadow is in the background.
+        Return the arguments of a render, and whether a shadow is in the background.
 
         Without ``casts`` none is drawn: all of the ground in view is dark.
         """
-        made = {name: value for name, value in options.items() if value is not None}
-        camera, has_shadow = made.setdefault("camera", self.camera), False
-        if not {"max_error", "time_budget"} & set(made):
-            made.setdefault("quality", self.quality)
-        if {"color", "linear"} & set(check_outputs(made.get("outputs", ("color",)))):
+        arguments = {name: value for name, value in options.items() if value is not None}
+        camera, has_shadow = arguments.setdefault("camera", self.camera), False
+        if not {"max_error", "time_budget"} & set(arguments):
+            arguments.setdefault("quality", self.quality)
+        if {"color", "linear"} & set(check_outputs(arguments.get("outputs", ("color",)))):
             size = image_size("size", size)
-            behind, place = self._behind(size, made, camera)
-            made["background"] = behind
-            if place is not None:
-                made["camera"] = camera or self.scene.camera or fit_upright(self.scene, size)
-                shaded = self._in_shade(place, made["camera"], _in_codes(behind, size), made, casts)
-                if shaded is not None:
-                    made["background"], has_shadow = BackgroundImage(shaded), True
-        return made, has_shadow
+            background, ground = self._backdrop(size, arguments, camera)
+            arguments["background"] = background
+            if ground is not None:
+                camera = camera or self.scene.camera or fit_upright(self.scene, size)
+                arguments["camera"], codes = camera, _codes(background, size)
+                image = self._darken(ground, camera, codes, arguments, casts)
+                if image is not None:
+                    arguments["background"], has_shadow = BackgroundImage(image), True
+        return arguments, has_shadow
 
-    def _told(self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool) -> RenderPlan:
+    def _explain(self, plan: RenderPlan, options: Mapping[str, Any], shadow: bool) -> RenderPlan:
         """Return a plan that prints the style as the reason of what it adds, options do not."""
-        added = dict(self.with_quality(plan.quality).adds)
-        if SAMPLED in added:
+        reasons = dict(self.with_quality(plan.quality).adds)
+        if SAMPLES_ROW in reasons:
             # A copy may have another quality than the style was made with.
             samples = self.quality.samples
-            added[SAMPLED] = "areas" if samples == "area" else f"{samples} samples"
-        behind = [] if options.get("background") is not None else [added.get(BEHIND, "")]
-        behind += ["the shadow on the ground"] if has_shadow else []
-        added[BEHIND] = ", with ".join(filter(None, behind))
-        said = {row: f"style {self.name}: {text}" for row, text in added.items() if text}
-        return plan.with_(added=said) if said else plan
+            reasons[SAMPLES_ROW] = "areas" if samples == "area" else f"{samples} samples"
+        parts = [] if options.get("background") is not None else [reasons.get(BACKGROUND_ROW, "")]
+        parts += ["the shadow on the ground"] if shadow else []
+        reasons[BACKGROUND_ROW] = ", with ".join(filter(None, parts))
+        texts = {row: f"style {self.name}: {text}" for row, text in reasons.items() if text}
+        return plan.with_(added=texts) if texts else plan
 
     def with_quality(self, quality: Quality) -> Style:
         """
@@ -437,64 +438,64 @@ class Style:
         adds = {
             row: text
             for row, text in self.adds.items()
-            if row not in OF_QUALITY
-            or getattr(quality, OF_QUALITY[row]) == getattr(self.quality, OF_QUALITY[row])
+            if row not in QUALITY_ROWS
+            or getattr(quality, QUALITY_ROWS[row]) == getattr(self.quality, QUALITY_ROWS[row])
         }
         return replace(self, quality=quality, adds=adds)
 
-    def _behind(
-        self, size: tuple[int, int], made: Mapping[str, Any], camera: Camera | None
+    def _backdrop(
+        self, size: tuple[int, int], arguments: Mapping[str, Any], camera: Camera | None
     ) -> tuple[Any, Ground | None]:
         """Return the background, in light, and the ground, if a shadow may be seen on it."""
-        given = made.get("background", self.background)
-        if given is None:
+        value = arguments.get("background", self.background)
+        if value is None:
             return None, None
-        is_gradient = isinstance(given, Gradient)
-        behind = given.picture(size) if isinstance(given, Gradient) else read_background(given)
+        is_gradient = isinstance(value, Gradient)
+        background = value.picture(size) if isinstance(value, Gradient) else read_background(value)
         # Neither photographs nor what is seen through have a ground.
         is_opaque = is_gradient or (
-            not isinstance(behind, BackgroundImage) and bool(behind[3] >= 1.0)
+            not isinstance(background, BackgroundImage) and bool(background[3] >= 1.0)
         )
-        if self.ground is None or not is_opaque or made.get("lens") is not None:
-            return behind, None
-        return behind, self._place()
+        if self.ground is None or not is_opaque or arguments.get("lens") is not None:
+            return background, None
+        return background, self._ground()
 
-    def _place(self) -> Ground | None:
+    def _ground(self) -> Ground | None:
         """Return the ground without its shadow; None if there is none. Found once."""
         if "_placed" not in self.__dict__:
-            placed = None if self.ground is None else place_ground(self.scene, self.ground.key)
-            object.__setattr__(self, "_placed", placed)
+            ground = None if self.ground is None else find_ground(self.scene, self.ground.key)
+            object.__setattr__(self, "_placed", ground)
         return self.__dict__["_placed"]
 
-    def _in_shade(
-        self, place: Ground, camera: Camera, behind: tuple[Any, Any], made: Mapping[str, Any],
+    def _darken(
+        self, ground: Ground, camera: Camera, picture: tuple[Any, Any], options: Mapping[str, Any],
         casts: bool,
     ) -> NDArray[np.uint8] | None:  # fmt: skip
         """Return the background with the shadow, (H, W, 4); None if there is none in view."""
-        colors, codes = behind
-        if not is_above(place, camera, codes.shape[::-1]):
+        colors, codes = picture
+        if not is_above(ground, camera, codes.shape[::-1]):
             return None
-        ground = self._shadow(place, made.get("threads")) if casts else in_the_dark(place)
-        shaded = in_shade(ground, camera, colors, codes)
-        return None if shaded is None else shaded.view(np.uint8).reshape(*codes.shape, 4)
+        lit = self._shadowed(ground, options.get("threads")) if casts else darken_fully(ground)
+        image = darken_background(lit, camera, colors, codes)
+        return None if image is None else image.view(np.uint8).reshape(*codes.shape, 4)
 
-    def _shadow(self, place: Ground, threads: int | None) -> Ground:
+    def _shadowed(self, ground: Ground, threads: int | None) -> Ground:
         """Return the ground with the scene's shadow. Found once."""
         if "_shaded" not in self.__dict__:
             shares = (0.0, 0.0) if self.ground is None else self.ground.shares
-            object.__setattr__(self, "_shaded", cast_shadow(place, self.scene, shares, threads))
+            object.__setattr__(self, "_shaded", cast_shadow(ground, self.scene, shares, threads))
         return self.__dict__["_shaded"]
 
 
-def _in_codes(
-    behind: NDArray[np.float32] | BackgroundImage, size: tuple[int, int]
+def _codes(
+    background: NDArray[np.float32] | BackgroundImage, size: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     """Return colours by their red codes, (256, 4) linear, and a background of them, in codes."""
     colors = np.ones((256, 4), np.float32)
-    if isinstance(behind, BackgroundImage):
+    if isinstance(background, BackgroundImage):
         colors[:, :3] = decoding_table()[:, None]
-        return colors, behind.image.view(np.uint32)[..., 0]
-    colors[:, :3] = behind[:3]
+        return colors, background.image.view(np.uint32)[..., 0]
+    colors[:, :3] = background[:3]
     code = np.empty((1, 1), np.uint32)
     srgb_encoding.encode_rows(colors[None, :1], srgb_encoding.encoding_table(), code)
     return colors, np.full(size[::-1], code[0, 0])

@@ -130,7 +130,7 @@ def test_a_library_is_left_to_who_imports_it(tmp_path):
 @pytest.fixture
 def handled(monkeypatch):
     """Handle Ctrl-C in this process as the command line does."""
-    monkeypatch.setattr(interrupts._Interrupts, "since", None)
+    monkeypatch.setattr(interrupts._FirstInterrupt, "time", None)
     before = signal.signal(signal.SIGINT, interrupts.interrupt)
     yield
     signal.signal(signal.SIGINT, before)
@@ -183,7 +183,7 @@ def test_an_interrupt_in_a_destructor_comes_again(handled, capfd):
 
 
 def interrupted_in_a_destructor():
-    interrupts.say_unraisable(SimpleNamespace(exc_type=KeyboardInterrupt))
+    interrupts.print_unraisable(SimpleNamespace(exc_type=KeyboardInterrupt))
     for _ in range(1000):
         time.sleep(0.01)
 

@@ -240,7 +240,7 @@ def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
 
 @needs_dask
 def test_no_scheduler_is_an_error_that_names_the_address(meshes, tmp_path, monkeypatch):
-    monkeypatch.setattr("rasterjit.dataset.dataset_builder.PATIENCE", 0.3)
+    monkeypatch.setattr("rasterjit.dataset.dataset_builder.CONNECT_TIMEOUT", 0.3)
     with pytest.raises(dataset_builder.LostWorkersError, match="no scheduler answers at tcp://127"):
         dataset_builder.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
 

@@ -28,8 +28,8 @@ def meshes(tmp_path):
 HOLDING = """
 import sys
 from pathlib import Path
-from rasterjit.dataset.dataset_builder import owned
-with owned(Path(sys.argv[1])):
+from rasterjit.dataset.dataset_builder import lock_folder
+with lock_folder(Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()
 """
@@ -91,7 +91,7 @@ def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, holder):
 
 def left_lock(place, change):
     """A lock file that a killed process left, with another content."""
-    content = json.loads(dataset_builder._myself())
+    content = json.loads(dataset_builder._lock_content())
     change(content)
     place.mkdir()
     (place / ".lock").write_text(json.dumps(content))
@@ -169,19 +169,22 @@ def forbid_by_path(monkeypatch):
 
 
 def test_where_locks_forbid_others_to_write_the_holder_does(tmp_path, monkeypatch):
-    (tmp_path / ".lock").write_text(dataset_builder._myself() + " " * 99)
+    (tmp_path / ".lock").write_text(dataset_builder._lock_content() + " " * 99)
     with monkeypatch.context() as patch:
         forbid_by_path(patch)
-        with dataset_builder.owned(tmp_path):
+        with dataset_builder.lock_folder(tmp_path):
             patch.undo()
-            assert (tmp_path / ".lock").read_text() == dataset_builder._myself()
+            assert (tmp_path / ".lock").read_text() == dataset_builder._lock_content()
 
 
 def test_the_lock_of_another_machine_is_read_by_who_holds_it(tmp_path, monkeypatch):
     other = json.dumps({"host": "elsewhere", "pid": 1, "machine": ["0", "1"]})
     (tmp_path / ".lock").write_text(other)
     forbid_by_path(monkeypatch)
-    with pytest.raises(ValueError, match="another run: wait"), dataset_builder.owned(tmp_path):
+    with (
+        pytest.raises(ValueError, match="another run: wait"),
+        dataset_builder.lock_folder(tmp_path),
+    ):
         pass
     monkeypatch.undo()
     assert (tmp_path / ".lock").read_text() == other
@@ -191,7 +194,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
     forbid_by_path(monkeypatch)
     with (
         pytest.raises(ValueError, match=r"another run: wait .*\.lock"),
-        dataset_builder.owned(tmp_path / "set"),
+        dataset_builder.lock_folder(tmp_path / "set"),
     ):
         pass
 
@@ -199,7 +202,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
 def test_a_lock_file_that_seems_to_be_another_is_refused(tmp_path, monkeypatch):
     """Some file systems give another number of a file by its path than when it is open."""
     monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
-    with pytest.raises(ValueError, match="another run"), dataset_builder.owned(tmp_path):
+    with pytest.raises(ValueError, match="another run"), dataset_builder.lock_folder(tmp_path):
         pass
 
 
@@ -210,11 +213,11 @@ def test_a_lock_file_that_another_takes_while_it_is_removed_is_its(tmp_path, mon
         raise PermissionError(errno.EACCES, "open", str(self))
 
     monkeypatch.setattr(dataset_builder.Path, "unlink", refuse)
-    with dataset_builder.owned(tmp_path):
+    with dataset_builder.lock_folder(tmp_path):
         pass
     assert (tmp_path / ".lock").is_file()
     monkeypatch.undo()
-    with dataset_builder.owned(tmp_path):
+    with dataset_builder.lock_folder(tmp_path):
         pass
     assert not (tmp_path / ".lock").exists()
 
@@ -233,27 +236,27 @@ def test_what_windows_says_of_a_lock(tmp_path, monkeypatch, number, expected):
         assert locks._lock(file.fileno()) is expected
 
 
-@pytest.mark.parametrize("name", ["lock", "_created"])
+@pytest.mark.parametrize("name", ["lock", "_create_lock_file"])
 def test_an_interrupt_while_the_lock_is_made_leaves_no_file(tmp_path, monkeypatch, name):
     original = getattr(dataset_builder, name)
 
     def interrupt(file):
         monkeypatch.undo()
-        if name == "_created":
+        if name == "_create_lock_file":
             original(file)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(dataset_builder, name, interrupt)
-    with pytest.raises(KeyboardInterrupt), dataset_builder.owned(tmp_path):
+    with pytest.raises(KeyboardInterrupt), dataset_builder.lock_folder(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_leaves_the_lock_of_another_run_alone(tmp_path, monkeypatch):
-    with dataset_builder.owned(tmp_path):
+    with dataset_builder.lock_folder(tmp_path):
         monkeypatch.setattr(
-            dataset_builder, "_taken", lambda file: (_ for _ in ()).throw(KeyboardInterrupt)
+            dataset_builder, "_acquire_lock", lambda file: (_ for _ in ()).throw(KeyboardInterrupt)
         )
-        with pytest.raises(KeyboardInterrupt), dataset_builder.owned(tmp_path):
+        with pytest.raises(KeyboardInterrupt), dataset_builder.lock_folder(tmp_path):
             pass
         assert (tmp_path / dataset_builder.LOCK).read_bytes()

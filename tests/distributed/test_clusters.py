@@ -22,7 +22,7 @@ def test_dashboard_of_our_own_cluster_is_for_this_machine_alone(monkeypatch):
     # Dask silences the handlers of pytest, where it is imported while tests are collected.
     monkeypatch.setattr(clusters.LOGGER, "info", lambda text, *rest: said.append(text % rest))
     monkeypatch.setattr(clusters, "available_processors", lambda: 1)
-    with clusters.connected(None) as own:
+    with clusters.use_client(None) as own:
         found = own.run_on_scheduler(listening)
         assert said == [f"dashboard: {own.dashboard_link}"]
     assert found
@@ -38,7 +38,7 @@ def test_what_is_lost_is_tried_again():
             raise CancelledError
         return 7
 
-    assert clusters.retried(take, "the scene", lambda: bool(done.append("again"))) == 7
+    assert clusters.retry(take, "the scene", lambda: bool(done.append("again"))) == 7
     assert done == ["take", "again"] * (clusters.MAX_ATTEMPTS - 1) + ["take"]
 
 
@@ -51,7 +51,7 @@ def test_data_that_is_lost_is_said_by_who_sends_it_again(monkeypatch, is_first):
             raise lost.pop()
 
     monkeypatch.setattr(clusters.LOGGER, "warning", lambda text, *rest: said.append(text % rest))
-    clusters.retried(take, "the scene", lambda: is_first and len(lost) == 1)
+    clusters.retry(take, "the scene", lambda: is_first and len(lost) == 1)
     assert said == ["all workers that held the scene were lost: it is sent again"] * is_first
 
 
@@ -96,7 +96,7 @@ def test_whatever_dask_says_of_a_lost_scheduler_is_a_connection_error(asked):
         clusters.cancel([None, object()], Client(error))
     with pytest.raises(RuntimeError, match="a bug"):
         ASKED[asked](Client(RuntimeError("a bug")))
-    for status in clusters.OVER:
+    for status in clusters.CLOSED_STATUSES:
         with pytest.raises(ConnectionError, match="is lost"):
             ASKED[asked](Client(RuntimeError("Client is closed"), status))
 
@@ -122,17 +122,17 @@ class Task:
 
 
 def test_result_is_asked_for_again_while_a_connection_breaks(monkeypatch):
-    monkeypatch.setattr(clusters, "LOOK_EVERY", 0.01)
+    monkeypatch.setattr(clusters, "POLL_SECONDS", 0.01)
     running = Client(None)
-    assert clusters.result_of(Task("finished", errors_of_dask()), running) == 7
+    assert clusters.wait_for_result(Task("finished", errors_of_dask()), running) == 7
     # What the task itself says of a file is its own.
     with pytest.raises(FileNotFoundError, match="mesh"):
-        clusters.result_of(Task("error", [FileNotFoundError(2, "no mesh")]), running)
-    monkeypatch.setattr(clusters, "RECONNECT_WITHIN", 0.05)
+        clusters.wait_for_result(Task("error", [FileNotFoundError(2, "no mesh")]), running)
+    monkeypatch.setattr(clusters, "RECONNECT_TIMEOUT", 0.05)
     with pytest.raises(ConnectionError, match="is lost"):
-        clusters.result_of(Task("finished", errors_of_dask() * 1000), running)
+        clusters.wait_for_result(Task("finished", errors_of_dask() * 1000), running)
     with pytest.raises(ConnectionError, match="is lost"):
-        clusters.result_of(Task("finished", []), Client(None, "connecting"))
+        clusters.wait_for_result(Task("finished", []), Client(None, "connecting"))
 
 
 def test_what_is_lost_again_and_again_is_given_up():
@@ -143,7 +143,7 @@ def test_what_is_lost_again_and_again_is_given_up():
         raise CancelledError
 
     with pytest.raises(RuntimeError, match=r"held the scene were lost, 5 times.*memory limit"):
-        clusters.retried(take, "the scene")
+        clusters.retry(take, "the scene")
     assert len(done) == clusters.MAX_ATTEMPTS == 5
 
 
@@ -155,7 +155,7 @@ def test_other_errors_are_not_tried_again():
         raise ConnectionError("lost")
 
     with pytest.raises(ConnectionError, match="lost"):
-        clusters.retried(take, "the scene")
+        clusters.retry(take, "the scene")
     assert done == ["take"]
 
 

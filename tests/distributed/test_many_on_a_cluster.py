@@ -220,7 +220,7 @@ def remote(place, port="0"):
 @pytest.fixture
 def silent(monkeypatch):
     """Let Dask say nothing of a scheduler that is lost, and be soon sure of it."""
-    monkeypatch.setattr(clusters, "RECONNECT_WITHIN", 3.0)
+    monkeypatch.setattr(clusters, "RECONNECT_TIMEOUT", 3.0)
     logger = logging.getLogger("distributed")
     level = logger.level
     yield lambda: logger.setLevel(logging.CRITICAL)

@@ -52,9 +52,9 @@ def merged(parts, view, quality=None, setting=None, order=None, **options):
     chosen = FrameRequest(SIZE, quality or rj.Quality.standard(), OUTPUTS, None, "none")
     chosen = chosen._replace(**options)
     drawn = [
-        sort_last.draw_layer(part, setting or rj.Scene(), None, view, chosen, 1) for part in parts
+        sort_last.draw_part(part, setting or rj.Scene(), None, view, chosen, 1) for part in parts
     ]
-    return (order or sort_last.merge_tree)(drawn, sort_last.merge_layers).frame()
+    return (order or sort_last.merge_tree)(drawn, sort_last.merge_images).frame()
 
 
 @pytest.mark.parametrize("count", range(1, 7))
@@ -133,9 +133,9 @@ def test_statistics_are_those_of_the_whole(view):
 
 def test_more_faces_than_numbers_are_refused(view):
     options = FrameRequest(SIZE, rj.Quality.standard(), ("color",), None, "none")
-    one = sort_last.draw_layer(PAIRS[0], rj.Scene(), None, view, options, 1)
+    one = sort_last.draw_part(PAIRS[0], rj.Scene(), None, view, options, 1)
     with pytest.raises(ValueError, match="partitions must have at most 2147483647 faces"):
-        sort_last.merge_layers(one, replace(one, faces=2**31 - 60))
+        sort_last.merge_images(one, replace(one, faces=2**31 - 60))
 
 
 def load_slowly(pair, marker):

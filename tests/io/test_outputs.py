@@ -341,10 +341,10 @@ def test_a_decimal_scale_is_the_smallest_that_holds_the_values(power, most):
     scale = float(f"1e{power}")
     values = np.array([[most * scale, np.inf], [np.nan, 300.0 * scale]])
     assert save.decimal_scale(values) == scale
-    codes = save.as_codes("depth", values, scale)
+    codes = save.encode_output("depth", values, scale)
     assert (codes.pixels == [[np.floor(most + 0.5), 0], [0, 300]]).all()
     with pytest.raises(ValueError, match=re.escape(f"; choose {scale:g}, .exr or .npz")):
-        save.as_codes("depth", values, scale / 10.0)
+        save.encode_output("depth", values, scale / 10.0)
 
 
 @pytest.mark.parametrize("values", [(0.0, 5.0), (-1.0, 5.0), (1.0, 1e6), (5e-324, 5e-324), ()])
@@ -353,4 +353,4 @@ def test_no_decimal_scale_holds_both_small_and_large_values(values):
     assert save.decimal_scale(values) is None
     if values.size > 1:
         with pytest.raises(ValueError, match=r"; choose \.exr or \.npz"):
-            save.as_codes("depth", values, 1e-2)
+            save.encode_output("depth", values, 1e-2)

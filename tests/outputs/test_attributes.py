@@ -357,13 +357,13 @@ def test_partitions_show_what_one_mesh_of_all_shows(cube, sphere):
     camera, names = CAMERAS["perspective"], ("attribute:heat", "face_id")
     want = rj.render(whole, camera, size=SIZE, outputs=names).arrays()
     options = FrameRequest(SIZE, rj.Quality.standard(), names, None, "none")
-    drawn = [sort_last.draw_layer(part, rj.Scene(), None, camera, options, 1) for part in parts]
-    merged = sort_last.merge_layers(*drawn).frame().arrays()
+    drawn = [sort_last.draw_part(part, rj.Scene(), None, camera, options, 1) for part in parts]
+    merged = sort_last.merge_images(*drawn).frame().arrays()
     for name in names:
         assert merged[name].tobytes() == want[name].tobytes()
     drawn[1].outputs["attribute:heat"] = drawn[1].outputs["attribute:heat"][..., :1]
     with pytest.raises(ValueError, match=r"as many columns .*'attribute:heat', got 2 and 1"):
-        sort_last.merge_layers(*drawn)
+        sort_last.merge_images(*drawn)
     with pytest.raises(
         ValueError, match=r"'attribute:heat', but partitions of .vertices, faces. have"
     ):

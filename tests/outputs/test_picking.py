@@ -9,15 +9,15 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.distributed import sort_last
-from rasterjit.distributed.frames import FarFrame
-from rasterjit.outputs.frame import PICKED
+from rasterjit.distributed.frames import RemoteFrame
+from rasterjit.outputs.frame import PICK_OUTPUTS
 from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.planning import FrameRequest
 from rasterjit.rendering.regions import RegionRenderer
 
 T = rj.transforms
 SIZE = (48, 36)
-OUTPUTS = (*PICKED, "object_id", "depth")
+OUTPUTS = (*PICK_OUTPUTS, "object_id", "depth")
 CAMERAS = {
     "perspective": rj.PerspectiveCamera((1.0, 1.2, 4.5), (0, 0, 0), near=0.5, far=30.0),
     "near plane through it": rj.PerspectiveCamera((0.6, 0.8, 2.6), (0, 0, 0), near=1.9),
@@ -71,7 +71,7 @@ def test_a_pick_has_the_numbers_of_the_buffers_and_lies_on_the_line_of_sight(sce
 
 
 def test_a_pick_is_the_callers(scene):
-    frame = rj.render(scene, CAMERAS["parallel"], size=SIZE, outputs=PICKED)
+    frame = rj.render(scene, CAMERAS["parallel"], size=SIZE, outputs=PICK_OUTPUTS)
     pick = frame.pick(SIZE[0] // 2, SIZE[1] // 2)
     pick.weights[:] = 7.0
     pick.position[:] = 7.0
@@ -80,14 +80,14 @@ def test_a_pick_is_the_callers(scene):
 
 
 def test_pixels_are_columns_and_rows_of_any_kind_of_whole_number(cube):
-    frame = rj.render(cube, size=(8, 6), outputs=PICKED)
+    frame = rj.render(cube, size=(8, 6), outputs=PICK_OUTPUTS)
     frame.face_id[0, 7] = frame.face_id.max()
     assert frame.pick(np.int64(7), np.uint8(0)) is not None
     assert frame.pick(0, 0) is None
 
 
 def test_fractions_are_of_the_pixel_that_holds_them(cube):
-    frame = rj.render(cube, size=(8, 6), outputs=PICKED)
+    frame = rj.render(cube, size=(8, 6), outputs=PICK_OUTPUTS)
     for kind in (float, np.float32, np.float64):
         found, wanted = frame.pick(kind(4.75), kind(3.0)), frame.pick(4, 3)
         assert (found.node, found.face) == (wanted.node, wanted.face)
@@ -102,7 +102,7 @@ def test_fractions_are_of_the_pixel_that_holds_them(cube):
 
 @pytest.mark.parametrize("value", [-1, 8, "1", None, True, np.zeros(2)])
 def test_what_is_no_pixel_is_named(cube, value):
-    frame = rj.render(cube, size=(8, 6), outputs=PICKED)
+    frame = rj.render(cube, size=(8, 6), outputs=PICK_OUTPUTS)
     with pytest.raises(ValueError, match=r"^x must be a whole number in 0\.\.7, got "):
         frame.pick(value, 0)
     with pytest.raises(ValueError, match=r"^y must be a whole number in 0\.\.5, got "):
@@ -119,7 +119,7 @@ def test_outputs_that_it_needs_are_named(cube):
     frame = rj.render(cube, size=(8, 6), outputs=("barycentric", "face_id"))
     with pytest.raises(rj.OutputNotRequestedError, match=r"position was not.*\(..., 'position'\)"):
         frame.pick(4, 3)
-    made = rj.render(cube, size=(8, 6), outputs=PICKED)
+    made = rj.render(cube, size=(8, 6), outputs=PICK_OUTPUTS)
     with pytest.raises(ValueError, match="made of arrays"):
         rj.Frame(made.arrays(), made.plan, made.stats).pick(4, 3)
 
@@ -132,20 +132,20 @@ def same(one, other):
 
 def test_frames_that_are_drawn_in_other_ways_pick_the_same(scene):
     camera, size = CAMERAS["perspective"], (96, 72)
-    want = rj.render(scene, camera, size=size, outputs=PICKED).pick(48, 36)
+    want = rj.render(scene, camera, size=size, outputs=PICK_OUTPUTS).pick(48, 36)
     assert want is not None
-    with RegionRenderer(scene, camera, size=size, outputs=PICKED) as renderer:
+    with RegionRenderer(scene, camera, size=size, outputs=PICK_OUTPUTS) as renderer:
         part = renderer.render_region(Region(0, 0, 64, 64))
     assert same(part.pick(48, 36), want)
-    (many,) = rj.render_many(scene, [camera], size=size, outputs=PICKED, threads=1)
+    (many,) = rj.render_many(scene, [camera], size=size, outputs=PICK_OUTPUTS, threads=1)
     assert same(many.pick(48, 36), want)
     drawn = many.arrays(), many.stats
-    options = FrameRequest(size, rj.Quality.standard(), PICKED, None, "none")
-    assert same(FarFrame(drawn, scene, camera, options).pick(48, 36), want)
+    options = FrameRequest(size, rj.Quality.standard(), PICK_OUTPUTS, None, "none")
+    assert same(RemoteFrame(drawn, scene, camera, options).pick(48, 36), want)
     quality = rj.Quality(samples=64)
-    fine = rj.render(scene, camera, size=size, outputs=(*PICKED, "color"), quality=quality)
+    fine = rj.render(scene, camera, size=size, outputs=(*PICK_OUTPUTS, "color"), quality=quality)
     assert same(fine.pick(48, 36), want)
-    layered = rj.render_layers(scene, camera, k=3, size=size, outputs=PICKED)
+    layered = rj.render_layers(scene, camera, k=3, size=size, outputs=PICK_OUTPUTS)
     assert same(layered.pick(48, 36), want)
     second = layered.pick(48, 36, layer=1)
     eye = camera.eye_position()
@@ -162,13 +162,13 @@ def test_frames_that_are_drawn_in_other_ways_pick_the_same(scene):
 
 def test_partitions_are_one_object(cube, sphere):
     flat, camera = rj.Material("flat"), CAMERAS["perspective"]
-    options = FrameRequest(SIZE, rj.Quality.standard(), PICKED, None, "none")
+    options = FrameRequest(SIZE, rj.Quality.standard(), PICK_OUTPUTS, None, "none")
     parts = [
         rj.Mesh(sphere.vertices * 0.3, sphere.faces, material=flat),
         (cube.vertices, cube.faces),
     ]
-    drawn = [sort_last.draw_layer(part, rj.Scene(), flat, camera, options, 1) for part in parts]
-    frame = sort_last.merge_layers(*drawn).frame()
+    drawn = [sort_last.draw_part(part, rj.Scene(), flat, camera, options, 1) for part in parts]
+    frame = sort_last.merge_images(*drawn).frame()
     pick = frame.pick(24, 18)
     assert pick.node == 0
     assert pick.face == frame.face_id[18, 24] >= len(sphere.faces)
@@ -179,8 +179,8 @@ def test_a_pick_has_the_scalar_if_it_was_asked_for(cube):
     scene.add(rj.Mesh(cube.vertices, cube.faces, scalars=np.arange(8.0)))
     scene.add(cube, T.translate((1.8, 0.0, 0.0)))
     camera = CAMERAS["perspective"]
-    frame = rj.render(scene, camera, size=SIZE, outputs=(*PICKED, "scalar"))
-    bare = rj.render(scene, camera, size=SIZE, outputs=PICKED)
+    frame = rj.render(scene, camera, size=SIZE, outputs=(*PICK_OUTPUTS, "scalar"))
+    bare = rj.render(scene, camera, size=SIZE, outputs=PICK_OUTPUTS)
     seen = {0: 0, 1: 0}
     for y, x in np.argwhere(frame.face_id >= 0)[::7].tolist():
         pick = frame.pick(x, y)
@@ -193,6 +193,6 @@ def test_a_pick_has_the_scalar_if_it_was_asked_for(cube):
         seen[pick.node] += 1
         assert bare.pick(x, y).scalar is None
     assert min(seen.values()) > 3
-    layers_of = rj.render_layers(scene, camera, k=2, size=SIZE, outputs=(*PICKED, "scalar"))
+    layers_of = rj.render_layers(scene, camera, k=2, size=SIZE, outputs=(*PICK_OUTPUTS, "scalar"))
     y, x = np.argwhere(layers_of.face_id[1] >= 0)[0].tolist()
     assert layers_of.pick(x, y, 1).scalar == layers_of.scalar[1, y, x]

@@ -72,8 +72,8 @@ def holes():
     mask = {"alpha_mode": "mask", "alpha_cutoff": 0.6}
     cube, quad = scene.nodes[1].mesh, scene.nodes[2].mesh
     texture = rj.Texture(rng.integers(0, 255, (8, 8, 4), np.uint8))
-    cut_out = rj.Material("flat", base_color_texture=texture, **mask)
-    scene.nodes[2].mesh = rj.Mesh(quad.vertices, quad.faces, uv=quad.uv, material=cut_out)
+    crop_frame = rj.Material("flat", base_color_texture=texture, **mask)
+    scene.nodes[2].mesh = rj.Mesh(quad.vertices, quad.faces, uv=quad.uv, material=crop_frame)
     for n, count in enumerate((len(cube.vertices), len(cube.faces))):
         holed = rj.Mesh(
             cube.vertices, cube.faces, colors=rng.random((count, 4)), material=rj.Material(**mask)

@@ -27,10 +27,10 @@ def test_a_part_is_blurred_as_the_whole():
     whole[3:9, 200:380] = np.random.default_rng(0).integers(0, 32, (6, 180))
     everywhere = whole.copy()
     everywhere[-1, 0] = 1
-    parts = [shadow_catcher._blurred(one, 5, np.float32(0.5)) for one in (whole, everywhere)]
+    parts = [shadow_catcher._blur(one, 5, np.float32(0.5)) for one in (whole, everywhere)]
     assert np.array_equal(parts[0][:300, 150:], parts[1][:300, 150:])
     assert parts[0][:30, 150:].any()
-    assert not shadow_catcher._blurred(np.zeros_like(whole), 5, np.float32(1.0)).any()
+    assert not shadow_catcher._blur(np.zeros_like(whole), 5, np.float32(1.0)).any()
 
 
 def shaded_slowly(placed, camera, palette, codes):
@@ -68,7 +68,7 @@ def shaded_slowly(placed, camera, palette, codes):
 def test_pixels_lack_the_light_of_their_place_on_the_map(is_parallel):
     scene = rj.Scene()
     scene.add(rj.Mesh([[0, 0, 0], [2, 1, 0], [0, 2, 1]], [[0, 1, 2]]))
-    placed = shadow_catcher.place_ground(scene, (0.5, 0.7, 0.5))
+    placed = shadow_catcher.find_ground(scene, (0.5, 0.7, 0.5))
     placed = shadow_catcher.cast_shadow(placed, scene, (0.45, 0.5), 1)
     eye, target = (4.0, 3.0, 5.0), (0.5, 0.0, 0.0)
     camera = rj.PerspectiveCamera(eye, target)
@@ -76,8 +76,8 @@ def test_pixels_lack_the_light_of_their_place_on_the_map(is_parallel):
         camera = rj.OrthographicCamera(eye, target, height=6.0)
     palette = np.ones((256, 4), np.float32)
     palette[:, :3] = decoding_table()[:, None]
-    greys = rj.styles.GREYS.picture((40, 30)).image.view(np.uint32)[..., 0]
-    found = shadow_catcher.in_shade(placed, camera, palette, greys)
+    greys = rj.styles.GREY_BACKGROUND.picture((40, 30)).image.view(np.uint32)[..., 0]
+    found = shadow_catcher.darken_background(placed, camera, palette, greys)
     wanted = shaded_slowly(placed, camera, palette, greys)
     difference = np.abs(found.view(np.uint8).astype(int) - wanted.view(np.uint8))
     # The twin's matrix is another's inverse: a code may be one off.

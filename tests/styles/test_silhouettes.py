@@ -36,7 +36,7 @@ def grid():
 
 
 def cameras(scene):
-    placed = shadow_catcher.place_ground(scene, KEY)
+    placed = shadow_catcher.find_ground(scene, KEY)
     slopes = [
         *shadow_catcher.sky_slopes(6),
         *shadow_catcher.key_slopes(placed.slope, 4),

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import rasterjit as rj
 from rasterjit.cli import commands
 from rasterjit.cli import options as cli_options
-from rasterjit.styles.shadow_catcher import SIDE, cast_shadow, place_ground
+from rasterjit.styles.shadow_catcher import SIDE, cast_shadow, find_ground
 
 MODELS = Path(__file__).parents[2] / "models"
 SIZE = (96, 72)
@@ -21,7 +21,7 @@ GROUND_TRUTH = (
     "depth", "distance", "face_id", "object_id", "instance_id", "material_id", "barycentric",
     "normal", "geometric_normal", "position",
 )  # fmt: skip
-GREYS = rj.styles.GREYS.picture(SIZE).image
+GREYS = rj.styles.GREY_BACKGROUND.picture(SIZE).image
 
 
 def box(low=(-1.0, 0.0, -1.0), high=(1.0, 1.0, 1.0), shading="flat", **material):
@@ -138,11 +138,11 @@ def test_what_is_seen_through_or_a_photograph_gets_no_ground(teapot, option):
 
 def test_a_floor_is_ground_enough():
     floor = rj.Mesh([[-4, 0, -4], [-4, 0, 4], [4, 0, 4], [4, 0, -4]], [[0, 1, 2], [0, 2, 3]])
-    assert place_ground(scene_of(box(), floor), None) is None
+    assert find_ground(scene_of(box(), floor), None) is None
     upside_down = rj.Mesh(floor.vertices, floor.faces[:, ::-1])
-    assert place_ground(scene_of(box(), upside_down), None) is not None
-    assert place_ground(scene_of(box()), None) is not None
-    assert place_ground(scene_of(floor), None) is None
+    assert find_ground(scene_of(box(), upside_down), None) is not None
+    assert find_ground(scene_of(box()), None) is not None
+    assert find_ground(scene_of(floor), None) is None
 
 
 def test_the_shadow_lies_where_the_light_is_kept_off():
@@ -151,7 +151,7 @@ def test_the_shadow_lies_where_the_light_is_kept_off():
     foot = box((9.0, 0.0, 9.0), (9.1, 0.1, 9.1))
     scene = scene_of(plate, foot)
     for key in ((0.0, 1.0, 0.0), (0.6, 0.8, 0.0)):
-        ground = place_ground(scene, key)
+        ground = find_ground(scene, key)
         shade = cast_shadow(ground, scene, (1.0, 0.0), 1).shade
         x, z = -4.0 * key[0] / key[1], 0.0
         place = np.array([[x, 0.0, z], [x + 2.5, 0.0, z], [x, 0.0, z - 2.5]])
@@ -461,7 +461,7 @@ def test_the_command_line_draws_studio_and_takes_others(tmp_path, teapot):
         expected = rj.styles.STYLES[style](teapot).render(size=SIZE).color
         assert np.array_equal(imread(tmp_path / "a.png"), expected)
     assert tuple(rj.styles.STYLES) == cli_options.STYLES
-    assert rj.styles.PAINTED == cli_options.STYLES_WITH_COLORS
+    assert rj.styles.RECOLORED_STYLES == cli_options.STYLES_WITH_COLORS
     told = run("explain", MODELS / "teapot.obj").output
     assert "style studio: 4 samples" in told
 
