@@ -30,24 +30,24 @@ from rasterjit.io.images import save_image
 from rasterjit.outputs.frame import Frame
 
 FOLDER = "golden"
-"""Where recorded pictures lie, beside the file of the test."""
+"""Folder of recorded pictures, beside the file of the test."""
 
 FAILURES = "golden-failures"
-"""Where pictures that show a difference are written, below pytest's root folder."""
+"""Folder of pictures that show differences, below pytest's root folder."""
 
-GAP = 8
-"""Columns between the pictures of a difference, pixels."""
+GAP_COLUMNS = 8
+"""Columns between the pictures of a comparison."""
 
-CHANGED = (255, 0, 255)
-"""The colour of pixels that differ, in front of the recorded picture at a quarter of its light."""
+DIFFERENCE_COLOR = (255, 0, 255)
+"""Colour of pixels that differ, over the recorded picture at a quarter of its light."""
 
-RECORDED = "golden-recorded"
-"""The property of a test that names what it recorded."""
+RECORDED_PROPERTY = "golden-recorded"
+"""Property of a test that holds the path of its recorded picture."""
 
 
 class Golden:
     """
-    Compares pictures with those that were recorded for one test.
+    Compares pictures with the recorded ones of a test.
 
     Attributes
     ----------
@@ -85,17 +85,17 @@ class Golden:
             raise ValueError(
                 f"picture must be a Frame or an array, got {array.dtype} {array.shape}"
             )
-        place = self.folder / f"{self._named(name)}{'.png' if _is_picture(array) else '.npy'}"
+        path = self.folder / f"{self._unique_name(name)}{'.png' if _is_picture(array) else '.npy'}"
         if self._config.getoption("golden_update"):
-            self._record(place, array)
-        elif not place.exists():
-            pytest.fail(f"no picture is recorded at {place}: run pytest --golden-update", False)
+            self._record(path, array)
+        elif not path.exists():
+            pytest.fail(f"no picture is recorded at {path}: run pytest --golden-update", False)
         else:
-            self._compare(place, array)
+            self._compare(path, array)
 
-    def _named(self, name: str | None) -> str:
-        """Return the name of a picture's file, without its end."""
-        self._refuse_collision()
+    def _unique_name(self, name: str | None) -> str:
+        """Return the file name of a picture, without its suffix."""
+        self._check_file_name()
         if name is None:
             count = len(self._names) + 1
             name = self._test if count == 1 else f"{self._test}--{count}"
@@ -108,7 +108,7 @@ class Golden:
         self._names.add(name)
         return name
 
-    def _refuse_collision(self) -> None:
+    def _check_file_name(self) -> None:
         """Raise ValueError if another collected test has the same file name."""
         for item in self._node.session.items:
             same_file = item.path == self._node.path and _file_name(item) == self._test
@@ -119,60 +119,60 @@ class Golden:
                     "pytest.param(..., id=...)"
                 )
 
-    def _record(self, place: Path, array: NDArray[Any]) -> None:
-        """Write a picture, if it is another than the recorded one."""
-        if place.exists() and _difference(_read(place), array) is None:
+    def _record(self, path: Path, array: NDArray[Any]) -> None:
+        """Record a picture, if it differs from the recorded one."""
+        if path.exists() and _difference(_read(path), array) is None:
             return
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if place.suffix == ".png":
-            save_image(place, array)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".png":
+            save_image(path, array)
         else:
-            with atomic_file(place) as temporary, temporary.open("wb") as file:
+            with atomic_file(path) as temporary, temporary.open("wb") as file:
                 np.save(file, array)
-        other = place.with_suffix(".npy" if place.suffix == ".png" else ".png")
+        other = path.with_suffix(".npy" if path.suffix == ".png" else ".png")
         other.unlink(missing_ok=True)
-        self._node.user_properties.append((RECORDED, str(place)))
+        self._node.user_properties.append((RECORDED_PROPERTY, str(path)))
 
-    def _compare(self, place: Path, array: NDArray[Any]) -> None:
-        """Fail where a picture is another than the recorded one."""
-        recorded = _read(place)
-        told = _difference(recorded, array)
-        if told is None:
+    def _compare(self, path: Path, array: NDArray[Any]) -> None:
+        """Fail if a picture differs from the recorded one."""
+        recorded = _read(path)
+        difference = _difference(recorded, array)
+        if difference is None:
             return
-        lines = [told, f"recorded: {place}"]
+        lines = [difference, f"recorded: {path}"]
         sheet = side_by_side(recorded, array)
         if sheet is not None:
-            beside = self._config.rootpath / FAILURES / f"{self.folder.name}-{place.stem}.png"
-            beside.parent.mkdir(exist_ok=True)
-            save_image(beside, sheet)
-            lines.append(f"recorded, drawn and where they differ: {beside}")
+            sheet_path = self._config.rootpath / FAILURES / f"{self.folder.name}-{path.stem}.png"
+            sheet_path.parent.mkdir(exist_ok=True)
+            save_image(sheet_path, sheet)
+            lines.append(f"recorded, drawn and where they differ: {sheet_path}")
         lines.append("if the new picture is right, record it: pytest --golden-update")
         pytest.fail("\n".join(lines), False)
 
 
 def _file_name(item: pytest.Item) -> str:
-    """Return a test's name as a file's: its class, too, and no two dashes in a row."""
+    """Return the file name of a test: its class, too, and no two dashes in a row."""
     name = item.nodeid.split("::", 1)[-1]
     return re.sub(r"[^\w.]+", "-", name).strip("-")
 
 
 def _is_picture(array: NDArray[Any]) -> bool:
-    """Tell whether PNG holds an array as it is."""
+    """Tell whether an array can be stored as PNG."""
     return array.dtype == np.uint8 and (
         array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (3, 4))
     )
 
 
-def _read(place: Path) -> NDArray[Any]:
-    """Return a recorded picture."""
-    if place.suffix == ".npy":
-        return np.load(place)
-    with Image.open(place) as image:
+def _read(path: Path) -> NDArray[Any]:
+    """Read a recorded picture."""
+    if path.suffix == ".npy":
+        return np.load(path)
+    with Image.open(path) as image:
         return np.asarray(image)
 
 
 def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
-    """Say how two pictures differ; None if all bits are the same."""
+    """Describe how two pictures differ; None if all bits are the same."""
     if (recorded.shape, recorded.dtype) != (drawn.shape, drawn.dtype):
         return (
             f"the picture is {drawn.shape} {drawn.dtype}, the recorded one {recorded.shape} "
@@ -180,7 +180,7 @@ def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
         )
     if recorded.tobytes() == drawn.tobytes():
         return None
-    differs = _differing(recorded, drawn)
+    differs = _differs(recorded, drawn)
     first = tuple(int(one) for one in np.argwhere(differs)[0])
     return (
         f"{np.count_nonzero(differs)} of {differs.size} pixels differ, the first at row, column "
@@ -188,8 +188,8 @@ def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
     )
 
 
-def _differing(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pixels differ in a bit, (H, W); of other arrays, which elements."""
+def _differs(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return the mask of pixels that differ in a bit, (H, W); of other arrays, of elements."""
     size = recorded.dtype.itemsize
     shape = (*recorded.shape, size)
     old, new = (np.frombuffer(one.tobytes(), np.uint8).reshape(shape) for one in (recorded, drawn))
@@ -199,7 +199,7 @@ def _differing(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]
 
 def side_by_side(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.uint8] | None:
     """
-    Return the recorded picture, the drawn one and where they differ, (H, W, 4) uint8.
+    Return the recorded picture, the drawn one and their difference, (H, W, 4) uint8.
 
     Arrays of floats and numbers are shown between the least and largest of both. None for arrays
     that are no pictures.
@@ -207,29 +207,29 @@ def side_by_side(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.uint
     both = [recorded, drawn]
     if any(one.ndim not in (2, 3) or one.shape[2:] not in ((), (3,), (4,)) for one in both):
         return None
-    panels = [_shown(one, both) for one in both]
+    panels = [_to_rgba(one, both) for one in both]
     if recorded.shape == drawn.shape and recorded.dtype == drawn.dtype:
         changes = panels[0] // 4
         changes[..., 3] = 255
-        changes[_differing(recorded, drawn), :3] = CHANGED
+        changes[_differs(recorded, drawn), :3] = DIFFERENCE_COLOR
         panels.append(changes)
     height = max(one.shape[0] for one in panels)
     columns = []
     for one in panels:
-        gap = 0 if one is panels[-1] else GAP
+        gap = 0 if one is panels[-1] else GAP_COLUMNS
         columns.append(np.pad(one, ((0, height - one.shape[0]), (0, gap), (0, 0))))
     return np.hstack(columns)
 
 
-def _shown(array: NDArray[Any], both: list[NDArray[Any]]) -> NDArray[np.uint8]:
-    """Return an array as a picture, (H, W, 4) uint8."""
+def _to_rgba(array: NDArray[Any], both: list[NDArray[Any]]) -> NDArray[np.uint8]:
+    """Convert an array to a picture, (H, W, 4) uint8."""
     if not all(one.dtype == np.uint8 for one in both):
         values = np.concatenate([np.asarray(one, np.float64).ravel() for one in both])
         values = values[np.isfinite(values)]
         low, high = (values.min(), values.max()) if len(values) else (0.0, 0.0)
         scale = 255.0 / (high - low) if high > low else 0.0
-        found = np.nan_to_num(np.asarray(array, np.float64), nan=low, posinf=high, neginf=low)
-        array = ((found - low) * scale).astype(np.uint8)
+        finite = np.nan_to_num(np.asarray(array, np.float64), nan=low, posinf=high, neginf=low)
+        array = ((finite - low) * scale).astype(np.uint8)
     if array.ndim == 2:
         array = np.repeat(array[..., None], 3, axis=2)
     if array.shape[2] == 4:
@@ -252,9 +252,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Name what was recorded; processes of pytest-xdist tell it with their reports."""
+    """List recorded pictures; processes of pytest-xdist send them with their reports."""
     reports = terminalreporter.stats.get("passed", []) + terminalreporter.stats.get("failed", [])
     for report in reports:
-        for name, place in report.user_properties:
-            if name == RECORDED and report.when == "call":
-                terminalreporter.write_line(f"golden: recorded {place}")
+        for name, path in report.user_properties:
+            if name == RECORDED_PROPERTY and report.when == "call":
+                terminalreporter.write_line(f"golden: recorded {path}")

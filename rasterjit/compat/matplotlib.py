@@ -42,28 +42,28 @@ except ImportError as error:
     ) from error
 
 DEPTH_MARGIN = 0.01
-"""Share of the scene's depth by which the near and far plane are farther apart than it."""
+"""Margin between the scene and the near and far plane, as a share of its depth."""
 
 MIN_NEAR = 1e-4
-"""Nearest near plane, as a share of the distance of the farthest point."""
+"""Least near plane, as a share of the distance of the farthest point."""
 
-BIAS = 2e-3
+DEPTH_BIAS = 2e-3
 """Share of the scene's size by which a line may lie behind a face and still be seen: one that lies
 on it is."""
 
-STEP = 0.5
-"""Distance of the places where a line is compared with the depth, pixels."""
+SAMPLE_STEP = 0.5
+"""Distance between the samples of a line that are compared with the depth, pixels."""
 
-ROUNDING = 1e-6
-"""How far sides that ought to be whole pixels may be off them."""
+PIXEL_TOLERANCE = 1e-6
+"""Tolerance of sides that ought to be whole pixels."""
 
-LONGEST = 64
-"""Most places of a segment that are compared, in sides of the picture: it may reach far beside."""
+MAX_SAMPLES = 64
+"""Most samples of a segment, in sides of the picture: it may reach far beside."""
 
 
 class SceneArtist(artist.Artist):
     """
-    Draws a scene into axes, at their size in pixels: anew for each size, resolution and view.
+    Draws a scene into axes, rendered anew for each size in pixels and view.
 
     Parameters
     ----------
@@ -120,22 +120,22 @@ class SceneArtist(artist.Artist):
             )
         linear_color("background", background)
         self._up = None if up is None else transforms.unit_vector("up", up)
-        self._turn = _turn_of(self._up)
+        self._rotation = _rotation_to_z(self._up)
         self._camera, self._background = camera, background
         self._quality = Quality(samples=8) if quality is None else quality
         # What is wrong is said at once.
         explain(self.scene, camera, self._quality, size=(1, 1), background=background)
         self._ball = Ball.around(self.scene)
         self._frames: dict[Any, Frame] = {}
-        self._own_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
+        self._original_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
         self.set_zorder(zorder)
         had_data = axes.has_data()
         axes.add_artist(self)
-        self._data = _Data()
+        self._data = _DataMarker()
         axes.add_artist(self._data)
         if self._is_spatial:
             corners = np.array(list(itertools.product(*np.transpose(self.scene.bounds()))))
-            axes.auto_scale_xyz(*(corners @ self._turn[:3, :3].T).T, had_data)
+            axes.auto_scale_xyz(*(corners @ self._rotation[:3, :3].T).T, had_data)
 
     def hide(self, *things: Line3D | PathCollection) -> None:
         """
@@ -163,34 +163,34 @@ class SceneArtist(artist.Artist):
                     f"{type(thing).__name__}"
                 )
         for thing in things:
-            if thing not in self._own_draws:
-                self._own_draws[thing] = thing.draw
+            if thing not in self._original_draws:
+                self._original_draws[thing] = thing.draw
                 # The axes do not draw it; legends still know it.
                 thing.draw = _draw_nothing
         self.stale = True
 
     def remove(self) -> None:
-        """Take it out of the axes; what it hid draws itself again."""
+        """Remove it from the axes; hidden things draw themselves again."""
         super().remove()
         self._data.remove()
-        for thing, draw in self._own_draws.items():
+        for thing, draw in self._original_draws.items():
             thing.draw = draw
-        self._own_draws.clear()
+        self._original_draws.clear()
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the scene and what it hides; if it is invisible, those alone, as they are."""
+        """Draw the scene and the things it hides; if it is invisible, those alone, unhidden."""
         if not self.get_visible():
-            for _, draw in self._held():
+            for _, draw in self._things():
                 draw(renderer)
             return
         box = self.axes.get_window_extent(renderer)
         # Vector formats count in 1/72 inch; their pictures have the resolution asked for.
         scale = renderer.get_image_magnification()
-        left, bottom = (math.floor(side * scale + ROUNDING) for side in (box.x0, box.y0))
-        right, top = (math.ceil(side * scale - ROUNDING) for side in (box.x1, box.y1))
+        left, bottom = (math.floor(side * scale + PIXEL_TOLERANCE) for side in (box.x0, box.y0))
+        right, top = (math.ceil(side * scale - PIXEL_TOLERANCE) for side in (box.x1, box.y1))
         size = max(right - left, 1), max(top - bottom, 1)
         area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
-        camera = self._camera_of(area) if self._is_spatial else self._flat_camera(size)
+        camera = self._axes_camera(area) if self._is_spatial else self._flat_camera(size)
         frame = self._render(camera, size)
         context = renderer.new_gc()
         self._set_gc_clip(context)
@@ -198,26 +198,26 @@ class SceneArtist(artist.Artist):
         renderer.draw_image(context, area.x0, area.y0, frame.color[::-1])
         context.restore()
         view = None
-        if self._own_draws:
-            view = _View(camera, self._turn, frame, area, BIAS * self._ball.radius)
-        for thing, draw in self._held():
+        if self._original_draws:
+            view = _Projection(camera, self._rotation, frame, area, DEPTH_BIAS * self._ball.radius)
+        for thing, draw in self._things():
             if isinstance(thing, Line3D):
                 self._draw_line(renderer, thing, view)
             else:
                 _draw_points(renderer, thing, draw, view)
         self.stale = False
 
-    def _held(self) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
-        """Yield what is drawn with the scene, and how it draws itself, as far as it is there."""
-        for thing, draw in self._own_draws.items():
+    def _things(self) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
+        """Yield the visible things that are drawn with the scene, and their draw functions."""
+        for thing, draw in self._original_draws.items():
             if thing.get_visible() and thing.axes is self.axes:
                 yield thing, draw
 
     def _render(self, camera: Camera | None, size: tuple[int, int]) -> Frame:
-        """Return the frame of a view, that of the last one again if nothing changed."""
+        """Render a view; reuse the last frame if nothing changed."""
         is_matrix = isinstance(camera, MatrixCamera)
-        seen = (camera.clip_from_view @ camera.view_from_world).tobytes() if is_matrix else camera
-        key = size, seen
+        view = (camera.clip_from_view @ camera.view_from_world).tobytes() if is_matrix else camera
+        key = size, view
         if key not in self._frames:
             with Renderer(size, quality=self._quality) as renderer:
                 frame = renderer.render(
@@ -232,10 +232,10 @@ class SceneArtist(artist.Artist):
             return self._camera
         return fit_camera(self._ball, up=self._up, aspect=size[0] / size[1])
 
-    def _camera_of(self, area: Bbox) -> MatrixCamera:
+    def _axes_camera(self, area: Bbox) -> MatrixCamera:
         """Return the camera that maps the world onto an area of the canvas as the axes do."""
         # Matplotlib's matrix leads to a plane that the data transform takes to the canvas.
-        projection = np.asarray(self.axes.get_proj(), dtype=np.float64) @ self._turn
+        projection = np.asarray(self.axes.get_proj(), dtype=np.float64) @ self._rotation
         corners = self.axes.transData.transform([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
         ndc = 2.0 * (corners - (area.x0, area.y0)) / (area.width, area.height) - 1.0
         clip = np.zeros((4, 4))
@@ -246,7 +246,7 @@ class SceneArtist(artist.Artist):
         )
         clip[3] = projection[3]
         clip[2] = self._depth_row(projection)
-        view = _view_of(clip, self._ball.center, self._turn[2, :3])
+        view = _view_matrix(clip, self._ball.center, self._rotation[2, :3])
         return MatrixCamera(view, clip @ transforms.inverse(view))
 
     def _depth_row(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -264,22 +264,22 @@ class SceneArtist(artist.Artist):
         constant = np.array([0.0, 0.0, 0.0, 2.0 * near * far])
         return ((far + near) * row - constant) / (far - near)
 
-    def _draw_line(self, renderer: RendererBase, line: Line3D, view: _View) -> None:
-        """Draw the pieces and the markers of a line that can be seen."""
+    def _draw_line(self, renderer: RendererBase, line: Line3D, view: _Projection) -> None:
+        """Draw the visible pieces and markers of a line."""
         points = np.stack(np.broadcast_arrays(*line.get_data_3d()), axis=-1).astype(np.float64)
-        seen = view.is_seen(points)
-        marks = view.places(points)[seen]
-        for places, hidden in ((view.seen_pieces(points), "marker"), (marks, "linestyle")):
-            shown = Line2D(*places.T)
-            shown.update_from(line)
-            shown.set(transform=IdentityTransform(), figure=self.figure, **{hidden: "None"})
-            shown.set(antialiased=line.get_antialiased(), clip_box=self.axes.bbox)
-            shown.draw(renderer)
+        is_visible = view.is_visible(points)
+        marks = view.project(points)[is_visible]
+        for positions, hidden in ((view.visible_pieces(points), "marker"), (marks, "linestyle")):
+            piece = Line2D(*positions.T)
+            piece.update_from(line)
+            piece.set(transform=IdentityTransform(), figure=self.figure, **{hidden: "None"})
+            piece.set(antialiased=line.get_antialiased(), clip_box=self.axes.bbox)
+            piece.draw(renderer)
 
 
-class _Data(Collection):
+class _DataMarker(Collection):
     """
-    Nothing to see: by it axes know that they have data.
+    An invisible artist by which axes know that they have data.
 
     They take limits from others' data alone where they believe that they have none yet.
     """
@@ -289,60 +289,60 @@ class _Data(Collection):
         self.set(visible=False, in_layout=False)
 
     def get_datalim(self, transData: Transform) -> Bbox:
-        """Return no limits: those of the scene were given to the axes."""
+        """Return empty limits: those of the scene were given to the axes."""
         return Bbox.null()
 
 
-class _View(NamedTuple):
-    """How points of the axes are seen in a picture on the canvas; ``turn`` leads to them."""
+class _Projection(NamedTuple):
+    """The projection of points of the axes to a picture; ``rotation`` leads to them."""
 
     camera: MatrixCamera
-    turn: NDArray[np.float64]
+    rotation: NDArray[np.float64]
     frame: Frame
     area: Bbox
     bias: float
 
-    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where points, (V, 3), are on the canvas, (V, 2), its units; NaN behind the eye."""
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Project points, (V, 3), to the canvas, (V, 2), its units; NaN behind the eye."""
         clip = self._clip(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             ndc = np.where(clip[:, 3:] > 0.0, clip[:, :2] / clip[:, 3:], np.nan)
         return self.area.min + 0.5 * (ndc + 1.0) * (self.area.width, self.area.height)
 
-    def is_seen(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell of points, (V, 3), which no face hides, (V,) bool; of those in the picture."""
+    def is_visible(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return the mask of points, (V, 3), that no face hides, in the picture, (V,)."""
         height, width = self.frame.depth.shape
-        share = (self.places(points) - self.area.min) / (self.area.width, self.area.height)
+        share = (self.project(points) - self.area.min) / (self.area.width, self.area.height)
         with np.errstate(invalid="ignore"):
             columns, rows = np.floor(share[:, 0] * width), np.floor((1.0 - share[:, 1]) * height)
             inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        seen = np.zeros(len(points), dtype=bool)
+        visible = np.zeros(len(points), dtype=bool)
         surfaces = self.frame.depth[rows[inside].astype(int), columns[inside].astype(int)]
-        seen[inside] = self._depths(points[inside]) <= surfaces + self.bias
-        return seen
+        visible[inside] = self._depths(points[inside]) <= surfaces + self.bias
+        return visible
 
-    def seen_pieces(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the places of a polyline's visible pieces, (V, 2), with NaN between them."""
+    def visible_pieces(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the visible pieces of a polyline on the canvas, (V, 2), with NaN between them."""
         if len(points) < 2:
             return np.empty((0, 2))
-        places = self.places(points)
-        pixels = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        positions = self.project(points)
+        pixels = np.linalg.norm(np.diff(positions, axis=0), axis=1)
         pixels *= self.frame.depth.shape[1] / self.area.width
-        longest = LONGEST * max(self.frame.depth.shape)
-        counts = np.clip(np.nan_to_num(pixels / STEP, nan=1.0), 1.0, longest).astype(int)
+        limit = MAX_SAMPLES * max(self.frame.depth.shape)
+        counts = np.clip(np.nan_to_num(pixels / SAMPLE_STEP, nan=1.0), 1.0, limit).astype(int)
         # Even on the canvas is not even in space; so near each other that makes no difference.
         owners = np.repeat(np.arange(len(counts)), counts)
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         share = (np.arange(len(owners)) - first[owners]) / counts[owners]
         between = points[owners] + share[:, None] * np.diff(points, axis=0)[owners]
         samples = np.concatenate([between, points[-1:]])
-        found = self.places(samples)
-        found[~self.is_seen(samples)] = np.nan
-        return found
+        result = self.project(samples)
+        result[~self.is_visible(samples)] = np.nan
+        return result
 
     def _clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points in clip space, (V, 4)."""
-        world_from_axes = self.turn.T
+        """Transform points to clip space, (V, 4)."""
+        world_from_axes = self.rotation.T
         matrix = self.camera.clip_from_view @ self.camera.view_from_world @ world_from_axes
         return points @ matrix[:, :3].T + matrix[:, 3]
 
@@ -355,8 +355,8 @@ class _View(NamedTuple):
         return self.camera.view_depth(stored)
 
 
-def _turn_of(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the smallest turn that takes a direction to z; none for None."""
+def _rotation_to_z(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the smallest rotation from a direction to z; the identity for None."""
     if up is None:
         return np.eye(4)
     axis = np.cross(up, (0.0, 0.0, 1.0))
@@ -365,10 +365,10 @@ def _turn_of(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
     return transforms.rotate(axis, math.degrees(math.acos(max(-1.0, min(1.0, up[2])))))
 
 
-def _view_of(
+def _view_matrix(
     clip_from_world: NDArray[np.float64], center: ArrayLike, up: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return ``view_from_world`` of who sees a centre so: it tells where a headlight is."""
+    """Return a ``view_from_world`` for a clip matrix: it tells where a headlight is."""
     rows = clip_from_world
     if rows[3, :3].any():
         eye = MatrixCamera(np.eye(4), rows).eye_position()
@@ -385,15 +385,15 @@ def _draw_points(
     renderer: RendererBase,
     points: PathCollection,
     draw: Callable[[RendererBase], None],
-    view: _View,
+    view: _Projection,
 ) -> None:
-    """Draw those of some points that can be seen."""
+    """Draw the visible points of a collection."""
     offsets = points._offsets3d
-    places = np.stack([np.ma.filled(np.ma.asarray(one, float), np.nan) for one in offsets], -1)
-    hidden = ~view.is_seen(places)
+    positions = np.stack([np.ma.filled(np.ma.asarray(one, float), np.nan) for one in offsets], -1)
+    hidden = ~view.is_visible(positions)
     try:
         # What is masked is not drawn; sizes and colours keep their order.
-        points._offsets3d = tuple(np.ma.masked_array(one, hidden) for one in places.T)
+        points._offsets3d = tuple(np.ma.masked_array(one, hidden) for one in positions.T)
         points.do_3d_projection()
         draw(renderer)
     finally:
@@ -401,4 +401,4 @@ def _draw_points(
 
 
 def _draw_nothing(renderer: RendererBase) -> None:
-    """Leave the drawing of what is hidden by a scene to its artist."""
+    """Draw nothing: the artist of the scene draws what it hides."""

@@ -2,7 +2,7 @@
 The viewer in a web page, which this process serves.
 
 A random token lets people in: the address that is printed has it, and the page that is opened
-there keeps it as a cookie. `guarded` asks for it, for the page and its socket alike, and keeps
+there keeps it as a cookie. `authorize` asks for it, for the page and its socket alike, and keeps
 other sites out. Each page has a viewer of its own, which `Tab` drives; what it may say,
 ``protocol`` lists.
 """
@@ -28,9 +28,9 @@ from typing import Any, cast
 
 from rasterjit.runtime.progress import told_besides
 from rasterjit.scene.validation import in_short
-from rasterjit.viewer.browser_session import NUMBER_BYTES, Tab, Tell
+from rasterjit.viewer.browser_session import NUMBER_BYTES, Send, Tab
 from rasterjit.viewer.canvas import Worker
-from rasterjit.viewer.protocol import LONGEST_MESSAGE, read_message
+from rasterjit.viewer.protocol import MAX_MESSAGE, read_message
 from rasterjit.viewer.viewer import Viewer
 
 LOGGER = logging.getLogger("rasterjit.viewer")
@@ -39,35 +39,35 @@ DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
 
 MAX_PORT = 65535
 
-GRACE = 0.3
-"""Time for pages to go when the server is stopped, seconds."""
+STOP_SECONDS = 0.3
+"""Seconds that the server waits for pages when it stops."""
 
 TOKEN_BYTES = 16
 
 TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
-"""What a token that is given must be."""
+"""Format of a given token."""
 
-MIN_DIFFERENT = 5
-"""Characters of such a token that differ: one in 10,000 of 16 random digits has fewer."""
+MIN_UNIQUE = 5
+"""Least number of different characters in a token: one in 10,000 of 16 random digits has fewer."""
 
 COOKIE_DIGITS = 8
 """Of a hash of the token, in the name of its cookie: cookies of all ports of a host are sent to
 each, so viewers beside each other need names of their own."""
 
 MAX_PAGES = 16
-"""Pages that may watch at a time."""
+"""Most pages open at a time."""
 
-LONGEST_REQUEST = 32768
-"""Bytes of a request's path and headers; cookies of all ports of a host come along."""
+MAX_REQUEST = 32768
+"""Most bytes of a request's path and headers; cookies of all ports of a host come along."""
 
 HOST = re.compile(r"(?:\[(?P<number>[0-9a-f:.]+)\]|(?P<name>[a-z0-9_.-]+))(?::[0-9]{1,5})?")
-"""What the header ``Host`` must be: an address of IPv6 in brackets or a name, and a port."""
+"""Format of the header ``Host``: an address of IPv6 in brackets or a name, and a port."""
 
-OK, FORBIDDEN, NOT_FOUND, NOT_ALLOWED, TOO_LONG = 200, 403, 404, 405, 431
-"""Status of HTTP."""
+HTTP_OK, FORBIDDEN, NOT_FOUND, NOT_ALLOWED, TOO_LARGE = 200, 403, 404, 405, 431
+"""HTTP status codes."""
 
 POLICY_VIOLATION = 1008
-"""Code of a websocket for who may not come in."""
+"""Websocket close code for unauthorized clients."""
 
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob: data:; "
@@ -82,7 +82,7 @@ HEADERS = [
     (b"referrer-policy", b"no-referrer"),
     (b"cache-control", b"no-store"),
 ]
-"""Of all answers: no other page frames or embeds them, and the token is neither told nor kept."""
+"""Headers of all answers: no other page frames or embeds them, nothing is cached or referred to."""
 
 SCRIPTS = ("address", "connection", "gestures", "viewer")
 
@@ -95,9 +95,9 @@ FILES = {
     "/viewer.css": ("viewer.css", "text/css; charset=utf-8"),
     **{f"/{name}.js": (f"{name}.js", SCRIPT) for name in SCRIPTS},
 }
-"""Paths, and which file of the folder ``page`` each is."""
+"""Files of the folder ``page`` by URL path."""
 
-SOCKET = "/socket"
+SOCKET_PATH = "/socket"
 """Path of the websocket."""
 
 App = Callable[[dict[str, Any], Any, Any], Awaitable[None]]
@@ -105,7 +105,7 @@ App = Callable[[dict[str, Any], Any, Any], Awaitable[None]]
 
 def bind(host: str, port: int) -> socket.socket:
     """
-    Return a socket that listens at a place, or at any free port for 0.
+    Return a socket that listens at a host and port; at any free port for 0.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def bind(host: str, port: int) -> socket.socket:
 
 def check_token(token: Any) -> str:
     """
-    Return a token that lets people in.
+    Check a token, and return it.
 
     Raises
     ------
@@ -142,10 +142,10 @@ def check_token(token: Any) -> str:
         If it is not 16 to 128 letters, digits, ``-`` and ``_``, at least five of them different.
     """
     is_one = isinstance(token, str) and TOKEN.fullmatch(token)
-    if not is_one or len(set(token)) < MIN_DIFFERENT:
+    if not is_one or len(set(token)) < MIN_UNIQUE:
         raise ValueError(
             "token must be 16 to 128 letters, digits, - and _, at least "
-            f"{MIN_DIFFERENT} of them different (or not given, for a random one), got "
+            f"{MIN_UNIQUE} of them different (or not given, for a random one), got "
             + in_short(token)
         )
     return token
@@ -161,7 +161,7 @@ def serve(
     on_start: Callable[[Callable[[], None]], None] | None = None,
 ) -> None:
     """
-    Serve a page that shows what a viewer shows, until the process is interrupted.
+    Serve a viewer as a web page until the process is interrupted.
 
     Who knows the address may look: it has a token. Each page is a twin of the viewer, with its own
     size and view. The page is there while the first picture is compiled and drawn.
@@ -198,20 +198,20 @@ def serve(
         raise ImportError(
             f'the browser needs a server: pip install "rasterjit[browser]" ({error})'
         ) from error
-    own = secrets.token_urlsafe(TOKEN_BYTES) if token is None else check_token(token)
+    secret = secrets.token_urlsafe(TOKEN_BYTES) if token is None else check_token(token)
     with bind(host, port) as listening:
-        drawer, notice = Worker(), Notice()
+        drawer, notice = Worker(), CompileStatus()
         first = drawer.submit(viewer.draw)
         others = Connections()
-        app = guarded(application(viewer, first, notice), host, own, others.let_in)
+        app = authorize(application(viewer, first, notice), host, secret, others.keep)
         # What is sent are pictures, which are compressed. Whoever asks for nonsense is answered,
         # and fills nobody's terminal.
         config = uvicorn.Config(
             app, log_level="error", access_log=False, server_header=False, proxy_headers=False,
             http=cast(Any, partial(ShortConnection, others)),
-            h11_max_incomplete_event_size=LONGEST_REQUEST,
-            ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
-            timeout_graceful_shutdown=GRACE,
+            h11_max_incomplete_event_size=MAX_REQUEST,
+            ws_max_size=MAX_MESSAGE, ws_per_message_deflate=False,
+            timeout_graceful_shutdown=STOP_SECONDS,
         )  # fmt: skip
         server = uvicorn.Server(config)
 
@@ -225,8 +225,8 @@ def serve(
         first.add_done_callback(stop_without_picture)
         try:
             # Who interrupts it wants nothing else.
-            with contextlib.suppress(KeyboardInterrupt), told_besides(notice.tell):
-                for line in announcement(host, listening.getsockname()[1], own):
+            with contextlib.suppress(KeyboardInterrupt), told_besides(notice.send):
+                for line in announcement(host, listening.getsockname()[1], secret):
                     announce(line)
                 if on_start is not None:
                     on_start(stop)
@@ -241,12 +241,12 @@ def serve(
 
 
 def announcement(host: str, port: int, token: str) -> list[str]:
-    """Return what is said of where the page is, as lines."""
+    """Return lines that tell the address of the page."""
     address = _address(host)
     is_everywhere = address is not None and address.is_unspecified
     name = socket.gethostname() if is_everywhere else host
-    shown = f"[{name}]" if ":" in name else name
-    lines = [f"open http://{shown}:{port}/{token}/ in a browser; Ctrl-C ends it"]
+    authority = f"[{name}]" if ":" in name else name
+    lines = [f"open http://{authority}:{port}/{token}/ in a browser; Ctrl-C ends it"]
     if not _is_loopback(host):
         where = "all networks of this machine" if is_everywhere else "the network"
         lines.append(
@@ -256,69 +256,69 @@ def announcement(host: str, port: int, token: str) -> list[str]:
     return lines
 
 
-class Notice:
-    """How far compiling is, for all pages."""
+class CompileStatus:
+    """The progress of compiling, sent to all pages."""
 
     def __init__(self) -> None:
         self._text = ""
-        self._tells: set[Tell] = set()
+        self._listeners: set[Send] = set()
 
-    def tell(self, text: str) -> None:
-        """Tell all pages; an empty text when nothing compiles."""
+    def send(self, text: str) -> None:
+        """Send a text to all pages; an empty text when nothing compiles."""
         self._text = text
-        for tell in tuple(self._tells):
-            tell({"type": "compiling", "text": text})
+        for listener in tuple(self._listeners):
+            listener({"type": "compiling", "text": text})
 
     @contextlib.contextmanager
-    def told_to(self, tell: Tell) -> Iterator[None]:
-        """Tell a page, too."""
-        self._tells.add(tell)
+    def attach(self, tell: Send) -> Iterator[None]:
+        """Send texts to a page, too, inside the context."""
+        self._listeners.add(tell)
         tell({"type": "compiling", "text": self._text})
         try:
             yield
         finally:
-            self._tells.discard(tell)
+            self._listeners.discard(tell)
 
 
-def application(viewer: Viewer, first: Future[Any], notice: Notice) -> App:
-    """Return an application that serves the page, and a twin of a viewer to each that is open."""
+def application(viewer: Viewer, first: Future[Any], notice: CompileStatus) -> App:
+    """Return the ASGI application for the page; each client gets a twin of the viewer."""
     # Making a twin may take long, or wait for a program that holds its scene.
     maker = Worker()
 
     async def serve_page(scope: dict[str, Any], receive: Any, send: Any) -> None:
         if scope["type"] == "websocket":
-            await _watch(maker.submit(viewer.twin), first, notice, receive, send)
+            await _serve_socket(maker.submit(viewer.twin), first, notice, receive, send)
             return
-        found = FILES.get(scope["path"])
+        file = FILES.get(scope["path"])
         if scope["method"] != "GET":
             await _answer(send, NOT_ALLOWED, b"GET it")
-        elif found is None:
+        elif file is None:
             await _answer(send, NOT_FOUND, b"there is nothing")
         else:
-            name, kind = found
-            await _answer(send, OK, _file(name), kind)
+            name, kind = file
+            await _answer(send, HTTP_OK, _file(name), kind)
 
     return serve_page
 
 
-async def _watch(
-    twin: Future[Viewer], first: Future[Any], notice: Notice, receive: Any, send: Any
+async def _serve_socket(
+    twin: Future[Viewer], first: Future[Any], notice: CompileStatus, receive: Any, send: Any
 ) -> None:
-    """Show a twin of a viewer, which is being made, to a page, until that goes."""
+    """Serve a twin of a viewer, which is being made, over a websocket until the page closes."""
     await receive()
     await send({"type": "websocket.accept"})
     loop, outbox = asyncio.get_running_loop(), _Outbox()
 
-    def tell(message: dict[str, Any] | bytes) -> None:
+    def put(message: dict[str, Any] | bytes) -> None:
         # The server may have ended.
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(outbox.put, message)
 
     sending = asyncio.create_task(outbox.send_all(send))
     try:
-        with notice.told_to(tell):
+        with notice.attach(put):
             # The worker does not know of anybody who waits no more.
-            tab = Tab(await asyncio.shield(asyncio.wrap_future(twin)), first, tell)
+            tab = Tab(await asyncio.shield(asyncio.wrap_future(twin)), first, put)
             with contextlib.closing(tab):
                 is_said = False
                 while (event := await receive())["type"] == "websocket.receive":
@@ -334,7 +334,7 @@ async def _watch(
 
 class _Outbox:
     """
-    What is to be sent to a page: pictures, and the latest of each kind of what is said.
+    Send queue of a page: pictures, and the latest message of each type.
 
     A page that reads nothing makes it no longer: pictures wait until others were shown, and what
     was not sent was not shown, whatever the page says.
@@ -348,75 +348,75 @@ class _Outbox:
     def __init__(self) -> None:
         self.sent = 0
         self._pictures: deque[bytes] = deque()
-        self._said: dict[str, dict[str, Any]] = {}
+        self._messages: dict[str, dict[str, Any]] = {}
         self._is_filled = asyncio.Event()
 
     def put(self, message: dict[str, Any] | bytes) -> None:
-        """Add a picture, or something said in place of the last of its kind."""
+        """Add a picture, or a message that replaces the last one of its type."""
         if isinstance(message, bytes):
             self._pictures.append(message)
         else:
-            self._said[message["type"]] = message
+            self._messages[message["type"]] = message
         self._is_filled.set()
 
     async def send_all(self, send: Any) -> None:
-        """Send what comes, until it is cancelled or the page is gone."""
+        """Send queued messages until cancelled or the page is gone."""
         with contextlib.suppress(OSError, RuntimeError):
             while True:
                 await self._is_filled.wait()
                 self._is_filled.clear()
-                while self._pictures or self._said:
-                    if self._said:
-                        said = json.dumps(self._said.pop(next(iter(self._said))))
-                        await send({"type": "websocket.send", "text": said})
+                while self._pictures or self._messages:
+                    if self._messages:
+                        text = json.dumps(self._messages.pop(next(iter(self._messages))))
+                        await send({"type": "websocket.send", "text": text})
                     if self._pictures:
                         picture = self._pictures.popleft()
                         self.sent = int.from_bytes(picture[:NUMBER_BYTES], "big")
                         await send({"type": "websocket.send", "bytes": picture})
 
 
-def guarded(
-    app: App, host: str, token: str, let_in: Callable[[Any], None] = lambda client: None
+def authorize(
+    app: App, host: str, token: str, on_socket: Callable[[Any], None] = lambda client: None
 ) -> App:
     """
-    Return an application that only those use who know the token, and only as its page does.
+    Wrap an application: only clients with the token, and only its own page, may use it.
 
     The page is opened as ``/token/``, and keeps the token as a cookie, which no script reads and
     which no other site's page sends along; its address loses it. Pages of other sites are kept out
     besides: a page may open a websocket to any address, this machine's own too, and a name of
     another site may be made to lead here; both say so in the headers ``Origin`` and ``Host``.
-    Addresses in numbers are nobody's name. ``let_in`` is told the address of each page whose socket
+    Addresses in numbers are nobody's name. ``keep`` is told the address of each page whose socket
     is let in.
     """
-    own = {host.casefold(), "localhost"}
+    hosts = {host.casefold(), "localhost"}
     if not _is_loopback(host):
-        own |= _names_of_this_machine()
+        hosts |= _host_names()
     pages: set[object] = set()
     name = "rasterjit-" + hashlib.sha256(token.encode()).hexdigest()[:COOKIE_DIGITS]
     cookie = f"{name}={token}; Path=/; HttpOnly; SameSite=Strict".encode()
 
-    async def guard(scope: dict[str, Any], receive: Any, send: Any) -> None:
+    async def authorized(scope: dict[str, Any], receive: Any, send: Any) -> None:
         if scope["type"] == "lifespan":
             await app(scope, receive, send)
             return
-        is_first = scope["type"] == "http" and _is_same(scope["path"], f"/{token}/")
-        is_long = _length(scope) > LONGEST_REQUEST
-        may_enter = not is_long and _may_enter(scope, host, own)
-        knows = is_first or _is_same(_cookie(scope, name), token)
+        is_token_page = scope["type"] == "http" and _is_same(scope["path"], f"/{token}/")
+        is_long = _request_length(scope) > MAX_REQUEST
+        may_enter = not is_long and _is_same_site(scope, host, hosts)
+        has_token = is_token_page or _is_same(_cookie(scope, name), token)
         if scope["type"] == "http":
             if is_long:
-                await _answer(_with_headers(send), TOO_LONG, b"the request is too long")
-            elif not (may_enter and knows):
-                await _answer(_with_headers(send), FORBIDDEN, UNKNOWN)
-            elif is_first:
-                own_headers = [(b"set-cookie", cookie)]
-                await app({**scope, "path": "/"}, receive, _with_headers(send, own_headers))
+                await _answer(_with_headers(send), TOO_LARGE, b"the request is too long")
+            elif not (may_enter and has_token):
+                await _answer(_with_headers(send), FORBIDDEN, TOKEN_HINT)
+            elif is_token_page:
+                cookie_headers = [(b"set-cookie", cookie)]
+                await app({**scope, "path": "/"}, receive, _with_headers(send, cookie_headers))
             else:
                 await app(scope, receive, _with_headers(send))
-        elif may_enter and knows and scope["path"] == SOCKET and len(pages) < MAX_PAGES:
+        elif may_enter and has_token and scope["path"] == SOCKET_PATH and len(pages) < MAX_PAGES:
             page = object()
             pages.add(page)
-            let_in(scope["client"])
+            on_socket(scope["client"])
             try:
                 await app(scope, receive, send)
             finally:
@@ -424,14 +424,14 @@ def guarded(
         else:
             await send({"type": "websocket.close", "code": POLICY_VIOLATION})
 
-    return guard
+    return authorized
 
 
-UNKNOWN = (
+TOKEN_HINT = (
     b"Open the address that the viewer printed. If this browser did so before, put this one into "
     b"its address bar."
 )
-"""What is said to who brings no token."""
+"""Body of the answer to a request without a token."""
 
 
 async def _answer(
@@ -444,12 +444,12 @@ async def _answer(
 
 
 def _file(name: str) -> bytes:
-    """Return a file of the page."""
+    """Return the bytes of a file of the page."""
     return (resources.files("rasterjit.viewer") / "page" / name).read_bytes()
 
 
 def _with_headers(send: Any, others: Sequence[tuple[bytes, bytes]] = ()) -> Any:
-    """Return what sends an answer with the headers of all answers."""
+    """Return a send function that adds the common headers to answers."""
 
     async def send_with_headers(message: dict[str, Any]) -> None:
         if message["type"] == "http.response.start":
@@ -459,52 +459,52 @@ def _with_headers(send: Any, others: Sequence[tuple[bytes, bytes]] = ()) -> Any:
     return send_with_headers
 
 
-def _is_same(found: str, wanted: str) -> bool:
-    """Tell whether texts are the same, in a time that does not depend on where they differ."""
-    return hmac.compare_digest(found.encode(errors="replace"), wanted.encode())
+def _is_same(given: str, expected: str) -> bool:
+    """Compare texts in constant time."""
+    return hmac.compare_digest(given.encode(errors="replace"), expected.encode())
 
 
 def _cookie(scope: dict[str, Any], name: str) -> str:
-    """Return the cookie of a name that a request brings, or nothing."""
+    """Return the value of a request's cookie, or an empty string."""
     for value in _headers(scope, b"cookie"):
         for one in value.split(";"):
-            found, _, content = one.strip().partition("=")
-            if found == name:
+            key, _, content = one.strip().partition("=")
+            if key == name:
                 return content
     return ""
 
 
-def _headers(scope: dict[str, Any], wanted: bytes) -> list[str]:
-    """Return what the headers of a name say, most often one or none."""
-    return [value.decode("latin-1") for name, value in scope["headers"] if name.lower() == wanted]
+def _headers(scope: dict[str, Any], header: bytes) -> list[str]:
+    """Return the values of a request's headers of a name."""
+    return [value.decode("latin-1") for name, value in scope["headers"] if name.lower() == header]
 
 
-def _length(scope: dict[str, Any]) -> int:
-    """Return how long a request is, bytes."""
+def _request_length(scope: dict[str, Any]) -> int:
+    """Return the length of a request's path and headers, bytes."""
     fields = [len(name) + len(value) + len(": \r\n") for name, value in scope["headers"]]
     return len(scope["path"]) + len(scope.get("query_string", b"")) + sum(fields)
 
 
-def _may_enter(scope: dict[str, Any], host: str, own: set[str]) -> bool:
-    """Tell whether a request is for this host, by a name of its own, and from its own page."""
+def _is_same_site(scope: dict[str, Any], host: str, host_names: set[str]) -> bool:
+    """Tell whether a request names this host and comes from its own page."""
     hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
-    asked = hosts[0].lower() if len(hosts) == 1 else ""
-    found = HOST.fullmatch(asked)
-    if found is None or len(origins) > 1:
+    requested = hosts[0].lower() if len(hosts) == 1 else ""
+    match = HOST.fullmatch(requested)
+    if match is None or len(origins) > 1:
         return False
-    name = found["name"] or found["number"]
+    name = match["name"] or match["number"]
     address = _address(name)
-    if (address is not None and address.version == 6) != (found["number"] is not None):
+    if (address is not None and address.version == 6) != (match["number"] is not None):
         return False
     # Who listens to this machine alone is asked by it alone.
     is_number = _is_loopback(name) if _is_loopback(host) else address is not None
-    if name not in own and not is_number:
+    if name not in host_names and not is_number:
         return False
-    return not origins or origins[0].lower() in (f"http://{asked}", f"https://{asked}")
+    return not origins or origins[0].lower() in (f"http://{requested}", f"https://{requested}")
 
 
 def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """Return an address in numbers; None for a name."""
+    """Parse an IP address; None for a name."""
     try:
         return ipaddress.ip_address(name)
     except ValueError:
@@ -512,12 +512,12 @@ def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def _is_loopback(host: str) -> bool:
-    """Tell whether a host is one that only programs on the same machine reach."""
+    """Tell whether only programs on the same machine reach a host."""
     address = _address(host)
     return host.casefold() == "localhost" if address is None else address.is_loopback
 
 
-def _names_of_this_machine() -> set[str]:
-    """Return the names by which others know this machine, lower case."""
+def _host_names() -> set[str]:
+    """Return the host names of this machine, lower case."""
     name = socket.gethostname().casefold()
     return {name, socket.getfqdn().casefold(), f"{name.split('.', 1)[0]}.local"}

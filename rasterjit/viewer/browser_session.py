@@ -1,5 +1,5 @@
 """
-A page that looks: what it says goes into a viewer of its own, pictures come out.
+A page's session: its messages go into a viewer of its own, pictures come out.
 
 A thread for each page takes in what the page said and draws; a second one makes pictures better
 at rest, a third one codes what was drawn while the next is drawn. While something moves, pictures
@@ -27,7 +27,7 @@ from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import effect_switches
 from rasterjit.viewer.canvas import FRAME_RATE, Worker
 from rasterjit.viewer.controls import Event
-from rasterjit.viewer.overlay import colors_of, rows_of
+from rasterjit.viewer.overlay import as_rows, number_colors
 from rasterjit.viewer.protocol import (
     MAX_LISTED,
     SHOWN,
@@ -37,32 +37,32 @@ from rasterjit.viewer.protocol import (
 )
 from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
 
-MAX_ON_WAY = 3
-"""Pictures that were drawn and not shown yet: one is coded, one on its way, one decoded."""
+MAX_IN_FLIGHT = 3
+"""Most pictures drawn and not shown yet: one is coded, one on its way, one decoded."""
 
-SETTLED = 0.05
+SETTLE_SECONDS = 0.05
 """Time after the last change from which on pictures are sent as they are, seconds: sooner, a better
 one follows."""
 
 SLOW = 1.0 / 40.0
-"""Time from a picture to the next from which on a page is slow, if that waited for it, seconds."""
+"""Seconds between pictures from which on a page is slow, if the next picture waited for it."""
 
 MAX_SLOW = 4
-"""Pictures that a page is slow with before it gets smaller ones; one in time makes up for one."""
+"""Slow pictures before a page gets smaller ones; a picture in time makes up for a slow one."""
 
-SMALL_FOR = 10.0
-"""Time for which it gets these before it is tried with larger ones again, seconds."""
+SMALL_SECONDS = 10.0
+"""Seconds for which a slow page gets smaller pictures."""
 
-TOLD_EVERY = 0.1
-"""Time between what is said of pictures while something moves, seconds."""
+STATE_SECONDS = 0.1
+"""Seconds between state messages while something moves."""
 
-LIVE_EVERY = 1.0 / 30.0
-"""Time between looks at what may change by itself, seconds."""
+LIVE_SECONDS = 1.0 / 30.0
+"""Seconds between checks of a viewer that may change by itself."""
 
 MAX_WAITING = 1000
-"""Messages that are kept while a picture is drawn, the latest; no hand makes as many."""
+"""Most messages kept while a picture is drawn, the latest; no hand makes as many."""
 
-MERGED = {
+MERGEABLE = {
     "pointer_move": ("buttons", "modifiers"),
     "wheel": ("x", "y", "modifiers"),
     "resize": (),
@@ -70,13 +70,13 @@ MERGED = {
     "look": (),
     "visibility": (),
 }
-"""Messages of which several in a row are as good as one, where these fields are the same."""
+"""Messages that merge with the one before if these fields are equal, by type."""
 
-Tell = Callable[[dict[str, Any] | bytes], None]
-"""Takes what a page is told, or a picture: its number, big end first, and a file."""
+Send = Callable[[dict[str, Any] | bytes], None]
+"""Function that sends a message, or a picture: its number, big end first, and a file."""
 
 NUMBER_BYTES = 4
-"""Of a picture's number."""
+"""Bytes of a picture's number."""
 
 
 class Tab:
@@ -89,7 +89,7 @@ class Tab:
         For this page alone; closed with it.
     first : Future
         Done when kernels are compiled: nothing is drawn before.
-    tell : callable
+    send : callable
         Is called in other threads.
 
     Attributes
@@ -98,35 +98,35 @@ class Tab:
         Pictures so far.
     """
 
-    def __init__(self, viewer: Viewer, first: Future[Any], tell: Tell) -> None:
+    def __init__(self, viewer: Viewer, first: Future[Any], send: Send) -> None:
         # A page enlarges small pictures itself: these are coded and decoded sooner.
         viewer.writes_text = viewer.enlarges = False
         self.sent = 0
-        self._viewer, self._first, self._tell = viewer, first, tell
-        self._changed = threading.Condition()
+        self._viewer, self._first, self._send = viewer, first, send
+        self._condition = threading.Condition()
         self._is_closed = False
         self._messages: deque[Event] = deque(maxlen=MAX_WAITING)
-        self._shown = 0
+        self._last_shown = 0
         self._has_size = False
-        self._worker, self._coder = Worker(gives_way=True), Worker()
+        self._worker, self._coder = Worker(low_priority=True), Worker()
         self._step: Future[bool] | None = None
         now = time.perf_counter()
-        self._time = self._due = self._changed_at = self._told_at = now
+        self._time = self._due = self._changed_at = self._sent_at = now
         self._version = viewer.version
         self._stamp: tuple[Any, ...] | None = None
         # The last picture that was sent as it is, and whether the last one was not.
-        self._exact: NDArray[np.uint8] | None = None
-        self._is_rough = False
+        self._lossless: NDArray[np.uint8] | None = None
+        self._is_lossy = False
         # When the last one was drawn, whether the page let the next one wait, and how many waited.
         self._drawn_at, self._has_waited, self._slow = now, False, 0
         self._small_until = now
         self._state: dict[str, Any] = {}
-        self._only: int | None = None
-        self._explained: PixelExplanation | None = None
-        self._picked: dict[str, Any] | None = None
+        self._isolated: int | None = None
+        self._explanation: PixelExplanation | None = None
+        self._pick: dict[str, Any] | None = None
         self._picks = 0
         self._effects_of: tuple[Any, list[dict[str, Any]]] = None, []
-        tell(welcome(viewer))
+        send(welcome_message(viewer))
         # It stays, with all that it calls, longer than any page.
         wake = weakref.WeakMethod(self._wake)
         first.add_done_callback(lambda _: (found := wake()) and found())
@@ -134,66 +134,66 @@ class Tab:
         self._thread.start()
 
     def take(self, message: dict[str, Any]) -> None:
-        """Take in what the page said: a message of the list."""
-        with self._changed:
+        """Queue a message of the page."""
+        with self._condition:
             if message["type"] == SHOWN:
-                self._shown = max(self._shown, message["number"])
+                self._last_shown = max(self._last_shown, message["number"])
             else:
-                rest = {name: value for name, value in message.items() if name != "type"}
-                add_event(self._messages, {"event_type": message["type"], **rest})
-            self._changed.notify()
+                fields = {name: value for name, value in message.items() if name != "type"}
+                add_event(self._messages, {"event_type": message["type"], **fields})
+            self._condition.notify()
 
     def close(self) -> None:
-        """End what is being drawn."""
-        with self._changed:
+        """Close the session and stop drawing."""
+        with self._condition:
             self._is_closed = True
-            self._changed.notify()
+            self._condition.notify()
 
     def _wake(self) -> None:
-        with self._changed:
-            self._changed.notify()
+        with self._condition:
+            self._condition.notify()
 
     def _run(self) -> None:
-        """Take in, draw and tell, until the page is gone."""
+        """Handle messages, draw and send until the page is gone."""
         while self._wait():
-            for act in (self._go_on, self._tell_state):
+            for act in (self._update, self._send_state):
                 try:
                     act()
                 except Exception as error:
                     # What cannot be drawn is said, and not tried again before something changes.
                     self._viewer.fail(error)
-                    self._stamp, self._is_rough = self._viewer.stamp, False
+                    self._stamp, self._is_lossy = self._viewer.stamp, False
         self._end()
 
     def _end(self) -> None:
-        """Let go what the page took, as soon as nothing is drawn for it any more."""
+        """Release what the page used, as soon as nothing is drawn for it any more."""
         self._viewer.close()
         self._worker.close()
         self._coder.close()
         if self._step is not None and not self._step.cancel():
             wait([self._step])
         # It knows this page, which knows it.
-        self._step = self._exact = None
+        self._step = self._lossless = None
         give_back_memory()
 
     def _wait(self) -> bool:
         """Wait until there is something to do; False when the page is gone."""
-        with self._changed:
+        with self._condition:
             while not self._is_closed:
                 delay = self._delay()
                 if delay is not None and delay <= 0.0:
                     return True
-                self._changed.wait(delay)
+                self._condition.wait(delay)
         return False
 
     def _delay(self) -> float | None:
-        """Return how long there is nothing to do, seconds; None until somebody wakes it."""
+        """Return the seconds until there is something to do; None until woken."""
         viewer = self._viewer
         if not self._first.done():
             return None
         if self._messages or (self._step is not None and self._step.done()):
             return 0.0
-        if not self._has_room:
+        if not self._can_draw:
             self._has_waited = viewer.is_moving
             return None
         if self._may_step:
@@ -202,58 +202,58 @@ class Tab:
         if viewer.is_moving or viewer.stamp != self._stamp:
             return self._due - now
         delays = []
-        if self._is_rough or self._is_untold:
-            delays.append(self._changed_at + SETTLED - now)
+        if self._is_lossy or self._has_unsent:
+            delays.append(self._changed_at + SETTLE_SECONDS - now)
         if viewer.is_live:
-            delays.append(self._time + LIVE_EVERY - now)
+            delays.append(self._time + LIVE_SECONDS - now)
         return min(delays, default=None)
 
     @property
-    def _has_room(self) -> bool:
-        """Whether the page has a size, and not too many pictures are on their way."""
-        return self._has_size and self.sent - self._shown < MAX_ON_WAY
+    def _can_draw(self) -> bool:
+        """Whether the page has a size, and few enough pictures are in flight."""
+        return self._has_size and self.sent - self._last_shown < MAX_IN_FLIGHT
 
     @property
     def _may_step(self) -> bool:
-        """Whether there is something to do at rest: first comes a picture of what changed."""
+        """Whether a refinement step may start: the picture at rest is drawn and not final."""
         viewer = self._viewer
         is_idle = self._step is None and viewer.stamp == self._stamp
         return is_idle and not viewer.is_moving and not viewer.is_done
 
     @property
-    def _is_untold(self) -> bool:
-        """Whether something was not told, since it was to change at once."""
-        return self._told_at < self._changed_at
+    def _has_unsent(self) -> bool:
+        """Whether the state has changed since it was sent."""
+        return self._sent_at < self._changed_at
 
-    def _go_on(self) -> None:
-        """Take in what was said, and draw what is due."""
+    def _update(self) -> None:
+        """Handle messages, and draw the picture that is due."""
         viewer = self._viewer
-        with self._changed:
+        with self._condition:
             messages, self._messages = self._messages, deque(maxlen=MAX_WAITING)
-        self._pass_time()
+        self._advance_clock()
         for message in messages:
             self._apply(message)
         self._end_step()
         now = time.perf_counter()
         if viewer.is_moving or viewer.version != self._version:
             self._changed_at, self._version = now, viewer.version
-        is_settled = not viewer.is_moving and now - self._changed_at >= SETTLED
+        is_settled = not viewer.is_moving and now - self._changed_at >= SETTLE_SECONDS
         is_new = viewer.stamp != self._stamp and now >= self._due
-        if self._has_room and (is_new or (self._is_rough and is_settled)):
+        if self._can_draw and (is_new or (self._is_lossy and is_settled)):
             self._due = now + 1.0 / FRAME_RATE
             self._draw(is_settled)
         if self._may_step:
             self._step = self._worker.submit(viewer.step)
             self._step.add_done_callback(lambda _: self._wake())
 
-    def _pass_time(self) -> None:
-        """Let the time since the last call pass in the viewer."""
+    def _advance_clock(self) -> None:
+        """Advance the viewer by the time since the last call."""
         now = time.perf_counter()
         self._viewer.advance(now - self._time)
         self._time = now
 
     def _end_step(self) -> None:
-        """Take in how a step ended, if one did."""
+        """Handle the result of a finished step."""
         if self._step is not None and self._step.done():
             error = self._step.exception()
             self._step = None
@@ -261,14 +261,14 @@ class Tab:
                 self._viewer.fail(error)
 
     def _draw(self, is_exact: bool) -> None:
-        """Draw a picture, and have it coded and sent."""
+        """Draw a picture; encode and send it in another thread."""
         stamp = self._viewer.stamp
-        self._note_slowness()
+        self._adapt_size()
         picture = self._viewer.draw()
         self._stamp = stamp
-        if is_exact and self._exact is not None and np.array_equal(picture, self._exact):
+        if is_exact and self._lossless is not None and np.array_equal(picture, self._lossless):
             return
-        self._exact, self._is_rough = (picture, False) if is_exact else (None, True)
+        self._lossless, self._is_lossy = (picture, False) if is_exact else (None, True)
         self.sent += 1
         number = self.sent
 
@@ -280,22 +280,22 @@ class Tab:
                 self._viewer.fail(error)
                 self.take({"type": SHOWN, "number": number})
                 return
-            self._tell(number.to_bytes(NUMBER_BYTES, "big") + file)
+            self._send(number.to_bytes(NUMBER_BYTES, "big") + file)
 
         self._coder.submit(code)
 
-    def _note_slowness(self) -> None:
-        """Have smaller pictures drawn while something moves, for some time, if a page is slow."""
+    def _adapt_size(self) -> None:
+        """Choose smaller pictures while something moves, for some time, if the page is slow."""
         now = time.perf_counter()
         is_slow = self._has_waited and now - self._drawn_at > SLOW
         self._slow = max(0, self._slow + (1 if is_slow else -1))
         self._drawn_at, self._has_waited = now, False
         if self._slow >= MAX_SLOW:
-            self._slow, self._small_until = 0, now + SMALL_FOR
+            self._slow, self._small_until = 0, now + SMALL_SECONDS
         self._viewer.is_hurried = now < self._small_until
 
     def _apply(self, message: Event) -> None:
-        """Do what a page asks for; what is not possible is passed over."""
+        """Apply a message of the page; ignore what is not possible."""
         viewer, kind = self._viewer, message["event_type"]
         if kind == "resize":
             viewer.resize((message["pwidth"], message["pheight"]), message["ratio"])
@@ -314,30 +314,30 @@ class Tab:
         elif kind == "look":
             viewer.set_look(message["kind"], message["switched"], message["modes"])
         elif kind == "visibility":
-            count, self._only = len(viewer.scene.nodes), message["only"]
+            count, self._isolated = len(viewer.scene.nodes), message["only"]
             hidden = {number for number in message["hidden"] if number < count}
-            if self._only is not None and self._only < count:
-                hidden = set(range(count)) - {self._only}
+            if self._isolated is not None and self._isolated < count:
+                hidden = set(range(count)) - {self._isolated}
             viewer.set_hidden(hidden)
         else:
             if kind == "key_down" and message["key"] == "Escape":
-                self._picked = None
+                self._pick = None
             viewer.handle(message)
 
-    def _tell_state(self) -> None:
-        """Tell the page what it shows, where that is news."""
+    def _send_state(self) -> None:
+        """Send the state to the page if it changed."""
         now = time.perf_counter()
-        if not self._has_size or (self._viewer.is_moving and now - self._told_at < TOLD_EVERY):
+        if not self._has_size or (self._viewer.is_moving and now - self._sent_at < STATE_SECONDS):
             return
-        self._told_at = now
-        self._note_pick()
+        self._sent_at = now
+        self._update_pick()
         state = self._describe()
         if state != self._state:
             self._state = state
-            self._tell(state)
+            self._send(state)
 
     def _describe(self) -> dict[str, Any]:
-        """Return what the page is told of its picture."""
+        """Return the state message."""
         viewer = self._viewer
         camera = viewer.camera
         kind, switched, modes = viewer.look
@@ -349,17 +349,17 @@ class Tab:
             "modes": modes,
             "effects": self._effects(),
             "hidden": sorted(viewer.hidden)[:MAX_LISTED],
-            "only": self._only,
+            "only": self._isolated,
             "view": ShortView.of(camera)._asdict(),
             "code": camera_code(camera),
-            "picked": self._picked,
+            "picked": self._pick,
             "costs": viewer.cost_rows,
             "number": self.sent,
-            "is_done": viewer.is_done and viewer.stamp == self._stamp and not self._is_rough,
+            "is_done": viewer.is_done and viewer.stamp == self._stamp and not self._is_lossy,
         }
 
     def _effects(self) -> list[dict[str, Any]]:
-        """Return what may be switched, and whether the picture has it."""
+        """Return the effects that can be switched, and whether each is on."""
         viewer = self._viewer
         of, effects = self._effects_of
         if of is not viewer.shown:
@@ -368,42 +368,42 @@ class Tab:
                 {
                     "name": name,
                     "is_on": name in used,
-                    "is_possible": effect_switches.switched(viewer.shown, name, used) is not None,
+                    "is_possible": effect_switches.toggle(viewer.shown, name, used) is not None,
                 }
                 for name in effect_switches.KEYS.values()
             ]
             self._effects_of = viewer.shown, effects
         return effects
 
-    def _note_pick(self) -> None:
-        """Keep what is known of a pixel that was picked, and how far it is from the one before."""
-        told = self._viewer.explanation
-        if told is None or told is self._explained:
+    def _update_pick(self) -> None:
+        """Store the explanation of a picked pixel, with the distance to the one before."""
+        explanation = self._viewer.explanation
+        if explanation is None or explanation is self._explanation:
             return
-        self._explained = told
-        face, before = told.winner, self._picked and self._picked["position"]
+        self._explanation = explanation
+        face, before = explanation.winner, self._pick and self._pick["position"]
         self._picks += 1
-        self._picked = {
+        self._pick = {
             "count": self._picks,
             "object": None, "name": "background", "face": None, "position": None,
-            "distance": None, "rows": rows_of(told),
+            "distance": None, "rows": as_rows(explanation),
         }  # fmt: skip
         if face is not None:
-            place = face.position
-            self._picked |= {
+            position = face.position
+            self._pick |= {
                 "object": self._viewer.numbers[face.object_number],
                 "name": str(face.object_name),
                 "face": face.mesh_face,
-                "position": place,
-                "distance": None if before is None else math.dist(place, before),
+                "position": position,
+                "distance": None if before is None else math.dist(position, before),
             }
 
 
-def welcome(viewer: Viewer) -> dict[str, Any]:
-    """Return what a page is told first: what there is to see, and how."""
+def welcome_message(viewer: Viewer) -> dict[str, Any]:
+    """Return the first message to a page: what it can show."""
     nodes = viewer.scene.nodes
     listed = range(min(len(nodes), MAX_LISTED))
-    colors = colors_of(np.arange(len(listed))).tolist()
+    colors = number_colors(np.arange(len(listed))).tolist()
     return {
         "type": "welcome",
         "title": viewer.name,
@@ -414,7 +414,7 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
         "keys": {name: key for key, name in effect_switches.KEYS.items()},
         "modes": [
             {"key": key, "name": effect.name, "modes": dict(effect.modes)}
-            for key, effect in effect_switches.MODED.items()
+            for key, effect in effect_switches.MODAL.items()
         ],
         "objects": [
             {"number": number, "name": str(nodes[number].name), "color": colors[number]}
@@ -425,16 +425,16 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
 
 
 def add_event(waiting: deque[Event], event: Event) -> None:
-    """Add an event to those that wait; moves and turns of the wheel in a row become one."""
+    """Add an event to the queue; merge moves and turns of the wheel in a row."""
     last = waiting[-1] if waiting else {}
     kind = event["event_type"]
-    is_same = kind in MERGED and all(
-        last.get(name) == event.get(name) for name in ("event_type", *MERGED[kind])
+    is_same = kind in MERGEABLE and all(
+        last.get(name) == event.get(name) for name in ("event_type", *MERGEABLE[kind])
     )
     if not is_same:
         waiting.append(event)
     elif kind == "wheel":
-        turned = {name: last[name] + event[name] for name in ("dx", "dy")}
-        waiting[-1] = {**event, **turned}
+        turns = {name: last[name] + event[name] for name in ("dx", "dy")}
+        waiting[-1] = {**event, **turns}
     else:
         waiting[-1] = event

@@ -47,15 +47,15 @@ class Worker:
 
     Parameters
     ----------
-    gives_way : bool
+    low_priority : bool
         Whether it, and the threads that it begins, leave the processors to others that want them,
         where the system has that for threads.
     """
 
-    def __init__(self, *, gives_way: bool = False) -> None:
+    def __init__(self, *, low_priority: bool = False) -> None:
         self._tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
-        if gives_way:
-            self.submit(give_way)
+        if low_priority:
+            self.submit(lower_priority)
         threading.Thread(
             target=_run_tasks, args=(self._tasks,), name="rasterjit-viewer", daemon=True
         ).start()
@@ -85,8 +85,8 @@ def _run_tasks(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None])
         del one, future, task
 
 
-def give_way() -> None:
-    """Let other threads go first from now on, before this one and those that it begins."""
+def lower_priority() -> None:
+    """Lower the priority of this thread and of those that it starts."""
     if sys.platform == "linux":
         # Here, and in no other system, a thread has a niceness of its own.
         thread = threading.get_native_id()
@@ -113,7 +113,7 @@ class CanvasDriver:
         self.viewer = viewer
         self._canvas = canvas
         self._context = canvas.get_bitmap_context()
-        self._worker = Worker(gives_way=True)
+        self._worker = Worker(low_priority=True)
         self._refinement: Future[bool] | None = None
         self._time = time.perf_counter()
         self._stamp: tuple[Any, ...] | None = None
@@ -126,7 +126,7 @@ class CanvasDriver:
         canvas.request_draw(self._draw)
 
     def _handle(self, event: Event) -> None:
-        """Pass an event on, at the time it comes."""
+        """Pass an event to the viewer, at the time it comes."""
         self._advance_clock()
         self.viewer.handle(event)
         # A widget takes the wish for another picture as a reason not to send this one uncompressed.

@@ -2,7 +2,7 @@
 Connections of the page's server: few at a time, each for a short while.
 
 Nobody has shown a token who has only connected, or sends a request byte by byte. A page loads its
-few small files in no time; what stays is its socket, which ``browser.guarded`` lets in.
+few small files in no time; what stays is its socket, which ``browser.authorize`` lets in.
 """
 
 from __future__ import annotations
@@ -13,38 +13,38 @@ from typing import Any
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MAX_CONNECTIONS = 64
-"""Connections beside the sockets of pages; a browser opens six."""
+"""Most connections beside the sockets of pages; a browser opens six."""
 
-CLOSED_AFTER = 20.0
+LIFETIME = 20.0
 """Time after which a connection that became no socket is closed, seconds: a browser opens another
 one when it needs it."""
 
 
 class Connections:
-    """The connections of a server that are no sockets of pages, by age."""
+    """The connections of a server other than sockets of pages, by age."""
 
     def __init__(self) -> None:
         self._timers: dict[asyncio.Transport, asyncio.TimerHandle] = {}
 
     def add(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
-        """Close a connection after a while, and now the oldest one if there are too many."""
-        self._timers[transport] = loop.call_later(CLOSED_AFTER, self._end, transport)
+        """Close a connection after a while, and the oldest one now if there are too many."""
+        self._timers[transport] = loop.call_later(LIFETIME, self._abort, transport)
         if len(self._timers) > MAX_CONNECTIONS:
-            self._end(next(iter(self._timers)))
+            self._abort(next(iter(self._timers)))
 
     def remove(self, transport: asyncio.Transport) -> None:
-        """Let a connection be."""
+        """Unregister a connection."""
         timer = self._timers.pop(transport, None)
         if timer is not None:
             timer.cancel()
 
-    def let_in(self, client: tuple[str, int]) -> None:
-        """Let the connection from an address be, which became the socket of a page."""
+    def keep(self, client: tuple[str, int]) -> None:
+        """Unregister the connection from an address, which became the socket of a page."""
         for transport in list(self._timers):
             if tuple(transport.get_extra_info("peername") or ())[:2] == tuple(client):
                 self.remove(transport)
 
-    def _end(self, transport: asyncio.Transport) -> None:
+    def _abort(self, transport: asyncio.Transport) -> None:
         self.remove(transport)
         transport.abort()
 
@@ -68,11 +68,11 @@ class ShortConnection(H11Protocol):
         self._others = others
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin, and end the oldest one if there are too many."""
+        """Register the connection."""
         super().connection_made(transport)
         self._others.add(transport, self.loop)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Be one less."""
+        """Unregister the connection."""
         self._others.remove(self.transport)
         super().connection_lost(error)

@@ -1,5 +1,5 @@
 """
-Cameras that a person moves: `Orbit` around a scene, `Fly` through it.
+Camera controls: `Orbit` turns around a scene, `Fly` moves through it.
 
 Both are values: an event or a time goes in, another value comes out. They know no window, no clock
 and no thread, so what a viewer shows after some events can be told beforehand.
@@ -44,58 +44,58 @@ from rasterjit.scene.vectors import cross, dot, length
 Event = dict[str, Any]
 
 SMOOTHING = 0.03
-"""Time in which a camera goes 63 % of the way to where it was sent, seconds."""
+"""Seconds in which a camera goes 63 % of the way to its goal."""
 
 TURN_RATE = 90.0
-"""What a held arrow key turns, degrees a second."""
+"""Degrees a second that a held arrow key turns."""
 
-HALF_TURN = 180.0
-"""What dragging across the height of the picture turns, degrees."""
+DRAG_DEGREES = 180.0
+"""Degrees that dragging across the height of the picture turns."""
 
 WHEEL_SHARE = 0.001
 """Exponent of the zoom for each unit of a wheel; a notch has about 100."""
 
 KEY_ZOOM = 0.8
-"""What ``+`` multiplies the distance by."""
+"""Factor of the distance for the key ``+``."""
 
 MIN_DISTANCE, MAX_DISTANCE = 1e-4, 1e3
-"""Of an orbit, in radii of the scene."""
+"""Range of an orbit's distance, in radii of the scene."""
 
-RUN = 4.0
-"""How many times faster Shift flies."""
+SHIFT_SPEED = 4.0
+"""Factor of the speed with Shift."""
 
 CROSSING_TIME = 3.0
-"""Time in which one flies through the whole scene, at first, seconds."""
+"""Seconds to fly through the whole scene at the first speed."""
 
 MAX_PITCH = 89.0
-"""How far up or down one looks when flying, degrees."""
+"""Largest pitch when flying, degrees."""
 
 REST = 2e-4
-"""Share of the distance that a camera at rest may be off its goal: a tenth of a pixel, about."""
+"""Distance from the goal at which a camera rests, as a share: a tenth of a pixel, about."""
 
 REST_ANGLE = 0.02
-"""The same for angles, degrees."""
+"""Angle from the goal at which a camera rests, degrees."""
 
-MAX_FACTOR = 4.0
-"""How much one event zooms at most."""
+MAX_ZOOM = 4.0
+"""Largest zoom factor of one event."""
 
-TURNS = {
+TURN_KEYS = {
     "ArrowLeft": (-1.0, 0.0), "ArrowRight": (1.0, 0.0),
     "ArrowUp": (0.0, 1.0), "ArrowDown": (0.0, -1.0),
 }  # fmt: skip
-"""Signs of azimuth and elevation that held keys of an orbit turn towards."""
+"""Signs of azimuth and elevation by key, for an orbit."""
 
-MOVES = {
+MOVE_KEYS = {
     "w": (0.0, 0.0, 1.0), "s": (0.0, 0.0, -1.0), "a": (-1.0, 0.0, 0.0), "d": (1.0, 0.0, 0.0),
     "q": (0.0, -1.0, 0.0), "e": (0.0, 1.0, 0.0),
     "ArrowUp": (0.0, 0.0, 1.0), "ArrowDown": (0.0, 0.0, -1.0),
     "ArrowLeft": (-1.0, 0.0, 0.0), "ArrowRight": (1.0, 0.0, 0.0),
 }  # fmt: skip
-"""Right, up and forward of what held keys fly towards."""
+"""Directions (right, up, forward) by key, for flying."""
 
 
 class OrbitPose(NamedTuple):
-    """Where an orbiting camera is; angles in degrees, as `orbit_direction` takes them."""
+    """State of an orbiting camera; angles in degrees, as `orbit_direction` takes them."""
 
     target: Vector
     distance: float
@@ -103,7 +103,7 @@ class OrbitPose(NamedTuple):
     elevation: float
 
     def toward(self, goal: OrbitPose, share: float) -> OrbitPose:
-        """Return the pose that is a share of the way from here to another."""
+        """Interpolate from this pose towards another."""
         return OrbitPose(
             between(self.target, goal.target, share),
             self.distance + share * (goal.distance - self.distance),
@@ -116,7 +116,7 @@ class OrbitPose(NamedTuple):
 @dataclass(frozen=True)
 class Orbit:
     """
-    A camera that looks at a target and turns around it; nothing ever turns it over a pole.
+    A camera that turns around a target, never over a pole.
 
     Drag to turn; drag with another button, or with Shift, to pan; the wheel zooms to what is under
     the cursor; arrow keys turn, ``+`` and ``-`` zoom, F fits, R returns to the start.
@@ -160,7 +160,7 @@ class Orbit:
         size: tuple[int, int] = (1, 1),
     ) -> Orbit:
         """
-        Return the orbit that starts where a camera is; that it is tilted sideways is left out.
+        Return the orbit that starts at a camera, without its roll.
 
         Parameters
         ----------
@@ -179,17 +179,17 @@ class Orbit:
         """
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
-        sight = CameraPose.of(camera, size)
-        distance = _turning_distance(ball, sight.eye, sight.forward)
-        if sight.height is not None:
-            distance = 0.5 * sight.height * transforms.focal_length(sight.fov_y)
-        azimuth, elevation = sight.angles(upward)
-        target = along(sight.eye, sight.forward, distance)
-        if sight.height is not None:
-            depth = dot(minus(ball.center, sight.eye), sight.forward)
-            target = along(sight.eye, sight.forward, depth)
+        view = CameraPose.of(camera, size)
+        distance = _pivot_distance(ball, view.eye, view.forward)
+        if view.height is not None:
+            distance = 0.5 * view.height * transforms.focal_length(view.fov_y)
+        azimuth, elevation = view.angles(upward)
+        target = along(view.eye, view.forward, distance)
+        if view.height is not None:
+            depth = dot(minus(ball.center, view.eye), view.forward)
+            target = along(view.eye, view.forward, depth)
         pose = OrbitPose(target, distance, azimuth, elevation)
-        return cls(ball, pose, pose, pose, sight.fov_y, upward)
+        return cls(ball, pose, pose, pose, view.fov_y, upward)
 
     def handle(self, event: Event, size: tuple[int, int], depth: float | None = None) -> Orbit:
         """
@@ -206,27 +206,27 @@ class Orbit:
         """
         kind = event["event_type"]
         if kind in ("key_down", "key_up"):
-            return self._press(event["key"], kind, size)
+            return self._handle_key(event["key"], kind, size)
         if kind == "wheel":
             factor = _wheel_factor(event)
             return self.zoom(factor, (event["x"], event["y"]), size, depth)
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
-        place = float(event["x"]), float(event["y"])
+        point = float(event["x"]), float(event["y"])
         if kind == "pointer_down":
             is_pan = event.get("button") in (2, 3) or "Shift" in event.get("modifiers", ())
-            return replace(self, drag="pan" if is_pan else "turn", pointer=place)
+            return replace(self, drag="pan" if is_pan else "turn", pointer=point)
         # A release may come without the last move.
-        dx, dy = place[0] - self.pointer[0], place[1] - self.pointer[1]
-        moved = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=place)
+        dx, dy = point[0] - self.pointer[0], point[1] - self.pointer[1]
+        state = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=point)
         if self.drag == "turn":
-            share = HALF_TURN / size[1]
-            return moved.turn(-dx * share, dy * share)
-        return moved.pan(dx, dy, size) if self.drag == "pan" else moved
+            share = DRAG_DEGREES / size[1]
+            return state.turn(-dx * share, dy * share)
+        return state.pan(dx, dy, size) if self.drag == "pan" else state
 
     def advance(self, seconds: float) -> Orbit:
-        """Return the state after a time; it goes towards the goal, which held keys turn."""
-        across, upward = _sum_of(TURNS, self.held)
+        """Return the state after a time; the pose follows the goal, which held keys turn."""
+        across, upward = _sum(TURN_KEYS, self.held)
         rates = TURN_RATE * across, TURN_RATE * upward
         stop = _time_to_pole(self.goal.elevation, rates[1])
         if stop < seconds:
@@ -235,7 +235,7 @@ class Orbit:
         return self._glide(seconds, *rates)
 
     def camera(self) -> PerspectiveCamera:
-        """Return the camera as it stands; its near plane is before the scene or near the eye."""
+        """Return the current camera; its near plane is before the scene or near the eye."""
         frame = frame_of(self.up)
         target, distance, azimuth, elevation = self.pose
         toward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation)))
@@ -245,40 +245,40 @@ class Orbit:
 
     @property
     def is_resting(self) -> bool:
-        """Whether time changes nothing that can be seen."""
+        """Whether the camera visibly rests."""
         pose, goal = self.pose, self.goal
         off = length(minus(pose.target, goal.target)) + abs(pose.distance - goal.distance)
         angle = abs(pose.azimuth - goal.azimuth) + abs(pose.elevation - goal.elevation)
         is_near = off <= REST * goal.distance and angle <= REST_ANGLE
-        return is_near and not any(key in TURNS for key in self.held)
+        return is_near and not any(key in TURN_KEYS for key in self.held)
 
     @property
     def is_home(self) -> bool:
-        """Whether it is where it started, or on its way there."""
+        """Whether the goal is the first pose."""
         return self.goal == self.home
 
-    def returned(self) -> Orbit:
-        """Return the state where it started, at once."""
+    def at_home(self) -> Orbit:
+        """Return the state at its first pose."""
         return replace(self, pose=self.home, goal=self.home)
 
-    def settled(self) -> Orbit:
+    def at_rest(self) -> Orbit:
         """Return the state at the goal."""
         return replace(self, pose=self.goal)
 
     def turn(self, azimuth: float, elevation: float) -> Orbit:
-        """Send it on by angles, degrees, as far as the poles."""
+        """Turn the goal by angles, degrees, as far as the poles."""
         goal = self.goal
-        return self._go(
+        return self._with_goal(
             azimuth=goal.azimuth + finite_number("azimuth", azimuth),
-            elevation=_clamped(goal.elevation + finite_number("elevation", elevation), 90.0),
+            elevation=_clamp(goal.elevation + finite_number("elevation", elevation), 90.0),
         )
 
     def pan(self, dx: float, dy: float, size: tuple[int, int]) -> Orbit:
-        """Send it so that what is at the target's distance moves by (dx, dy) pixels."""
+        """Pan the goal: what is at the target's distance moves by (dx, dy) pixels."""
         unit = pixel_size(self.goal.distance, self.fov_y, size)
         right, upward, _ = self._axes()
         target = along(self.goal.target, right, -unit * finite_number("dx", dx))
-        return self._go(target=along(target, upward, unit * finite_number("dy", dy)))
+        return self._with_goal(target=along(target, upward, unit * finite_number("dy", dy)))
 
     def zoom(
         self,
@@ -288,7 +288,7 @@ class Orbit:
         depth: float | None = None,
     ) -> Orbit:
         """
-        Send it nearer, or farther, with what is under the cursor staying there.
+        Zoom the goal about the point under the cursor.
 
         Parameters
         ----------
@@ -316,26 +316,26 @@ class Orbit:
         point = along(point, right, unit * (cursor[0] - 0.5 * size[0]))
         point = along(point, upward, unit * (0.5 * size[1] - cursor[1]))
         # Eye and target both shrink towards it, so the direction to it stays.
-        return self._go(target=between(point, goal.target, factor), distance=distance)
+        return self._with_goal(target=between(point, goal.target, factor), distance=distance)
 
     def fit(self, size: tuple[int, int]) -> Orbit:
-        """Send it to where the whole scene is seen from the same direction."""
+        """Set the goal to show the whole scene from the same direction."""
         _, upward, toward = self._axes()
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
         eye = triple_of(fitted.eye)
-        distance = _turning_distance(self.ball, eye, minus((0.0, 0.0, 0.0), toward))
-        return self._go(target=along(eye, toward, -distance), distance=distance)
+        distance = _pivot_distance(self.ball, eye, minus((0.0, 0.0, 0.0), toward))
+        return self._with_goal(target=along(eye, toward, -distance), distance=distance)
 
     def reset(self) -> Orbit:
-        """Send it to where it started."""
+        """Set the goal to the first pose."""
         return replace(self, goal=self.home)
 
-    def _press(self, key: str, kind: str, size: tuple[int, int]) -> Orbit:
+    def _handle_key(self, key: str, kind: str, size: tuple[int, int]) -> Orbit:
         """Return the state after a key went down or up."""
         if kind == "key_up":
             return replace(self, held=self.held - {key})
         center = 0.5 * size[0], 0.5 * size[1]
-        if key in TURNS:
+        if key in TURN_KEYS:
             return replace(self, held=self.held | {key})
         if key in ("+", "="):
             return self.zoom(KEY_ZOOM, center, size)
@@ -349,21 +349,21 @@ class Orbit:
         """Return the state after a time in which the goal turns at constant rates."""
         goal, pose = self.goal, self.pose
         rest = math.exp(-seconds / self.smoothing)
-        turned = goal._replace(
+        new_goal = goal._replace(
             azimuth=goal.azimuth + azimuth_rate * seconds,
-            elevation=_clamped(goal.elevation + elevation_rate * seconds, 90.0),
+            elevation=_clamp(goal.elevation + elevation_rate * seconds, 90.0),
         )
         # Behind a goal that moves, the lag tends to rate x smoothing.
         lag = self.smoothing * (1.0 - rest)
-        moved = pose.toward(goal, 1.0 - rest)._replace(
-            azimuth=turned.azimuth + rest * (pose.azimuth - goal.azimuth) - azimuth_rate * lag,
-            elevation=turned.elevation
+        new_pose = pose.toward(goal, 1.0 - rest)._replace(
+            azimuth=new_goal.azimuth + rest * (pose.azimuth - goal.azimuth) - azimuth_rate * lag,
+            elevation=new_goal.elevation
             + rest * (pose.elevation - goal.elevation)
             - elevation_rate * lag,
         )
-        return replace(self, pose=moved, goal=turned)
+        return replace(self, pose=new_pose, goal=new_goal)
 
-    def _go(self, **changes: Any) -> Orbit:
+    def _with_goal(self, **changes: Any) -> Orbit:
         """Return the state with another goal."""
         return replace(self, goal=self.goal._replace(**changes))
 
@@ -378,7 +378,7 @@ class Orbit:
         return cross(upward, toward), upward, toward
 
     def _distances(self) -> tuple[float, float]:
-        """Return the least and the largest distance."""
+        """Return the range of distances."""
         coordinate = max(map(abs, self.ball.center))
         low = max(MIN_DISTANCE * self.ball.radius, COORDINATE_SHARE * coordinate)
         return low, max(MAX_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
@@ -388,7 +388,7 @@ class Orbit:
 @dataclass(frozen=True)
 class Fly:
     """
-    A camera that is steered from within.
+    A camera that flies through a scene.
 
     W and S (or up and down) fly forward and back, A and D (or left and right) sideways, Q and E
     down and up, Shift four times faster; dragging looks around, the wheel sets the speed, F stands
@@ -433,7 +433,7 @@ class Fly:
     @classmethod
     def from_camera(cls, camera: Camera, scene: Bounded, up: ArrayLike = (0.0, 1.0, 0.0)) -> Fly:
         """
-        Return the flight that starts where a camera is; that it is tilted sideways is left out.
+        Return the flight that starts at a camera, without its roll.
 
         Takes what `Orbit.from_camera` takes; a parallel camera becomes one that stands where an
         orbit would begin.
@@ -444,7 +444,7 @@ class Fly:
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
         azimuth, elevation = sight.angles(upward)
-        elevation = _clamped(elevation, MAX_PITCH)
+        elevation = _clamp(elevation, MAX_PITCH)
         speed = 2.0 * ball.radius / CROSSING_TIME
         home = sight.eye, azimuth, elevation, speed
         return cls(
@@ -455,33 +455,33 @@ class Fly:
         """Return the state after an event; takes what `Orbit.handle` takes."""
         kind = event["event_type"]
         if kind in ("key_down", "key_up"):
-            return self._press(event["key"], kind, size)
+            return self._handle_key(event["key"], kind, size)
         if kind == "wheel":
-            return replace(self, speed=self._allowed(self.speed / _wheel_factor(event)))
+            return replace(self, speed=self._clamp_speed(self.speed / _wheel_factor(event)))
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
-        place = float(event["x"]), float(event["y"])
+        point = float(event["x"]), float(event["y"])
         if kind == "pointer_down":
-            return replace(self, drag="look", pointer=place)
+            return replace(self, drag="look", pointer=point)
         # A release may come without the last move.
-        dx, dy = place[0] - self.pointer[0], place[1] - self.pointer[1]
-        moved = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=place)
+        dx, dy = point[0] - self.pointer[0], point[1] - self.pointer[1]
+        state = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=point)
         share = self.fov_y / size[1]
-        return moved.look(-dx * share, dy * share) if self.drag else moved
+        return state.look(-dx * share, dy * share) if self.drag else state
 
     def advance(self, seconds: float) -> Fly:
-        """Return the state after a time; its speed goes towards what the held keys say."""
-        wanted = self._wanted()
+        """Return the state after a time; its velocity tends to what the held keys ask for."""
+        target = self._steering()
         rest = math.exp(-seconds / self.smoothing)
-        lost = self.smoothing * (1.0 - rest)
-        excess = minus(self.velocity, wanted)
+        lag = self.smoothing * (1.0 - rest)
+        excess = minus(self.velocity, target)
         eye = self.eye
-        for axis, velocity, more in zip(self._axes(), wanted, excess, strict=True):
-            eye = along(eye, axis, velocity * seconds + more * lost)
-        return replace(self, eye=eye, velocity=along(wanted, excess, rest))
+        for axis, velocity, more in zip(self._axes(), target, excess, strict=True):
+            eye = along(eye, axis, velocity * seconds + more * lag)
+        return replace(self, eye=eye, velocity=along(target, excess, rest))
 
     def camera(self) -> PerspectiveCamera:
-        """Return the camera as it stands; its near plane is before the scene or near the eye."""
+        """Return the current camera; its near plane is before the scene or near the eye."""
         _, upward, forward = self._axes()
         return camera_at(
             self.eye, along(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
@@ -489,21 +489,21 @@ class Fly:
 
     @property
     def is_resting(self) -> bool:
-        """Whether time changes nothing that can be seen."""
-        is_steered = any(map(abs, self._wanted()))
+        """Whether the camera visibly rests."""
+        is_steered = any(map(abs, self._steering()))
         return not is_steered and length(self.velocity) * self.smoothing <= REST * self.ball.radius
 
     @property
     def is_home(self) -> bool:
-        """Whether it stands still where it started."""
-        place = self.eye, self.azimuth, self.elevation
-        return place == self.home[:3] and self.is_resting
+        """Whether the camera rests at its first position."""
+        state = self.eye, self.azimuth, self.elevation
+        return state == self.home[:3] and self.is_resting
 
-    def returned(self) -> Fly:
-        """Return the state where it started, at once."""
+    def at_home(self) -> Fly:
+        """Return the state at its first position."""
         return self.reset()
 
-    def settled(self) -> Fly:
+    def at_rest(self) -> Fly:
         """Return the state when it has come to a stop; keys that are down stay down."""
         eye = self.eye
         for axis, velocity in zip(self._axes(), self.velocity, strict=True):
@@ -511,47 +511,47 @@ class Fly:
         return replace(self, eye=eye, velocity=(0.0, 0.0, 0.0))
 
     def look(self, azimuth: float, elevation: float) -> Fly:
-        """Turn the head by angles, degrees; the elevation is that of the direction it looks from"""
+        """Turn the view by angles, degrees; the elevation is that of the direction it looks from"""
         return replace(
             self,
             azimuth=self.azimuth + finite_number("azimuth", azimuth),
-            elevation=_clamped(self.elevation + finite_number("elevation", elevation), MAX_PITCH),
+            elevation=_clamp(self.elevation + finite_number("elevation", elevation), MAX_PITCH),
         )
 
     def fit(self, size: tuple[int, int]) -> Fly:
-        """Stand back until the whole scene is seen in the same direction."""
+        """Move back until the whole scene is seen in the same direction."""
         _, upward, forward = self._axes()
         toward = tuple(-part for part in forward)
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
         return replace(self, eye=fitted.eye, velocity=(0.0, 0.0, 0.0))
 
     def reset(self) -> Fly:
-        """Return to where it started."""
+        """Return to the first position."""
         eye, azimuth, elevation, speed = self.home
         return replace(
             self, eye=eye, azimuth=azimuth, elevation=elevation, speed=speed,
             velocity=(0.0, 0.0, 0.0),
         )  # fmt: skip
 
-    def _press(self, key: str, kind: str, size: tuple[int, int]) -> Fly:
+    def _handle_key(self, key: str, kind: str, size: tuple[int, int]) -> Fly:
         """Return the state after a key went down or up."""
         # With Shift, letters come in upper case.
         name = key.lower() if len(key) == 1 else key
         if kind == "key_up":
             return replace(self, held=self.held - {name})
-        if name in MOVES or name == "Shift":
+        if name in MOVE_KEYS or name == "Shift":
             return replace(self, held=self.held | {name})
         if name == "f":
             return self.fit(size)
         return self.reset() if name in ("r", "Home") else self
 
-    def _wanted(self) -> Vector:
+    def _steering(self) -> Vector:
         """Return the velocity that the held keys ask for."""
-        right, upward, forward = _sum_of(MOVES, self.held)
+        right, upward, forward = _sum(MOVE_KEYS, self.held)
         total = length((right, upward, forward))
         if total == 0.0:
             return 0.0, 0.0, 0.0
-        speed = self.speed * (RUN if "Shift" in self.held else 1.0) / total
+        speed = self.speed * (SHIFT_SPEED if "Shift" in self.held else 1.0) / total
         return right * speed, upward * speed, forward * speed
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
@@ -563,8 +563,8 @@ class Fly:
         )
         return cross(upward, toward), upward, tuple(-part for part in toward)
 
-    def _allowed(self, speed: float) -> float:
-        """Return a speed that is neither lost nor out of the scene at once."""
+    def _clamp_speed(self, speed: float) -> float:
+        """Clamp a speed to a range that depends on the scene."""
         return min(max(speed, MIN_DISTANCE * self.ball.radius), 1e2 * self.ball.radius)
 
 
@@ -572,30 +572,30 @@ Controls = Orbit | Fly
 
 
 def _wheel_factor(event: Event) -> float:
-    """Return what a turn of the wheel multiplies distances by."""
+    """Return the zoom factor of a wheel event."""
     turned = WHEEL_SHARE * float(event.get("dy", 0.0))
-    return min(max(math.exp(min(turned, MAX_FACTOR)), 1.0 / MAX_FACTOR), MAX_FACTOR)
+    return min(max(math.exp(min(turned, MAX_ZOOM)), 1.0 / MAX_ZOOM), MAX_ZOOM)
 
 
 def _time_to_pole(elevation: float, rate: float) -> float:
-    """Return after what time a goal that turns is at a pole, seconds."""
+    """Return the time until a turning goal reaches a pole, seconds."""
     return (math.copysign(90.0, rate) - elevation) / rate if rate else math.inf
 
 
-def _sum_of(directions: dict[str, tuple[float, ...]], held: frozenset[str]) -> tuple[float, ...]:
+def _sum(directions: dict[str, tuple[float, ...]], keys: frozenset[str]) -> tuple[float, ...]:
     """Return the sum of the directions of the keys that are down."""
-    found = [direction for key, direction in directions.items() if key in held]
+    held = [direction for key, direction in directions.items() if key in keys]
     size = len(next(iter(directions.values())))
-    return tuple(math.fsum(one[axis] for one in found) for axis in range(size))
+    return tuple(math.fsum(one[axis] for one in held) for axis in range(size))
 
 
-def _turning_distance(ball: Ball, eye: Vector, forward: Vector) -> float:
-    """Return how far before an eye the point is that it turns around."""
+def _pivot_distance(ball: Ball, eye: Vector, forward: Vector) -> float:
+    """Return the distance from the eye to the pivot."""
     distance = dot(minus(ball.center, eye), forward)
     # Behind or beside the scene: it turns around what is in front of the eye.
     return ball.radius if distance < CLEARANCE * ball.radius else distance
 
 
-def _clamped(angle: float, largest: float) -> float:
-    """Return an angle within a range around 0."""
+def _clamp(angle: float, largest: float) -> float:
+    """Clamp an angle to a range around 0."""
     return min(max(angle, -largest), largest)

@@ -1,4 +1,4 @@
-"""Switch effects of a scene on and off, and tell what each one costs."""
+"""Switch effects of a scene on and off, and measure the cost of each."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import HasModes
 
 ROUNDS = 3
-"""Frames of each kind; their median counts."""
+"""Frames measured per variant; the median counts."""
 
-MODED = {effect.key: effect for effect in EFFECTS if isinstance(effect, HasModes)}
-"""What goes through the modes of which effect."""
+MODAL = {effect.key: effect for effect in EFFECTS if isinstance(effect, HasModes)}
+"""Effects with several modes, by key."""
 
-KEYS = {one.key: one.name for one in EFFECTS if one.key and one.key not in MODED}
-"""What switches which effect, by its name in the plan."""
+KEYS = {one.key: one.name for one in EFFECTS if one.key and one.key not in MODAL}
+"""Names of the effects that keys switch, by key."""
 
-TOLD_AT_ONCE = 3
-"""Effects in a line of the help."""
+EFFECTS_PER_ROW = 3
+"""Effects in a row of the help."""
 
 
 def help_rows() -> list[tuple[str, str]]:
-    """Return what keys switch, as rows: keys and effects."""
+    """Return the rows of the help: keys and effects."""
     rows = [
         (key.upper(), f"{effect.name}: {', '.join(effect.modes.values())}, off")
-        for key, effect in MODED.items()
+        for key, effect in MODAL.items()
     ]
     keys = list(KEYS)
-    for n in range(0, len(keys), TOLD_AT_ONCE):
-        some = keys[n : n + TOLD_AT_ONCE]
+    for n in range(0, len(keys), EFFECTS_PER_ROW):
+        some = keys[n : n + EFFECTS_PER_ROW]
         rows.append((" ".join(some).upper(), ", ".join(KEYS[key] for key in some)))
     return rows
 
 
 def used_effects(scene: Scene, camera: Camera, size: tuple[int, int]) -> set[str]:
-    """Return the names of the effects that a picture has."""
+    """Return the names of the effects that a picture uses."""
     plan = explain(scene, camera, Quality.standard(), size=size)
     return {planned.name for planned in plan.planned}
 
 
-def switched(scene: Scene, name: str, used: set[str]) -> Scene | None:
+def toggle(scene: Scene, name: str, used: set[str]) -> Scene | None:
     """
-    Return the scene without an effect that it has, or with one that it has not.
+    Return the scene with an effect switched on or off; None if it cannot be.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def switched(scene: Scene, name: str, used: set[str]) -> Scene | None:
 
 
 def switchable(scene: Scene, used: set[str]) -> list[str]:
-    """Return the names of the effects, of those that a picture has, that it could be without."""
+    """Return the names of the used effects that can be switched off."""
     return [
         effect.name
         for effect in EFFECTS
@@ -82,7 +82,7 @@ def costs(
     renderer: Renderer, scene: Scene, camera: Camera, names: Sequence[str]
 ) -> dict[str, float]:
     """
-    Measure what effects cost: by how much a frame is slower than without each.
+    Measure the cost of effects: by how much a frame is slower with each.
 
     Parameters
     ----------

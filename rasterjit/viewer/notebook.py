@@ -1,5 +1,5 @@
 """
-What a notebook shows of a viewer: a widget, or the last view and what is missing.
+The output of a viewer in a notebook: a widget, or a picture and what is missing.
 
 A widget turns while the notebook runs where its front end is installed. It is in ``widget``, which
 needs packages; where they are missing, the picture says which.
@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from rasterjit.viewer.saved_view import Saved
+from rasterjit.viewer.saved_view import SavedView
 from rasterjit.viewer.viewer import Viewer
 
-FIRST_STEPS = 2
-"""Of a viewer: after them its picture has standard quality."""
+INITIAL_STEPS = 2
+"""Steps of a viewer before it is displayed: its picture then has standard quality."""
 
 NO_PACKAGES = (
     'This view does not turn: run pip install "rasterjit[notebook]" in the environment of this '
@@ -22,9 +22,9 @@ NO_PACKAGES = (
 )
 
 
-class Still:
+class StillView:
     """
-    A viewer that nobody moves, and the reason: the last line of a cell shows its picture.
+    The picture of a viewer that cannot run as a widget, and the reason.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ class Still:
     """
 
     def __init__(self, viewer: Viewer, reason: str) -> None:
-        self._saved, self._reason = Saved(viewer), reason
+        self._saved, self._reason = SavedView(viewer), reason
 
     def __repr__(self) -> str:
         return f"Still({self._saved.description})"
 
     def _ipython_display_(self) -> None:
-        """Show it in a notebook."""
+        """Display the picture in a notebook."""
         self._saved.show({"text/plain": NO_PACKAGES.format(reason=self._reason)}, {})
 
 
@@ -71,13 +71,13 @@ def widget(viewer: Viewer, *, is_needed: bool = True) -> Any:
                 f'a widget needs packages: pip install "rasterjit[notebook]" ({error})'
             ) from error
         _prepare(viewer)
-        return Still(viewer, str(error))
+        return StillView(viewer, str(error))
     _prepare(viewer)
     return ViewWidget(viewer)
 
 
 def _prepare(viewer: Viewer) -> None:
-    """Compile what a viewer needs before it stands there, not answering; improve its picture."""
+    """Compile the kernels of a viewer and refine its picture, before it is displayed."""
     viewer.draw()
-    for _ in range(FIRST_STEPS):
+    for _ in range(INITIAL_STEPS):
         viewer.step()

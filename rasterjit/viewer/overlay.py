@@ -1,4 +1,4 @@
-"""Make pictures of what a frame knows, and write panels of text and marks on pictures."""
+"""Convert outputs of a frame to pictures, and draw text panels and marks on them."""
 
 from __future__ import annotations
 
@@ -20,52 +20,52 @@ OUTPUTS_OF = {
     "object_id": ("object_id", "depth"),
     "face_id": ("face_id", "depth"),
 }
-"""What is rendered for each kind of picture; the depth tells what is under the cursor."""
+"""Outputs to render for each kind of picture; the depth is for zooming to the cursor."""
 
-NOTHING = 40
-"""Grey of pixels that show nothing."""
+EMPTY_GREY = 40
+"""Grey of the background."""
 
-DARKEST = 60
-"""Grey of the farthest surface: told apart from nothing."""
+MIN_GREY = 60
+"""Grey of the farthest surface."""
 
-ODD = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D], dtype=np.uint32)
-"""Large odd numbers, about 2**32 over irrational ones: multiples of them spread well."""
+HASH_FACTORS = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D], dtype=np.uint32)
+"""Odd factors of a multiplicative hash, about 2**32 over irrational numbers."""
 
-BRIGHTNESS_BITS = 25
-"""Bits that are dropped of 32: 0..127 stay, and lie on top of 128."""
+HASH_SHIFT = 25
+"""Bits of the hash that are dropped of 32: 0..127 stay, and are added to 128."""
 
 FONT_SIZE = 13
-"""Of text at a pixel ratio of 1, pixels."""
+"""Font size at a pixel ratio of 1, pixels."""
 
 MARGIN = 6
-"""Around text, at a pixel ratio of 1, pixels."""
+"""Margin around text at a pixel ratio of 1, pixels."""
 
 COLUMN_GAP = 14
-"""Between columns, at a pixel ratio of 1, pixels."""
+"""Gap between columns at a pixel ratio of 1, pixels."""
 
-PANEL, TEXT, FAINT = (24, 26, 30), (240, 240, 236), (168, 172, 178)
-"""Colours, sRGB: of panels, of their first column, and of what follows it."""
+PANEL_COLOR, TEXT_COLOR, FAINT_COLOR = (24, 26, 30), (240, 240, 236), (168, 172, 178)
+"""Colours, sRGB: of panels, of their first column, and of the other columns."""
 
-OPACITY = 0.88
-"""Of a panel."""
+PANEL_OPACITY = 0.88
+"""Opacity of panels."""
 
-MARK = (3, 8)
-"""From where to where the lines around a pixel reach, at a pixel ratio of 1, pixels."""
+MARK_RANGE = (3, 8)
+"""Range of the lines around a pixel, from it, at a pixel ratio of 1, pixels."""
 
 MARK_COLOR = (230, 40, 30)
-"""Of those lines, sRGB."""
+"""Colour of those lines, sRGB."""
 
-MIN_SIDE = 120
-"""Height of a picture that is written on, pixels: text would cover a smaller one."""
+MIN_HEIGHT = 120
+"""Least height of a picture with text, pixels: text would cover a smaller one."""
 
 
 Row = tuple[str, ...]
-"""Cells of a line, from the left."""
+"""Cells of a row, from the left."""
 
 
-def picture_of(frame: Frame, kind: str, numbers: Sequence[int] | None = None) -> NDArray[np.uint8]:
+def to_picture(frame: Frame, kind: str, numbers: Sequence[int] | None = None) -> NDArray[np.uint8]:
     """
-    Return a picture of a frame, (H, W, 4) uint8, sRGB, opaque.
+    Convert an output of a frame to a picture, (H, W, 4) uint8, sRGB, opaque.
 
     Parameters
     ----------
@@ -81,48 +81,48 @@ def picture_of(frame: Frame, kind: str, numbers: Sequence[int] | None = None) ->
     if kind == "color":
         return _over_white(frame.color)
     depth = frame.depth
-    seen = np.isfinite(depth)
+    visible = np.isfinite(depth)
     picture = np.full((*depth.shape, 4), 255, dtype=np.uint8)
-    picture[~seen, :3] = NOTHING
-    if not seen.any():
+    picture[~visible, :3] = EMPTY_GREY
+    if not visible.any():
         return picture
     if kind == "depth":
-        near, far = float(depth[seen].min()), float(depth[seen].max())
-        share = (far - depth[seen]) / ((far - near) or 1.0)
-        picture[seen, :3] = (DARKEST + share * (255 - DARKEST) + 0.5).astype(np.uint8)[:, None]
+        near, far = float(depth[visible].min()), float(depth[visible].max())
+        share = (far - depth[visible]) / ((far - near) or 1.0)
+        picture[visible, :3] = (MIN_GREY + share * (255 - MIN_GREY) + 0.5).astype(np.uint8)[:, None]
     elif kind == "normal":
-        picture[seen, :3] = (frame.normal[seen] * 127.5 + 128.0).clip(0, 255).astype(np.uint8)
+        picture[visible, :3] = (frame.normal[visible] * 127.5 + 128.0).clip(0, 255).astype(np.uint8)
     else:
-        found = getattr(frame, kind)[seen]
+        ids = getattr(frame, kind)[visible]
         if kind == "object_id" and numbers is not None:
-            found = np.asarray(numbers, dtype=np.int64)[found]
-        picture[seen, :3] = colors_of(found)
+            ids = np.asarray(numbers, dtype=np.int64)[ids]
+        picture[visible, :3] = number_colors(ids)
     return picture
 
 
-def colors_of(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """Return a colour for each number, (N,) to (N, 3) uint8, sRGB: none is dark."""
-    spread = ((numbers.astype(np.uint32) + np.uint32(1))[:, None] * ODD) >> np.uint32(
-        BRIGHTNESS_BITS
+def number_colors(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return a bright colour for each number, (N,) to (N, 3) uint8, sRGB."""
+    spread = ((numbers.astype(np.uint32) + np.uint32(1))[:, None] * HASH_FACTORS) >> np.uint32(
+        HASH_SHIFT
     )
     return spread.astype(np.uint8) + np.uint8(128)
 
 
 def _over_white(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return 8-bit colours over white where they are transparent; always a copy."""
-    shown = color.copy()
+    """Composite 8-bit colours over white; always a copy."""
+    result = color.copy()
     if color[:, :, 3].min() < 255:
         alpha = color[:, :, 3:].astype(np.float32) / 255.0
-        shown[:, :, :3] = color[:, :, :3] * alpha + 255.0 * (1.0 - alpha) + 0.5
-        shown[:, :, 3] = 255
-    return shown
+        result[:, :, :3] = color[:, :, :3] * alpha + 255.0 * (1.0 - alpha) + 0.5
+        result[:, :, 3] = 255
+    return result
 
 
 def write_panel(
     picture: NDArray[np.uint8], rows: Sequence[Row], corner: str, ratio: float = 1.0
 ) -> None:
     """
-    Write rows of text on a picture, in a dark panel.
+    Draw rows of text on a picture, in a dark panel.
 
     Parameters
     ----------
@@ -137,23 +137,23 @@ def write_panel(
     """
     # In a terminal one pixel is as large as many of the screen.
     ratio = max(ratio, 1.0)
-    if not rows or picture.shape[0] < MIN_SIDE * ratio:
+    if not rows or picture.shape[0] < MIN_HEIGHT * ratio:
         return
     panel, opacity = _panel(tuple(rows), float(ratio))
     height, width = (min(a, b) for a, b in zip(panel.shape, picture.shape[:2], strict=False))
     gap = min(round(MARGIN * ratio), picture.shape[0] - height, picture.shape[1] - width)
     top = gap if corner.startswith("top") else picture.shape[0] - height - gap
     left = gap if corner.endswith("left") else picture.shape[1] - width - gap
-    under = picture[top : top + height, left : left + width]
+    area = picture[top : top + height, left : left + width]
     share = opacity[:height, :width]
-    mixed = panel[:height, :width] * share + under[:, :, :3] * (1.0 - share)
-    under[:, :, :3] = mixed + 0.5
-    under[:, :, 3] = 255
+    mixed = panel[:height, :width] * share + area[:, :, :3] * (1.0 - share)
+    area[:, :, :3] = mixed + 0.5
+    area[:, :, 3] = 255
 
 
 def mark_pixel(picture: NDArray[np.uint8], column: int, row: int, ratio: float = 1.0) -> None:
     """
-    Draw four short lines around a pixel, which stays as it is.
+    Draw a mark of four short lines around a pixel.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def mark_pixel(picture: NDArray[np.uint8], column: int, row: int, ratio: float =
     ratio : float
         Pixels of the picture for one of the screen.
     """
-    near, far = (round(reach * max(ratio, 1.0)) for reach in MARK)
+    near, far = (round(reach * max(ratio, 1.0)) for reach in MARK_RANGE)
     for low, high in ((-far, 1 - near), (near, far + 1)):
         picture[row, max(column + low, 0) : max(column + high, 0), :3] = MARK_COLOR
         picture[max(row + low, 0) : max(row + high, 0), column, :3] = MARK_COLOR
@@ -187,18 +187,18 @@ def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], ND
         starts.append(starts[-1] + cells + gap)
     ends = (starts[k] + text_width(cell, em) for row in rows for k, cell in enumerate(row))
     width, height = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
-    panel = np.full((height, width, 3), PANEL, np.uint8)
+    panel = np.full((height, width, 3), PANEL_COLOR, np.uint8)
     for number, row in enumerate(rows):
         for k, (start, cell) in enumerate(zip(starts, row, strict=False)):
-            place = start, margin + number * line
-            draw_text(panel, cell, place, em, FAINT if k else TEXT)
+            position = start, margin + number * line
+            draw_text(panel, cell, position, em, FAINT_COLOR if k else TEXT_COLOR)
     colors = panel.astype(np.float32)
-    is_text = (colors != np.float32(PANEL)).any(axis=2, keepdims=True)
-    return colors, np.where(is_text, 1.0, OPACITY).astype(np.float32)
+    is_text = (colors != np.float32(PANEL_COLOR)).any(axis=2, keepdims=True)
+    return colors, np.where(is_text, 1.0, PANEL_OPACITY).astype(np.float32)
 
 
-def rows_of(explained: PixelExplanation) -> list[Row]:
-    """Return the most important of what is known of a pixel, as rows."""
+def as_rows(explained: PixelExplanation) -> list[Row]:
+    """Return the explanation of a pixel, as rows."""
     red, green, blue, _ = explained.color.tolist()
     face = explained.winner
     rows: list[Row] = [(f"pixel ({explained.x}, {explained.y})",)]
@@ -216,17 +216,17 @@ def rows_of(explained: PixelExplanation) -> list[Row]:
         ]
     light = explained.light
     if light is not None:
-        rows.append((f"base colour ({light.shading})", _numbers(light.base_color)))
+        rows.append((f"base colour ({light.shading})", _format_numbers(light.base_color)))
         if light.lights:
-            rows.append(("ambient", _numbers(light.ambient)))
+            rows.append(("ambient", _format_numbers(light.ambient)))
         for term in light.lights:
-            rows.append((term.label, _numbers(term.diffuse)))
+            rows.append((term.label, _format_numbers(term.diffuse)))
             if term.specular.any():
-                rows.append((f"{term.name}, specular", _numbers(term.specular)))
-    rows.append(("linear", _numbers(explained.linear[:3])))
+                rows.append((f"{term.name}, specular", _format_numbers(term.specular)))
+    rows.append(("linear", _format_numbers(explained.linear[:3])))
     return [*rows, ("sRGB", f"{red}  {green}  {blue}")]
 
 
-def _numbers(values: Any) -> str:
-    """Return numbers as text."""
+def _format_numbers(values: Any) -> str:
+    """Format numbers."""
     return "  ".join(f"{float(value):.3f}" for value in values)

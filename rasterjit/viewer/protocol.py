@@ -1,5 +1,5 @@
 """
-What goes between the server and a page: pictures, views as code, and what a page may say.
+The protocol between server and page: pictures, views as code, and messages of the page.
 
 A message of a page is a line of JSON from whoever reached the socket. Only what is listed here goes
 further, made anew from the fields that are listed; numbers lie within bounds, and nothing else gets
@@ -72,53 +72,53 @@ def _rounded(*places: Sequence[float]) -> list[list[float]]:
     return [[round(float(part), decimals) + 0.0 for part in place] for place in places]
 
 
-LONGEST_MESSAGE = 16384
-"""Bytes of one message; most of the page's own have some 100, a list of hidden objects more."""
+MAX_MESSAGE = 16384
+"""Most bytes of a message; most have some 100, a list of hidden objects more."""
 
-FARTHEST = 1e6
-"""Largest coordinate and turn of a wheel, pixels."""
+MAX_COORDINATE = 1e6
+"""Largest coordinate, and turn of a wheel, pixels."""
 
-LONGEST_KEY = 32
-"""Characters of a key's name."""
+MAX_KEY = 32
+"""Most characters of a key's name."""
 
-Allows = Callable[[Any], bool]
-"""Tells whether something that came is allowed."""
+Check = Callable[[Any], bool]
+"""Function that tells whether a value is allowed."""
 
-Fields = dict[str, Allows]
-"""Names, and what each must be."""
+Fields = dict[str, Check]
+"""Checks of a message's fields, by name."""
 
 MODIFIERS = ("Alt", "Control", "Meta", "Shift")
 
 MAX_BUTTONS = 8
 
-LATEST = 1e12
-"""Of all times, seconds."""
+MAX_TIME = 1e12
+"""Largest time, seconds."""
 
 MAX_PIXELS = 3840 * 2160
-"""Of a picture that a page asks for: a page on a larger screen stretches it."""
+"""Most pixels of a picture: a page on a larger screen stretches it."""
 
-LONGEST_SIDE = 7680
+MAX_SIDE = 7680
 
 MAX_NUMBER = 2**31 - 1
-"""Of an object."""
+"""Largest number of an object."""
 
 MIN_RATIO, MAX_RATIO = 0.1, 16.0
-"""Pixels of a screen for one of a page."""
+"""Range of device pixel ratios."""
 
 SHOWN = "shown"
-"""That the page has shown a picture."""
+"""Type of the message that a picture was displayed."""
 
 MAX_LISTED = 1000
-"""Objects that a page lists, and may hide."""
+"""Most objects that a page lists, and may hide."""
 
 MAX_SWITCHED = 64
-"""Effects that a page switches."""
+"""Most effects that a page switches."""
 
-FARTHEST_EYE = 1e15
+MAX_EYE = 1e15
 """Largest coordinate of a view, scene units."""
 
 MIN_FOV, MAX_FOV = 1e-3, 179.0
-"""Vertical field of view, degrees."""
+"""Range of the vertical field of view, degrees."""
 
 
 def read_message(text: Any, sent: int) -> dict[str, Any] | None:
@@ -132,61 +132,61 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
     sent : int
         Number of the last picture that was sent to this page: it has shown no later one.
     """
-    if not isinstance(text, str) or len(text) > LONGEST_MESSAGE:
+    if not isinstance(text, str) or len(text) > MAX_MESSAGE:
         return None
     try:
-        said = json.loads(text)
+        content = json.loads(text)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(said, dict) or not isinstance(kind := said.get("type"), str):
+    if not isinstance(content, dict) or not isinstance(kind := content.get("type"), str):
         return None
     if kind == "resize":
-        return _size(said)
+        return _size(content)
     if kind == SHOWN:
-        fields: Fields = {"number": whole(1, sent)}
+        fields: Fields = {"number": integer_in(1, sent)}
     elif kind in FIELDS:
         fields = FIELDS[kind]
     else:
         return None
-    if not all(name in said and allowed(said[name]) for name, allowed in fields.items()):
+    if not all(name in content and allowed(content[name]) for name, allowed in fields.items()):
         return None
-    return {"type": kind, **{name: said[name] for name in fields}}
+    return {"type": kind, **{name: content[name] for name in fields}}
 
 
-def _size(said: dict[str, Any]) -> dict[str, Any] | None:
+def _size(content: dict[str, Any]) -> dict[str, Any] | None:
     """Return a new size; one with too many pixels becomes a smaller one of the same shape."""
-    width, height, ratio = (said.get(name) for name in ("pwidth", "pheight", "ratio"))
-    if not all(map(whole(1, FARTHEST), (width, height))):
+    width, height, ratio = (content.get(name) for name in ("pwidth", "pheight", "ratio"))
+    if not all(map(integer_in(1, MAX_COORDINATE), (width, height))):
         return None
-    if not number(MIN_RATIO, MAX_RATIO)(ratio):
+    if not number_in(MIN_RATIO, MAX_RATIO)(ratio):
         return None
-    share = min(1.0, math.sqrt(MAX_PIXELS / (width * height)), LONGEST_SIDE / max(width, height))
+    share = min(1.0, math.sqrt(MAX_PIXELS / (width * height)), MAX_SIDE / max(width, height))
     width, height = (max(1, math.floor(side * share)) for side in (width, height))
     # Places in the page stay what they are.
     size = {"pwidth": width, "pheight": height, "ratio": ratio * share}
     return {"type": "resize", **size}
 
 
-def number(low: float, high: float) -> Allows:
-    """Return what allows numbers in a range; no number is none."""
+def number_in(low: float, high: float) -> Check:
+    """Return a check of numbers in a range; ``bool`` is no number."""
     return lambda value: (
         isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
     )
 
 
-def whole(low: float, high: float) -> Allows:
-    """Return what allows whole numbers in a range."""
-    in_range = number(low, high)
+def integer_in(low: float, high: float) -> Check:
+    """Return a check of integers in a range."""
+    in_range = number_in(low, high)
     return lambda value: isinstance(value, int) and in_range(value)
 
 
-def word_of(known: Collection[str]) -> Allows:
-    """Return what allows some words."""
+def word_in(known: Collection[str]) -> Check:
+    """Return a check of known words."""
     return lambda value: isinstance(value, str) and value in known
 
 
-def list_of(allowed: Allows, most: int, least: int = 0) -> Allows:
-    """Return what allows lists of so many things, each allowed."""
+def list_of(allowed: Check, most: int, least: int = 0) -> Check:
+    """Return a check of lists by their length and elements."""
     return lambda value: (
         isinstance(value, list) and least <= len(value) <= most and all(map(allowed, value))
     )
@@ -195,22 +195,22 @@ def list_of(allowed: Allows, most: int, least: int = 0) -> Allows:
 def _are_modes(value: Any) -> bool:
     """Tell whether something is a mode, or None, for each of some effects."""
     return isinstance(value, dict) and all(
-        key in effect_switches.MODED
-        and (mode is None or word_of(effect_switches.MODED[key].modes)(mode))
+        key in effect_switches.MODAL
+        and (mode is None or word_in(effect_switches.MODAL[key].modes)(mode))
         for key, mode in value.items()
     )
 
 
-_PLACE, _OBJECT = number(-FARTHEST, FARTHEST), whole(0, MAX_NUMBER)
-_BUTTON, _MODIFIERS = whole(0, MAX_BUTTONS), list_of(word_of(MODIFIERS), len(MODIFIERS))
-_POINT = list_of(number(-FARTHEST_EYE, FARTHEST_EYE), 3, 3)
+_PLACE, _OBJECT = number_in(-MAX_COORDINATE, MAX_COORDINATE), integer_in(0, MAX_NUMBER)
+_BUTTON, _MODIFIERS = integer_in(0, MAX_BUTTONS), list_of(word_in(MODIFIERS), len(MODIFIERS))
+_POINT = list_of(number_in(-MAX_EYE, MAX_EYE), 3, 3)
 _POINTER = {
     "x": _PLACE, "y": _PLACE, "button": _BUTTON, "buttons": list_of(_BUTTON, MAX_BUTTONS),
     "modifiers": _MODIFIERS,
 }  # fmt: skip
 _WHEEL = {"x": _PLACE, "y": _PLACE, "dx": _PLACE, "dy": _PLACE, "modifiers": _MODIFIERS}
 _KEY = {
-    "key": lambda value: isinstance(value, str) and 1 <= len(value) <= LONGEST_KEY,
+    "key": lambda value: isinstance(value, str) and 1 <= len(value) <= MAX_KEY,
     "modifiers": _MODIFIERS,
 }
 
@@ -219,14 +219,14 @@ FIELDS: dict[str, Fields] = {
     "key_down": _KEY, "key_up": _KEY,
     "pick": {"x": _PLACE, "y": _PLACE},
     "view": {
-        "eye": _POINT, "target": _POINT, "up": _POINT, "fov_y": number(MIN_FOV, MAX_FOV),
+        "eye": _POINT, "target": _POINT, "up": _POINT, "fov_y": number_in(MIN_FOV, MAX_FOV),
     },
     "look": {
-        "kind": word_of(NAMES), "modes": _are_modes,
-        "switched": list_of(word_of(effect_switches.KEYS.values()), MAX_SWITCHED),
+        "kind": word_in(NAMES), "modes": _are_modes,
+        "switched": list_of(word_in(effect_switches.KEYS.values()), MAX_SWITCHED),
     },
     "visibility": {
         "hidden": list_of(_OBJECT, MAX_LISTED), "only": lambda one: one is None or _OBJECT(one),
     },
 }  # fmt: skip
-"""What viewers know, and which fields of what kind each has."""
+"""Checks of the fields of each type of message."""

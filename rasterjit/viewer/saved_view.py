@@ -33,7 +33,7 @@ shows an error where it cannot load the module of one. A page that nbconvert mak
 Both break lines within numbers."""
 
 
-class Saved:
+class SavedView:
     """
     The outputs of a cell that a notebook keeps of a viewer.
 
@@ -62,16 +62,16 @@ class Saved:
         """Show the picture, something else as a bundle of media types, and the camera."""
         from IPython.display import display
 
-        data, told = self._picture()
-        self._pictures.append(display(data, metadata=told, raw=True, display_id=True))
+        data, info = self._picture()
+        self._pictures.append(display(data, metadata=info, raw=True, display_id=True))
         display(between, metadata=metadata, raw=True)
         self._codes.append(display(self._code(), raw=True, display_id=True))
 
     def update(self) -> None:
         """Put the view as it is now in place of the last one, wherever it was shown."""
-        data, told = self._picture()
+        data, metadata = self._picture()
         for handle in self._pictures:
-            handle.update(data, metadata=told, raw=True)
+            handle.update(data, metadata=metadata, raw=True)
         for handle in self._codes:
             handle.update(self._code(), raw=True)
 
@@ -84,8 +84,8 @@ class Saved:
         picture = Image.fromarray(viewer.picture()[:, :, :3])
         picture.save(data, "PNG", pnginfo=texts)
         width, height = (round(side / viewer.ratio) for side in picture.size)
-        bundle, told = notebook_preview.bundle(data.getvalue(), alt, (width, height))
-        return {**bundle, "text/plain": alt}, told
+        bundle, metadata = notebook_preview.bundle(data.getvalue(), alt, (width, height))
+        return {**bundle, "text/plain": alt}, metadata
 
     def _code(self) -> dict[str, str]:
         """Return the camera, as text and as what hides an error of JupyterLab's besides."""

@@ -13,12 +13,12 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer import browser, canvas, notebook, terminal, window_probe
-from rasterjit.viewer.viewer import SMOOTH, Viewer
+from rasterjit.viewer.viewer import FRAME_SECONDS, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-SERVER = ("uvicorn", "websockets", "simplejpeg")
+SERVER_PACKAGES = ("uvicorn", "websockets", "simplejpeg")
 """Packages that a page needs."""
 
 
@@ -31,7 +31,7 @@ def show(
     background: Background = None,
     cull: Cull = "none",
     up: Any = None,
-    time_budget: float = SMOOTH,
+    time_budget: float = FRAME_SECONDS,
     title: str = "RasterJIT",
     host: str = browser.DEFAULT_HOST,
     port: int = browser.DEFAULT_PORT,
@@ -135,7 +135,7 @@ def choose_backend(backend: str) -> str:
 
 def _without_window(problem: str) -> str:
     """Return the best backend where no window opens."""
-    if all(importlib.util.find_spec(name) is not None for name in SERVER):
+    if all(importlib.util.find_spec(name) is not None for name in SERVER_PACKAGES):
         return "browser"
     if canvas.has_terminal():
         return "terminal"

@@ -63,7 +63,7 @@ def _print(image: Image.Image) -> None:
     stream = sys.__stdout__
     assert stream is not None  # `at_terminal` has looked.
     abilities = _ask() if has_terminal() and sys.platform != "win32" else None
-    protocol, cell = abilities or Abilities("blocks", terminal.USUAL_CELL)
+    protocol, cell = abilities or Abilities("blocks", terminal.DEFAULT_CELL)
     columns, lines = shutil.get_terminal_size()
     if protocol == "blocks":
         cell = (1, 2)
@@ -100,4 +100,4 @@ def _ask() -> Abilities:
     with term.cbreak():
         stdin = sys.__stdin__
         assert stdin is not None  # `at_terminal` has looked.
-        return terminal.ask(stdin.fileno(), write)
+        return terminal.query_terminal(stdin.fileno(), write)

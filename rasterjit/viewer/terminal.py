@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from rasterjit.runtime.progress import told_to
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer.canvas import CanvasDriver, DrawCancelled, at_terminal
-from rasterjit.viewer.controls import MOVES, TURNS, Event, Fly
+from rasterjit.viewer.controls import MOVE_KEYS, TURN_KEYS, Event, Fly
 from rasterjit.viewer.overlay import Row
 from rasterjit.viewer.viewer import HELP, Viewer
 
@@ -48,7 +48,7 @@ FIRST_SIXEL = 63
 PERCENT = 100
 """Sixels take colours as whole percents."""
 
-SHORTEST_RUN = 4
+MIN_RUN = 4
 """Equal sixels from which on their number is shorter than they are."""
 
 CUBE_SIDE, FIRST_OF_CUBE = 6, 16
@@ -66,7 +66,7 @@ HALF_BLOCK = "▄"
 
 def kitty(picture: NDArray[np.uint8], number: int, cells: tuple[int, int]) -> str:
     """
-    Return the commands that show a picture below the text, from where the cursor is.
+    Return the Kitty commands that show a picture below the text, from the cursor on.
 
     Parameters
     ----------
@@ -89,14 +89,14 @@ def kitty(picture: NDArray[np.uint8], number: int, cells: tuple[int, int]) -> st
     )
 
 
-def forget_kitty(number: int) -> str:
-    """Return the command that takes a picture away."""
+def delete_kitty(number: int) -> str:
+    """Return the Kitty command that deletes a picture."""
     return f"\x1b_Ga=d,d=I,q=2,i={number}\x1b\\"
 
 
 def sixel(picture: NDArray[np.uint8]) -> str:
     """
-    Return the command that shows a picture from where the cursor is, in its 256 best colours.
+    Return the sixel command that shows a picture from the cursor on, in its 256 best colours.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def sixel(picture: NDArray[np.uint8]) -> str:
 
 def encode_sixels(numbers: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str:
     """
-    Return the command that shows a picture of numbered colours.
+    Encode a picture of palette indices as sixels.
 
     Parameters
     ----------
@@ -125,19 +125,19 @@ def encode_sixels(numbers: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str
     # without a pixel are not there at all.
     rows, columns = np.divmod(np.arange(height * width), width)
     bands, bits = np.divmod(rows, BAND)
-    places = (bands * COLORS + numbers.ravel()) * width + columns
-    order = np.argsort(places, kind="stable")
-    places, bits = places[order], bits[order]
-    firsts = np.flatnonzero(np.r_[True, places[1:] != places[:-1]])
+    positions = (bands * COLORS + numbers.ravel()) * width + columns
+    order = np.argsort(positions, kind="stable")
+    positions, bits = positions[order], bits[order]
+    firsts = np.flatnonzero(np.r_[True, positions[1:] != positions[:-1]])
     sixels = np.add.reduceat(1 << bits, firsts)
-    places = places[firsts]
+    positions = positions[firsts]
     # Join equal neighbours to runs.
-    lines, columns = np.divmod(places, width)
+    lines, columns = np.divmod(positions, width)
     is_first = (
         (lines[1:] != lines[:-1]) | (columns[1:] != columns[:-1] + 1) | (sixels[1:] != sixels[:-1])
     )
     firsts = np.flatnonzero(np.r_[True, is_first])
-    counts = np.diff(np.r_[firsts, len(places)])
+    counts = np.diff(np.r_[firsts, len(positions)])
     runs = zip(
         *(one[firsts].tolist() for one in (lines, columns, sixels)), counts.tolist(), strict=True
     )
@@ -152,23 +152,23 @@ def encode_sixels(numbers: NDArray[np.uint8], palette: NDArray[np.uint8]) -> str
             band = line // COLORS
             parts.append(f"#{line % COLORS}")
         if start > end:
-            parts.append(_repeated(0, start - end))
-        parts.append(_repeated(bits_set, count))
+            parts.append(_repeat(0, start - end))
+        parts.append(_repeat(bits_set, count))
         end = start + count
     return "".join([*parts, "\x1b\\"])
 
 
 def _color(number: int, color: NDArray[np.uint8]) -> str:
-    """Return what gives a number its colour."""
+    """Return the sixel command that defines a colour."""
     red, green, blue = ((int(code) * 2 * PERCENT + 255) // 510 for code in color)
     return f"#{number};2;{red};{green};{blue}"
 
 
 @lru_cache(maxsize=4096)
-def _repeated(bits: int, count: int) -> str:
-    """Return equal sixels."""
+def _repeat(bits: int, count: int) -> str:
+    """Return a run of equal sixels."""
     character = chr(FIRST_SIXEL + bits)
-    return character * count if count < SHORTEST_RUN else f"!{count}{character}"
+    return character * count if count < MIN_RUN else f"!{count}{character}"
 
 
 def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
@@ -201,21 +201,21 @@ def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
     return lines
 
 
-def _nearest_numbers(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return the numbers of the nearest colours, (H, W), of the cube and of the greys."""
-    wanted = picture.astype(np.int64)
-    steps = np.searchsorted(CUBE_BORDERS, wanted, side="right")
+def _nearest_colors(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the palette indices of the nearest colours, (H, W), of the cube and of the greys."""
+    target = picture.astype(np.int64)
+    steps = np.searchsorted(CUBE_BORDERS, target, side="right")
     red, green, blue = np.moveaxis(steps, 2, 0)
-    grey = np.searchsorted(GREY_BORDERS, wanted.mean(axis=2), side="right")
-    far = np.square(CUBE_LEVELS[steps] - wanted).sum(axis=2)
-    grey_far = np.square(GREY_LEVELS[grey][:, :, None] - wanted).sum(axis=2)
+    grey = np.searchsorted(GREY_BORDERS, target.mean(axis=2), side="right")
+    cube_error = np.square(CUBE_LEVELS[steps] - target).sum(axis=2)
+    grey_error = np.square(GREY_LEVELS[grey][:, :, None] - target).sum(axis=2)
     cube = FIRST_OF_CUBE + (red * CUBE_SIDE + green) * CUBE_SIDE + blue
-    return np.where(grey_far < far, FIRST_GREY + grey, cube)
+    return np.where(grey_error < cube_error, FIRST_GREY + grey, cube)
 
 
 def _indexed_blocks(picture: NDArray[np.uint8]) -> list[str]:
-    """Return lines of half blocks in numbered colours."""
-    numbers = _nearest_numbers(picture)
+    """Return lines of half blocks in palette colours."""
+    numbers = _nearest_colors(picture)
     return [
         "".join(
             f"\x1b[48;5;{top}m\x1b[38;5;{bottom}m{HALF_BLOCK}"
@@ -229,16 +229,16 @@ def _indexed_blocks(picture: NDArray[np.uint8]) -> list[str]:
 FRAME_RATE = 30.0
 """Most pictures a second: a terminal takes long to show one."""
 
-PAUSE = 0.1
-"""Seconds after which the size of the terminal is looked at again, at rest."""
+RESIZE_SECONDS = 0.1
+"""Seconds between checks of the terminal's size, at rest."""
 
-SETTING = "RASTERJIT_TERMINAL"
-"""The environment variable that says how pictures are shown, in place of asking the terminal."""
+VARIABLE = "RASTERJIT_TERMINAL"
+"""Environment variable that names the graphics protocol, in place of asking the terminal."""
 
-WAYS = ("kitty", "sixel", "blocks")
+PROTOCOLS = ("kitty", "sixel", "blocks")
 
-PATIENCE = 1.0
-"""Seconds in which a terminal says what it can; those far away answer within a quarter."""
+ANSWER_SECONDS = 1.0
+"""Seconds to wait for a terminal's answers; those far away answer within a quarter."""
 
 QUESTIONS = "\x1b_Gi=31,s=1,v=1,a=q,t=d,f=24;AAAA\x1b\\\x1b[16t\x1b[c"
 """Does it know kitty's graphics; how many pixels has a cell; what else can it do. All terminals
@@ -249,45 +249,45 @@ CELL = re.compile(rb"\x1b\[6;(\d+);(\d+)t")
 KITTY_ANSWER = b"\x1b_Gi=31;OK"
 SIXEL_ATTRIBUTE = b"4"
 
-USUAL_CELL = (8, 16)
-"""Width and height of a cell where a terminal does not tell, pixels; also what events count in."""
+DEFAULT_CELL = (8, 16)
+"""Default width and height of a cell, pixels; events count in these."""
 
 MAX_PIXELS = 1_000_000
-"""Of a picture; larger terminals get coarser ones."""
+"""Most pixels of a picture; larger terminals get coarser ones."""
 
-HELD = 0.12
+RELEASE_SECONDS = 0.12
 """Seconds after which a key counts as released where terminals do not tell: those that repeat it
 have done so."""
 
 TRUE_COLORS = 1 << 24
-"""Of terminals that show each colour as it is."""
+"""Number of colours of terminals with 24-bit colour."""
 
-FLYING = {"KEY_PGUP": "e", "KEY_PGDOWN": "q"}
+FLY_NAMES = {"KEY_PGUP": "e", "KEY_PGDOWN": "q"}
 """Keys that fly up and down: Q ends the viewer."""
 
-END_KEY = "end"
-"""What Q and Ctrl-C are called."""
+QUIT_KEY = "end"
+"""Name of the event of Q and Ctrl-C."""
 
-HELD_KEYS = {*TURNS, *MOVES}
-"""Keys that do something as long as they are down; another one acts each time it is pressed."""
+HELD_KEYS = {*TURN_KEYS, *MOVE_KEYS}
+"""Keys that act as long as they are down; others act each time they are pressed."""
 
 NOTCH = 100.0
-"""What a wheel turns at once."""
+"""Wheel units of one scroll event."""
 
 MIN_WIDTH = 12
-"""Columns in which a long cell is folded at least; in smaller terminals it is cut off."""
+"""Least columns of a wrapped cell; in smaller terminals it is cut off."""
 
 GAP = 2
-"""Columns between two of a panel."""
+"""Columns between the cells of a panel."""
 
 NAMES = {
     "KEY_UP": "ArrowUp", "KEY_DOWN": "ArrowDown", "KEY_LEFT": "ArrowLeft",
     "KEY_RIGHT": "ArrowRight", "KEY_HOME": "Home", "KEY_ESCAPE": "Escape",
 }  # fmt: skip
-"""What keys are called in events."""
+"""Names of keys in events."""
 
 LAST_ROWS: tuple[Row, ...] = (("Page up, down", "fly up, down"), ("Q", "ends it, as Escape does"))
-"""What the help of a terminal says besides."""
+"""Rows of the help that only terminals have."""
 
 ORBIT_KEYS = (
     "Q end", "H help", "arrows turn", "+ - zoom", "F fit", "R return", "C fly", "1-5 kinds",
@@ -295,27 +295,27 @@ ORBIT_KEYS = (
 FLY_KEYS = (
     "Q end", "H help", "W A S D fly", "arrows fly", "PgUp PgDn up, down", "R return", "C orbit",
 )  # fmt: skip
-"""The last line, from what matters most on; what does not fit is left out."""
+"""Status lines of keys, the most important first; what does not fit is left out."""
 
 NORMAL, PANEL, STATUS = "\x1b[0m", "\x1b[0;48;2;24;26;30;38;2;240;240;236m", "\x1b[0;7m"
-"""Text as it is, on panels and in the last lines."""
+"""Escape codes for normal text, for panels and for the last lines."""
 
 BEGIN, END = "\x1b[?2026h", "\x1b[?2026l"
-"""What comes between is shown at once, where terminals can do that."""
+"""Escape codes around a synchronized update, where terminals can do that."""
 
 
 class Abilities(NamedTuple):
-    """What a terminal can do."""
+    """Graphics that a terminal supports."""
 
-    way: str
-    """How it shows pictures: one of ``WAYS``."""
+    protocol: str
+    """Graphics protocol: one of ``PROTOCOLS``."""
     cell: tuple[int, int]
-    """Width and height of a character, pixels."""
+    """Width and height of a cell, pixels."""
 
 
-def ask(reading: int, write: Callable[[str], None]) -> Abilities:
+def query_terminal(reading: int, write: Callable[[str], None]) -> Abilities:
     """
-    Ask a terminal what it can do; it must not echo, nor wait for whole lines.
+    Ask a terminal for its graphics protocol and cell size; it must be in cbreak mode.
 
     Parameters
     ----------
@@ -329,29 +329,29 @@ def ask(reading: int, write: Callable[[str], None]) -> Abilities:
     ValueError
         If the environment variable ``RASTERJIT_TERMINAL`` is set to what is no way.
     """
-    chosen = os.environ.get(SETTING)
-    if chosen:
-        one_of(SETTING, chosen, WAYS)
-    if chosen == "blocks":
-        return Abilities("blocks", USUAL_CELL)
+    forced = os.environ.get(VARIABLE)
+    if forced:
+        one_of(VARIABLE, forced, PROTOCOLS)
+    if forced == "blocks":
+        return Abilities("blocks", DEFAULT_CELL)
     write(QUESTIONS)
-    said, limit = b"", time.monotonic() + PATIENCE
-    while (rest := limit - time.monotonic()) > 0.0 and not ATTRIBUTES.search(said):
+    answer, limit = b"", time.monotonic() + ANSWER_SECONDS
+    while (rest := limit - time.monotonic()) > 0.0 and not ATTRIBUTES.search(answer):
         if select.select([reading], [], [], rest)[0]:
             part = os.read(reading, 1 << 12)
             if not part:
                 break
-            said += part
-    attributes, cell = ATTRIBUTES.search(said), CELL.search(said)
-    size = (int(cell[2]), int(cell[1])) if cell else USUAL_CELL
+            answer += part
+    attributes, cell = ATTRIBUTES.search(answer), CELL.search(answer)
+    size = (int(cell[2]), int(cell[1])) if cell else DEFAULT_CELL
     can_sixel = attributes is not None and SIXEL_ATTRIBUTE in attributes[1].split(b";")
-    found = "kitty" if KITTY_ANSWER in said else "sixel" if can_sixel else "blocks"
-    return Abilities(chosen or found, size if min(size) > 0 else USUAL_CELL)
+    detected = "kitty" if KITTY_ANSWER in answer else "sixel" if can_sixel else "blocks"
+    return Abilities(forced or detected, size if min(size) > 0 else DEFAULT_CELL)
 
 
 class Screen:
     """
-    What `CanvasDriver` takes for a canvas: a terminal whose last lines are text.
+    A terminal as a canvas for `CanvasDriver`, with lines of text at the bottom.
 
     Parameters
     ----------
@@ -372,7 +372,7 @@ class Screen:
         is_true: bool = True,
     ) -> None:
         self.abilities = abilities
-        self.texts = 1
+        self.text_rows = 1
         self.cells = 1, 1
         self._write, self._measure, self._is_true = write, measure, is_true
         self._handlers: dict[str, list[Callable[[Event], None]]] = {}
@@ -381,57 +381,57 @@ class Screen:
         self._shown = 0
         self._lines: list[str] = []
         self._panel_lines: list[str] = []
-        self._last: list[str] = []
-        self.look()
+        self._last_lines: list[str] = []
+        self.update_size()
 
     # What a connection calls.
 
     def get_bitmap_context(self) -> Screen:
-        """Return what takes pictures."""
+        """Return the object that takes pictures: this one."""
         return self
 
     def add_event_handler(self, handle: Callable[[Event], None], *kinds: str) -> None:
-        """Have a function called with events of some kinds."""
+        """Register a handler of some types of events."""
         for kind in kinds:
             self._handlers.setdefault(kind, []).append(handle)
 
     def request_draw(self, draw: Callable[[], None] | None = None) -> None:
-        """Have a picture drawn soon, by a function or by the one before."""
+        """Request a draw, by a function or by the one before."""
         self._draw, self._is_due = draw or self._draw, True
 
     def get_physical_size(self) -> tuple[int, int]:
         """Return the width and height of pictures, pixels."""
         columns, lines = self.picture_cells
-        if self.abilities.way == "blocks":
+        if self.abilities.protocol == "blocks":
             return columns, 2 * lines
         width, height = self.abilities.cell
-        coarse = self._coarseness
-        return max(columns * width // coarse, 1), max(lines * height // coarse, 1)
+        scale = self._pixel_scale
+        return max(columns * width // scale, 1), max(lines * height // scale, 1)
 
     def get_pixel_ratio(self) -> float:
         """Return the pixels of a picture for one that events count in."""
-        return self.get_physical_size()[0] / (self.picture_cells[0] * USUAL_CELL[0])
+        return self.get_physical_size()[0] / (self.picture_cells[0] * DEFAULT_CELL[0])
 
     def set_bitmap(self, picture: NDArray[np.uint8]) -> None:
         """Show a picture, (H, W, 4) uint8."""
         colors = np.ascontiguousarray(picture[:, :, :3])
-        if self.abilities.way == "blocks":
+        if self.abilities.protocol == "blocks":
             lines = half_blocks(colors, self._is_true)
-            told = "".join(
+            text = "".join(
                 _at(row) + line
                 for row, line in enumerate(lines)
                 if row >= len(self._lines) or self._lines[row] != line
             )
             self._lines = lines
-        elif self.abilities.way == "sixel":
-            coarse = self._coarseness
-            told = _at(0) + sixel(colors.repeat(coarse, axis=0).repeat(coarse, axis=1))
+        elif self.abilities.protocol == "sixel":
+            scale = self._pixel_scale
+            text = _at(0) + sixel(colors.repeat(scale, axis=0).repeat(scale, axis=1))
         else:
             before, self._shown = self._shown, 2 if self._shown == 1 else 1
-            told = _at(0) + kitty(colors, self._shown, self.picture_cells)
-            told += forget_kitty(before) if before else ""
+            text = _at(0) + kitty(colors, self._shown, self.picture_cells)
+            text += delete_kitty(before) if before else ""
         # A picture goes over the panel.
-        self._write(BEGIN + told + "".join(map(_placed, enumerate(self._panel_lines))) + END)
+        self._write(BEGIN + text + "".join(map(_place_line, enumerate(self._panel_lines))) + END)
 
     # What else there is.
 
@@ -439,32 +439,32 @@ class Screen:
     def picture_cells(self) -> tuple[int, int]:
         """Columns and lines of the picture."""
         columns, lines = self.cells
-        return columns, max(lines - self.texts, 1)
+        return columns, max(lines - self.text_rows, 1)
 
     @property
-    def _coarseness(self) -> int:
-        """How many pixels of the terminal one of the picture is large."""
+    def _pixel_scale(self) -> int:
+        """Width of a picture's pixel, in pixels of the terminal."""
         columns, lines = self.picture_cells
         pixels = columns * self.abilities.cell[0] * lines * self.abilities.cell[1]
         return int(np.ceil(np.sqrt(pixels / MAX_PIXELS)))
 
-    def look(self, texts: int | None = None) -> None:
-        """See how large the terminal is, and how many lines of text are wanted below."""
+    def update_size(self, text_rows: int | None = None) -> None:
+        """Update the size of the terminal, and the number of text lines below."""
         columns, lines = self._measure()
-        wanted = (max(columns, 1), max(lines, 1)), self.texts if texts is None else texts
-        if wanted != (self.cells, self.texts):
-            self.cells, self.texts = wanted
+        size = (max(columns, 1), max(lines, 1)), self.text_rows if text_rows is None else text_rows
+        if size != (self.cells, self.text_rows):
+            self.cells, self.text_rows = size
             self.clear()
             self.request_draw()
 
     def clear(self) -> None:
-        """Take away all that is shown."""
-        self._lines, self._panel_lines, self._last = [], [], []
-        self._write(f"{NORMAL}\x1b[2J" + (forget_kitty(self._shown) if self._shown else ""))
+        """Clear the terminal."""
+        self._lines, self._panel_lines, self._last_lines = [], [], []
+        self._write(f"{NORMAL}\x1b[2J" + (delete_kitty(self._shown) if self._shown else ""))
         self._shown = 0
 
     def submit(self, event: Event) -> None:
-        """Hand an event to who wants it."""
+        """Pass an event to its handlers."""
         for handle in self._handlers.get(event["event_type"], ()):
             handle(event)
 
@@ -472,7 +472,7 @@ class Screen:
     def pause(self) -> float:
         """Seconds until a picture is due."""
         if not self._is_due:
-            return PAUSE
+            return RESIZE_SECONDS
         return max(0.0, self._drawn_at + 1.0 / FRAME_RATE - time.monotonic())
 
     def draw(self) -> None:
@@ -482,9 +482,9 @@ class Screen:
             with contextlib.suppress(DrawCancelled):
                 self._draw()
 
-    def say(self, panel: Sequence[Row], last: Sequence[str]) -> bool:
+    def write_text(self, panel: Sequence[Row], last: Sequence[str]) -> bool:
         """
-        Write text: a panel over the picture, and the last lines.
+        Write a panel over the picture, and the last lines.
 
         Returns
         -------
@@ -492,41 +492,45 @@ class Screen:
             Whether the picture must be shown again, because a panel that lay over it is smaller.
         """
         columns, lines = self.cells
-        rows = panel_lines(panel, columns, lines - self.texts) if panel else []
-        shown = [f"{PANEL}{row}{NORMAL}" for row in rows]
-        below = [
+        rows = panel_lines(panel, columns, lines - self.text_rows) if panel else []
+        panel_rows = [f"{PANEL}{row}{NORMAL}" for row in rows]
+        bottom = [
             f"{_at(lines - len(last) + k)}{STATUS}{text[:columns].ljust(columns)[:columns]}{NORMAL}"
             for k, text in enumerate(last)
         ]
-        told = "".join(map(_placed, enumerate(shown))) if shown != self._panel_lines else ""
-        told += "".join(below) if below != self._last else ""
-        uncovers = len(self._panel_lines) > len(shown) or (
-            shown != self._panel_lines and bool(self._panel_lines)
+        text = (
+            "".join(map(_place_line, enumerate(panel_rows)))
+            if panel_rows != self._panel_lines
+            else ""
         )
-        self._panel_lines, self._last = shown, below
-        if told:
-            self._write(told)
+        text += "".join(bottom) if bottom != self._last_lines else ""
+        uncovers = len(self._panel_lines) > len(panel_rows) or (
+            panel_rows != self._panel_lines and bool(self._panel_lines)
+        )
+        self._panel_lines, self._last_lines = panel_rows, bottom
+        if text:
+            self._write(text)
         if uncovers:
             self._lines = []
-            if self.abilities.way == "kitty":
+            if self.abilities.protocol == "kitty":
                 # Text lies over the picture until it is taken away.
-                bare = range(len(rows), lines - self.texts)
-                self._write(NORMAL + "".join(f"{_at(k)}\x1b[2K" for k in bare))
+                uncovered = range(len(rows), lines - self.text_rows)
+                self._write(NORMAL + "".join(f"{_at(k)}\x1b[2K" for k in uncovered))
         return uncovers
 
 
 def _at(line: int) -> str:
-    """Return what moves the cursor to the beginning of a line."""
+    """Return the escape code that moves the cursor to the beginning of a line."""
     return f"\x1b[{line + 1};1H"
 
 
-def _placed(numbered: tuple[int, str]) -> str:
+def _place_line(numbered: tuple[int, str]) -> str:
     return _at(numbered[0]) + numbered[1]
 
 
 def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
     """
-    Return rows of cells as lines of text of one width, no more and no wider than there is room.
+    Format rows of cells as lines of text of one width that fit the terminal.
 
     Parameters
     ----------
@@ -540,20 +544,20 @@ def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
         max((len(row[k]) for row in rows if k < len(row) > 1), default=0) + GAP
         for k in range(count)
     ]
-    texts = []
+    output = []
     for *cells, last in rows:
         start = " " + "".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=False))
         folded = wrap(last, max(columns - len(start) - 1, MIN_WIDTH)) or [""]
-        texts.append(start + folded[0])
-        texts += [" " * len(start) + more for more in folded[1:]]
-    width = min(max(map(len, texts)) + 1, columns)
-    if len(texts) > lines:
-        texts = [*texts[: lines - 1], " ..."] if lines > 0 else []
-    return [text.ljust(width) if len(text) <= width else text[: width - 1] + "…" for text in texts]
+        output.append(start + folded[0])
+        output += [" " * len(start) + more for more in folded[1:]]
+    width = min(max(map(len, output)) + 1, columns)
+    if len(output) > lines:
+        output = [*output[: lines - 1], " ..."] if lines > 0 else []
+    return [text.ljust(width) if len(text) <= width else text[: width - 1] + "…" for text in output]
 
 
 def last_line(viewer: Viewer, columns: int) -> str:
-    """Return the keys that matter most, as many as there is room for."""
+    """Return the most important keys, as many as fit."""
     keys: tuple[str, ...] = ("Q end", f"{viewer.help_key} help")
     if viewer.has_usual_keys:
         keys = FLY_KEYS if isinstance(viewer.controls, Fly) else ORBIT_KEYS
@@ -566,33 +570,33 @@ def last_line(viewer: Viewer, columns: int) -> str:
     return line
 
 
-class Hands:
+class InputReader:
     """
-    Turns what is typed, and what the mouse does, into events.
+    Converts keystrokes and mouse reports to events.
 
     Parameters
     ----------
     screen : Screen
         Takes the events.
-    tells_releases : bool
+    sends_releases : bool
         Whether the terminal tells when a key is released.
     """
 
-    def __init__(self, screen: Screen, tells_releases: bool) -> None:
-        self._screen, self._tells = screen, tells_releases
-        self._held: dict[str, float] = {}
+    def __init__(self, screen: Screen, sends_releases: bool) -> None:
+        self._screen, self._sends_releases = screen, sends_releases
+        self._down: dict[str, float] = {}
         self._place = 0.0, 0.0
 
-    def take(self, stroke: Any) -> str:
-        """Take a keystroke of ``blessed``; return the key that went down, or an empty string."""
+    def read(self, stroke: Any) -> str:
+        """Read a keystroke of ``blessed``; return the key that went down, or an empty string."""
         name = stroke.name or ""
         if name.startswith("MOUSE_"):
-            self._point(name, *stroke.mouse_xy)
+            self._read_mouse(name, *stroke.mouse_xy)
             return ""
         key = NAMES.get(name) or NAMES.get(stroke.key_name or "") or str(stroke.value or stroke)
         if name == "KEY_CTRL_C" or key in ("\x03", "q", "Q"):
-            return "" if stroke.released else END_KEY
-        key = FLYING.get(name) or FLYING.get(stroke.key_name or "") or key
+            return "" if stroke.released else QUIT_KEY
+        key = FLY_NAMES.get(name) or FLY_NAMES.get(stroke.key_name or "") or key
         if len(key) != 1 and key not in NAMES.values():
             return ""
         if stroke.released:
@@ -600,40 +604,40 @@ class Hands:
             return ""
         if key.lower() not in HELD_KEYS and key not in HELD_KEYS:
             return "" if stroke.repeated else key
-        is_new = key not in self._held
-        self._held[key] = time.monotonic()
+        is_new = key not in self._down
+        self._down[key] = time.monotonic()
         return key if is_new else ""
 
     def press(self, key: str) -> None:
-        """Hand on that a key went down."""
+        """Submit the event of a key that went down."""
         self._screen.submit({"event_type": "key_down", "key": key, "modifiers": ()})
 
-    def pass_time(self) -> None:
-        """Release keys that were not repeated, where the terminal does not tell."""
-        if not self._tells:
+    def release_stale(self) -> None:
+        """Release keys that were not repeated, if the terminal does not report releases."""
+        if not self._sends_releases:
             now = time.monotonic()
-            for key in [key for key, since in self._held.items() if now - since > HELD]:
+            for key in [key for key, since in self._down.items() if now - since > RELEASE_SECONDS]:
                 self._release(key)
 
     def _release(self, key: str) -> None:
-        if self._held.pop(key, None) is not None:
+        if self._down.pop(key, None) is not None:
             self._screen.submit({"event_type": "key_up", "key": key, "modifiers": ()})
 
-    def _point(self, name: str, column: int, line: int) -> None:
-        """Hand on what the mouse does in a cell."""
+    def _read_mouse(self, name: str, column: int, line: int) -> None:
+        """Submit the event of the mouse in a cell."""
         width, height = self._screen.get_physical_size()
         columns, lines = self._screen.picture_cells
         ratio = self._screen.get_pixel_ratio()
         x = (column + 0.5) * width / columns / ratio
         y = (line + 0.5) * height / lines / ratio
-        place = {"x": x, "y": y, "modifiers": ("Shift",) if "SHIFT" in name else ()}
+        point = {"x": x, "y": y, "modifiers": ("Shift",) if "SHIFT" in name else ()}
         if "SCROLL" in name:
-            turn = -NOTCH if "UP" in name else NOTCH
-            self._screen.submit({"event_type": "wheel", "dx": 0.0, "dy": turn, **place})
+            notch = -NOTCH if "UP" in name else NOTCH
+            self._screen.submit({"event_type": "wheel", "dx": 0.0, "dy": notch, **point})
             return
         kind = "move" if "MOTION" in name else "up" if "RELEASED" in name else "down"
         button = 2 if "RIGHT" in name else 3 if "MIDDLE" in name else 1
-        event = {"event_type": f"pointer_{kind}", "button": button, "buttons": (button,), **place}
+        event = {"event_type": f"pointer_{kind}", "button": button, "buttons": (button,), **point}
         self._screen.submit(event)
 
 
@@ -663,46 +667,46 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
     # What has to be compiled is compiled before the terminal changes.
     viewer.draw()
     terminal = blessed.Terminal(stream=sys.__stdout__)
-    with _quiet(), _prepared(terminal) as tells_releases:
-        _run(viewer, terminal, tells_releases, title)
+    with _capture_output(), _take_over(terminal) as sends_releases:
+        _run(viewer, terminal, sends_releases, title)
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep what is printed off the picture; what errors and warnings said comes afterwards."""
-    said = io.StringIO()
+def _capture_output() -> Iterator[None]:
+    """Hold back what is printed; errors and warnings are written afterwards."""
+    errors = io.StringIO()
     try:
         # No line of progress is written across the picture.
         with (
             told_to(lambda progress: None),
             contextlib.redirect_stdout(io.StringIO()),
-            contextlib.redirect_stderr(said),
+            contextlib.redirect_stderr(errors),
         ):
             yield
     finally:
-        sys.stderr.write(said.getvalue())
+        sys.stderr.write(errors.getvalue())
 
 
 @contextlib.contextmanager
-def _prepared(terminal: Any) -> Iterator[bool]:
-    """Give the whole terminal, with keys as they come; yield whether it tells of releases."""
+def _take_over(terminal: Any) -> Iterator[bool]:
+    """Take over the whole terminal; yield whether it reports key releases."""
 
     def end(number: int, frame: Any) -> None:
         raise SystemExit(128 + number)
 
     # Only the main thread is told of signals.
     is_main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, end) if is_main else None
+    old_handler = signal.signal(signal.SIGTERM, end) if is_main else None
     try:
         with (
             terminal.fullscreen(), terminal.hidden_cursor(), terminal.cbreak(),
             terminal.enable_kitty_keyboard(
-                report_events=True, report_all_keys=True, timeout=PATIENCE
+                report_events=True, report_all_keys=True, timeout=ANSWER_SECONDS
             ),
-            terminal.mouse_enabled(report_drag=True, timeout=PATIENCE),
+            terminal.mouse_enabled(report_drag=True, timeout=ANSWER_SECONDS),
         ):  # fmt: skip
             try:
-                state = terminal.get_kitty_keyboard_state(timeout=PATIENCE)
+                state = terminal.get_kitty_keyboard_state(timeout=ANSWER_SECONDS)
                 yield bool(state is not None and state.report_events)
             finally:
                 # Answers that are still on their way would stand at the prompt.
@@ -710,62 +714,62 @@ def _prepared(terminal: Any) -> Iterator[bool]:
                     pass
     finally:
         if is_main:
-            signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGTERM, old_handler)
 
 
-def _run(viewer: Viewer, terminal: Any, tells_releases: bool, title: str) -> None:
-    """Draw, and do what keys ask for, until one of them ends it."""
+def _run(viewer: Viewer, terminal: Any, sends_releases: bool, title: str) -> None:
+    """Run the event loop until a key ends it."""
     stream = terminal.stream
 
     def write(text: str) -> None:
         stream.write(text)
         stream.flush()
 
-    abilities = Abilities("blocks", USUAL_CELL)
+    abilities = Abilities("blocks", DEFAULT_CELL)
     if sys.platform != "win32":
-        abilities = ask(sys.__stdin__.fileno(), write)
+        abilities = query_terminal(sys.__stdin__.fileno(), write)
     is_true = terminal.number_of_colors >= TRUE_COLORS
-    screen = Screen(abilities, write, _size_of(terminal), is_true)
-    hands = Hands(screen, tells_releases)
+    screen = Screen(abilities, write, _size_getter(terminal), is_true)
+    reader = InputReader(screen, sends_releases)
     write(f"\x1b]2;{title}\x07")
     CanvasDriver(viewer, screen)
     try:
         # Some terminals send Ctrl-C as a key, others interrupt.
         with contextlib.suppress(KeyboardInterrupt):
-            while _go_on(viewer, screen, hands, terminal):
+            while _update(viewer, screen, reader, terminal):
                 pass
     finally:
         screen.submit({"event_type": "close"})
         screen.clear()
 
 
-def _size_of(terminal: Any) -> Callable[[], tuple[int, int]]:
-    """Return what tells the columns and lines of a terminal."""
+def _size_getter(terminal: Any) -> Callable[[], tuple[int, int]]:
+    """Return a function that returns the columns and lines of a terminal."""
     return lambda: (terminal.width, terminal.height)
 
 
-def _go_on(viewer: Viewer, screen: Screen, hands: Hands, terminal: Any) -> bool:
-    """Wait for keys until a picture is due, draw it, and tell whether to go on."""
-    stroke = terminal.inkey(timeout=screen.pause, esc_delay=HELD)
+def _update(viewer: Viewer, screen: Screen, reader: InputReader, terminal: Any) -> bool:
+    """Wait for keys until a picture is due and draw it; False to quit."""
+    stroke = terminal.inkey(timeout=screen.pause, esc_delay=RELEASE_SECONDS)
     while stroke:
-        key = hands.take(stroke)
-        if key == END_KEY:
+        key = reader.read(stroke)
+        if key == QUIT_KEY:
             return False
         if key == "Escape" and not viewer.panel_rows:
             return False
         if key:
-            hands.press(key)
-        stroke = terminal.inkey(timeout=0, esc_delay=HELD)
-    hands.pass_time()
-    screen.look(1 + viewer.shows_line)
-    told = [f" {viewer.line}"] if viewer.shows_line else []
-    if screen.say(panel_of(viewer), [*told, last_line(viewer, screen.cells[0])]):
+            reader.press(key)
+        stroke = terminal.inkey(timeout=0, esc_delay=RELEASE_SECONDS)
+    reader.release_stale()
+    screen.update_size(1 + viewer.shows_line)
+    status = [f" {viewer.line}"] if viewer.shows_line else []
+    if screen.write_text(panel_of(viewer), [*status, last_line(viewer, screen.cells[0])]):
         screen.set_bitmap(viewer.draw())
     screen.draw()
     return True
 
 
 def panel_of(viewer: Viewer) -> Sequence[Row]:
-    """Return what is to be read over the picture: help, or what is known of a pixel, or costs."""
+    """Return the rows of the panel: help, the explanation of a pixel, or costs."""
     rows = viewer.panel_rows
     return (*rows, *LAST_ROWS) if rows is HELP else rows

@@ -39,43 +39,43 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, one_of, positive_number
 from rasterjit.viewer import effect_switches
 from rasterjit.viewer.controls import Event, Fly, Orbit
-from rasterjit.viewer.overlay import OUTPUTS_OF, Row, mark_pixel, picture_of, rows_of, write_panel
+from rasterjit.viewer.overlay import OUTPUTS_OF, Row, as_rows, mark_pixel, to_picture, write_panel
 
 KINDS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
-"""Keys, and the kind of picture that each shows."""
+"""Kinds of pictures by key."""
 
 NAMES = {
     "color": "colour", "depth": "depth", "normal": "normals", "object_id": "objects",
     "face_id": "faces",
 }  # fmt: skip
-"""What each kind of picture is called."""
+"""Display names of the kinds."""
 
 CLICK = 3.0
-"""How far a pointer may move between press and release of a click, pixels."""
+"""Largest distance of the pointer between press and release of a click, pixels."""
 
-LONGEST_STEP = 0.1
+MAX_STEP = 0.1
 """Most time that passes at once for a camera, beside that of drawing a picture, seconds: after a
 pause it does not jump."""
 
-SMOOTH = 0.012
+FRAME_SECONDS = 0.012
 """Seconds for a picture while something moves: half of what there is where 45 are shown in a
 second. To code it, and to decode it in a page on the same machine, takes the other half."""
 
-FASTEST = replace(Quality.draft(), shading="pixel")
-"""The quality of pictures while something moves until times are known, and the least of all."""
+PREVIEW = replace(Quality.draft(), shading="pixel")
+"""Quality of pictures while something moves until times are known; the lowest of all."""
 
-SHARP = Quality(samples=4)
-"""The quality of the first picture at rest: soon there, and its edges are smooth."""
+FIRST_QUALITY = Quality(samples=4)
+"""Quality of the first picture at rest: soon there, with smooth edges."""
 
-TOO_LONG = 1.5
+MAX_OVERRUN = 1.5
 """Times over the budget from which on what moves is drawn in half as many pixels a side, four times
 faster or so; that goes on until four times its time is less again."""
 
-SIDES = 2
-"""Sides of a pixel of such a picture, in pixels of the size that is shown."""
+SHRINK = 2
+"""Factor by which the sides of such a picture are smaller."""
 
-COMPILING = 0.1
-"""Share of a picture's time from which on it is said that something was compiled, or loaded."""
+COMPILE_SHARE = 0.1
+"""Share of compiling in a picture's time from which on it is mentioned."""
 
 HELP: tuple[Row, ...] = (
     ("drag", "turn (look around, when flying)"),
@@ -93,12 +93,12 @@ HELP: tuple[Row, ...] = (
 
 
 class _OutdatedError(Exception):
-    """What is being rendered is no longer wanted."""
+    """The version that is being rendered is outdated."""
 
 
 class Viewer:
     """
-    Shows a scene to somebody who moves the camera.
+    Shows a scene, whose camera the user moves.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ class Viewer:
         background: Background = None,
         cull: Cull = "none",
         up: Any = None,
-        time_budget: float = SMOOTH,
+        time_budget: float = FRAME_SECONDS,
         name: str = "",
         threads: int | None = None,
     ) -> None:
         self.scene: Scene = as_scene(what)
-        self._made = {
+        self._arguments = {
             "camera": camera, "size": size, "background": background, "cull": cull, "up": up,
             "time_budget": time_budget, "name": name, "threads": threads,
         }  # fmt: skip
@@ -197,19 +197,19 @@ class Viewer:
         self.version = 0
         self.kind = "color"
         self._switched: list[str] = []
-        self._modes = {key: one.mode_of(self.scene) for key, one in effect_switches.MODED.items()}
+        self._modes = {key: one.mode_of(self.scene) for key, one in effect_switches.MODAL.items()}
         self._hidden: frozenset[int] = frozenset()
-        self._shown = self.scene
+        self._visible = self.scene
         self._message = ""
         self._shows_help, self._shows_line, self._shows_costs = False, True, False
-        self._pressed: tuple[float, float] | None = None
-        self._wanted_pixel: tuple[int, int] | None = None
+        self._press_position: tuple[float, float] | None = None
+        self._pixel_to_explain: tuple[int, int] | None = None
         self.explanation: PixelExplanation | None = None
         self.costs: dict[str, float] | None = None
         self._frame: Frame | None = None
         self._frame_version = -1
         self._seconds = self._drawing = 0.0
-        self._compiled = False
+        self._has_compiled = False
         self._moving = _renderer(self.size, threads)
         # Draws what moves in half as many pixels a side, if a picture in full size and the fastest
         # quality takes these seconds.
@@ -224,20 +224,20 @@ class Viewer:
         explain(self.scene, self.camera, size=self.size, **self._options)
 
     def close(self) -> None:
-        """End what is being rendered, and let the threads and what was drawn go."""
+        """Stop rendering, and release threads and pictures."""
         with self._lock:
             self.version += 1
             self._frame = self.explanation = None
         self._steps = iter(())
-        self._forget_size()
+        self._close_renderers()
 
     def twin(self) -> Viewer:
-        """Return another viewer of the same scene, with a camera of its own where this began."""
-        return Viewer(self.scene, **self._made)
+        """Return another viewer of the same scene, with a camera of its own at the first view."""
+        return Viewer(self.scene, **self._arguments)
 
     @property
     def camera(self) -> PerspectiveCamera:
-        """The camera as it stands."""
+        """The current camera."""
         return self.controls.camera()
 
     @property
@@ -247,44 +247,44 @@ class Viewer:
 
     @property
     def hidden(self) -> frozenset[int]:
-        """Numbers of the objects that are hidden."""
+        """Indices of the hidden objects."""
         return self._hidden
 
     @property
     def numbers(self) -> list[int]:
-        """Numbers, in the scene, of the objects that are shown."""
+        """Indices of the visible objects in the scene."""
         return [n for n in range(len(self.scene.nodes)) if n not in self._hidden]
 
     @property
     def cost_rows(self) -> list[Row]:
-        """What the effects cost, as rows; none unless it was asked for."""
+        """Costs of the effects, as rows; none unless switched on."""
         return self._cost_rows() if self._shows_costs else []
 
     @property
     def panel_rows(self) -> Sequence[Row]:
-        """What is to be read over the picture: help, what is known of a pixel, or costs."""
+        """Rows of the panel over the picture: help, the explanation of a pixel, or costs."""
         if self._shows_help:
             return self.help_rows
-        return rows_of(self.explanation) if self.explanation is not None else self.cost_rows
+        return as_rows(self.explanation) if self.explanation is not None else self.cost_rows
 
     @property
     def shows_line(self) -> bool:
-        """Whether the line at the bottom is to be read."""
+        """Whether to show the status line."""
         return self._shows_line
 
     @property
     def shown(self) -> Scene:
-        """The scene as it is shown: with effects switched."""
-        return self._shown
+        """The scene with effects switched and objects hidden."""
+        return self._visible
 
     @property
     def is_moving(self) -> bool:
-        """Whether time changes the picture."""
+        """Whether the picture changes with time."""
         return not self.controls.is_resting
 
     @property
     def is_done(self) -> bool:
-        """Whether the picture stays as it is until something happens."""
+        """Whether the picture is final until the next event."""
         return (
             not self.is_moving
             and self._frame_version == self.version
@@ -294,7 +294,7 @@ class Viewer:
 
     @property
     def line(self) -> str:
-        """What is shown, and how: the line at the bottom."""
+        """The status line: what is shown, its quality and time."""
         width, height = self.size
         parts = [self.name] if self.name else []
         parts += [NAMES[self.kind], f"{width} x {height}"]
@@ -307,8 +307,8 @@ class Viewer:
                 quality += f" of {plan.pictures} pictures"
             if plan.size != self.size:
                 quality += " at half the size"
-            compiled = ", with compiling" if self._compiled else ""
-            parts.append(f"{quality} in {_in_words(self._seconds)}{compiled}")
+            compiled = ", with compiling" if self._has_compiled else ""
+            parts.append(f"{quality} in {_format_seconds(self._seconds)}{compiled}")
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")
@@ -321,18 +321,18 @@ class Viewer:
 
     @property
     def stamp(self) -> tuple[Any, ...]:
-        """What the picture depends on: while it is the same, so is what `draw` returns."""
+        """A key of the picture: while it is the same, so is what `draw` returns."""
         panels = self._shows_help, self._shows_line, self._shows_costs, self.costs is None
-        shown = self.version, self._count, id(self.explanation), self._message
-        return *shown, *panels, self.is_done
+        content = self.version, self._count, id(self.explanation), self._message
+        return *content, *panels, self.is_done
 
     def fail(self, error: Exception) -> None:
-        """Say what went wrong in a step, and do not try it again."""
+        """Show an error of a step, and do not try the step again."""
         self._message, self._finished = f"{type(error).__name__}: {error}", True
 
     def resize(self, size: tuple[int, int], ratio: float = 1.0) -> None:
         """
-        Make pictures of another size from now on.
+        Change the size of the pictures.
 
         The view stays. Where it began with the whole scene in the picture, and stands there still,
         it does so in the new shape; where it was moved, it returns to that with R.
@@ -348,68 +348,68 @@ class Viewer:
         if (size, ratio) == (self.size, self.ratio):
             return
         self.size, self.ratio = size, ratio
-        self._forget_size()
+        self._close_renderers()
         self._moving = _renderer(size, self._threads)
         self._times = self._new_times()
         if self._is_fitted:
             self._first = fit_upright(self.scene, size, self.controls.up)
-            at_home, home = self.controls.is_home, self._begun(type(self.controls)).home
+            at_home, home = self.controls.is_home, self._home_controls(type(self.controls)).home
             self.controls = replace(self.controls, home=home)
             if at_home:
-                self.controls = self.controls.returned()
-        self._change()
+                self.controls = self.controls.at_home()
+        self._invalidate()
 
-    def _begun(self, kind: type[Orbit] | type[Fly]) -> Orbit | Fly:
-        """Return controls of a kind that are where the first view is."""
+    def _home_controls(self, kind: type[Orbit] | type[Fly]) -> Orbit | Fly:
+        """Return controls of a type at the first view."""
         up = self.controls.up
         if kind is Fly:
             return Fly.from_camera(self._first, self._ball, up)
         return Orbit.from_camera(self._first, self._ball, up, self.size)
 
     def handle(self, event: Event) -> None:
-        """Take an event in, a dictionary of ``rendercanvas``; those it does not know do nothing."""
+        """Handle an event, a dictionary of ``rendercanvas``; ignore unknown ones."""
         kind = event.get("event_type")
-        if kind == "key_down" and self._press(str(event.get("key", ""))):
+        if kind == "key_down" and self._handle_key(str(event.get("key", ""))):
             return
         if kind == "pointer_down":
-            self._pressed = (event["x"], event["y"]) if event.get("button") == 1 else None
-        elif kind == "pointer_up" and self._pressed is not None:
-            place = event["x"], event["y"]
-            if math.dist(place, self._pressed) <= CLICK:
-                self.pick(int(place[0] * self.ratio), int(place[1] * self.ratio))
-            self._pressed = None
+            self._press_position = (event["x"], event["y"]) if event.get("button") == 1 else None
+        elif kind == "pointer_up" and self._press_position is not None:
+            position = event["x"], event["y"]
+            if math.dist(position, self._press_position) <= CLICK:
+                self.pick(int(position[0] * self.ratio), int(position[1] * self.ratio))
+            self._press_position = None
         depth = self._depth_under(event) if kind == "wheel" else None
         width, height = self.size
         logical = width / self.ratio, height / self.ratio
         before = self.camera
         self.controls = self.controls.handle(event, logical, depth)
         if self.camera != before:
-            self._change()
+            self._invalidate()
 
     def advance(self, seconds: float) -> None:
-        """Let time pass, seconds."""
+        """Advance the camera by a time, seconds."""
         if not self.is_moving:
             return
-        self.controls = self.controls.advance(min(seconds, LONGEST_STEP + self._drawing))
+        self.controls = self.controls.advance(min(seconds, MAX_STEP + self._drawing))
         if self.controls.is_resting:
-            self.controls = self.controls.settled()
-        self._change()
+            self.controls = self.controls.at_rest()
+        self._invalidate()
 
     def look_from(self, camera: Camera) -> None:
-        """Look from where a camera stands; that it is tilted sideways is left out."""
+        """Look from a camera, without its roll."""
         orbit = Orbit.from_camera(camera, self._ball, self.controls.up, self.size)
-        self.controls = replace(orbit, home=self._begun(Orbit).home)
-        self._change()
+        self.controls = replace(orbit, home=self._home_controls(Orbit).home)
+        self._invalidate()
 
     def set_look(self, kind: str, switched: Sequence[str], modes: Mapping[str, str | None]) -> None:
         """
-        Show a kind of picture with effects switched; what the scene does not give is left out.
+        Set the kind of picture and the switched effects; ignore those that the scene has not.
 
         Parameters
         ----------
         kind : str
             A key of ``NAMES``.
-        switched : sequence of str
+        toggle : sequence of str
             Names of the effects that are off where the scene has them, on where it has not.
         modes : mapping of str to str or None
             By key, what an effect of several modes does; None is off. Others stay.
@@ -423,13 +423,13 @@ class Viewer:
         for name in switched:
             one_of("switched", name, tuple(effect_switches.KEYS.values()))
         for key, mode in modes.items():
-            one_of("modes", key, tuple(effect_switches.MODED))
-            one_of(f"modes[{key!r}]", mode, (None, *effect_switches.MODED[key].modes))
+            one_of("modes", key, tuple(effect_switches.MODAL))
+            one_of(f"modes[{key!r}]", mode, (None, *effect_switches.MODAL[key].modes))
         self.kind = kind
         self._switched = []
-        self._take_modes(modes)
+        self._set_modes(modes)
         for name in dict.fromkeys(switched):
-            self._switch(name)
+            self._toggle(name)
 
     def set_hidden(self, numbers: Iterable[int]) -> None:
         """
@@ -459,67 +459,67 @@ class Viewer:
         """Ask to explain a pixel; a later `step` does it."""
         width, height = self.size
         if 0 <= column < width and 0 <= row < height:
-            self._wanted_pixel = column, row
-            self._restart()
+            self._pixel_to_explain = column, row
+            self._restart_steps()
 
     def draw(self) -> NDArray[np.uint8]:
         """
-        Return the picture, (H, W, 4) uint8, sRGB, opaque: the best there is of what is to be seen.
+        Return the best picture that exists, (H, W, 4) uint8, sRGB, opaque, with its text.
 
         If there is none it is drawn now, in the time that there is for it. While something moves
         it may be half as high and wide, if `enlarges` is false.
         """
         picture = self.picture()
-        self._write_on(picture)
+        self._draw_overlay(picture)
         return picture
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return the picture as `draw` does, with nothing written on it."""
+        """Return the picture as `draw` does, without text."""
         with self._lock:
             frame, is_current = self._frame, self._frame_version == self.version
         if not is_current:
             version = self.version
             start = perf_counter()
-            drawn = self._draw_in_time()
-            self._drawing = quality_selection.seconds_of(drawn)
+            moving = self._draw_moving()
+            self._drawing = quality_selection.seconds_of(moving)
             # A step may have been faster, and its picture is better.
-            frame = self._keep(drawn, version, perf_counter() - start, is_best=False)
-        picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
-        return self._enlarged(picture) if self.enlarges else picture
+            frame = self._keep(moving, version, perf_counter() - start, is_best=False)
+        picture = to_picture(frame, self.kind, self.numbers if self._hidden else None)
+        return self._enlarge(picture) if self.enlarges else picture
 
-    def _draw_in_time(self) -> Frame:
-        """Draw what is to be seen; buffers, and scenes whose times are not known yet, as drafts."""
-        scene, camera, outputs = self._shown, self.camera, OUTPUTS_OF[self.kind]
+    def _draw_moving(self) -> Frame:
+        """Draw a moving picture in the time budget; in draft quality until times are known."""
+        scene, camera, outputs = self._visible, self.camera, OUTPUTS_OF[self.kind]
 
         def draw(quality: Quality, renderer: Renderer = self._moving) -> Frame:
             renderer.quality = quality
             return renderer.render(scene, camera, outputs=outputs, **self._options)
 
         is_known = self.kind == "color" and self._times.is_known
-        if self.is_hurried or self._fastest > TOO_LONG * self._budget:
+        if self.is_hurried or self._fastest > MAX_OVERRUN * self._budget:
             if self._coarse is None:
                 self._coarse = _renderer(_half(self.size), self._threads)
-            frame = draw(FASTEST, self._coarse)
-            self._fastest = SIDES * SIDES * quality_selection.seconds_of(frame)
+            frame = draw(PREVIEW, self._coarse)
+            self._fastest = SHRINK * SHRINK * quality_selection.seconds_of(frame)
         elif is_known:
             frame = quality_selection.draw_as_known(self._budget, self._times, draw)
         else:
-            frame = draw(FASTEST)
+            frame = draw(PREVIEW)
         if frame.plan.size == self.size:
             # Two in a row are slow: not by chance, nor because the first one gets memory.
-            seconds = quality_selection.seconds_of(frame) if frame.plan.quality == FASTEST else 0.0
+            seconds = quality_selection.seconds_of(frame) if frame.plan.quality == PREVIEW else 0.0
             self._fastest, self._latest = min(seconds, self._latest), seconds
         return frame
 
-    def _enlarged(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a picture in the size that is shown: one of half that size, each pixel doubled."""
+    def _enlarge(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Enlarge a picture of half the size to the full one, each pixel doubled."""
         width, height = self.size
         if picture.shape[1::-1] != _half(self.size) or self.size == (1, 1):
             return picture
-        return picture.repeat(SIDES, axis=0).repeat(SIDES, axis=1)[:height, :width].copy()
+        return picture.repeat(SHRINK, axis=0).repeat(SHRINK, axis=1)[:height, :width].copy()
 
-    def _forget_size(self) -> None:
-        """Let go what draws while something moves."""
+    def _close_renderers(self) -> None:
+        """Close the renderers of moving pictures."""
         self._moving.close()
         if self._coarse is not None:
             self._coarse.close()
@@ -527,18 +527,18 @@ class Viewer:
 
     def _new_times(self) -> quality_selection.Times:
         """
-        Return what is known of a scene that was not seen yet: nothing.
+        Return times of a scene that was not drawn yet: none.
 
         What the machine's profile tells of qualities that were not drawn yet would be chosen while
         something moves, and compiled then.
         """
         # Light for each vertex is hardly faster, and shows.
         better = [one for one in quality_selection.known_ladder() if one.shading == "pixel"]
-        return quality_selection.Times((FASTEST, *better), {})
+        return quality_selection.Times((PREVIEW, *better), {})
 
     def step(self) -> bool:
         """
-        Do the next thing that makes pictures better, and tell whether it did.
+        Do the next step that improves the picture or measures times; tell whether there was one.
 
         It may run in another thread than all else; not in two at a time.
         """
@@ -546,7 +546,7 @@ class Viewer:
             return False
         if self._steps_version != self.version:
             self._steps_version, self._finished = self.version, False
-            self._steps = self._improve(self.version)
+            self._steps = self._refine(self.version)
         try:
             return next(self._steps)
         except (_OutdatedError, StopIteration) as end:
@@ -554,40 +554,40 @@ class Viewer:
                 self._finished, self._best_version = True, self._steps_version
             return False
 
-    def _improve(self, version: int) -> Iterator[bool]:
-        """Do one thing after the other, as long as nothing changes."""
-        scene, camera, kind, times = self._shown, self.camera, self.kind, self._times
+    def _refine(self, version: int) -> Iterator[bool]:
+        """Yield after each step of refinement, as long as nothing changes."""
+        scene, camera, kind, times = self._visible, self.camera, self.kind, self._times
         is_best = self._best_version == version
 
-        def ask() -> None:
+        def check_version() -> None:
             if self.version != version:
                 raise _OutdatedError
 
         with _renderer(self.size, self._threads) as renderer:
-            renderer.on_picture = ask
+            renderer.on_picture = check_version
             if kind != "color" and not is_best:
                 start, outputs = perf_counter(), OUTPUTS_OF[kind]
                 frame = renderer.render(scene, camera, outputs=outputs, **self._options)
                 self._keep(frame, version, perf_counter() - start)
                 yield True
-            if self._wanted_pixel is not None:
-                pixel, self._wanted_pixel = self._wanted_pixel, None
-                told = explain_pixel(scene, camera, renderer.size, *pixel, **self._options)
+            if self._pixel_to_explain is not None:
+                pixel, self._pixel_to_explain = self._pixel_to_explain, None
+                explanation = explain_pixel(scene, camera, renderer.size, *pixel, **self._options)
                 with self._lock:
                     if version == self.version:
-                        self.explanation = told
-                    elif self._wanted_pixel is None and self.camera == camera:
+                        self.explanation = explanation
+                    elif self._pixel_to_explain is None and self.camera == camera:
                         # The same pixel of the same view is to be explained anew.
-                        self._wanted_pixel = pixel
+                        self._pixel_to_explain = pixel
                 yield True
             frames = (
                 renderer.refine(
-                    scene, camera, outputs=OUTPUTS_OF[kind], first=(SHARP,), **self._options
+                    scene, camera, outputs=OUTPUTS_OF[kind], first=(FIRST_QUALITY,), **self._options
                 )
                 if kind == "color" and not is_best
                 else iter(())
             )
-            for number, (frame, seconds) in enumerate(_timed(frames)):
+            for number, (frame, seconds) in enumerate(_with_times(frames)):
                 self._keep(frame, version, seconds)
                 yield True
                 if number == 1 and self._wants_costs:
@@ -603,13 +603,13 @@ class Viewer:
 
     @property
     def _wants_costs(self) -> bool:
-        """Whether what the effects cost is to be shown, and not known yet."""
+        """Whether costs are to be shown and not measured yet."""
         return self._shows_costs and self.costs is None
 
     def _measure_costs(
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
     ) -> None:
-        """Measure what the effects cost."""
+        """Measure the costs of the effects."""
         used = effect_switches.used_effects(scene, camera, renderer.size)
         names = effect_switches.switchable(scene, used)
         costs = effect_switches.costs(renderer, scene, camera, names)
@@ -620,7 +620,7 @@ class Viewer:
     def _timed_drawer(
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
     ) -> quality_selection.Draw:
-        """Return what draws a scene in a quality, to be timed."""
+        """Return a function that draws a scene in a quality, to be timed."""
 
         def draw(quality: Quality) -> Frame:
             renderer.quality = quality
@@ -634,7 +634,7 @@ class Viewer:
 
     def _keep(self, frame: Frame, version: int, seconds: float, is_best: bool = True) -> Frame:
         """
-        Show a frame that took some time, unless something else is to be seen by now.
+        Store a frame and its time, unless a newer or better one is there.
 
         Returns
         -------
@@ -648,24 +648,24 @@ class Viewer:
                 self._frame, self._frame_version = frame, version
                 # Stages leave out while anything compiles, in whatever thread: here time is time.
                 self._seconds = seconds
-                self._compiled = frame.stats.seconds["compile"] > COMPILING * seconds
+                self._has_compiled = frame.stats.seconds["compile"] > COMPILE_SHARE * seconds
                 self._count += 1
         return frame
 
     def _has_better(self, frame: Frame) -> bool:
-        """Tell whether what is to be seen was made of more pictures, before steps began anew."""
+        """Tell whether the stored frame has more pictures than another."""
         if self._frame is None or self._frame_version != self.version:
             return False
         return self._frame.plan.pictures > frame.plan.pictures
 
-    def _change(self) -> None:
-        """Note that what is seen changes."""
+    def _invalidate(self) -> None:
+        """Start a new version: the picture is outdated."""
         with self._lock:
             self.version += 1
             self.explanation = None
 
-    def _restart(self) -> None:
-        """Begin what is done at rest anew, with the same picture."""
+    def _restart_steps(self) -> None:
+        """Start a new version whose picture stays valid."""
         with self._lock:
             is_current = self._frame_version == self.version
             is_best = self._best_version == self.version
@@ -675,12 +675,12 @@ class Viewer:
             if is_best:
                 self._best_version = self.version
 
-    def _press(self, key: str) -> bool:
-        """Do what a key asks for, and tell whether it is one of the viewer's own."""
+    def _handle_key(self, key: str) -> bool:
+        """Handle a key of the viewer; tell whether it is one."""
         key = key.lower() if len(key) == 1 else key
         if key in KINDS:
             self.kind = KINDS[key]
-            self._change()
+            self._invalidate()
         elif key == "h":
             self._shows_help = not self._shows_help
         elif key == "i":
@@ -689,23 +689,23 @@ class Viewer:
             self._shows_help, self._shows_costs, self.explanation = False, False, None
         elif key == "m":
             self._shows_costs = not self._shows_costs
-            self._restart()
+            self._restart_steps()
         elif key == "c":
             kind = Fly if isinstance(self.controls, Orbit) else Orbit
-            moved = kind.from_camera(self.camera, self._ball, self.controls.up)
-            self.controls = replace(moved, home=self._begun(kind).home)
-            self._change()
-        elif key in effect_switches.MODED:
-            modes = None, *effect_switches.MODED[key].modes
-            self._take_modes({key: modes[(modes.index(self._modes[key]) + 1) % len(modes)]})
+            controls = kind.from_camera(self.camera, self._ball, self.controls.up)
+            self.controls = replace(controls, home=self._home_controls(kind).home)
+            self._invalidate()
+        elif key in effect_switches.MODAL:
+            modes = None, *effect_switches.MODAL[key].modes
+            self._set_modes({key: modes[(modes.index(self._modes[key]) + 1) % len(modes)]})
         elif key in effect_switches.KEYS:
-            self._switch(effect_switches.KEYS[key])
+            self._toggle(effect_switches.KEYS[key])
         else:
             return False
         return True
 
-    def _switch(self, name: str) -> None:
-        """Switch an effect, if the scene can be shown so."""
+    def _toggle(self, name: str) -> None:
+        """Toggle an effect, if the scene allows it."""
         before = self._switched
         others = [one for one in before if one != name]
         self._switched = others if name in before else [*before, name]
@@ -713,8 +713,8 @@ class Viewer:
         if problem is not None:
             self._switched, self._message = before, problem
 
-    def _take_modes(self, modes: Mapping[str, str | None]) -> None:
-        """Let effects of several modes do something else, by key."""
+    def _set_modes(self, modes: Mapping[str, str | None]) -> None:
+        """Set the modes of effects, by key."""
         before = self._modes
         self._modes = {**before, **modes}
         problem = self._rebuild()
@@ -722,7 +722,7 @@ class Viewer:
             self._modes, self._message = before, problem
 
     def _rebuild(self) -> str | None:
-        """Make the scene that is shown from the one given; return why it cannot be, else None."""
+        """Rebuild the visible scene; return the problem if it cannot be drawn, else None."""
         scene = self.scene
         if self._hidden:
             scene = copy(scene)
@@ -734,22 +734,22 @@ class Viewer:
                 scene._imitation = scene._imitation.of(self.numbers) if nodes else None
         used = effect_switches.used_effects(scene, self.camera, self.size)
         for name in self._switched:
-            changed = effect_switches.switched(scene, name, used)
+            changed = effect_switches.toggle(scene, name, used)
             if changed is None:
                 return f"the scene has nothing for {name}"
             scene = changed
         for key, mode in self._modes.items():
-            effect = effect_switches.MODED[key]
+            effect = effect_switches.MODAL[key]
             if mode != effect.mode_of(scene):
                 scene = effect.with_mode(scene, mode)
         try:
             explain(scene, self.camera, size=self.size, **self._options)
         except ValueError as error:
             return str(error)
-        self._shown = scene
-        off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
-        self._message, self._times = ", ".join(off), self._new_times()
-        self._change()
+        self._visible = scene
+        changes = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
+        self._message, self._times = ", ".join(changes), self._new_times()
+        self._invalidate()
         # What a step finds of the scene before does not come after this.
         self.costs = None
         return None
@@ -764,21 +764,21 @@ class Viewer:
         if not (0 <= column < width and 0 <= row < height):
             return None
         if frame.plan.size != self.size:
-            column, row = column // SIDES, row // SIDES
+            column, row = column // SHRINK, row // SHRINK
         depth = float(frame.depth[row, column])
         return depth if math.isfinite(depth) else None
 
-    def _write_on(self, picture: NDArray[np.uint8]) -> None:
-        """Write what is to be read on a picture."""
-        told = self.explanation
-        if told is not None and told.size == picture.shape[1::-1]:
-            mark_pixel(picture, told.x, told.y, self.ratio)
+    def _draw_overlay(self, picture: NDArray[np.uint8]) -> None:
+        """Draw the mark, panels and status line on a picture."""
+        explained = self.explanation
+        if explained is not None and explained.size == picture.shape[1::-1]:
+            mark_pixel(picture, explained.x, explained.y, self.ratio)
         if not self.writes_text:
             return
         if self._shows_help:
             write_panel(picture, self.help_rows, "top left", self.ratio)
         elif self.explanation is not None:
-            write_panel(picture, rows_of(self.explanation), "top left", self.ratio)
+            write_panel(picture, as_rows(self.explanation), "top left", self.ratio)
         if self._shows_costs:
             write_panel(picture, self._cost_rows(), "top right", self.ratio)
         if self._shows_line:
@@ -786,41 +786,41 @@ class Viewer:
             write_panel(picture, [(line,)], "bottom left", self.ratio)
 
     def _cost_rows(self) -> list[Row]:
-        """Return what the effects cost, as rows."""
+        """Return the costs of the effects, as rows."""
         if self.costs is None:
             return [("measuring ...",)]
         rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
-        whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
-        return [("standard quality",), whole, *rows[1:]]
+        frame_row = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
+        return [("standard quality",), frame_row, *rows[1:]]
 
 
-def _timed(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
-    """Yield frames and their times, seconds; one made of pictures before it took theirs as well."""
-    spent, quality = 0.0, None
+def _with_times(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
+    """Yield frames and their times, seconds; one made of earlier pictures includes theirs."""
+    total, quality = 0.0, None
     start = perf_counter()
     for frame in frames:
-        taken = perf_counter() - start
-        spent = taken + (spent if frame.plan.quality == quality else 0.0)
+        seconds = perf_counter() - start
+        total = seconds + (total if frame.plan.quality == quality else 0.0)
         quality = frame.plan.quality
-        yield frame, spent
+        yield frame, total
         start = perf_counter()
 
 
 def _half(size: tuple[int, int]) -> tuple[int, int]:
-    """Return a size with half as many pixels a side."""
+    """Return half of a size, rounded up."""
     width, height = size
-    return -(-width // SIDES), -(-height // SIDES)
+    return -(-width // SHRINK), -(-height // SHRINK)
 
 
-def _in_words(seconds: float) -> str:
-    """Return a time with two digits or more."""
+def _format_seconds(seconds: float) -> str:
+    """Format a time with two digits or more."""
     if seconds >= 1.0:
         return f"{seconds:.1f} s"
     return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.1f} ms"
 
 
 def _renderer(size: tuple[int, int], threads: int | None) -> Renderer:
-    """Return a renderer that warns of nothing: whoever moves the camera sees what it sees."""
+    """Return a renderer without warnings."""
     renderer = Renderer(size, threads=threads)
     renderer.warned = None
     return renderer

@@ -1,5 +1,5 @@
 """
-Try which toolkits open windows here, where it can fail: in a process of its own.
+Probe which toolkits open windows here, each in a process of its own.
 
 Without a driver, a display or a library, GLFW and Qt end their process; nothing can be caught. What
 a trial tells is remembered, in this process and in the cache folder, until something changes that
@@ -39,17 +39,17 @@ NO_TOOLKIT = (
     '"rasterjit[viewer-qt]" for Qt'
 )
 
-LONGEST_TRIAL = 60.0
-"""Seconds that a trial may take; loading a toolkit takes one, on a quiet machine."""
+TRIAL_TIMEOUT = 60.0
+"""Most seconds of a trial; loading a toolkit takes one, on a quiet machine."""
 
-LONGEST_CONNECT = 2.0
-"""Seconds for a display to answer."""
+CONNECT_TIMEOUT = 2.0
+"""Most seconds for a display to answer."""
 
-SUCCESS_KEPT_FOR, FAILURE_KEPT_FOR = 30 * 24 * 3600.0, 24 * 3600.0
-"""Seconds that a trial is remembered; a failure shorter, as it may have been mended."""
+SUCCESS_LIFETIME, FAILURE_LIFETIME = 30 * 24 * 3600.0, 24 * 3600.0
+"""Seconds that results are kept; failures shorter, as they may have been mended."""
 
-MAX_KEPT = 100
-"""Trials that are remembered, the latest."""
+MAX_RESULTS = 100
+"""Most results kept, the latest."""
 
 FIRST_PORT = 6000
 """TCP port of an X server's display 0."""
@@ -59,18 +59,18 @@ VARIABLES = (
     "LD_LIBRARY_PATH", "LD_PRELOAD", "LIBGL_ALWAYS_SOFTWARE", "PYGLFW_LIBRARY",
     "PYGLFW_LIBRARY_VARIANT", "PYGLFW_PREVIEW",
 )  # fmt: skip
-"""Variables that say how windows are opened ..."""
+"""Environment variables that windows depend on ..."""
 
 PREFIXES = ("QT_", "VK_", "WGPU_", "MESA_", "DRI_", "__GL", "RENDERCANVAS_")
-"""... and how the names of others begin."""
+"""... and the prefixes of others."""
 
-PLACES = (
+DRIVER_PATHS = (
     "/etc/ld.so.cache", "/etc/vulkan/icd.d", "/usr/share/vulkan/icd.d",
     "/usr/local/share/vulkan/icd.d", "/usr/share/glvnd/egl_vendor.d", "/dev/dri",
 )  # fmt: skip
-"""What changes when a driver or a library of the system is installed."""
+"""Paths that change when a driver or a library of the system is installed."""
 
-SHOWN = "a picture was shown"
+SUCCESS_TEXT = "a picture was shown"
 
 TRIAL = f"""
 import sys
@@ -95,12 +95,12 @@ async def end():
             sys.stderr.write("its platform shows nothing: " + QtGui.QGuiApplication.platformName())
             sys.stderr.flush()
             os._exit(1)
-    print({SHOWN!r}, flush=True)
+    print({SUCCESS_TEXT!r}, flush=True)
     os._exit(0)
 backend.loop.add_task(end)
 backend.loop.run()
 """
-"""Shows two pictures in a window: some failures come with the first one that reaches the screen."""
+"""Script that shows two pictures in a window: some failures come with the first one on screen."""
 
 QT_LIBRARIES = (
     "apt install libxcb-cursor0 libxkbcommon-x11-0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 "
@@ -115,7 +115,7 @@ ADVICE = (
     ("could not connect to display", REFUSED_DISPLAY),
     ("Failed to open display", REFUSED_DISPLAY),
 )
-"""What a failed trial's output holds, and what that says; the first that fits."""
+"""Texts in the output of a failed trial, and the advice for each; the first match counts."""
 
 QT_ADVICE = (
     ("platform plugin", f"it misses libraries of the system: {QT_LIBRARIES}"),
@@ -126,14 +126,14 @@ GLFW_ADVICE = (("wgpu", "it misses a Vulkan driver: apt install mesa-vulkan-driv
 
 
 def has_display() -> bool:
-    """Tell whether there is said to be a screen for windows."""
+    """Tell whether a display is configured."""
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def toolkits() -> list[str]:
-    """Return the packages that are installed of those that open windows, the preferred first."""
+    """Return the installed packages that open windows, the preferred first."""
     if importlib.util.find_spec("rendercanvas") is None:
         return []
     # One that runs already has the event loop.
@@ -168,17 +168,17 @@ def choose_toolkit() -> str:
 
 
 def find_toolkit() -> tuple[str, str]:
-    """Return the first toolkit that opens a window here, and why none does; one of them empty."""
-    found = toolkits()
-    if not found:
+    """Return the first toolkit that opens a window, or the problem; the other one is empty."""
+    installed = toolkits()
+    if not installed:
         return "", NO_TOOLKIT
     if not has_display():
         return "", "neither DISPLAY nor WAYLAND_DISPLAY is set"
-    if not display_answers():
-        place = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-        return "", f"the display {place} does not answer"
+    if not is_display_open():
+        address = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+        return "", f"the display {address} does not answer"
     problems = []
-    for name in found:
+    for name in installed:
         problem = try_toolkit(name)
         if not problem:
             return name, ""
@@ -186,22 +186,22 @@ def find_toolkit() -> tuple[str, str]:
     return "", "; ".join(problems)
 
 
-def display_answers() -> bool:
-    """Tell whether somebody listens where the display is said to be."""
+def is_display_open() -> bool:
+    """Tell whether the display accepts connections."""
     if sys.platform in ("win32", "darwin"):
         return True
-    places = [*_wayland_places(), *_x_places()]
-    return not places or any(_answers(place) for place in places)
+    addresses = [*_wayland_addresses(), *_x_addresses()]
+    return not addresses or any(_can_connect(address) for address in addresses)
 
 
-def _wayland_places() -> Iterator[str | tuple[str, int]]:
+def _wayland_addresses() -> Iterator[str | tuple[str, int]]:
     name = os.environ.get("WAYLAND_DISPLAY")
     if name:
         yield str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / name)
 
 
-def _x_places() -> Iterator[str | tuple[str, int]]:
-    """Yield where an X server may listen, by the rules of Xlib for ``host:display.screen``."""
+def _x_addresses() -> Iterator[str | tuple[str, int]]:
+    """Yield the addresses of an X server, by the rules of Xlib for ``host:display.screen``."""
     display = os.environ.get("DISPLAY", "")
     host, _, rest = display.rpartition(":")
     number = rest.split(".")[0]
@@ -218,60 +218,60 @@ def _x_places() -> Iterator[str | tuple[str, int]]:
         yield host.strip("[]") or "localhost", FIRST_PORT + int(number)
 
 
-def _answers(place: str | tuple[str, int]) -> bool:
-    """Tell whether a connection to a place is taken."""
+def _can_connect(address: str | tuple[str, int]) -> bool:
+    """Tell whether an address accepts connections."""
     try:
-        if isinstance(place, tuple):
-            socket.create_connection(place, LONGEST_CONNECT).close()
+        if isinstance(address, tuple):
+            socket.create_connection(address, CONNECT_TIMEOUT).close()
             return True
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-            connection.settimeout(LONGEST_CONNECT)
-            connection.connect(place)
+            connection.settimeout(CONNECT_TIMEOUT)
+            connection.connect(address)
             return True
     except (OSError, OverflowError, UnicodeError, AttributeError):
         return False
 
 
 def try_toolkit(name: str) -> str:
-    """Return why a toolkit opens no window here, in a few words; an empty text if it does."""
-    return _try_once(name, what_it_depends_on(name))
+    """Return the problem of a toolkit that opens no window here, in few words; empty if it does."""
+    return _cached_trial(name, trial_key(name))
 
 
 @functools.cache
-def _try_once(name: str, key: str) -> str:
-    """Return what is remembered of a trial, or what it tells now."""
-    kept = _read_kept()
-    if key in kept:
-        return kept[key][0]
-    problem = try_now(name)
+def _cached_trial(name: str, key: str) -> str:
+    """Return the cached result of a trial, or run it."""
+    results = _read_results()
+    if key in results:
+        return results[key][0]
+    problem = run_trial(name)
     if problem is None:
         # A machine that is too busy is so for a while.
-        return f"it did not show a picture in {LONGEST_TRIAL:.0f} s"
-    _write_kept({**kept, key: (problem, time.time())})
+        return f"it did not show a picture in {TRIAL_TIMEOUT:.0f} s"
+    _write_results({**results, key: (problem, time.time())})
     return problem
 
 
-def try_now(name: str) -> str | None:
-    """Try a toolkit, and return what is wrong; an empty text if nothing; None if it takes long."""
+def run_trial(name: str) -> str | None:
+    """Run a trial; return its problem; an empty text if none; None if it takes too long."""
     if not sys.executable:
         # A program that holds Python inside cannot be asked to be Python alone.
         return ""
     try:
-        done = subprocess.run(
+        trial = subprocess.run(
             [sys.executable, "-c", TRIAL, name, *sys.path],
-            stdin=subprocess.DEVNULL, capture_output=True, timeout=LONGEST_TRIAL, check=False,
+            stdin=subprocess.DEVNULL, capture_output=True, timeout=TRIAL_TIMEOUT, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return None
     except OSError:
         return ""
-    if SHOWN.encode() in done.stdout:
+    if SUCCESS_TEXT.encode() in trial.stdout:
         return ""
-    return explain_output(name, done.stderr.decode(errors="replace"))
+    return explain_output(name, trial.stderr.decode(errors="replace"))
 
 
 def explain_output(name: str, output: str) -> str:
-    """Return what the output of a toolkit's failed trial says, in a few words."""
+    """Return the advice for the output of a failed trial."""
     for sign, advice in (*ADVICE, *(GLFW_ADVICE if name == "glfw" else QT_ADVICE)):
         if sign in output:
             return advice
@@ -279,66 +279,66 @@ def explain_output(name: str, output: str) -> str:
     return f"it ended without a window ({lines[-1][:200]})" if lines else "it ended without a word"
 
 
-def what_it_depends_on(name: str) -> str:
-    """Return a text that changes whenever a trial of a toolkit might tell something else."""
+def trial_key(name: str) -> str:
+    """Return a hash of all that a trial of a toolkit depends on."""
     variables = {
         key: value
         for key, value in os.environ.items()
         if key in VARIABLES or key.startswith(PREFIXES)
     }
-    places = [*PLACES, os.environ.get("XAUTHORITY", ""), *map(str, _wayland_places())]
-    places += [
-        place.lstrip("\0") for place in _x_places() if isinstance(place, str) and place[:1] == "/"
+    paths = [*DRIVER_PATHS, os.environ.get("XAUTHORITY", ""), *map(str, _wayland_addresses())]
+    paths += [
+        path.lstrip("\0") for path in _x_addresses() if isinstance(path, str) and path[:1] == "/"
     ]
     parts = [
         name, TRIAL, sys.executable, platform.platform(), platform.node(),
-        sorted(variables.items()), [_state_of(place) for place in places],
-        [_version_of(package) for package in ("rendercanvas", "numpy", *TOOLKITS[name])],
+        sorted(variables.items()), [_file_state(path) for path in paths],
+        [_package_version(package) for package in ("rendercanvas", "numpy", *TOOLKITS[name])],
     ]  # fmt: skip
     return hashlib.sha256(json.dumps(parts).encode(errors="surrogateescape")).hexdigest()[:32]
 
 
-def _state_of(place: str) -> list[int]:
-    """Return what is another when a file or folder has changed."""
+def _file_state(path: str) -> list[int]:
+    """Return the inode and time of a file or folder; an empty list if there is none."""
     try:
-        found = os.stat(place) if place else None
+        status = os.stat(path) if path else None
     except (OSError, ValueError):
-        found = None
-    return [] if found is None else [found.st_ino, found.st_mtime_ns]
+        status = None
+    return [] if status is None else [status.st_ino, status.st_mtime_ns]
 
 
-def _version_of(package: str) -> str:
-    """Return the version of a package; PySide6 may be there in parts."""
+def _package_version(package: str) -> str:
+    """Return the version of a package; PySide6 may be installed in parts."""
     for name in (package, f"{package}_Essentials"):
         with contextlib.suppress(metadata.PackageNotFoundError):
             return metadata.version(name)
     return ""
 
 
-def kept_file() -> Path:
-    """Return where trials are remembered."""
+def results_file() -> Path:
+    """Return the path of the file of results."""
     return cache_folder() / "windows.json"
 
 
-def _read_kept() -> Mapping[str, tuple[str, float]]:
-    """Return the trials that are remembered: by key, what was wrong and when."""
+def _read_results() -> Mapping[str, tuple[str, float]]:
+    """Return the results by key: problem and time."""
     now = time.time()
     try:
-        content = json.loads(kept_file().read_text(encoding="utf-8"))
+        content = json.loads(results_file().read_text(encoding="utf-8"))
         return {
-            str(key): (str(problem), float(then))
-            for key, (problem, then) in content.items()
-            if now - float(then) <= (FAILURE_KEPT_FOR if problem else SUCCESS_KEPT_FOR)
+            str(key): (str(problem), float(tried_at))
+            for key, (problem, tried_at) in content.items()
+            if now - float(tried_at) <= (FAILURE_LIFETIME if problem else SUCCESS_LIFETIME)
         }
     except (OSError, RuntimeError, ValueError, TypeError, AttributeError):
         return {}
 
 
-def _write_kept(kept: Mapping[str, tuple[str, float]]) -> None:
-    """Remember trials, where that is possible."""
-    latest = sorted(kept.items(), key=lambda item: item[1][1])[-MAX_KEPT:]
+def _write_results(results: Mapping[str, tuple[str, float]]) -> None:
+    """Write the results, where that is possible."""
+    latest = sorted(results.items(), key=lambda item: item[1][1])[-MAX_RESULTS:]
     with contextlib.suppress(OSError, RuntimeError):
-        path = kept_file()
+        path = results_file()
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(dict(latest)), encoding="utf-8")

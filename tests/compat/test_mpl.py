@@ -120,7 +120,7 @@ def test_line_behind_the_mesh_is_hidden_and_one_before_it_is_seen(unlit, proj_ty
         differs = (pixels(drawn) != without).any(axis=2)
         assert differs.any() == is_seen
         line.remove()
-        artist._own_draws.clear()
+        artist._original_draws.clear()
 
 
 def test_line_through_the_mesh_is_cut_where_it_enters(unlit):

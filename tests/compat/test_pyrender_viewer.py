@@ -350,7 +350,7 @@ def test_text_beside_pictures_says_the_keys_and_messages_of_pyrender(page):
     with viewing(scene) as viewer:
         showing = viewer._showing
         showing.writes_text = False
-        told = browser_session.welcome(showing)
+        told = browser_session.welcome_message(showing)
         assert (told["help_key"], told["has_usual_keys"]) == ("?", False)
         assert terminal.last_line(showing, 80) == " Q end  ? help"
         press(viewer, "?")

@@ -59,7 +59,7 @@ def test_canvas_is_hardly_asked_to_draw_what_is_not_new(cube):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads share the niceness of their process")
-def test_what_gives_way_and_what_it_begins_is_nicer():
+def test_what_low_priority_and_what_it_begins_is_nicer():
     def niceness():
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
@@ -71,8 +71,8 @@ def test_what_gives_way_and_what_it_begins_is_nicer():
         return found[0]
 
     own, found = niceness(), []
-    for gives_way in (False, True):
-        worker = canvas.Worker(gives_way=gives_way)
+    for low_priority in (False, True):
+        worker = canvas.Worker(low_priority=low_priority)
         found += [worker.submit(niceness).result(), worker.submit(of_another).result()]
         worker.close()
     later = min(own + canvas.NICENESS, 19)

@@ -26,7 +26,7 @@ scene = Ball((1.0, -2.0, 3.0), 2.5)
 
 def orbit(azimuth=30.0, elevation=10.0, up=(0.0, 1.0, 0.0)):
     start = Orbit.from_camera(rj.fit_camera(scene, aspect=4 / 3), scene, up)
-    return start.turn(azimuth, elevation).settled()
+    return start.turn(azimuth, elevation).at_rest()
 
 
 def flight(up=(0.0, 1.0, 0.0)):
@@ -72,7 +72,7 @@ def distance_of(camera):
 def test_orbit_keeps_the_distance_and_the_target(azimuth, elevation, up):
     before = orbit(up=up)
     after = before.turn(azimuth, elevation)
-    for state in (after.advance(0.03), after.settled()):
+    for state in (after.advance(0.03), after.at_rest()):
         assert distance_of(state.camera()) == pytest.approx(distance_of(before.camera()))
         assert state.camera().target == before.camera().target
 
@@ -105,9 +105,9 @@ def test_zoom_keeps_what_is_under_the_cursor(factor, x, y, depth, seconds, eleva
     forward = -camera.view_matrix()[2, :3]
     point = camera.eye + ray * (away / np.dot(ray, forward))
     sent = start.zoom(factor, cursor, SIZE, depth)
-    for state in (sent.advance(seconds), sent.settled()):
+    for state in (sent.advance(seconds), sent.at_rest()):
         assert pixel_of(state.camera(), point) == pytest.approx(cursor, abs=1e-6)
-    assert distance_of(sent.settled().camera()) == pytest.approx(factor * distance_of(camera))
+    assert distance_of(sent.at_rest().camera()) == pytest.approx(factor * distance_of(camera))
 
 
 @ALL
@@ -115,22 +115,22 @@ def test_zoom_keeps_what_is_under_the_cursor(factor, x, y, depth, seconds, eleva
 def test_pan_moves_the_target_with_the_pointer(dx, dy, elevation):
     start = orbit(0.0, elevation)
     point = start.camera().target
-    after = drag(start, (10, 10), (10 + dx, 10 + dy), button=2).settled()
+    after = drag(start, (10, 10), (10 + dx, 10 + dy), button=2).at_rest()
     assert pixel_of(after.camera(), point) == pytest.approx((32 + dx, 24 + dy), abs=1e-6)
-    assert after == drag(start, (10, 10), (10 + dx, 10 + dy), modifiers=("Shift",)).settled()
+    assert after == drag(start, (10, 10), (10 + dx, 10 + dy), modifiers=("Shift",)).at_rest()
 
 
 @pytest.mark.parametrize("start", [orbit(), orbit(up=(0, 0, 1)), flight()])
 def test_reset_returns_the_first_state(start):
-    first = key(start, "r").settled()
+    first = key(start, "r").at_rest()
     state = drag(first, (3, 4), (40, 30))
     state = key(state, "ArrowLeft").advance(0.2)
     state = key(state, "ArrowLeft", "key_up")
     state = state.handle({"event_type": "wheel", "dx": 0, "dy": -300, "x": 9, "y": 9}, SIZE)
-    assert state.settled() != first
-    back = key(state, "r").settled()
+    assert state.at_rest() != first
+    back = key(state, "r").at_rest()
     assert back.camera() == first.camera()
-    assert back == pointer(first, "up", 40, 30).settled()
+    assert back == pointer(first, "up", 40, 30).at_rest()
 
 
 @ALL
@@ -142,7 +142,7 @@ def test_fit_shows_all_of_the_scene(azimuth, elevation, aspect, up):
     points = scene.center + scene.radius * points / np.linalg.norm(points, axis=1)[:, None]
     strayed = orbit(azimuth, elevation, up).pan(500.0, 30.0, SIZE).zoom(0.1, (0, 0), SIZE)
     flown = flight(up).look(azimuth, elevation)
-    for state in (strayed.fit(size).settled(), flown.fit(size)):
+    for state in (strayed.fit(size).at_rest(), flown.fit(size)):
         camera = state.camera()
         clip = (
             np.c_[points, np.ones(200)] @ (camera.projection_matrix(size) @ camera.view_matrix()).T
@@ -177,7 +177,7 @@ def test_flight_is_speed_times_time(held):
     gone = state.advance(2.0)
     for name in held:
         gone = key(gone, name, "key_up")
-    gone = gone.settled()
+    gone = gone.at_rest()
     assert gone.is_resting
     way = {"w": 2, "s": 2, "ArrowUp": 2, "a": 0, "d": 0, "ArrowLeft": 0, "q": 1, "e": 1}
     signs = {"w": 1, "s": -1, "ArrowUp": 1, "a": -1, "d": 1, "ArrowLeft": -1, "q": -1, "e": 1}
@@ -261,7 +261,7 @@ def test_wheel_never_leaves_what_a_camera_can_be(dy, count):
     state, fast = orbit(), flight()
     for _ in range(count):
         wheel = {"event_type": "wheel", "dx": 0.0, "dy": dy, "x": 3.0, "y": 40.0}
-        state = state.handle(wheel, SIZE).settled()
+        state = state.handle(wheel, SIZE).at_rest()
         fast = fast.handle(wheel, SIZE)
     assert state.camera().near > 0.0
     assert 0.0 < fast.speed < math.inf
@@ -298,9 +298,9 @@ def test_wrong_numbers_are_refused():
 def test_key_that_stays_down_flies_on_when_its_opposite_is_let_go():
     state = key(key(flight(), "w"), "s").advance(0.1)
     assert state.is_resting
-    state = key(state.settled(), "s", "key_up")
+    state = key(state.at_rest(), "s", "key_up")
     assert not state.is_resting
-    assert state == key(flight(), "w").settled()
+    assert state == key(flight(), "w").at_rest()
     assert state.advance(0.5).eye != state.eye
 
 
@@ -313,7 +313,7 @@ def test_f_shows_a_scene_as_large_as_it_fits(kind, size):
     start = kind.from_camera(far_away, Ball.around(drawn))
     assert start == kind.from_camera(far_away, drawn)
     fitted = start.fit(size)
-    camera = (fitted.settled() if kind is Orbit else fitted).camera()
+    camera = (fitted.at_rest() if kind is Orbit else fitted).camera()
     pixels = np.array([pixel_of(camera, one, size) for one in drawn.nodes[0].mesh.vertices])
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     np.testing.assert_allclose(low + high, size, atol=1e-6)

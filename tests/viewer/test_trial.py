@@ -46,16 +46,16 @@ NO_DRIVER = {"VK_ICD_FILENAMES": "/nothing/there.json", "VK_DRIVER_FILES": "/not
 def kept(tmp_path, monkeypatch):
     """Return where trials are remembered, and forget what this process knows."""
     monkeypatch.setattr(window_probe, "cache_folder", lambda: tmp_path)
-    window_probe._try_once.cache_clear()
-    yield window_probe.kept_file()
-    window_probe._try_once.cache_clear()
+    window_probe._cached_trial.cache_clear()
+    yield window_probe.results_file()
+    window_probe._cached_trial.cache_clear()
 
 
 @pytest.fixture
 def display(monkeypatch, kept):
     """Say that there is a display that answers, and GLFW alone."""
     monkeypatch.setattr(window_probe, "has_display", lambda: True)
-    monkeypatch.setattr(window_probe, "display_answers", lambda: True)
+    monkeypatch.setattr(window_probe, "is_display_open", lambda: True)
     monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
     monkeypatch.setattr(progress, "in_notebook", lambda: False)
 
@@ -127,7 +127,7 @@ def test_window_asked_for_by_name_is_an_error_of_status_1(tmp_path, under_xvfb):
 @pytest.mark.skipif(sys.platform != "linux", reason="X servers listen so on Linux")
 def test_display_that_does_not_answer_is_said_before_anything_is_tried(kept, monkeypatch, capsys):
     monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
-    monkeypatch.setattr(window_probe, "try_now", lambda name: pytest.fail("tried"))
+    monkeypatch.setattr(window_probe, "run_trial", lambda name: pytest.fail("tried"))
     monkeypatch.setattr(progress, "in_notebook", lambda: False)
     place = free_display()
     monkeypatch.setenv("DISPLAY", place)
@@ -143,7 +143,7 @@ def test_display_that_is_none_does_not_answer(monkeypatch, display):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", display)
-    assert not window_probe.display_answers()
+    assert not window_probe.is_display_open()
 
 
 def test_qt_without_its_libraries_is_said_and_the_next_is_taken(
@@ -155,9 +155,9 @@ def test_qt_without_its_libraries_is_said_and_the_next_is_taken(
     (place / "__init__.py").write_text(ABORTING.format(words=QT_WORDS))
     monkeypatch.syspath_prepend(place.parent)
     monkeypatch.setattr(window_probe, "toolkits", lambda: ["PySide6", "glfw"])
-    real = window_probe.try_now
+    real = window_probe.run_trial
     monkeypatch.setattr(
-        window_probe, "try_now", lambda name: real(name) if name == "PySide6" else ""
+        window_probe, "run_trial", lambda name: real(name) if name == "PySide6" else ""
     )
     assert "libxcb-cursor0" in window_probe.try_toolkit("PySide6")
     assert window_probe.find_toolkit() == ("glfw", "")
@@ -191,7 +191,7 @@ def test_qt_itself_is_tried(tmp_path, is_whole):
         variables = {
             "PYTHONPATH": os.pathsep.join([str(packages), os.environ.get("PYTHONPATH", "")])
         }
-    script = "from rasterjit.viewer import window_probe; print(window_probe.try_now('PySide6'))"
+    script = "from rasterjit.viewer import window_probe; print(window_probe.run_trial('PySide6'))"
     done = run(["-c", script], tmp_path, **variables)
     assert done.returncode == 0, done.stderr
     if not is_whole:
@@ -207,9 +207,9 @@ def test_qt_that_shows_nothing_opens_no_window():
 
 def test_trial_is_made_once_and_remembered(kept, display, monkeypatch):
     tried = []
-    monkeypatch.setattr(window_probe, "try_now", lambda name: tried.append(name) or "")
+    monkeypatch.setattr(window_probe, "run_trial", lambda name: tried.append(name) or "")
     for _ in range(3):
-        window_probe._try_once.cache_clear()
+        window_probe._cached_trial.cache_clear()
         assert window_probe.find_toolkit() == ("glfw", "")
     assert tried == ["glfw"]
     # Another display may tell something else.
@@ -220,17 +220,17 @@ def test_trial_is_made_once_and_remembered(kept, display, monkeypatch):
 
 def test_failure_is_remembered_for_a_day(kept, display, monkeypatch):
     tried = []
-    monkeypatch.setattr(window_probe, "try_now", lambda name: tried.append(name) or "no")
+    monkeypatch.setattr(window_probe, "run_trial", lambda name: tried.append(name) or "no")
     now = window_probe.time.time()
     for hours, count in ((0, 1), (23, 1), (25, 2)):
         monkeypatch.setattr(window_probe.time, "time", lambda hours=hours: now + 3600 * hours)
-        window_probe._try_once.cache_clear()
+        window_probe._cached_trial.cache_clear()
         assert window_probe.find_toolkit() == ("", "GLFW: no")
         assert len(tried) == count
 
 
 def test_trial_that_takes_long_is_not_remembered(kept, display, monkeypatch):
-    monkeypatch.setattr(window_probe, "LONGEST_TRIAL", 0.2)
+    monkeypatch.setattr(window_probe, "TRIAL_TIMEOUT", 0.2)
     monkeypatch.setattr(window_probe, "TRIAL", "import time; time.sleep(60)")
     assert window_probe.find_toolkit() == ("", "GLFW: it did not show a picture in 0 s")
     assert not kept.exists()
@@ -239,7 +239,7 @@ def test_trial_that_takes_long_is_not_remembered(kept, display, monkeypatch):
 @pytest.mark.parametrize("content", ["", "[]", '{"a": 3}', '{"a": ["", "x"]}', "null", "\x00"])
 def test_damaged_memory_is_passed_over(kept, display, monkeypatch, content):
     kept.write_text(content)
-    monkeypatch.setattr(window_probe, "try_now", lambda name: "")
+    monkeypatch.setattr(window_probe, "run_trial", lambda name: "")
     assert window_probe.find_toolkit() == ("glfw", "")
     assert [problem for problem, _ in json.loads(kept.read_text()).values()] == [""]
 
@@ -247,14 +247,14 @@ def test_damaged_memory_is_passed_over(kept, display, monkeypatch, content):
 def test_memory_that_cannot_be_written_is_no_matter(display, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(window_probe, "cache_folder", lambda: tmp_path / "file")
-    window_probe._try_once.cache_clear()
-    monkeypatch.setattr(window_probe, "try_now", lambda name: "")
+    window_probe._cached_trial.cache_clear()
+    monkeypatch.setattr(window_probe, "run_trial", lambda name: "")
     assert window_probe.find_toolkit() == ("glfw", "")
 
 
 def test_without_window_and_server_it_is_the_terminal(display, monkeypatch, capsys):
     monkeypatch.setattr(window_probe, "toolkits", list)
-    monkeypatch.setattr(show, "SERVER", ("no_such_server",))
+    monkeypatch.setattr(show, "SERVER_PACKAGES", ("no_such_server",))
     monkeypatch.setattr(canvas, "has_terminal", lambda: True)
     assert show.choose_backend("auto") == "terminal"
     said = capsys.readouterr().err
@@ -267,7 +267,7 @@ def test_without_window_and_server_it_is_the_terminal(display, monkeypatch, caps
 
 
 def test_nothing_is_drawn_where_no_window_opens(cube, display, monkeypatch):
-    monkeypatch.setattr(window_probe, "try_now", lambda name: "it is broken")
+    monkeypatch.setattr(window_probe, "run_trial", lambda name: "it is broken")
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     with pytest.raises(ValueError, match="got 'window': GLFW: it is broken"):
         rj.show(cube, backend="window", size=(8, 6))

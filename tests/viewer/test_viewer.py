@@ -24,18 +24,18 @@ from rasterjit.runtime.clocks import COMPILE_CLOCK
 from rasterjit.viewer import effect_switches
 from rasterjit.viewer import viewer as viewing
 from rasterjit.viewer.controls import Fly
-from rasterjit.viewer.overlay import mark_pixel, picture_of, rows_of, write_panel
-from rasterjit.viewer.viewer import HELP, LONGEST_STEP, Viewer
+from rasterjit.viewer.overlay import as_rows, mark_pixel, to_picture, write_panel
+from rasterjit.viewer.viewer import HELP, MAX_STEP, Viewer
 
 SIZE = (40, 30)
 BOTH = "color", "depth"
-DRAFT, REFERENCE = viewing.FASTEST, rj.Quality.reference()
+DRAFT, REFERENCE = viewing.PREVIEW, rj.Quality.reference()
 
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch):
     """No picture takes too long, however loaded the machine is."""
-    monkeypatch.setattr(viewing, "TOO_LONG", math.inf)
+    monkeypatch.setattr(viewing, "MAX_OVERRUN", math.inf)
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_dragging_shows_what_the_controls_foretell(viewer):
         event = {"event_type": f"pointer_{kind}", "x": x, "y": y, "button": 1}
         foretold = foretold.handle(event, SIZE)
     settle(viewer)
-    assert viewer.camera == foretold.settled().camera()
+    assert viewer.camera == foretold.at_rest().camera()
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
 
 
@@ -266,7 +266,7 @@ def test_frame_of_a_picture_that_is_gone_never_takes_the_place_of_another(cube):
 
 
 def test_a_draft_that_is_slower_than_a_step_is_not_shown(viewer, monkeypatch):
-    draw = viewer._draw_in_time
+    draw = viewer._draw_moving
 
     def draw_slowly():
         frame = draw()
@@ -274,11 +274,11 @@ def test_a_draft_that_is_slower_than_a_step_is_not_shown(viewer, monkeypatch):
             pass
         return frame
 
-    monkeypatch.setattr(viewer, "_draw_in_time", draw_slowly)
+    monkeypatch.setattr(viewer, "_draw_moving", draw_slowly)
     key(viewer, "3")
     frame = rj.render(viewer.scene, viewer.camera, size=SIZE, outputs=("normal", "depth"))
     for _ in range(2):
-        np.testing.assert_array_equal(viewer.draw(), picture_of(frame, "normal"))
+        np.testing.assert_array_equal(viewer.draw(), to_picture(frame, "normal"))
 
 
 def test_drawing_shows_its_own_frame_whatever_comes_meanwhile(viewer, monkeypatch):
@@ -295,7 +295,7 @@ def test_drawing_shows_its_own_frame_whatever_comes_meanwhile(viewer, monkeypatc
     frame = rj.render(
         viewer.scene, viewer.camera, size=SIZE, quality=DRAFT, outputs=("normal", "depth")
     )
-    np.testing.assert_array_equal(viewer.draw(), picture_of(frame, "normal"))
+    np.testing.assert_array_equal(viewer.draw(), to_picture(frame, "normal"))
 
 
 @pytest.mark.parametrize(
@@ -306,24 +306,24 @@ def test_number_keys_show_the_buffers(viewer, name, kind):
     key(viewer, name)
     outputs = {"color", "depth", kind}
     frame = rj.render(viewer.scene, viewer.camera, size=SIZE, quality=DRAFT, outputs=tuple(outputs))
-    np.testing.assert_array_equal(viewer.draw(), picture_of(frame, kind))
+    np.testing.assert_array_equal(viewer.draw(), to_picture(frame, kind))
 
 
 def test_buffers_are_told_apart(cube, camera):
     outputs = ("depth", "normal", "object_id", "face_id")
     frame = rj.render(cube, camera, size=SIZE, outputs=outputs)
     seen = frame.face_id >= 0
-    depth = picture_of(frame, "depth")[:, :, 0].astype(int)
+    depth = to_picture(frame, "depth")[:, :, 0].astype(int)
     order = np.argsort(frame.depth[seen])
     assert (np.diff(depth[seen][order]) <= 0).all()
     assert depth[seen].min() > depth[~seen].max()
-    faces = picture_of(frame, "face_id")
+    faces = to_picture(frame, "face_id")
     colors = {tuple(faces[frame.face_id == one][0]) for one in np.unique(frame.face_id[seen])}
     assert len(colors) == len(np.unique(frame.face_id[seen]))
-    normal = picture_of(frame, "normal")[seen][:, :3].astype(float)
+    normal = to_picture(frame, "normal")[seen][:, :3].astype(float)
     np.testing.assert_allclose(normal / 127.5 - 1.0, frame.normal[seen], atol=0.01)
     empty = rj.render(cube, camera, size=(1, 1), outputs=("depth",))
-    assert picture_of(empty, "depth").shape == (1, 1, 4)
+    assert to_picture(empty, "depth").shape == (1, 1, 4)
 
 
 def test_wireframe_key_goes_over_alone_and_off(viewer):
@@ -403,7 +403,7 @@ def test_click_explains_the_pixel(viewer):
     frame = rj.render(
         viewer.scene, viewer.camera, size=SIZE, outputs=("color", "position", "face_id")
     )
-    rows = dict(row for row in rows_of(told) if len(row) == 2)
+    rows = dict(row for row in as_rows(told) if len(row) == 2)
     assert rows["face"].startswith(f"{frame.face_id[15, 21]} ")
     shown = [float(part) for part in rows["world position"].split()]
     np.testing.assert_allclose(shown, frame.position[15, 21], atol=1e-3)
@@ -415,7 +415,7 @@ def test_click_explains_the_pixel(viewer):
 def test_pixel_of_the_background_is_explained(viewer):
     viewer.pick(0, 0)
     assert viewer.step()
-    assert ("shows", "the background") in rows_of(viewer.explanation)
+    assert ("shows", "the background") in as_rows(viewer.explanation)
 
 
 def test_drag_is_no_click(viewer):
@@ -447,7 +447,7 @@ def test_keys_fly(viewer):
     viewer.handle({"event_type": "key_down", "key": "w"})
     viewer.advance(10.0)
     travelled = np.linalg.norm(np.subtract(viewer.camera.eye, before.eye))
-    assert 0.0 < travelled <= LONGEST_STEP * viewer.controls.speed
+    assert 0.0 < travelled <= MAX_STEP * viewer.controls.speed
     pointer(viewer, "down", 3, 3)
     version = viewer.version
     pointer(viewer, "move", 9, 3)
@@ -463,7 +463,7 @@ def test_held_key_moves_as_far_at_any_rate_of_frames(viewer, monkeypatch):
     viewer.advance(0.4)
     assert viewer.controls == expected
     # A pause is none of its steps.
-    expected = viewer.controls.advance(0.4 + LONGEST_STEP)
+    expected = viewer.controls.advance(0.4 + MAX_STEP)
     viewer.advance(60.0)
     assert viewer.controls == expected
 
@@ -519,7 +519,7 @@ def test_line_tells_true_times_while_another_thread_compiles(viewer, monkeypatch
             return draw(self, *arguments, **options)
 
     monkeypatch.setattr(Renderer, "_draw", slow)
-    frame = viewer._draw_in_time()
+    frame = viewer._draw_moving()
     assert quality_selection.seconds_of(frame) < 0.02
     viewer.draw()
     assert said(viewer)[1] >= 0.02
@@ -545,7 +545,7 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
     viewer.resize((41, 31))
     seconds = [0.1]
     monkeypatch.setattr(quality_selection, "seconds_of", lambda frame: seconds[0])
-    monkeypatch.setattr(viewing, "TOO_LONG", 1.5)
+    monkeypatch.setattr(viewing, "MAX_OVERRUN", 1.5)
     viewer.draw()
     drag(viewer)
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
@@ -571,7 +571,7 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
 
 def test_moved_view_stays_when_the_picture_changes_its_shape(cube):
     viewer = Viewer(cube, size=SIZE)
-    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    viewer.controls = viewer.controls.turn(40.0, 10.0).at_rest()
     for name in "cc":
         key(viewer, name)
     before = viewer.camera
@@ -586,7 +586,7 @@ def test_r_returns_to_the_first_view_whatever_was_pressed(cube, presses, is_plac
     camera = rj.PerspectiveCamera(eye=(3, 4, 9), target=(0, 0, 0)) if is_placed else None
     viewer = Viewer(cube, camera, size=SIZE)
     first = viewer.camera
-    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    viewer.controls = viewer.controls.turn(40.0, 10.0).at_rest()
     for name in presses:
         key(viewer, name)
     drag(viewer)
@@ -599,7 +599,7 @@ def test_r_returns_to_the_first_view_whatever_was_pressed(cube, presses, is_plac
 
 
 def test_r_returns_to_the_whole_scene_in_the_shape_that_the_picture_has_by_then(viewer, cube):
-    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    viewer.controls = viewer.controls.turn(40.0, 10.0).at_rest()
     viewer.resize((30, 60))
     key(viewer, "r")
     settle(viewer)
@@ -681,7 +681,7 @@ def test_every_effect_key_is_known_and_told():
         "z": "vignette", "j": "labels", "y": "eye-dome lighting",
     }  # fmt: skip
     assert set(effect_switches.KEYS.values()) <= names
-    assert {key: effect.name for key, effect in effect_switches.MODED.items()} == {
+    assert {key: effect.name for key, effect in effect_switches.MODAL.items()} == {
         "g": "wireframe", "p": "section",
     }  # fmt: skip
     assert ("G", "wireframe: over the faces, alone, off") in HELP
@@ -713,7 +713,7 @@ def test_wrong_arguments_are_refused(cube):
 
 
 MILLISECONDS = dict(
-    zip((viewing.FASTEST, *LADDER[1:]), (2, 4, 7, 11, 25, 40, 50, 300, 1200), strict=True)
+    zip((viewing.PREVIEW, *LADDER[1:]), (2, 4, 7, 11, 25, 40, 50, 300, 1200), strict=True)
 )
 """What the qualities are said to take."""
 

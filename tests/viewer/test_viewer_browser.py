@@ -263,7 +263,7 @@ def test_page_cannot_end_it_nor_take_the_view_of_another(running):
         assert next_picture(first).size == (64, 48)
     with join(address) as third:
         exceptions = pytest.importorskip("websockets.exceptions")
-        third.send("x" * (browser.LONGEST_MESSAGE + 1))
+        third.send("x" * (browser.MAX_MESSAGE + 1))
         with pytest.raises(exceptions.ConnectionClosed):
             next_told(third, lambda told: False)
         assert third.close_code == 1009
@@ -358,7 +358,7 @@ def test_more_pages_than_there_may_be_are_kept_out():
     async def crowd():
         nonlocal release
         release = asyncio.Event()
-        guard = browser.guarded(app, "127.0.0.1", "abc")
+        guard = browser.authorize(app, "127.0.0.1", "abc")
         headers = [(b"host", b"localhost"), (b"cookie", cookie("abc").encode())]
         scope = {"type": "websocket", "path": "/socket", "headers": headers, "client": ("a", 1)}
         pages = [
@@ -386,7 +386,7 @@ def status_of(headers, path="/abc/", bound="localhost"):
 
     said = []
     scope = {"type": "http", "path": path, "headers": headers}
-    asyncio.run(browser.guarded(app, bound, "abc")(scope, None, send))
+    asyncio.run(browser.authorize(app, bound, "abc")(scope, None, send))
     return said[0]["status"]
 
 
@@ -473,10 +473,10 @@ def test_long_requests_are_refused():
     def status(field, path="/abc/"):
         return status_of([(b"host", b"localhost"), field], path)
 
-    assert status((b"x", b"y" * (browser.LONGEST_REQUEST - 100))) == 200
-    for field in ((b"x", b"y" * browser.LONGEST_REQUEST), (b"y" * browser.LONGEST_REQUEST, b"x")):
+    assert status((b"x", b"y" * (browser.MAX_REQUEST - 100))) == 200
+    for field in ((b"x", b"y" * browser.MAX_REQUEST), (b"y" * browser.MAX_REQUEST, b"x")):
         assert status(field) == 431
-    assert status((b"x", b"y"), "/" * browser.LONGEST_REQUEST) == 431
+    assert status((b"x", b"y"), "/" * browser.MAX_REQUEST) == 431
 
 
 def test_name_that_it_is_bound_to_is_its_own():

@@ -134,7 +134,7 @@ def test_large_sizes_become_smaller_ones_of_the_same_shape(size):
     found = read(type="resize", pwidth=size[0], pheight=size[1], ratio=2)
     width, height = found["pwidth"], found["pheight"]
     assert width * height <= protocol.MAX_PIXELS
-    assert max(width, height) <= protocol.LONGEST_SIDE
+    assert max(width, height) <= protocol.MAX_SIDE
     # A place in the page is the same place of the picture.
     assert width / found["ratio"] == pytest.approx(size[0] / 2, rel=1e-3) or width == 1
     assert height / found["ratio"] == pytest.approx(size[1] / 2, rel=1e-3) or height == 1

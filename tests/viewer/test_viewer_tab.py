@@ -21,7 +21,7 @@ from viewing import PATIENCE
 import rasterjit as rj
 from rasterjit.io.images import encode_png
 from rasterjit.viewer import browser_session, protocol
-from rasterjit.viewer.browser_session import MAX_ON_WAY, MAX_WAITING, Tab, add_event
+from rasterjit.viewer.browser_session import MAX_IN_FLIGHT, MAX_WAITING, Tab, add_event
 from rasterjit.viewer.protocol import camera_code
 from rasterjit.viewer.viewer import Viewer
 
@@ -150,11 +150,11 @@ def test_page_that_shows_nothing_gets_no_more_than_a_few(pair):
     for key in "+-+-":
         page.say("key_down", key=key, modifiers=[])
         time.sleep(0.2)
-    assert len(page.pictures) <= page.tab.sent <= MAX_ON_WAY
+    assert len(page.pictures) <= page.tab.sent <= MAX_IN_FLIGHT
     page.shows = True
     page.say("shown", number=page.tab.sent)
     page.settle()
-    assert page.tab.sent > MAX_ON_WAY
+    assert page.tab.sent > MAX_IN_FLIGHT
     page.tab.close()
 
 
@@ -300,7 +300,7 @@ def test_picture_that_cannot_be_coded_is_told_and_not_waited_for(page, monkeypat
         raise MemoryError("no room")
 
     monkeypatch.setattr(browser_session, "encode_jpeg", fail)
-    for key in "+-" * MAX_ON_WAY:
+    for key in "+-" * MAX_IN_FLIGHT:
         sent = page.tab.sent
         page.say("key_down", key=key, modifiers=[])
         page.wait(lambda page: page.tab.sent > sent)  # noqa: B023
@@ -418,7 +418,7 @@ def sides_of(pictures):
 
 
 def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch):
-    monkeypatch.setattr(browser_session, "SMALL_FOR", 1000.0)
+    monkeypatch.setattr(browser_session, "SMALL_SECONDS", 1000.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
     drag(page, lambda page: (40, 30) in sides_of(page.pictures))
@@ -430,7 +430,7 @@ def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch
 
 
 def test_page_is_tried_with_larger_pictures_again(pair, monkeypatch):
-    monkeypatch.setattr(browser_session, "SMALL_FOR", 0.0)
+    monkeypatch.setattr(browser_session, "SMALL_SECONDS", 0.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
     drag(page, lambda page: len(page.pictures) > 4 * browser_session.MAX_SLOW)

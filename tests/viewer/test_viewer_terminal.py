@@ -28,15 +28,15 @@ from viewing import PATIENCE, VIEW
 
 import rasterjit as rj
 from rasterjit.viewer.terminal import (
-    END_KEY,
-    HELD,
+    QUIT_KEY,
+    RELEASE_SECONDS,
     Abilities,
-    Hands,
+    InputReader,
     Screen,
-    ask,
     encode_sixels,
     half_blocks,
     panel_lines,
+    query_terminal,
 )
 from rasterjit.viewer.viewer import HELP
 
@@ -311,10 +311,10 @@ def test_panel_folds_what_is_too_wide_and_cuts_what_is_too_long():
 
 def test_way_of_the_environment_is_taken_unless_there_is_none(monkeypatch):
     monkeypatch.setenv("RASTERJIT_TERMINAL", "blocks")
-    assert ask(0, pytest.fail).way == "blocks"
+    assert query_terminal(0, pytest.fail).protocol == "blocks"
     monkeypatch.setenv("RASTERJIT_TERMINAL", "tektronix")
     with pytest.raises(ValueError, match="RASTERJIT_TERMINAL"):
-        ask(0, pytest.fail)
+        query_terminal(0, pytest.fail)
 
 
 def stroke(value="", name="", **more):
@@ -327,17 +327,17 @@ def test_keys_are_held_or_act_each_time(tells_releases):
     screen = Screen(Abilities("blocks", (8, 16)), lambda text: None, lambda: (40, 15))
     events = []
     screen.add_event_handler(lambda event: events.append(tuple(event.values())[:2]), "key_up")
-    hands = Hands(screen, tells_releases)
-    assert [hands.take(stroke("g")) for _ in range(2)] == ["g", "g"]
-    assert [hands.take(stroke(name="KEY_LEFT")) for _ in range(2)] == ["ArrowLeft", ""]
-    assert hands.take(stroke(name="KEY_PGDOWN")) == "q"
-    assert [hands.take(one) for one in (stroke("q"), stroke("\x03"))] == [END_KEY, END_KEY]
-    time.sleep(1.5 * HELD)
-    hands.pass_time()
+    hands = InputReader(screen, tells_releases)
+    assert [hands.read(stroke("g")) for _ in range(2)] == ["g", "g"]
+    assert [hands.read(stroke(name="KEY_LEFT")) for _ in range(2)] == ["ArrowLeft", ""]
+    assert hands.read(stroke(name="KEY_PGDOWN")) == "q"
+    assert [hands.read(one) for one in (stroke("q"), stroke("\x03"))] == [QUIT_KEY, QUIT_KEY]
+    time.sleep(1.5 * RELEASE_SECONDS)
+    hands.release_stale()
     released = [("key_up", "ArrowLeft"), ("key_up", "q")]
     assert events == ([] if tells_releases else released)
     if tells_releases:
-        hands.take(stroke(name="KEY_LEFT", released=True))
+        hands.read(stroke(name="KEY_LEFT", released=True))
         assert events == released[:1]
 
 

@@ -110,7 +110,7 @@ def test_no_display_is_said(cube, monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(window_probe, "toolkits", lambda: ["glfw"])
-    monkeypatch.setattr(window_probe, "display_answers", lambda: True)
+    monkeypatch.setattr(window_probe, "is_display_open", lambda: True)
     monkeypatch.setattr(window_probe, "try_toolkit", lambda name: "")
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     with pytest.raises(ValueError, match="neither DISPLAY nor WAYLAND_DISPLAY is set"):

@@ -14,7 +14,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.viewer import viewer
 from rasterjit.viewer.controls import Event
-from rasterjit.viewer.effect_switches import MODED
+from rasterjit.viewer.effect_switches import MODAL
 from rasterjit.viewer.overlay import Row, write_panel
 
 
@@ -259,7 +259,7 @@ class Showing(viewer.Viewer):
         elif event.get("event_type") == "key_down":
             key = str(event.get("key", ""))
             if key in viewer.KINDS or key == "Escape":
-                self._press(key)
+                self._handle_key(key)
             elif key == "?":
                 self._shows_help = not self._shows_help
 
@@ -290,7 +290,7 @@ class Showing(viewer.Viewer):
         self._due = max(began + source.looks_each, now + MIN_SHARE * (now - began))
         if is_new:
             self._changed_at = now
-            self._change()
+            self._invalidate()
 
     def _take(self, look: Look) -> bool:
         """Take what is to be seen, and tell whether it is something else than before."""
@@ -304,8 +304,8 @@ class Showing(viewer.Viewer):
         self._options["background"] = look.background
         if is_same_scene:
             return True
-        self.scene = self._shown = look.scene
-        self._modes = {key: one.mode_of(look.scene) for key, one in MODED.items()}
+        self.scene = self._visible = look.scene
+        self._modes = {key: one.mode_of(look.scene) for key, one in MODAL.items()}
         if self._switched or self._hidden:
             # Times of pictures stay known, as near as they are.
             times = self._times
@@ -313,9 +313,9 @@ class Showing(viewer.Viewer):
             self._times = times
         return True
 
-    def _write_on(self, picture: NDArray[np.uint8]) -> None:
+    def _draw_overlay(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
-        super()._write_on(picture)
+        super()._draw_overlay(picture)
         if self.writes_text and (message := self._source.message):
             write_panel(picture, [(message,)], "bottom right", self.ratio)
 
