@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import Geometry, MeshData, linear_rgba, triangles
+from rasterjit.io.text.mesh_builder import Geometry, MeshData, srgb_rgba, triangles
+from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.validation import in_short
 
 _BYTES_PER_FILE_BYTE, _ENTITY_BYTES, _POINT_BYTES = 40, 4096, 64
@@ -267,12 +268,12 @@ class _EntityCollector:
         if self._polygons:
             counts = np.array([len(corners) for corners, _ in self._polygons])
             positions = np.concatenate([corners for corners, _ in self._polygons])
-            vertices, indices = np.unique(positions, axis=0, return_inverse=True)
+            indices, vertex_rows = distinct_rows(*positions.T)
             corner_rows, polygon_numbers = triangles(counts, by_size=False)
             colors = _linear_colors([color for _, color in self._polygons], (204, 204, 204))
             geometries.append(
                 MeshData(
-                    name, vertices, indices.reshape(-1)[corner_rows],
+                    name, positions[vertex_rows], indices[corner_rows],
                     colors=None if colors is None else colors[polygon_numbers],
                 )
             )  # fmt: skip
@@ -355,4 +356,4 @@ def _linear_colors(
     """Return colours, linear RGBA, with a default for (); None if all are ()."""
     if not any(colors):
         return None
-    return linear_rgba(np.array([color or default for color in colors], np.uint8), False)
+    return srgb_rgba(np.array([color or default for color in colors], np.uint8))

@@ -20,11 +20,11 @@ from rasterjit.io.text.mesh_builder import (
     Geometry,
     MeshData,
     build_scene,
-    linear_rgba,
-    srgb_bytes,
+    srgb_rgba,
     strip_triangles,
     triangles,
 )
+from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.lines import strip_segments
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.normals import is_creased, safe_scale
@@ -86,11 +86,6 @@ def is_scalar(values: NDArray[Any]) -> bool:
     """Tell whether values are one number for each row."""
     single = values.ndim == 1 or (values.ndim == 2 and values.shape[1] == 1)
     return single and values.dtype.kind in "buif"
-
-
-def srgb_rgba(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Return colours, which are sRGB, as linear RGBA."""
-    return linear_rgba(srgb_bytes(values), False)
 
 
 def usable_normals(
@@ -223,25 +218,17 @@ class _CellRows:
 
     def boundary(self) -> _CellRows:
         """Return the polygons that occur once: the boundary of solid cells."""
-        _, which, counts = self._face_keys()
-        return self._select(counts[which] == 1)
+        which, _ = distinct_rows(*self._face_keys().T)
+        return self._select(np.bincount(which)[which] == 1)
 
     def without(self, other: _CellRows) -> _CellRows:
         """Return the polygons that another one does not hold."""
-        keys, _, _ = self._face_keys()
-        both, which = np.unique(
-            np.concatenate([keys, other._face_keys()[0]]), axis=0, return_inverse=True
-        )
-        is_other = np.zeros(len(both), bool)
-        is_other[which.reshape(-1)[len(keys) :]] = True
-        return self._select(~is_other[which.reshape(-1)[: len(keys)]])
+        keys = self._face_keys()
+        which, _ = distinct_rows(*np.concatenate([keys, other._face_keys()]).T)
+        return self._select(~np.isin(which[: len(keys)], which[len(keys) :]))
 
-    def _face_keys(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """
-        Return the corners of all polygons, sorted; which of the different ones each is; how often.
-
-        Those of more than four corners are no side of a solid: they have none.
-        """
+    def _face_keys(self) -> NDArray[np.int64]:
+        """Return the sorted corners of all polygons, (N, 4); larger polygons are unique."""
         keys = [np.zeros((0, 4), np.int64)]
         for corners, numbers in self.blocks:
             key = np.full((len(corners), 4), -1, np.int64)
@@ -251,9 +238,7 @@ class _CellRows:
                 # Each is another one.
                 key[:, 0] = -2 - numbers
             keys.append(key)
-        every = np.concatenate(keys)
-        _, which, counts = np.unique(every, axis=0, return_inverse=True, return_counts=True)
-        return every, which.reshape(-1), counts
+        return np.concatenate(keys)
 
     def _select(self, selected: NDArray[np.bool_]) -> _CellRows:
         """Return the polygons of a mask over all blocks."""

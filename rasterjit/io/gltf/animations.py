@@ -321,7 +321,7 @@ class AnimationReader:
             for channel in channels if isinstance(channels, list) else ():
                 target = channel.get("target") if isinstance(channel, dict) else None
                 number = target.get("node") if isinstance(target, dict) else None
-                if isinstance(number, int) and not isinstance(number, bool):
+                if type(number) is int:
                     numbers.add(number)
         return numbers
 
@@ -523,8 +523,5 @@ def _list_of(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list
 def _numbers(entry: Any, key: str) -> list[int]:
     """Return the non-negative integers that an entry lists under a key."""
     listed = entry.get(key) if isinstance(entry, dict) else None
-    return [
-        number
-        for number in (listed if isinstance(listed, list) else ())
-        if isinstance(number, int) and not isinstance(number, bool) and number >= 0
-    ]
+    listed = listed if isinstance(listed, list) else []
+    return [number for number in listed if type(number) is int and number >= 0]

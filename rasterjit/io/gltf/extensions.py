@@ -21,7 +21,14 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from rasterjit.io.gltf.json_checks import brief, get_clamped, get_integer, get_list, get_object
+from rasterjit.io.gltf.json_checks import (
+    brief,
+    get_clamped,
+    get_clamped_numbers,
+    get_integer,
+    get_list,
+    get_object,
+)
 from rasterjit.io.load_warnings import LeftOut
 from rasterjit.scene.material import BRIGHTEST_TINT, MAX_IOR, MAX_THICKNESS, Material
 from rasterjit.scene.texture import ColorSpace
@@ -120,7 +127,7 @@ def read_extensions(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[st
         for field, (key, default, limit) in layer.numbers.items():
             fields[field] = get_clamped(extension, key, default, limit)
         for field, (key, default, limit) in layer.colors.items():
-            fields[field] = _color(extension, key, default, limit)
+            fields[field] = get_clamped_numbers(extension, key, (default,) * 3, limit)
         for field, (key, _) in layer.textures.items():
             infos[key] = extension.get(key)
             if field in NORMAL_SCALES:
@@ -132,14 +139,6 @@ def read_extensions(extensions: dict[str, Any]) -> tuple[dict[str, Any], dict[st
     if fields.get("attenuation_distance") == 0.0:
         fields["attenuation_distance"] = MIN_ATTENUATION_DISTANCE
     return fields, infos
-
-
-def _color(values: dict[str, Any], key: str, default: float, limit: float) -> tuple[float, ...]:
-    """Return three numbers clamped to 0..limit."""
-    value = values.get(key, (default,) * 3)
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise ValueError(f"{key} must be 3 numbers, got {brief(value)}")
-    return tuple(get_clamped({key: part}, key, 0.0, limit) for part in value)
 
 
 def write_extensions(
@@ -244,8 +243,7 @@ def variant_materials(
             left_out.note(f"mapping {number} of variants of {label}: {error}")
             continue
         for variant in variants:
-            is_index = isinstance(variant, int) and not isinstance(variant, bool)
-            if not is_index or not 0 <= variant < len(names):
+            if type(variant) is not int or not 0 <= variant < len(names):
                 left_out.note(
                     f"variant {brief(variant)} of {label}, which the file has not "
                     f"(it has {len(names)})"

@@ -132,8 +132,7 @@ class GltfFile:
         """
         entries = get_list(self.header, section)
         kind = ENTRY_NAMES.get(section, section)
-        is_index = isinstance(number, int) and not isinstance(number, bool)
-        if not is_index or not 0 <= number < len(entries):
+        if type(number) is not int or not 0 <= number < len(entries):
             raise LookupError(f"the file has no {kind} {brief(number)} (it has {len(entries)})")
         if not isinstance(entries[number], dict):
             raise ValueError(f"{kind} {number} must be an object, got {brief(entries[number])}")

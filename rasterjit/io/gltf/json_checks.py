@@ -93,6 +93,16 @@ def get_numbers(values: dict[str, Any], key: str, default: tuple[float, ...]) ->
     return tuple(map(float, value))
 
 
+def get_clamped_numbers(
+    values: dict[str, Any], key: str, default: tuple[float, ...], limit: float
+) -> tuple[float, ...]:
+    """Return a tuple of numbers as long as the default, clamped to 0..limit."""
+    value = values.get(key, default)
+    if not isinstance(value, (list, tuple)) or len(value) != len(default):
+        raise ValueError(f"{key} must be {len(default)} numbers, got {brief(value)}")
+    return tuple(get_clamped({key: part}, key, 0.0, limit) for part in value)
+
+
 def are_numbers(values: Sequence[Any]) -> bool:
     """Tell whether all values are numbers that are finite as float64."""
     try:

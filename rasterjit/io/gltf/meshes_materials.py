@@ -37,6 +37,7 @@ from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.json_checks import (
     brief,
     get_clamped,
+    get_clamped_numbers,
     get_extension,
     get_integer,
     get_list,
@@ -143,7 +144,7 @@ class MaterialReader:
         if SPECULAR_GLOSSINESS in extensions:
             values.update(_from_specular_glossiness(get_object(extensions, SPECULAR_GLOSSINESS)))
             self._left_out.note(f"specular colour of {label}")
-        *color, alpha = _numbers(values, "baseColorFactor", (1.0, 1.0, 1.0, 1.0), 1.0)
+        *color, alpha = get_clamped_numbers(values, "baseColorFactor", (1.0, 1.0, 1.0, 1.0), 1.0)
         mode = ALPHA_MODES.get(str(entry.get("alphaMode")), "opaque")
         options: dict[str, Any] = {
             "base_color": (*color, 1.0 if mode == "opaque" else alpha),
@@ -157,7 +158,7 @@ class MaterialReader:
         if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
         strength = get_clamped(get_object(extensions, STRENGTH), "emissiveStrength", 1.0, BRIGHTEST)
-        emissive = _numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
+        emissive = get_clamped_numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
         material = Material(
             shading="pbr",
             metallic=get_clamped(values, "metallicFactor", 1.0, 1.0),
@@ -296,16 +297,6 @@ def _from_specular_glossiness(values: dict[str, Any]) -> dict[str, Any]:
     if "diffuseTexture" in values:
         nearest["baseColorTexture"] = values["diffuseTexture"]
     return nearest
-
-
-def _numbers(
-    values: dict[str, Any], key: str, default: tuple[float, ...], limit: float
-) -> tuple[float, ...]:
-    """Return a tuple of numbers as long as the default, clamped to 0..limit."""
-    value = values.get(key, default)
-    if not isinstance(value, (list, tuple)) or len(value) != len(default):
-        raise ValueError(f"{key} must be {len(default)} numbers, got {brief(value)}")
-    return tuple(get_clamped({key: part}, key, 0.0, limit) for part in value)
 
 
 class MeshReader:

@@ -351,8 +351,7 @@ class _GltfScene:
         try:
             extension = get_object(get_object(self._file.header, "extensions"), LIGHTS)
             lights = get_list(extension, "lights")
-            is_index = isinstance(number, int) and not isinstance(number, bool)
-            if not is_index or not 0 <= number < len(lights):
+            if type(number) is not int or not 0 <= number < len(lights):
                 raise LookupError(f"the file has {len(lights)} lights")
             light = get_object({"it": lights[number]}, "it")
             kind, color = require(light, "type"), get_numbers(light, "color", (1.0, 1.0, 1.0))

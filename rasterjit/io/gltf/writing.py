@@ -218,21 +218,15 @@ class _Writer:
         self._length += len(self._parts[-1])
         return self._append("bufferViews", entry)
 
-    def _accessor(self, rows: NDArray[Any], kind: str, component: int, **fields: Any) -> int:
+    def _accessor(
+        self, rows: NDArray[Any], kind: str, component: int, target: int | None = _VERTICES,
+        **fields: Any,
+    ) -> int:  # fmt: skip
         """Append rows of numbers; return the number of their accessor."""
         content = np.ascontiguousarray(rows, _DTYPES[component])
-        target = _CORNERS if component == _UINT else _VERTICES
-        view = self._view(content.tobytes(), target=target)
-        return self._append(
-            "accessors",
-            {
-                "bufferView": view,
-                "componentType": component,
-                "count": len(content),
-                "type": kind,
-                **fields,
-            },
-        )
+        view = self._view(content.tobytes(), **({} if target is None else {"target": target}))
+        entry = {"bufferView": view, "componentType": component, "count": len(content)}
+        return self._append("accessors", {**entry, "type": kind, **fields})
 
     def _add_nodes(self, scene: Scene) -> list[int]:
         """Append all nodes, parents before their children; return the roots."""
@@ -292,20 +286,11 @@ class _Writer:
             raise ValueError(f"{skin!r} must have inverse_binds that fit float32 to be saved")
         entry: dict[str, Any] = {
             "joints": [self._numbers[id(joint)] for joint in skin.joints],
-            "inverseBindMatrices": self._numbers_of(columns, "MAT4"),
+            "inverseBindMatrices": self._accessor(columns, "MAT4", _FLOAT, None),
         }
         if skin.name:
             entry["name"] = str(skin.name)
         return self._append_once(key, "skins", entry)
-
-    def _numbers_of(self, rows: NDArray[Any], kind: str, **fields: Any) -> int:
-        """Append rows of float32 that are no vertex data; return the number of their accessor."""
-        content = np.ascontiguousarray(rows, "<f4")
-        entry = {
-            "bufferView": self._view(content.tobytes()), "componentType": _FLOAT,
-            "count": len(content), "type": kind, **fields,
-        }  # fmt: skip
-        return self._append("accessors", entry)
 
     def _add_animations(self) -> None:
         """Append the animations with their channels and samplers."""
@@ -323,8 +308,10 @@ class _Writer:
                 bounds = {"min": [float(times[0])], "max": [float(times[-1])]}
                 samplers.append(
                     {
-                        "input": self._numbers_of(times, "SCALAR", **bounds),
-                        "output": self._numbers_of(values.reshape(-1, width), _TYPES[width]),
+                        "input": self._accessor(times, "SCALAR", _FLOAT, None, **bounds),
+                        "output": self._accessor(
+                            values.reshape(-1, width), _TYPES[width], _FLOAT, None
+                        ),
                         "interpolation": one.interpolation,
                     }
                 )
@@ -398,11 +385,11 @@ class _Writer:
         if mesh.field is not None:
             self.notes.note("scalars, but for their colours")
         attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
-        normals = self._units(mesh.vertex_normals()[rows])
+        normals = stable_normals(mesh.vertex_normals()[rows])[0]
         attributes["NORMAL"] = self._accessor(normals, "VEC3", _FLOAT)
         if mesh.tangents is not None:
             tangents = mesh.tangents[rows].copy()
-            tangents[:, :3] = self._units(tangents[:, :3])
+            tangents[:, :3] = stable_normals(tangents[:, :3])[0]
             attributes["TANGENT"] = self._accessor(tangents, "VEC4", _FLOAT)
         for number, uv in enumerate(mesh.uv_sets):
             if uv is not None:
@@ -414,7 +401,7 @@ class _Writer:
         self._joints(mesh, rows, attributes)
         primitive: dict[str, Any] = {
             "attributes": attributes,
-            "indices": self._accessor(corners, "SCALAR", _UINT),
+            "indices": self._accessor(corners, "SCALAR", _UINT, _CORNERS),
         }
         morph_fields: dict[str, Any] = {}
         targets = mesh.morph_targets
@@ -461,7 +448,9 @@ class _Writer:
             self.notes.note("sizes and shapes of points")
         attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
         if mesh.normals is not None:
-            attributes["NORMAL"] = self._accessor(self._units(mesh.normals[rows]), "VEC3", _FLOAT)
+            attributes["NORMAL"] = self._accessor(
+                stable_normals(mesh.normals[rows])[0], "VEC3", _FLOAT
+            )
         return self._points_or_lines(mesh, POINTS, rows, mesh.colors, attributes)
 
     def _lines(self, node: Node, mesh: Lines) -> dict[str, Any]:
@@ -477,7 +466,7 @@ class _Writer:
         if mesh.face_colors is None and colors is not None:
             colors = colors[rows]
         primitive = self._points_or_lines(mesh, LINES, rows, colors, attributes)
-        primitive["indices"] = self._accessor(ends, "SCALAR", _UINT)
+        primitive["indices"] = self._accessor(ends, "SCALAR", _UINT, _CORNERS)
         return primitive
 
     def _points_or_lines(
@@ -497,10 +486,6 @@ class _Writer:
         if mesh.variants:
             self.notes.note("variants of points and lines")
         return primitive
-
-    def _units(self, normals: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return normals or tangents as they are stored."""
-        return stable_normals(normals)[0]
 
     def _positions(self, node: Node, vertices: NDArray[np.float64]) -> int:
         """Append positions with their bounds; return the number of their accessor."""

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import MAX_NAME_LENGTH, Resources
+from rasterjit.io.text.mesh_builder import srgb_rgba
 from rasterjit.io.text.number_parser import Damage
-from rasterjit.scene.color import srgb_to_linear
 
 LAS_FORMATS = ("las", "laz")
 
@@ -160,6 +160,4 @@ def _colors(points: Any) -> NDArray[np.float32] | None:
     brightest = int(codes.max())
     if brightest == 0:
         return None
-    rgba = np.ones((len(codes), 4), np.float32)
-    rgba[:, :3] = srgb_to_linear((codes if brightest <= 255 else codes >> 8).astype(np.uint8))
-    return rgba
+    return srgb_rgba(codes.astype(np.uint8) if brightest <= 255 else codes)

@@ -21,9 +21,15 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import normalize_names
-from rasterjit.io.text.number_parser import BINARY_BYTES, Damage, TextLines, line_end, number_rows
-from rasterjit.scene.color import srgb_to_linear
+from rasterjit.io.text.mesh_builder import normalize_names, srgb_rgba
+from rasterjit.io.text.number_parser import (
+    BINARY_BYTES,
+    Damage,
+    TextLines,
+    line_end,
+    number_rows,
+    parse_float,
+)
 
 _MIN_REFERENCE = 32
 """Control bytes below this precede literal bytes."""
@@ -195,18 +201,9 @@ def _read_head(data: bytes) -> _Head:
     mode = " ".join(values["DATA"]).lower()
     if mode not in ("ascii", "binary", "binary_compressed"):
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {mode[:40]!r}")
-    has_viewpoint = any(
-        _is_other(*pair) for pair in zip(values.get("VIEWPOINT", ()), _ORIGIN, strict=False)
-    )
+    viewpoint = [parse_float(word) for word in values.get("VIEWPOINT", ())[: len(_ORIGIN)]]
+    has_viewpoint = viewpoint != list(_ORIGIN[: len(viewpoint)])
     return _Head(fields, points, mode, at, has_viewpoint)
-
-
-def _is_other(word: str, number: float) -> bool:
-    """Tell whether a word is not a given number."""
-    try:
-        return float(word) != number
-    except ValueError:
-        return True
 
 
 def _whole(name: str, *words: str) -> int:
@@ -301,9 +298,5 @@ def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> C
 def _packed_colors(column: NDArray[Any], has_alpha: bool) -> NDArray[np.float32]:
     """Return packed colours as linear RGBA."""
     codes = np.ascontiguousarray(column).view("<u1").reshape(-1, 4)
-    rgba = np.ones((len(codes), 4), np.float32)
-    rgba[:, :3] = srgb_to_linear(codes[:, 2::-1])
-    # Many programs leave the byte of alpha empty.
-    if has_alpha and codes[:, 3].any():
-        rgba[:, 3] = codes[:, 3] / np.float32(255.0)
-    return rgba
+    # Blue, green, red and alpha; many programs leave the byte of alpha empty.
+    return srgb_rgba(codes[:, [2, 1, 0, 3] if has_alpha and codes[:, 3].any() else [2, 1, 0]])

@@ -212,6 +212,11 @@ def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
     return rgba
 
 
+def srgb_rgba(colors: NDArray[Any]) -> NDArray[np.float32]:
+    """Return sRGB colours, (N, 3|4), as linear RGBA; floats count from 0 to 1."""
+    return linear_rgba(srgb_bytes(colors), False)
+
+
 def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
     """Return colours as bytes; floats count from 0 to 1."""
     if colors.dtype.kind == "f":

@@ -21,6 +21,7 @@ from rasterjit.io.images import resize_grey, to_uint16
 from rasterjit.io.load_warnings import LeftOut, MissingFileError, reason_of
 from rasterjit.io.resources import RefusedFileError, Resources, quoted_name
 from rasterjit.io.text.mesh_builder import srgb_bytes
+from rasterjit.io.text.number_parser import parse_float
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import FileSizeError
@@ -107,7 +108,7 @@ class MtlMaterial:
         elif key in _OPACITIES:
             self.unread.append(_describe_statement(statement, words))
         elif key.startswith("map_") or key in _UNREAD_MAPS or key not in _NUMBERS:
-            is_neutral = key in _NEUTRAL and all(_is_number(one, _NEUTRAL[key]) for one in words)
+            is_neutral = key in _NEUTRAL and all(parse_float(one) == _NEUTRAL[key] for one in words)
             if key not in _IGNORED_STATEMENTS and not is_neutral:
                 self.unread.append(statement)
         elif key in _NUMBERS:
@@ -384,7 +385,7 @@ def _opacity_channel(opacity: NDArray[Any], use: MtlTexture | None) -> NDArray[A
 
 def _is_one(words: list[str] | None) -> bool:
     """Tell whether a statement's last word is the number 1."""
-    return bool(words and _is_number(words[-1], 1.0))
+    return bool(words and parse_float(words[-1]) == 1.0)
 
 
 class MtlTexture(NamedTuple):
@@ -467,20 +468,9 @@ def _strip_comment(text: str) -> str:
     return re.split(r"(?<=\s)#", text, maxsplit=1)[0].strip() or text
 
 
-def _is_number(word: str, number: float) -> bool:
-    """Tell whether a word is a given number."""
-    try:
-        return float(word) == number
-    except ValueError:
-        return False
-
-
 def _is_finite(word: str) -> bool:
     """Tell whether a word is a finite number."""
-    try:
-        return math.isfinite(float(word))
-    except ValueError:
-        return False
+    return math.isfinite(math.nan if (number := parse_float(word)) is None else number)
 
 
 def _describe_statement(statement: str, words: list[str]) -> str:
@@ -490,7 +480,7 @@ def _describe_statement(statement: str, words: list[str]) -> str:
 
 def _is_equal(word: str, default: str) -> bool:
     """Tell whether two words are the same, or the same number."""
-    return word == default or (default.isdecimal() and _is_number(word, float(default)))
+    return word == default or (default.isdecimal() and parse_float(word) == float(default))
 
 
 def _is_option_value(word: str) -> bool:

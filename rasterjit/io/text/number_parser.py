@@ -40,6 +40,14 @@ def line_end(data: bytes) -> bytes:
     return b"\r" if uses_carriage_return else b"\n"
 
 
+def parse_float(word: str) -> float | None:
+    """Return the number that a word is, or None."""
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
 class Damage:
     """
     Report damaged places of a file: raise, or count them for one warning.

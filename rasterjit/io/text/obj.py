@@ -22,8 +22,7 @@ from rasterjit.io.text.mesh_builder import (
     Geometry,
     MeshData,
     Names,
-    linear_rgba,
-    srgb_bytes,
+    srgb_rgba,
     triangles,
     unique_rows,
 )
@@ -440,7 +439,7 @@ class _ObjFile:
 
 def _colors(table: NDArray[np.float64]) -> NDArray[np.float32] | None:
     """Return the colours after positions, linear RGBA, or None."""
-    return linear_rgba(srgb_bytes(table[:, 3:]), False) if table.shape[1] == 6 else None
+    return srgb_rgba(table[:, 3:]) if table.shape[1] == 6 else None
 
 
 def _corner(word: str) -> list[int]:

@@ -120,6 +120,4 @@ def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32] | None:
     if codes.shape[1] not in (3, 4) or not np.isfinite(codes).all():
         return None
     is_bytes = bool((codes == np.floor(codes)).all() and codes.max() > 1.0)
-    return mesh_builder.linear_rgba(
-        mesh_builder.srgb_bytes(codes / 255.0 if is_bytes else codes), False
-    )
+    return mesh_builder.srgb_rgba(codes / 255.0 if is_bytes else codes)

@@ -26,9 +26,8 @@ from rasterjit.io.text.mesh_builder import (
     Geometry,
     MeshData,
     Names,
-    linear_rgba,
     normalize_names,
-    srgb_bytes,
+    srgb_rgba,
     strip_triangles,
     triangles,
     unique_rows,
@@ -199,7 +198,7 @@ def _vertex_points(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
     used = vertex.present(_POSITION) | vertex.present(_NORMAL) | vertex.present(*_COLORS)
     return Cloud(
         path.name, positions[valid].astype(np.float64),
-        None if colors is None else linear_rgba(srgb_bytes(colors[valid]), False),
+        None if colors is None else srgb_rgba(colors[valid]),
         None if normals is None else normals[valid],
         {name: values[valid] for name, values in vertex.attributes(left_out, used).items()},
     )  # fmt: skip
@@ -225,7 +224,7 @@ def _edge_lines(
     return LineSet(
         path.name, np.where(valid[:, np.newaxis], positions, 0.0).astype(np.float64),
         ends[sound].astype(np.int64),
-        None if colors is None else linear_rgba(srgb_bytes(colors), False),
+        None if colors is None else srgb_rgba(colors),
         of_edges is not None, vertex.attributes(left_out, used),
         {name: values[sound] for name, values in attributes.items()},
     )  # fmt: skip
@@ -688,7 +687,7 @@ def _mesh(
         left_out.note(COLORS_NOTE)
         colors = None
     elif colors is not None:
-        colors = linear_rgba(srgb_bytes(colors), False)
+        colors = srgb_rgba(colors)
     # Other attributes of the faces.
     used = {str(_corner_name(face)), str(of_corners), *_TEXTURE_NUMBERS, *face_colors}
     face_attributes = {

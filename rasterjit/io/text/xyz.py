@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError
 from rasterjit.io.primitives import INTENSITY, Cloud
 from rasterjit.io.resources import Resources
-from rasterjit.io.text.mesh_builder import linear_rgba, srgb_bytes
-from rasterjit.io.text.number_parser import ROW_BYTES, Damage, TextLines, number_rows
+from rasterjit.io.text.mesh_builder import srgb_rgba
+from rasterjit.io.text.number_parser import ROW_BYTES, Damage, TextLines, number_rows, parse_float
 
 ROW_FORMATS = ("xyz", "xyzn", "xyzrgb", "pts", "asc", "txt", "csv")
 
@@ -94,10 +94,10 @@ def _read_head(
         raise MeshFileError(f"{path} holds a grid of heights, no points")
     if len(first) == 1 and first[0].isdecimal() and len(first[0]) < 16:
         after = lines.text(int(rows[1])).split() if len(rows) > 1 else []
-        if len(after) < 3 or not _is_number(after[0]):
+        if len(after) < 3 or parse_float(after[0]) is None:
             raise MeshFileError(f"{path} must have rows of points below the number of them")
         return [], rows[1:], int(first[0])
-    if first and not _is_number(first[0].strip('"')):
+    if first and parse_float(first[0].strip('"')) is None:
         names = [word.strip('"').lstrip("/#").lower() for word in first]
         columns = [_COLUMN_MEANINGS.get(name, name) for name in names]
         if not {"x", "y", "z"} <= set(columns):
@@ -107,15 +107,6 @@ def _read_head(
             )
         return columns, rows[1:], None
     return [], rows, None
-
-
-def _is_number(word: str) -> bool:
-    """Tell whether a word is a number."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _guess_columns(table: NDArray[np.float64], suffix: str) -> list[str]:
@@ -194,4 +185,4 @@ def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32]:
         finite = finite / 65535.0
     elif limit > 1.0:
         finite = finite / 255.0
-    return linear_rgba(srgb_bytes(finite), False)
+    return srgb_rgba(finite)

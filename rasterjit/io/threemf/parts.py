@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.io.text.mesh_builder import MeshData, linear_rgba, unique_rows
+from rasterjit.io.text.mesh_builder import MeshData, srgb_rgba, unique_rows
 from rasterjit.io.threemf.package import Package, children, local_name
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
@@ -151,7 +151,7 @@ class Properties:
             return _MixLayer(self._composites(element), is_material=True)
         key = "displaycolor" if kind == "basematerials" else "color"
         colors = [_color(one.get(key)) for one in element]
-        rgba = linear_rgba(np.array(colors, np.uint8).reshape(-1, 4), False)
+        rgba = srgb_rgba(np.array(colors, np.uint8).reshape(-1, 4))
         return _MixLayer(rgba, is_material=kind == "basematerials")
 
     def _composites(self, element: ElementTree.Element) -> _Floats:

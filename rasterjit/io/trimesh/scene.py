@@ -321,7 +321,7 @@ class TrimeshAdapter:
         colors = getattr(geometry, "colors", None)
         rgba = None
         if colors is not None and np.shape(colors) == (len(geometry.vertices), 4):
-            rgba = mesh_builder.linear_rgba(mesh_builder.srgb_bytes(np.asarray(colors)), False)
+            rgba = mesh_builder.srgb_rgba(np.asarray(colors))
         attributes = getattr(geometry, "vertex_attributes", None) or {}
         return Cloud(name, np.asarray(geometry.vertices), rgba, None, dict(attributes))
 
