@@ -4,9 +4,22 @@
    named as in the manuals of Intel and AMD; the levels are those of the psABI of x86-64. */
 
 #ifdef _WIN32
-__declspec(dllexport)
+#define EXPORTED __declspec(dllexport)
+
+/* What Microsoft's C library would bring. */
+
+typedef __SIZE_TYPE__ size_t;
+
+int _fltused;
+
+void *memset(void *first, int value, size_t count) {
+    void *at = first;
+    __asm__ volatile("rep stosb" : "+D"(at), "+c"(count) : "a"(value) : "memory");
+    return first;
+}
+#else
+#define EXPORTED
 #endif
-int rasterjit_runs(void);
 
 #ifdef __x86_64__
 
@@ -48,10 +61,10 @@ static int level(void) {
     return HAS(saved(), 0xe6) ? 4 : 3;
 }
 
-int rasterjit_runs(void) { return level() >= LEVEL; }
+EXPORTED int rasterjit_runs(void) { return level() >= LEVEL; }
 
 #else
 
-int rasterjit_runs(void) { return 1; }
+EXPORTED int rasterjit_runs(void) { return 1; }
 
 #endif

@@ -10,29 +10,62 @@ from __future__ import annotations
 import functools
 import os
 import re
+import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rasterjit.runtime import isolated_numba
 from rasterjit.runtime.state_block import RecordType
-from rasterjit.runtime.targets import Target
+from rasterjit.runtime.targets import Target, parts_of
 
 OBJECT = ".o"
 
 OWN_CODE = Path(__file__).with_name("library.c")
 
-CALLED = {"memset", "memcpy", "memmove"}
+CALLED = frozenset(["memset", "memcpy", "memmove"])
 """Functions of the C library that a library may call: every process has them."""
 
-LINUX = (
-    "ld.lld", "-shared", "--build-id=none", "--hash-style=gnu", "-z", "now", "-z", "relro", "-z",
-    "noexecstack", "--strip-all",
-)  # fmt: skip
-"""A linker and its options. The C library is not linked: the process has it."""
+
+class System(NamedTuple):
+    """How libraries of an operating system are linked."""
+
+    name: str
+    """As zig calls it."""
+    linker: tuple[str, ...]
+    """A program of zig's and its arguments, but for the object files."""
+    needed: frozenset[str] = frozenset()
+    """What LLVM calls there besides."""
+
+
+SYSTEMS = {
+    "linux": System(
+        "linux-gnu",
+        (
+            # The C library is not linked: the process has it.
+            "ld.lld", "-shared", "--build-id=none", "--hash-style=gnu", "-z", "now", "-z", "relro",
+            "-z", "noexecstack", "--strip-all", "-soname", "{name}", "-o", "{made}",
+        ),
+    ),
+    "windows": System(
+        "windows-gnu",
+        # What else would be of Microsoft's C library is in `library.c`.
+        ("lld-link", "/dll", "/noentry", "/nologo", "/machine:x64", "/Brepro", "/out:{made}"),
+        frozenset(["_fltused"]),
+    ),
+    "macos": System(
+        "macos.11.0",
+        (
+            "cc", "-target", "{target}", "-dynamiclib", "-nostdlib", "-lSystem",
+            "-Wl,-install_name,@rpath/{name}", "-o", "{made}",
+        ),
+        frozenset(["bzero", "__bzero"]),
+    ),
+}  # fmt: skip
+"""By our names (``targets.parts_of``)."""
 
 
 @functools.cache
@@ -58,7 +91,7 @@ def compile_form(
     codes = []
     for target in targets:
         codes.append(machine_of(target).emit_object(module_for(module, target)))
-        unknown = compiler.needed_symbols(codes[-1]) - CALLED
+        unknown = needed_symbols(codes[-1]) - allowed_in(target)
         if unknown:
             raise RuntimeError(f"{name} calls what a library must not: {sorted(unknown)}")
     return returns, codes
@@ -71,7 +104,57 @@ def module_for(module: Any, target: Target) -> Any:
     text = re.sub(r"(?m)^(define .*) \{$", r"\1 uwtable {", str(module))
     copy = binding.parse_assembly(text)
     copy.triple, copy.data_layout = target.triple, str(machine_of(target).target_data)
+    if parts_of(target.triple)[1] == "windows":
+        copy.get_function(module.name).storage_class = "dllexport"
     return copy
+
+
+def allowed_in(target: Target) -> frozenset[str]:
+    """Return the names that a target's object code may need from elsewhere."""
+    return CALLED | SYSTEMS[parts_of(target.triple)[1]].needed
+
+
+COFF, MACHO = b"\x64\x86", b"\xcf\xfa\xed\xfe"
+"""How object code of Windows for x86-64 and of macOS begins."""
+
+
+def needed_symbols(code: bytes) -> set[str]:
+    """Return the names that object code of any system needs from elsewhere."""
+    if code.startswith(COFF):
+        return set(_needed_of_coff(code))
+    if code.startswith(MACHO):
+        return set(_needed_of_macho(code))
+    return isolated_numba.compiler().needed_symbols(code)
+
+
+def _needed_of_coff(code: bytes) -> Iterator[str]:
+    at, count = struct.unpack_from("<II", code, 8)
+    texts = at + 18 * count
+    while at < texts:
+        name, value, section, _, kind, more = struct.unpack_from("<8sIhHBB", code, at)
+        zero, offset = struct.unpack("<II", name)
+        # An external one, in no section.
+        if (value, section, kind) == (0, 0, 2):
+            yield name.rstrip(b"\0").decode() if zero else _text(code, texts + offset)
+        at += 18 * (1 + more)
+
+
+def _needed_of_macho(code: bytes) -> Iterator[str]:
+    (commands,) = struct.unpack_from("<I", code, 16)
+    at = 32
+    for _ in range(commands):
+        kind, size = struct.unpack_from("<II", code, at)
+        if kind == 2:  # The table of symbols.
+            symbols, count, texts, _ = struct.unpack_from("<4I", code, at + 8)
+            for one in struct.iter_unpack("<IBBHQ", code[symbols : symbols + 16 * count]):
+                # An external one, undefined. The system puts a line before names.
+                if one[1] & 0x0F == 1:
+                    yield _text(code, texts + one[0])[1:]
+        at += size
+
+
+def _text(code: bytes, first: int) -> str:
+    return code[first : code.index(b"\0", first)].decode()
 
 
 def link(target: Target, name: str, objects: Sequence[Path]) -> bytes:
@@ -83,16 +166,19 @@ def link(target: Target, name: str, objects: Sequence[Path]) -> bytes:
     RuntimeError
         The linker refuses; its words.
     """
-    kind, level = target.triple.partition("-")[0], target.cpu.rpartition("-v")[2]
+    (kind, system), level = parts_of(target.triple), target.cpu.rpartition("-v")[2]
+    zig_target = f"{kind}-{SYSTEMS[system].name}"
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
         here = Path(place)
         own, made, listed = here / f"library{OBJECT}", here / name, here / "objects"
         listed.write_text("\n".join(map(str, (*objects, own))))
         _zig(
-            place, "cc", "-target", f"{kind}-linux-gnu", "-O2", "-g0", "-fPIC", "-fno-sanitize=all",
+            place, "cc", "-target", zig_target, "-O2", "-g0", "-fPIC", "-fno-sanitize=all",
             "-fno-stack-protector", f"-DLEVEL={level}", "-c", str(OWN_CODE), "-o", str(own),
         )  # fmt: skip
-        _zig(place, *LINUX, "-soname", name, "-o", str(made), f"@{listed}")
+        words = SYSTEMS[system].linker
+        known = {"name": name, "made": made, "target": zig_target}
+        _zig(place, *(word.format(**known) for word in words), f"@{listed}")
         return made.read_bytes()
 
 

@@ -28,7 +28,7 @@ from rasterjit.cli import shared_libraries
 from rasterjit.runtime import background_compile, jit, prebuilt_kernels, store
 from rasterjit.runtime.background_compile import Task
 from rasterjit.runtime.prebuilt_kernels import Index
-from rasterjit.runtime.targets import PLATFORMS, Platform, Target
+from rasterjit.runtime.targets import PLATFORMS, Platform, Target, parts_of
 
 HERE = "rasterjit.cli.wheels"
 """This module's name, also when it runs as ``__main__``."""
@@ -94,7 +94,7 @@ def files_of(platforms: Sequence[Platform]) -> list[dict[str, bytes]]:
         for target in (one for platform in platforms for one in platform.targets()):
             made[target] = os.path.join(place, str(len(made)))
             os.mkdir(made[target])
-            kind = target.triple.partition("-")[0], target.cpu, target.features
+            kind = parts_of(target.triple)[0], target.cpu, target.features
             groups.setdefault(kind, []).append((made[target], target))
         tasks = [
             Task(HERE, "compile_for", (one.__module__, one.__name__, number, *targets))

@@ -42,7 +42,7 @@ class Platform(NamedTuple):
     """Of the wheel."""
     levels: tuple[Level, ...]
     """The best first."""
-    suffix: str = ".so"
+    suffix: str
     """Of a shared library."""
 
     def targets(self) -> list[Target]:
@@ -50,23 +50,31 @@ class Platform(NamedTuple):
         return [Target(self.triple, level.cpu, level.features) for level in self.levels]
 
 
+X86_64 = (
+    # AMD's CPUs gather slowly, as do Intel's with the microcode of 2023.
+    Level("x86-64-v4", "+avx512vl,+prefer-no-gather"),
+    Level("x86-64-v3"),
+    Level("x86-64-v2"),
+)
+AARCH64 = (Level("generic"),)
+"""ARMv8.0, with the vectors of 128 bits that all have."""
+
 PLATFORMS = {
     "x86_64": Platform(
-        "x86_64-unknown-linux-gnu", "manylinux2014_x86_64.manylinux_2_17_x86_64",
-        (
-            # AMD's CPUs gather slowly, as do Intel's with the microcode of 2023.
-            Level("x86-64-v4", "+avx512vl,+prefer-no-gather"),
-            Level("x86-64-v3"),
-            Level("x86-64-v2"),
-        ),
+        "x86_64-unknown-linux-gnu", "manylinux2014_x86_64.manylinux_2_17_x86_64", X86_64, ".so"
     ),
-    # ARMv8.0, with the vectors of 128 bits that all have.
     "aarch64": Platform(
-        "aarch64-unknown-linux-gnu", "manylinux2014_aarch64.manylinux_2_17_aarch64",
-        (Level("generic"),),
+        "aarch64-unknown-linux-gnu", "manylinux2014_aarch64.manylinux_2_17_aarch64", AARCH64, ".so"
     ),
-}  # fmt: skip
+    "win_amd64": Platform("x86_64-pc-windows-msvc", "win_amd64", X86_64, ".dll"),
+    "macos_arm64": Platform("arm64-apple-macosx11.0", "macosx_11_0_arm64", AARCH64, ".dylib"),
+    # Hardly any Mac has AVX-512, and none shows it before it is used.
+    "macos_x86_64": Platform("x86_64-apple-macosx11.0", "macosx_11_0_x86_64", X86_64[1:], ".dylib"),
+}
 """By the name that ``RASTERJIT_PLATFORMS`` has for it."""
+
+SYSTEMS = {"linux": "linux", "windows": "windows", "darwin": "macos", "macosx": "macos"}
+"""By what triples call them."""
 
 CHOICES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 """Environment variables that ask for another CPU than this machine's."""
@@ -112,10 +120,15 @@ def host() -> Target:
 
 def platform_of(triple: str) -> Platform | None:
     """Return the platform of a triple; None if no wheel is made for it."""
-    kind, *rest = triple.split("-")
-    if not any(part == "linux" for part in rest):
-        return None
-    return next((one for one in PLATFORMS.values() if one.triple.split("-")[0] == kind), None)
+    wanted = parts_of(triple)
+    return next((one for one in PLATFORMS.values() if parts_of(one.triple) == wanted), None)
+
+
+def parts_of(triple: str) -> tuple[str, str]:
+    """Return the kind of CPU and the system of a triple, by names of ours."""
+    kind, *rest = re.sub(r"[\d.]+$", "", triple).split("-")
+    system = next((SYSTEMS[part] for part in rest if part in SYSTEMS), "")
+    return ("aarch64" if kind == "arm64" else kind), system
 
 
 def needs_far_addresses(triple: str) -> bool:
@@ -124,8 +137,7 @@ def needs_far_addresses(triple: str) -> bool:
 
     ARM's Windows cannot relocate them in object files; macOS has its own rules.
     """
-    kind, *rest = triple.split("-")
-    return platform_of(triple) is not None or (kind == "x86_64" and "windows" in rest)
+    return platform_of(triple) is not None and parts_of(triple)[1] != "macos"
 
 
 def process_triple() -> str:

@@ -155,7 +155,7 @@ def main(target, some, model, libraries, part, count):
                 for system in libraries
             ] or [(compiler.machine_of(target), module)]
             for machine, code in made:
-                needed = sorted(compiler.needed_symbols(machine.emit_object(code)))
+                needed = sorted(shared_libraries.needed_symbols(machine.emit_object(code)))
                 assembly = machine.emit_assembly(code)
                 assert one.__name__ in assembly
                 dependent, vectors = cpu_dependent(assembly), vectors_used(assembly)

@@ -11,7 +11,6 @@ import io
 import json
 import os
 import shutil
-import struct
 import subprocess
 import sys
 import zipfile
@@ -148,6 +147,23 @@ def test_a_library_runs_on_no_cpu_that_lacks_a_feature(levels, cpu):
         [*words, *map(str, levels.values())], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == str([int(level <= EMULATED[cpu]) for level in levels])
+
+
+def test_triples_of_a_system_have_its_platform_whatever_else_they_say():
+    for triple, name in {
+        "x86_64-conda-linux-gnu": "x86_64", "aarch64-unknown-linux-gnu": "aarch64",
+        "x86_64-pc-windows-msvc": "win_amd64", "arm64-apple-darwin": "macos_arm64",
+        "aarch64-apple-macosx14.1": "macos_arm64", "x86_64-apple-darwin23.1.0": "macos_x86_64",
+    }.items():  # fmt: skip
+        assert targets.platform_of(triple) is targets.PLATFORMS[name]
+        assert targets.needs_far_addresses(triple) == ("apple" not in triple)
+    for triple in (
+        "aarch64-pc-windows-msvc",
+        "riscv64-unknown-linux-gnu",
+        "x86_64-unknown-freebsd",
+    ):
+        assert targets.platform_of(triple) is None
+        assert not targets.needs_far_addresses(triple)
 
 
 @pytest.mark.parametrize("level", PLATFORM.levels, ids=lambda level: level.cpu)
@@ -350,37 +366,6 @@ def test_without_llvmlite_and_shipped_code_commands_say_what_is_missing(tmp_path
 
 
 @needs_library
-def test_a_library_needs_no_address_but_memset_and_no_memory_to_write_and_run(come):
-    content = come().read_bytes()
-    assert content.startswith(b"\x7fELF\x02\x01")
-    (start,) = struct.unpack_from("<Q", content, 0x20)
-    size, count = struct.unpack_from("<HH", content, 0x36)
-    parts = [struct.unpack_from("<II", content, start + size * k) for k in range(count)]
-    loaded, dynamic, executable, writable = 1, 2, 1, 2
-    flags = {flag for kind, flag in parts if kind == loaded}
-    assert any(flag & executable for flag in flags)
-    assert not any(flag & executable and flag & writable for flag in flags)
-    assert dynamic in [kind for kind, _ in parts]
-    assert relocated_names(content) <= shared_libraries.CALLED
-
-
-def relocated_names(content):
-    """Return the names of what a shared library of Linux has the system put addresses of."""
-    (start,) = struct.unpack_from("<Q", content, 0x28)
-    size, count = struct.unpack_from("<HH", content, 0x3A)
-    sections = [struct.unpack_from("<IIQQQQII", content, start + size * k) for k in range(count)]
-    found = set()
-    for _, kind, _, _, offset, length, link, _ in sections:
-        if kind != 4:
-            continue
-        symbols, texts = sections[link][4], sections[sections[link][6]][4]
-        for _, about, _ in struct.iter_unpack("<QQq", content[offset : offset + length]):
-            (name,) = struct.unpack_from("<I", content, symbols + 24 * (about >> 32))
-            found.add(content[texts + name : content.index(b"\0", texts + name)].decode())
-    return found
-
-
-@needs_library
 def test_where_all_came_warmup_compiles_nothing_and_needs_no_folder(come, monkeypatch):
     come()
     monkeypatch.setattr(background_compile, "every_kernel", lambda: [stage_runner.run_list])
@@ -500,19 +485,6 @@ def test_a_check_tells_the_same_bytes_from_others_and_from_none(come, monkeypatc
         monkeypatch.setattr(wheels, "files_of", lambda platforms: [files])
         assert wheels.check() == (words == "the same bytes")
         assert words in capsys.readouterr().out
-
-
-@needs_library
-def test_a_form_is_compiled_once_for_a_cpu_and_put_into_the_folder_of_each_target(tmp_path):
-    first, kernel = HERE.targets()[-1], stage_runner.run_list
-    second = first._replace(triple=first.triple.replace("gnu", "musl"))
-    folders = [(str(tmp_path / one.triple), [*one]) for one in (first, second)]
-    for folder, _ in folders:
-        Path(folder).mkdir()
-    wheels.compile_for(kernel.__module__, kernel.__name__, 0, *folders)
-    codes = [Path(folder, f"{SYMBOL}.o").read_bytes() for folder, _ in folders]
-    assert codes[0] == codes[1]
-    assert Path(folders[0][0], f"{SYMBOL}.returns").read_text() == "int"
 
 
 def test_the_sources_of_the_kernels_are_hashed_as_one_and_an_edit_is_seen(tmp_path, monkeypatch):
