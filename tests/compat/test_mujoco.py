@@ -404,3 +404,13 @@ def test_the_extra_is_named_where_mujoco_is_missing():
     code = "import sys; sys.modules['mujoco'] = None; import rasterjit.compat.mujoco"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert 'pip install "rasterjit[mujoco]"' in done.stderr
+
+
+def test_an_older_mujoco_is_refused():
+    code = (
+        "import sys, types; old = types.ModuleType('mujoco'); old.__version__ = '3.3.0'\n"
+        "sys.modules['mujoco'] = old; import rasterjit.compat.mujoco"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "need MuJoCo 3.17 or later" in done.stderr
+    assert "(found 3.3.0)" in done.stderr

@@ -9,11 +9,16 @@ that list has them.
 from __future__ import annotations
 
 try:
-    import mujoco as _mujoco  # noqa: F401
+    import mujoco as _mujoco
 except ImportError as error:
     raise ImportError(
         f'pictures of models need MuJoCo: pip install "rasterjit[mujoco]" ({error})'
     ) from error
+if tuple(map(int, _mujoco.__version__.split(".")[:2])) < (3, 17):
+    raise ImportError(
+        'pictures of models need MuJoCo 3.17 or later: pip install "rasterjit[mujoco]" '
+        f"(found {_mujoco.__version__})"
+    )
 
 from rasterjit.compat.mujoco.drawing import ModelScene
 from rasterjit.compat.mujoco.environments import draw_environment

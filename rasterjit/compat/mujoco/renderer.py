@@ -326,8 +326,11 @@ class Renderer:
         frame = self._engines["mirrored"].render(
             scene, matrix_camera(view, clip), outputs=("linear",), background="black"
         )
-        share = np.float32(self.scene.geoms[geom].reflectance)
-        light[where] += share * np.minimum(frame.linear[where, :3], np.float32(1.0))
+        # In place: picking the pixels takes four times as long.
+        mirrored, share = frame.linear[..., :3], np.float32(self.scene.geoms[geom].reflectance)
+        np.minimum(mirrored, np.float32(1.0), out=mirrored)
+        mirrored *= (share * where)[..., None]
+        light += mirrored
 
     def _draw_shapes(self, camera: MatrixCamera, out: NDArray[Any]) -> None:
         """Draw depth or numbers at the centres of pixels."""
