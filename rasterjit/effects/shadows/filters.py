@@ -68,9 +68,20 @@ def cells_of(size, sides, side):
 
 
 @helper
+def texel_at(i, j, size):
+    """
+    Return the number of a texel, given its column and row.
+
+    32 bits wide, as products of 32-bit numbers are not by themselves: vectors of them are taken
+    apart, number by number, to read texels, which is what filters take most of their time for.
+    """
+    return np.uint32(np.int32(j) * np.int32(size) + np.int32(i))
+
+
+@helper
 def is_nearer(texels, i, j, size, plane):
     """Return 1 where a texel holds something nearer to the light than the plane, else 0."""
-    stored = texels[np.uintp(np.int32(j) * np.int32(size) + np.int32(i))]
+    stored = texels[np.uintp(texel_at(i, j, size))]
     return np.float32(1.0) if stored > plane else np.float32(0.0)
 
 
@@ -96,9 +107,9 @@ def compare_four(texels, at, plane, step, first, last):
     zero, one = np.float32(0.0), np.float32(1.0)
     two = np.float32(2.0) * step
     total = first if texels[np.uintp(at)] > plane else zero
-    total += one if texels[np.uintp(at + np.int32(1))] > plane + step else zero
-    total += one if texels[np.uintp(at + np.int32(2))] > plane + two else zero
-    total += last if texels[np.uintp(at + np.int32(3))] > plane + (two + step) else zero
+    total += one if texels[np.uintp(np.uint32(at + np.uint32(1)))] > plane + step else zero
+    total += one if texels[np.uintp(np.uint32(at + np.uint32(2)))] > plane + two else zero
+    total += last if texels[np.uintp(np.uint32(at + np.uint32(3)))] > plane + (two + step) else zero
     return total
 
 
@@ -116,15 +127,15 @@ def read_pcf(u, v, depth, across, down, bias, texels, size, sides, share):
         row = min(max(above - one, top), top + last)
         plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
         plane += bias[i]
-        at = np.int32(row) * np.int32(size) + np.int32(column)
+        at = texel_at(column, row, size)
         step, gain = across[i], down[i]
         total = (one - below) * compare_four(texels, at, plane, step, one - right, right)
-        at += np.int32(size)
+        at = np.uint32(at + np.uint32(size))
         total += compare_four(texels, at, plane + gain, step, one - right, right)
-        at += np.int32(size)
+        at = np.uint32(at + np.uint32(size))
         plane += np.float32(2.0) * gain
         total += compare_four(texels, at, plane, step, one - right, right)
-        at += np.int32(size)
+        at = np.uint32(at + np.uint32(size))
         total += below * compare_four(texels, at, plane + gain, step, one - right, right)
         shaded = total * np.float32(1.0 / 9.0)
         share[i] = one - (min(shaded, one) if inside else zero)
@@ -147,7 +158,7 @@ def is_shading(
     right, below = column + half - u, row + half - v
     plane = depth + across * right + down * below
     plane += bias
-    stored = texels[np.uintp(np.int32(row) * np.int32(size) + np.int32(column))]
+    stored = texels[np.uintp(texel_at(column, row, size))]
     above = stored - depth
     # What is below the sample counts where it is close by.
     looked = max(SPREAD * (widening * above) + SEARCHED, -SEARCHED)
@@ -193,7 +204,8 @@ def compare_two(texels, at, plane, step, right):
     """Return the comparisons with two texels of a row, the second of weight ``right``."""
     zero, one = np.float32(0.0), np.float32(1.0)
     total = (one - right) if texels[np.uintp(at)] > plane else zero
-    return total + (right if texels[np.uintp(at + np.int32(1))] > plane + step else zero)
+    beside = texels[np.uintp(np.uint32(at + np.uint32(1)))]
+    return total + (right if beside > plane + step else zero)
 
 
 @disjoint_helper
@@ -213,10 +225,11 @@ def read_penumbra(
         column, row = min(max(left, zero), last), min(max(upper, top), top + last)
         plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
         plane += bias[i]
-        at = np.int32(row) * np.int32(size) + np.int32(column)
+        at = texel_at(column, row, size)
         total = (one - below) * compare_two(texels, at, plane, across[i], right)
         plane += down[i]
-        total += below * compare_two(texels, at + np.int32(size), plane, across[i], right)
+        under = np.uint32(at + np.uint32(size))
+        total += below * compare_two(texels, under, plane, across[i], right)
         share[i] -= total if found[i] > zero else zero
 
 
@@ -251,7 +264,7 @@ def may_be_shaded(u, v, depth, facing, size, sides, cells, side):
         column = min(max(np.floor(u[i] * share), zero), last)
         row = min(max(np.floor((v[i] - top) * share), zero), last)
         row += np.floor(top / np.float32(size)) * np.float32(count)
-        at = np.int32(row) * count + np.int32(column)
+        at = texel_at(column, row, count)
         is_found = (depth[i] < cells[np.uintp(at)]) & (facing[i] > zero)
         found = np.int32(found | np.int32(is_found))
     return found != 0

@@ -87,7 +87,18 @@ FAR_ASIDE = 2.0**30
 
 
 @helper
-def plane_of(s, t, w, ns, nt, nw, row):
+def projection_at(row):
+    """Return what `plane_of` reads of a row of ``ShadowRecord.maps``: loops with loads are slow."""
+    is_parallel = row[PARALLEL] != 0.0
+    gain = -1.0 / row[SPAN] if is_parallel else row[NEAR]
+    return (
+        is_parallel, gain, row[NEAR], row[FAR], row[SPAN], row[FOCAL], row[FOCAL + 1], row[CENTER],
+        row[CENTER + 1],
+    )  # fmt: skip
+
+
+@helper
+def plane_of(s, t, w, ns, nt, nw, projection):
     """
     Return place, stored depth and its gain by a texel right and down, of a point and a normal.
 
@@ -95,23 +106,21 @@ def plane_of(s, t, w, ns, nt, nw, row):
     ----------
     s, t, w, ns, nt, nw : float64
         Along the axes of the map, from the light.
-    row : (MAP_COLUMNS,) float64
+    projection : tuple
+        See `projection_at`.
     """
-    is_parallel = row[PARALLEL] != 0.0
+    is_parallel, gain, near, far, span, focal_x, focal_y, center_x, center_y = projection
     # The plane is ns s + nt t + nw w = k; over the map, with s = S w and t = T w:
     # 1 / w = (ns S + nt T + nw) / k.
     over = 1.0 / (1.0 if is_parallel else w)
     k = -nw if is_parallel else ns * s + nt * t + nw * w
     steep = 1.0 / (k if k != 0.0 else 1.0)
     steep = steep if k != 0.0 else 0.0
-    gain = (-1.0 / row[SPAN] if is_parallel else row[NEAR]) * steep
-    across, down = gain * ns / row[FOCAL], gain * nt / row[FOCAL + 1]
-    depth = (row[FAR] - w) / row[SPAN] if is_parallel else row[NEAR] * over
-    return (
-        s * over * row[FOCAL] + row[CENTER],
-        t * over * row[FOCAL + 1] + row[CENTER + 1],
-        depth, across, down,
-    )  # fmt: skip
+    gain *= steep
+    across, down = gain * ns / focal_x, gain * nt / focal_y
+    depth = (far - w) / span if is_parallel else near * over
+    at_u, at_v = s * over * focal_x + center_x, t * over * focal_y + center_y
+    return at_u, at_v, depth, across, down
 
 
 @helper
@@ -131,6 +140,8 @@ def bias_of(texel, gain, texels):
 @disjoint_helper
 def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
     """Take samples to the map of a light, and write their planes and biases there."""
+    projection, is_parallel = projection_at(row), row[PARALLEL] != 0.0
+    unit, texels = row[TEXEL], row[BIAS_TEXELS]
     for i in range(px.shape[0]):
         x, y, z, a, b, c = px[i], py[i], pz[i], nx[i], ny[i], nz[i]
         s = row[0] * x + row[1] * y + row[2] * z - row[ORIGIN]
@@ -140,15 +151,15 @@ def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
         nt = row[3] * a + row[4] * b + row[5] * c
         nw = row[6] * a + row[7] * b + row[8] * c
         # What lies beside or behind the light is outside its map.
-        before = (row[PARALLEL] != 0.0) | (w > 0.0)
+        before = is_parallel | (w > 0.0)
         w = w if before else 1.0
-        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, row)
-        texel = row[TEXEL] * (1.0 if row[PARALLEL] != 0.0 else d)
+        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, projection)
+        texel = unit * (1.0 if is_parallel else d)
         right, below = held_slope(right, below, texel)
         at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
         u[i], v[i] = np.float32(at_u), np.float32(clamped(at_v, -FAR_ASIDE, FAR_ASIDE))
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
-        steps = bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS])
+        steps = bias_of(texel, abs(right) + abs(below), texels)
         bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
@@ -160,6 +171,7 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
     The maps lie one below the other: +x, -x, +y, -y, +z, -z. A sample goes to the one of its
     longest coordinate; the other two, in cyclic order, run across and down.
     """
+    projection, unit, texels = projection_at(row), row[TEXEL], row[BIAS_TEXELS]
     for i in range(px.shape[0]):
         x, y, z = px[i] - row[ORIGIN], py[i] - row[ORIGIN + 1], pz[i] - row[ORIGIN + 2]
         a, b, c = nx[i], ny[i], nz[i]
@@ -173,14 +185,14 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
         nw, w = (-nw if w < 0.0 else nw), abs(w)
         before = w > 0.0
         w = w if before else 1.0
-        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, row)
-        texel = row[TEXEL] * d
+        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, projection)
+        texel = unit * d
         right, below = held_slope(right, below, texel)
         at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
         at_v = clamped(at_v, -FAR_ASIDE, FAR_ASIDE)
         u[i], v[i] = np.float32(at_u), np.float32(at_v) + side * np.float32(size)
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
-        steps = bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS])
+        steps = bias_of(texel, abs(right) + abs(below), texels)
         bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
