@@ -392,6 +392,7 @@ def find_texels(u, v, is_mipped, coarser_by, row, levels, numbers, shares):
     is_repeated = (
         row[texturing.WRAP_U] == texturing.REPEAT and row[texturing.WRAP_V] == texturing.REPEAT
     )
+    # Repeated textures, in runs of samples of one level.
     if is_repeated and (not is_mipped or count_runs(details) * EVEN_RUN <= size):
         while start < size:
             end = size
@@ -412,6 +413,7 @@ def find_texels(u, v, is_mipped, coarser_by, row, levels, numbers, shares):
                 find_repeated_texel(u, v, extent, corners[0])
             start = end
         return
+    # The level of each sample.
     firsts, widths, heights = (
         part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size), part(numbers, HEIGHT, 0, size)
     )  # fmt: skip
@@ -422,6 +424,7 @@ def find_texels(u, v, is_mipped, coarser_by, row, levels, numbers, shares):
         fill_level(
             np.int32(texel - base), np.int32(width), np.int32(height), firsts, widths, heights
         )
+    # Texels, wrapped as the texture asks.
     wraps = row[texturing.WRAP_U], row[texturing.WRAP_V]
     columns, rows = part(numbers, COLUMN, 0, size), part(numbers, ROW, 0, size)
     find_positions(
