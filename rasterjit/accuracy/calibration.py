@@ -22,14 +22,14 @@ from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.validation import thread_count
 
-SCENES_DRAWN = ("highlights", "shadows", "glass", "floor")
-"""Made scenes that differ in what they cost: light, shadows, layers, textures."""
+SCENES_USED = ("highlights", "shadows", "glass", "floor")
+"""Test scenes with different costs: light, shadows, layers, textures."""
 
 ROUNDS = 7
 """Frames of each quality, by turns, that a time is the median of; of many pictures, one."""
 
 LIGHT = ("color", "linear")
-"""Outputs that errors are told from."""
+"""Outputs that errors are measured on."""
 
 
 def calibrate(
@@ -62,9 +62,9 @@ def calibrate(
     thread_count("threads", threads)
     times: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
     errors: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
-    for number, name in enumerate(SCENES_DRAWN):
+    for number, name in enumerate(SCENES_USED):
         if progress is not None:
-            progress(f"drawing {name}", number, len(SCENES_DRAWN))
+            progress(f"drawing {name}", number, len(SCENES_USED))
         made = make(name)
         with Studio(made.scene, made.camera, made.size, threads) as studio:
             for quality, error in _errors(studio).items():
@@ -82,39 +82,37 @@ def calibrate(
 def _errors(studio: Studio) -> dict[Quality, float]:
     """Return the error of each quality over that of the standard; compiles what it takes."""
     reference = light_of(studio.draw(Quality.reference(), LIGHT))
-    found = {
+    errors = {
         quality: root_mean_square(light_of(studio.draw(quality, LIGHT)) - reference)
         for quality in LADDER[:-1]
     }
-    found[LADDER[-1]] = 0.0
-    usual = found[Quality.standard()]
-    return {quality: error / usual for quality, error in found.items()}
+    errors[LADDER[-1]] = 0.0
+    base = errors[Quality.standard()]
+    return {quality: error / base for quality, error in errors.items()}
 
 
 def _times(studio: Studio) -> dict[Quality, float]:
     """Return the time of each quality over that of the standard, by turns."""
     ratios: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
     for turn in range(ROUNDS):
-        present = [quality for quality in LADDER if turn == 0 or not _draws_many(quality)]
+        order = [quality for quality in LADDER if turn == 0 or not _is_supersampled(quality)]
         # Another one begins every round.
-        first = turn % len(present)
-        seconds = {
-            quality: _seconds(studio, quality) for quality in present[first:] + present[:first]
-        }
-        usual = seconds[Quality.standard()]
+        first = turn % len(order)
+        seconds = {quality: _seconds(studio, quality) for quality in order[first:] + order[:first]}
+        base = seconds[Quality.standard()]
         for quality, time in seconds.items():
-            ratios[quality].append(time / usual)
-    return {quality: statistics.median(some) for quality, some in ratios.items()}
+            ratios[quality].append(time / base)
+    return {quality: statistics.median(values) for quality, values in ratios.items()}
 
 
-def _draws_many(quality: Quality) -> bool:
-    """Tell whether a quality draws many whole pictures."""
+def _is_supersampled(quality: Quality) -> bool:
+    """Tell whether a quality averages whole pictures."""
     return quality.samples in SUPERSAMPLED
 
 
 def _seconds(studio: Studio, quality: Quality) -> float:
     """Return the seconds of a frame that follows one of its own quality, or of many pictures."""
     attempt = Attempt("", str(quality), quality)
-    if not _draws_many(quality):
+    if not _is_supersampled(quality):
         studio.seconds(attempt)
     return total(studio.seconds(attempt))

@@ -1,5 +1,5 @@
 """
-Choose one quality, always, and say how sure the choice is.
+Choose a quality from the trials of a study, and rate how sure the choice is.
 
 Errors are exact, times are not: the choice is as sure as the times of those that were not chosen
 are known.
@@ -13,40 +13,40 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial
-from rasterjit.accuracy.settings_to_try import AXES
+from rasterjit.accuracy.settings_to_try import COMBINED_LEVELS
 
-NOTCH = 1.57
-"""Interquartile ranges, over the root of their number, that a median of samples is known to."""
+MEDIAN_NOTCH = 1.57
+"""Uncertainty of a median, in interquartile ranges over the root of the number of samples."""
 
-TOLD_APART = 3
+MIN_ROUNDS_APART = 3
 """Rounds from which on a time is told to be another one, unless it is so by far."""
 
-ROUGH = 0.5
-"""Share of a time that it is known to where it was taken in fewer rounds."""
+ROUGH_UNCERTAINTY = 0.5
+"""Relative uncertainty of a time that was measured in fewer rounds."""
 
-MANY = 6
+QUARTILE_ROUNDS = 6
 """Rounds from which on quartiles say how far a median is known; of fewer, all samples do: both ends
 of six samples hold the median in 97 of 100 cases, those of three in 75."""
 
 MIN_NOISE = 0.01
-"""Share of the standard's time that is never told apart, however alike the samples are."""
+"""Least uncertainty of a time, relative to the standard's, however alike the samples are."""
 
-KNOWN_WELL = 0.25
-"""Largest share of a time that is not known, for it to be called a factor."""
+MAX_UNCERTAINTY = 0.25
+"""Largest relative uncertainty of a time that is reported as a factor."""
 
-ALIKE = 1.005
+SAME_ERROR = 1.005
 """Errors in a smaller ratio are not told apart: they print alike."""
 
 INVISIBLE = 1e-3
 """Error, root mean square of linear light, below which none is seen: half an 8-bit step is more."""
 
 MAX_ON_FRONT = 7
-"""Points of the front: more than anybody chooses among."""
+"""Most points of the Pareto front."""
 
 
 def noise(trial: Trial) -> float:
     """
-    Return what the ratio of a trial is known to, plus or minus.
+    Return the uncertainty of a trial's ratio, plus or minus.
 
     References
     ----------
@@ -54,21 +54,21 @@ def noise(trial: Trial) -> float:
        Statistician 32 (1), 1978: the notch.
     """
     if not is_timed(trial):
-        return ROUGH * trial.ratio
-    if len(trial.ratios) < MANY:
+        return ROUGH_UNCERTAINTY * trial.ratio
+    if len(trial.ratios) < QUARTILE_ROUNDS:
         return max(max(trial.ratios) - min(trial.ratios), MIN_NOISE)
     low, high = trial.spread
-    return max(NOTCH * (high - low) / math.sqrt(len(trial.ratios)), MIN_NOISE)
+    return max(MEDIAN_NOTCH * (high - low) / math.sqrt(len(trial.ratios)), MIN_NOISE)
 
 
 def is_timed(trial: Trial) -> bool:
     """Tell whether a trial was drawn often enough to say how much its time varies."""
-    return len(trial.ratios) >= TOLD_APART
+    return len(trial.ratios) >= MIN_ROUNDS_APART
 
 
 def is_measured(trial: Trial) -> bool:
     """Tell whether a time is known well enough to be called a factor."""
-    return is_timed(trial) and noise(trial) <= KNOWN_WELL * trial.ratio
+    return is_timed(trial) and noise(trial) <= MAX_UNCERTAINTY * trial.ratio
 
 
 def is_slower(trial: Trial, other: Trial) -> bool:
@@ -77,8 +77,8 @@ def is_slower(trial: Trial, other: Trial) -> bool:
     return trial.ratio - other.ratio > math.sqrt(a * a + b * b)
 
 
-def inaccuracies(trial: Trial) -> tuple[float, ...]:
-    """Return the errors that a level must be no worse in: of light, faces, depth, texture."""
+def compared_errors(trial: Trial) -> tuple[float, ...]:
+    """Return the errors by which trials are compared: of light, faces, depth, texture."""
     errors = trial.errors
     return (
         errors.rmse, float(errors.wrong_faces), errors.depth_units or 0.0, errors.uv_texels or 0.0,
@@ -87,7 +87,7 @@ def inaccuracies(trial: Trial) -> tuple[float, ...]:
 
 def dominates(trial: Trial, other: Trial) -> bool:
     """Tell whether a trial is neither slower nor less accurate than another, and not its equal."""
-    pairs = list(zip(inaccuracies(trial), inaccuracies(other), strict=True))
+    pairs = list(zip(compared_errors(trial), compared_errors(other), strict=True))
     if is_slower(trial, other) or any(a > b for a, b in pairs):
         return False
     are_known = is_measured(trial) and is_measured(other)
@@ -97,15 +97,15 @@ def dominates(trial: Trial, other: Trial) -> bool:
 def mark_dominated(trials: Iterable[Trial], standard: Trial) -> tuple[Trial, ...]:
     """Return the trials, each with the fastest level of its setting that dominates it."""
     trials = list(trials)
-    marked = []
+    result = []
     for trial in trials:
         rivals: list[Trial] = []
         if trial.setting != COMBINATIONS:
             rivals = [standard, *(other for other in trials if other.setting == trial.setting)]
         better = [rival for rival in rivals if dominates(rival, trial)]
         name = min(better, key=lambda rival: rival.ratio).label if better else None
-        marked.append(replace(trial, dominated_by=name))
-    return tuple(marked)
+        result.append(replace(trial, dominated_by=name))
+    return tuple(result)
 
 
 def pareto_front(trials: Sequence[Trial]) -> tuple[str, ...]:
@@ -117,37 +117,37 @@ def pareto_front(trials: Sequence[Trial]) -> tuple[str, ...]:
     as accurate as well, the standard, else the one that changes least. What is not measured well
     enough is not among them, apart from the standard.
     """
-    waiting = [trial for trial in trials if is_measured(trial) or trial.setting == STANDARD]
+    remaining = [trial for trial in trials if is_measured(trial) or trial.setting == STANDARD]
     front: list[Trial] = []
-    while waiting:
-        limit = ALIKE * min(trial.errors.rmse for trial in waiting)
+    while remaining:
+        limit = SAME_ERROR * min(trial.errors.rmse for trial in remaining)
         peers = [
             trial
-            for trial in waiting
+            for trial in remaining
             if trial.errors.rmse <= limit and all(is_slower(other, trial) for other in front)
         ]
-        fastest = [one for one in peers if not any(is_slower(one, other) for other in peers)]
+        fastest = [trial for trial in peers if not any(is_slower(trial, other) for other in peers)]
         if fastest:
-            front.append(min(fastest, key=_plainness))
-        waiting = [trial for trial in waiting if trial.errors.rmse > limit]
-    return tuple(trial.label for trial in thinned(front[::-1]))
+            front.append(min(fastest, key=_complexity))
+        remaining = [trial for trial in remaining if trial.errors.rmse > limit]
+    return tuple(trial.label for trial in thin_front(front[::-1]))
 
 
-def _plainness(trial: Trial) -> tuple[bool, int, float]:
-    """Return what the least of is the simplest quality."""
+def _complexity(trial: Trial) -> tuple[bool, int, float]:
+    """Return a sort key: the least belongs to the simplest quality."""
     return trial.setting != STANDARD, len(trial.level.split()), trial.ratio
 
 
-def thinned(front: Sequence[Trial], most: int = MAX_ON_FRONT) -> list[Trial]:
-    """Return at most so many of a front, without those nearest to the line of their neighbours."""
-    kept = list(front)
-    while len(kept) > most:
-        inner = [n for n in range(1, len(kept) - 1) if kept[n].setting != STANDARD]
-        del kept[min(inner, key=lambda n: _corner(*kept[n - 1 : n + 2]))]
-    return kept
+def thin_front(front: Sequence[Trial], most: int = MAX_ON_FRONT) -> list[Trial]:
+    """Thin a front to a number of points, removing those nearest to their neighbours' line."""
+    points = list(front)
+    while len(points) > most:
+        inner = [n for n in range(1, len(points) - 1) if points[n].setting != STANDARD]
+        del points[min(inner, key=lambda n: _corner_area(*points[n - 1 : n + 2]))]
+    return points
 
 
-def _corner(before: Trial, one: Trial, after: Trial) -> float:
+def _corner_area(before: Trial, one: Trial, after: Trial) -> float:
     """Return twice the area of a triangle of neighbours on logarithmic axes."""
     (x0, y0), (x1, y1), (x2, y2) = (
         (math.log(trial.ratio), math.log(max(trial.errors.rmse, 1e-9)))
@@ -156,19 +156,19 @@ def _corner(before: Trial, one: Trial, after: Trial) -> float:
     return abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
 
 
-AS_GOOD = 1.05
+SAME_PRICE = 1.05
 """Prices in a smaller ratio are as good: of those the simplest quality is taken."""
 
-SURE, FAIRLY_SURE = 0.05, 0.25
+SURE_GAIN, FAIR_GAIN = 0.05, 0.25
 """Most that another quality may be better by, as a share, for the choice to be called so."""
 
-FEW = 0.2
+MAX_UNTRIED = 0.2
 """Share of the promising qualities that may be untried for a choice to be called sure; up to half
 of them, it is fairly sure."""
 
 
 class Choice(NamedTuple):
-    """The quality to take."""
+    """The chosen quality, and how sure the choice is."""
 
     trial: Trial
     holds: bool
@@ -182,10 +182,10 @@ class Choice(NamedTuple):
 
     @property
     def sureness(self) -> str:
-        """How sure the choice is, in words."""
-        if self.at_most <= SURE and self.untried <= FEW:
+        """Certainty of the choice, in words."""
+        if self.at_most <= SURE_GAIN and self.untried <= MAX_UNTRIED:
             return "sure"
-        return "fairly sure" if max(self.at_most, 0.5 * self.untried) <= FAIRLY_SURE else "a guess"
+        return "fairly sure" if max(self.at_most, 0.5 * self.untried) <= FAIR_GAIN else "a guess"
 
 
 def choose(study: Study) -> Choice:
@@ -199,10 +199,10 @@ def choose(study: Study) -> Choice:
     smaller than the reference's own, are not told apart.
     """
     floor = max(INVISIBLE, study.reference_error)
-    found = choose_among(study.standard, study.trials, study.max_error, floor)
-    left = sum(map(_is_promising, study.left_out))
-    tried = sum(_is_promising(one.label) for one in study.trials)
-    return found._replace(untried=left / max(left + tried, 1) if study.trials else 1.0)
+    choice = choose_among(study.standard, study.trials, study.max_error, floor)
+    untried = sum(map(_is_promising, study.left_out))
+    tried = sum(_is_promising(trial.label) for trial in study.trials)
+    return choice._replace(untried=untried / max(untried + tried, 1) if study.trials else 1.0)
 
 
 def choose_among(
@@ -212,35 +212,37 @@ def choose_among(
     floor: float = INVISIBLE,
 ) -> Choice:
     """Return the quality to take of some; see `choose`."""
-    usual = inaccuracies(standard)
-    limit = usual[0] * ALIKE if max_error is None else max_error
+    limits = compared_errors(standard)
+    max_rmse = limits[0] * SAME_ERROR if max_error is None else max_error
     # The first is the error of light, which is asked for by itself.
-    fit = [
+    usable = [
         one
         for one in (standard, *trials)
-        if all(a <= b for a, b in zip(inaccuracies(one)[1:], usual[1:], strict=True))
+        if all(a <= b for a, b in zip(compared_errors(one)[1:], limits[1:], strict=True))
     ]
-    holding = [one for one in fit if one.errors.rmse <= limit and _is_worthwhile(one, standard)]
-    if not holding:
-        best = min(fit, key=lambda one: (one.errors.rmse, one.ratio))
+    within = [
+        one for one in usable if one.errors.rmse <= max_rmse and _is_worthwhile(one, standard)
+    ]
+    if not within:
+        best = min(usable, key=lambda one: (one.errors.rmse, one.ratio))
         return Choice(best, False, 0.0)
     price = _price if max_error is None else _time
-    least = min(price(one, floor) for one in holding)
-    good = [one for one in holding if price(one, floor) <= AS_GOOD * least]
-    chosen = min(good, key=lambda one: (_changes(one), price(one, floor)))
-    rivals = [_gain(chosen, one, price, floor) for one in holding if one is not chosen]
-    return Choice(chosen, True, max(rivals, default=0.0))
+    lowest = min(price(one, floor) for one in within)
+    near_best = [one for one in within if price(one, floor) <= SAME_PRICE * lowest]
+    simplest = min(near_best, key=lambda one: (_change_count(one), price(one, floor)))
+    gains = [_gain(simplest, one, price, floor) for one in within if one is not simplest]
+    return Choice(simplest, True, max(gains, default=0.0))
 
 
 def _is_promising(label: str) -> bool:
     """Tell whether a quality is a preset or a combination, or of a level that is combined."""
     setting, _, level = label.partition("=")
-    return not level or " " in label or level in map(str, AXES.get(setting, ()))
+    return not level or " " in label or level in map(str, COMBINED_LEVELS.get(setting, ()))
 
 
 def _is_worthwhile(trial: Trial, standard: Trial) -> bool:
     """Tell whether a quality has less error than the standard, or is known to be faster."""
-    if trial is standard or trial.errors.rmse * ALIKE < standard.errors.rmse:
+    if trial is standard or trial.errors.rmse * SAME_ERROR < standard.errors.rmse:
         return True
     return is_slower(standard, trial)
 
@@ -253,17 +255,17 @@ def _time(trial: Trial, floor: float) -> float:
     return trial.ratio
 
 
-def _changes(trial: Trial) -> int:
+def _change_count(trial: Trial) -> int:
     """Return how many settings a quality changes; a preset is one."""
     return 0 if trial.setting == STANDARD else len(trial.level.split())
 
 
 def _gain(chosen: Trial, other: Trial, price, floor: float) -> float:
-    """Return by which share another quality may be better, as far as times are known."""
-    unknown = math.hypot(*(_unknown(one) for one in (chosen, other)))
-    return max(0.0, 1.0 - price(other, floor) / price(chosen, floor) * math.exp(-unknown))
+    """Return the share by which another quality may be better, given the uncertainty of times."""
+    uncertainty = math.hypot(*(_uncertainty(trial) for trial in (chosen, other)))
+    return max(0.0, 1.0 - price(other, floor) / price(chosen, floor) * math.exp(-uncertainty))
 
 
-def _unknown(trial: Trial) -> float:
-    """Return the share of a time that is not known; the standard is what times are over."""
+def _uncertainty(trial: Trial) -> float:
+    """Return the relative uncertainty of a time; 0 for the standard."""
     return 0.0 if trial.setting == STANDARD else noise(trial) / trial.ratio

@@ -1,5 +1,5 @@
 """
-References of effects: what each effect approximates, found in a slow and obvious way.
+Slow references for effects: what each effect approximates.
 
 Each returns the light of every pixel in the standard quality, with the effect as it ought to be.
 
@@ -42,26 +42,26 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 
 MIN_LIGHTS, MAX_LIGHTS = 16, 64
-"""Places on a light whose hard shadows are averaged: as many as there is time for."""
+"""Limits of the number of points on a light whose hard shadows are averaged."""
 
-MIN_MAP, SHARP_MAP = 2048, 4096
+MIN_MAP_SIZE, SHARP_MAP_SIZE = 2048, 4096
 """Texels along a side of shadow maps: of those hard shadows, at least; of the reference of shadows
 that are hard or filtered."""
 
-DOME_LIGHTS, AT_ONCE = 256, 64
-"""Lights that stand for an environment, and those of one picture."""
+MAX_DOME_LIGHTS, BATCH_LIGHTS = 256, 64
+"""Number of lights that represent an environment, and of those in one picture."""
 
 SKY_ROWS = 128
 """Rows of the sky that is cut into lights, at most; of a gradient, all."""
 
-POINTS = 10
-"""Rows and columns of the points whose half space is looked at."""
+POINT_ROWS = 10
+"""Rows and columns of the points whose ambient occlusion is measured."""
 
-CUBE = 32
-"""Pixels along a side of the cube around such a point."""
+SIDE = 32
+"""Side of the cube map around such a point, pixels."""
 
-ABOVE = 2e-3
-"""How far above its surface a point looks from, and how near it sees, in radii."""
+NEAR_RADII = 2e-3
+"""Offset of a point above its surface, and near plane of its views, in radii."""
 
 
 def unchanged(scene: Scene) -> Scene:
@@ -69,8 +69,8 @@ def unchanged(scene: Scene) -> Scene:
     return scene
 
 
-class Truth(NamedTuple):
-    """What an effect is measured against."""
+class LightReference(NamedTuple):
+    """Reference light that an effect is measured against."""
 
     light: Float64
     """(H, W, 3), linear."""
@@ -82,7 +82,7 @@ class Truth(NamedTuple):
     """Returns a scene with only what the reference shows of it."""
 
     def difference(self, light: Float64) -> Float64:
-        """Return how far other light is from it, (H, W, 3), or (1, N, 3) of the pixels known."""
+        """Return the difference of other light, (H, W, 3), or (1, N, 3) of the known pixels."""
         apart = np.abs(light - self.light)
         return apart if self.where is None else apart[self.where][np.newaxis]
 
@@ -96,19 +96,19 @@ def is_soft(light: Light) -> bool:
     return shadow is not None and shadow.filter == "soft"
 
 
-def many_lights(painter: Studio, scene: Scene, seconds: float) -> Truth:
+def many_lights(painter: Studio, scene: Scene, seconds: float) -> LightReference:
     """Average hard shadows from places all over each light."""
     middle, _ = scene.bounding_sphere()
     begin, count = time.perf_counter(), 0
     total: Any = None
     for x, y in disk(MAX_LIGHTS):
-        lights = [_moved(light, x, y, np.asarray(middle)) for light in scene.lights]
+        lights = [_point_on_light(light, x, y, np.asarray(middle)) for light in scene.lights]
         light = painter.light(STANDARD, with_field(scene, "lights", lights))
         total = light if total is None else total + light
         count += 1
         if count >= MIN_LIGHTS and time.perf_counter() - begin > seconds:
             break
-    return Truth(total / count)
+    return LightReference(total / count)
 
 
 def disk(count: int) -> Float64:
@@ -119,25 +119,25 @@ def disk(count: int) -> Float64:
     return np.sqrt(turns[:, :1]) * sines[:, ::-1]
 
 
-def _moved(light: Any, x: float, y: float, middle: Float64) -> Any:
-    """Return a light with a soft shadow as a point of it; its disk faces the scene's middle."""
+def _point_on_light(light: Any, x: float, y: float, middle: Float64) -> Any:
+    """Return a point of a soft light as a hard one; its disk faces the scene's middle."""
     if not is_soft(light):
         return light
     shadow = light.shadow
-    hard = Shadow(max(shadow.size, MIN_MAP), "hard", bias=shadow.bias)
+    hard = Shadow(max(shadow.size, MIN_MAP_SIZE), "hard", bias=shadow.bias)
     if isinstance(light, DirectionalLight):
         axis = np.array(light.direction)
         sine, cosine = transforms.sine_cosine(0.5 * shadow.light_size)
-        u, v = _across(axis)
+        u, v = _perpendiculars(axis)
         return replace(light, direction=axis + (sine / cosine) * (x * u + y * v), shadow=hard)
     place = np.array(light.position)
     axis = middle - place if isinstance(light, PointLight) else np.array(light.direction)
-    u, v = _across(axis)
+    u, v = _perpendiculars(axis)
     moved = place + 0.5 * shadow.light_size * (x * u + y * v)
     return replace(light, position=moved, shadow=hard)
 
 
-def _across(axis: Float64) -> tuple[Float64, Float64]:
+def _perpendiculars(axis: Float64) -> tuple[Float64, Float64]:
     """Return two unit vectors at right angles to an axis, and to each other."""
     length = float(np.linalg.norm(axis))
     axis = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
@@ -147,33 +147,33 @@ def _across(axis: Float64) -> tuple[Float64, Float64]:
     return u, np.cross(axis, u)
 
 
-def sharp_shadows(painter: Studio, scene: Scene, seconds: float) -> Truth:
+def sharp_shadows(painter: Studio, scene: Scene, seconds: float) -> LightReference:
     """Draw shadows of large maps."""
 
     def sharp(light: Any) -> Any:
         if getattr(light, "shadow", None) is None:
             return light
-        return replace(light, shadow=replace(light.shadow, size=SHARP_MAP, filter="hard"))
+        return replace(light, shadow=replace(light.shadow, size=SHARP_MAP_SIZE, filter="hard"))
 
     lights = [sharp(light) for light in scene.lights]
-    return Truth(painter.light(STANDARD, with_field(scene, "lights", lights)))
+    return LightReference(painter.light(STANDARD, with_field(scene, "lights", lights)))
 
 
-def dome_of_lights(painter: Studio, scene: Scene, seconds: float) -> Truth:
-    """Light matt surfaces by as many directional lights as stand for an environment."""
-    dark = LIGHT.without(matt(scene))
+def dome_of_lights(painter: Studio, scene: Scene, seconds: float) -> LightReference:
+    """Light diffuse surfaces by directional lights that represent an environment."""
+    dark = LIGHT.without(without_highlights(scene))
     truth = painter.light(STANDARD, dark)
     unlit = painter.light(STANDARD, with_field(dark, "lights", []))
-    lights = lights_of(scene.environment)
-    for first in range(0, len(lights), AT_ONCE):
-        some = with_field(dark, "lights", lights[first : first + AT_ONCE])
+    lights = dome_lights(scene.environment)
+    for first in range(0, len(lights), BATCH_LIGHTS):
+        some = with_field(dark, "lights", lights[first : first + BATCH_LIGHTS])
         truth += painter.light(STANDARD, some) - unlit
     covered = painter.draw(STANDARD, ("face_id",)).face_id >= 0
-    return Truth(truth, covered, float(covered.mean()), matt)
+    return LightReference(truth, covered, float(covered.mean()), without_highlights)
 
 
-def matt(scene: Scene) -> Scene:
-    """Return a scene whose surfaces mirror nothing."""
+def without_highlights(scene: Scene) -> Scene:
+    """Return a scene whose surfaces have no highlights."""
 
     def dull(material: Material) -> Material:
         return replace(
@@ -184,7 +184,7 @@ def matt(scene: Scene) -> Scene:
     return with_materials(scene, dull)
 
 
-def sky_of(environment: Environment) -> tuple[Float64, Float64, Float64]:
+def sky_arrays(environment: Environment) -> tuple[Float64, Float64, Float64]:
     """Return light of a sky, (H, W, 3), solid angle of a texel of each row, and directions."""
     sky, wide = environment.sky, 2 * SKY_ROWS
     image = np.asarray(sky.image, np.float64) if isinstance(sky, Panorama) else None
@@ -205,14 +205,14 @@ def sky_of(environment: Environment) -> tuple[Float64, Float64, Float64]:
     return environment.intensity * image, areas, toward @ turn.T
 
 
-def lights_of(environment: Environment) -> list[Light]:
+def dome_lights(environment: Environment) -> list[Light]:
     """Return directional lights that shed the light of an environment, by median cuts [1]_."""
-    image, areas, toward = sky_of(environment)
+    image, areas, toward = sky_arrays(environment)
     power = image * areas[:, np.newaxis, np.newaxis]
     energy = power.sum(axis=2)
     parts = [(0, energy.shape[0], 0, energy.shape[1])]
-    while len(parts) < DOME_LIGHTS:
-        cut = [half for part in parts for half in _halves(part, energy)]
+    while len(parts) < MAX_DOME_LIGHTS:
+        cut = [half for part in parts for half in _halve(part, energy)]
         if len(cut) == len(parts):
             break
         parts = cut
@@ -230,7 +230,7 @@ def lights_of(environment: Environment) -> list[Light]:
     return lights
 
 
-def _halves(part: tuple[int, int, int, int], energy: Float64) -> list[tuple[int, int, int, int]]:
+def _halve(part: tuple[int, int, int, int], energy: Float64) -> list[tuple[int, int, int, int]]:
     """Return the parts of a sky that hold half the light of a part each, cut across its length."""
     top, bottom, left, right = part
     _, cosine = transforms.sine_cosine(90.0 - 90.0 * (top + bottom) / energy.shape[0])
@@ -238,21 +238,21 @@ def _halves(part: tuple[int, int, int, int], energy: Float64) -> list[tuple[int,
     if max(bottom - top, right - left) == 1:
         return [part]
     if (is_tall and bottom - top > 1) or right - left == 1:
-        middle = top + _middle(energy[top:bottom, left:right].sum(axis=1))
+        middle = top + _median_index(energy[top:bottom, left:right].sum(axis=1))
         return [(top, middle, left, right), (middle, bottom, left, right)]
-    middle = left + _middle(energy[top:bottom, left:right].sum(axis=0))
+    middle = left + _median_index(energy[top:bottom, left:right].sum(axis=0))
     return [(top, bottom, left, middle), (top, bottom, middle, right)]
 
 
-def _middle(amounts: Float64) -> int:
-    """Return how many of the first make half of all, at least one and not all."""
+def _median_index(amounts: Float64) -> int:
+    """Return the number of first amounts that make half of the sum, at least one and not all."""
     half = int(np.searchsorted(np.cumsum(amounts), 0.5 * amounts.sum()))
     return min(max(half, 1), len(amounts) - 1)
 
 
-def evened(scene: Scene) -> Scene:
+def with_even_environment(scene: Scene) -> Scene:
     """Return a scene with the mean light of its environment from everywhere."""
-    image, areas, _ = sky_of(scene.environment)
+    image, areas, _ = sky_arrays(scene.environment)
     mean = (image * areas[:, np.newaxis, np.newaxis]).sum(axis=(0, 1)) / (4.0 * math.pi)
     strength = float(mean.max()) or 1.0
     color = tuple((mean / strength).tolist())
@@ -260,8 +260,8 @@ def evened(scene: Scene) -> Scene:
     return with_field(scene, "environment", even)
 
 
-def rays(painter: Studio, scene: Scene, seconds: float) -> Truth:
-    """Find what reaches some points from all around by pictures of what lies above them."""
+def rays(painter: Studio, scene: Scene, seconds: float) -> LightReference:
+    """Measure ambient occlusion at some points by cube maps around them."""
     asked = scene.ambient_occlusion
     bright = painter.light(STANDARD, with_field(scene, "ambient_occlusion", None))
     dark = _without_ambient(scene)
@@ -272,18 +272,18 @@ def rays(painter: Studio, scene: Scene, seconds: float) -> Truth:
     rows, columns = np.nonzero(reached & (frame.face_id >= 0))
     known = np.zeros(reached.shape, bool)
     if len(rows) == 0:
-        return Truth(bright, known, 0.0)
-    count = min(POINTS * POINTS, len(rows))
+        return LightReference(bright, known, 0.0)
+    count = min(POINT_ROWS * POINT_ROWS, len(rows))
     taken = np.arange(count) * len(rows) // count
     rows, columns = rows[taken], columns[taken]
     positions = frame.position[rows, columns].astype(np.float64)
     normals = frame.geometric_normal[rows, columns].astype(np.float64)
-    open_share = 1.0 - asked.strength * blocked(scene, positions, normals, radius_of(asked, scene))
+    openness = 1.0 - asked.strength * occlusion(scene, positions, normals, radius_of(asked, scene))
     known[rows, columns] = True
     truth = darkness.copy()
     lit = bright[rows, columns] - darkness[rows, columns]
-    truth[rows, columns] += open_share[:, np.newaxis] * lit
-    return Truth(truth, known, float(reached.mean()))
+    truth[rows, columns] += openness[:, np.newaxis] * lit
+    return LightReference(truth, known, float(reached.mean()))
 
 
 def _without_ambient(scene: Scene) -> Scene:
@@ -295,7 +295,7 @@ def _without_ambient(scene: Scene) -> Scene:
     return dark if scene.environment is None else LIGHT.without(dark)
 
 
-def blocked(scene: Scene, positions: Float64, normals: Float64, radius: float) -> Float64:
+def occlusion(scene: Scene, positions: Float64, normals: Float64, radius: float) -> Float64:
     """
     Return the share of light from all around that surfaces within a radius block, by [2]_.
 
@@ -307,12 +307,12 @@ def blocked(scene: Scene, positions: Float64, normals: Float64, radius: float) -
     """
     cameras, axes = [], []
     for position, normal in zip(positions, normals, strict=True):
-        eye = position + ABOVE * radius * normal
-        u, v = _across(normal)
+        eye = position + NEAR_RADII * radius * normal
+        u, v = _perpendiculars(normal)
         for toward, up in ((normal, u), (u, normal), (-u, normal), (v, normal), (-v, normal)):
             cameras.append(
                 PerspectiveCamera(
-                    eye, eye + radius * toward, up=up, fov_y=90.0, near=ABOVE * radius,
+                    eye, eye + radius * toward, up=up, fov_y=90.0, near=NEAR_RADII * radius,
                     far=2.0 * radius,
                 )
             )  # fmt: skip
@@ -321,8 +321,8 @@ def blocked(scene: Scene, positions: Float64, normals: Float64, radius: float) -
     with warnings.catch_warnings():
         # What is near is seen from within, and what is far is cut off, on purpose.
         warnings.simplefilter("ignore", ViewWarning)
-        distances = render_batch(scene, cameras, size=(CUBE, CUBE), outputs=("distance",)).distance
-    at = (np.arange(CUBE) + 0.5) * (2.0 / CUBE) - 1.0
+        distances = render_batch(scene, cameras, size=(SIDE, SIDE), outputs=("distance",)).distance
+    at = (np.arange(SIDE) + 0.5) * (2.0 / SIDE) - 1.0
     x, y = np.meshgrid(at, -at)
     length = np.sqrt(x * x + y * y + 1.0)
     shares = np.zeros(len(cameras) // 5)
@@ -347,20 +347,20 @@ def without_lines(scene: Scene) -> Scene:
     return with_field(scene, "nodes", kept)
 
 
-def sampled_lines(painter: Studio, scene: Scene, seconds: float) -> Truth:
-    """Draw lines with many samples; look where they are."""
+def sampled_lines(painter: Studio, scene: Scene, seconds: float) -> LightReference:
+    """Draw lines with many samples, and mark their pixels."""
     bare = without_lines(scene)
     fine, rough = replace(STANDARD, samples=64), replace(STANDARD, samples=16)
     seen = [painter.light(quality) != painter.light(quality, bare) for quality in (STANDARD, rough)]
     where = (seen[0] | seen[1]).any(axis=2)
-    return Truth(painter.light(fine), where, float(where.mean()))
+    return LightReference(painter.light(fine), where, float(where.mean()))
 
 
-def sampled_lens(painter: Studio, scene: Scene, seconds: float) -> Truth:
+def sampled_lens(painter: Studio, scene: Scene, seconds: float) -> LightReference:
     """Draw a lens with many samples."""
-    return Truth(painter.light(replace(STANDARD, samples=64)))
+    return LightReference(painter.light(replace(STANDARD, samples=64)))
 
 
-def covered_lines(painter: Studio, scene: Scene, seconds: float) -> Truth:
+def covered_lines(painter: Studio, scene: Scene, seconds: float) -> LightReference:
     """Draw edges by the areas that they cover."""
-    return Truth(painter.light(replace(STANDARD, lines="coverage")))
+    return LightReference(painter.light(replace(STANDARD, lines="coverage")))

@@ -1,7 +1,7 @@
 """
-What each effect of a scene costs, and how far it is from a reference of its own.
+Measure the cost of each effect of a scene, and its error against its own reference.
 
-`KNOBS` is a table: a row says of an effect which levels it is drawn with besides the scene's own,
+`OPTIONS` is a table: a row says of an effect which levels it is drawn with besides the scene's own,
 and what its reference is. An effect without a row is drawn without it, to see what it costs.
 References are drawn in the standard quality but for the effect: what edges and textures lack of the
 study's reference does not count as an error of the effect.
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy import effect_references as references
-from rasterjit.accuracy.effect_references import Truth
+from rasterjit.accuracy.effect_references import LightReference
 from rasterjit.accuracy.results import EffectCost, Errors
 from rasterjit.accuracy.settings_to_try import Attempt, in_words
 from rasterjit.accuracy.timing import Contestant
@@ -33,36 +33,36 @@ if TYPE_CHECKING:
     from rasterjit.accuracy.study import Studio
 
 WITHOUT = "without"
-"""Level of an effect that is left out."""
+"""Level name of an effect that is left out."""
 
 LINES, LENS = "lines", "lens"
-"""What is no effect of the plan, and is weighed as one."""
+"""Names of lines and lenses, which are measured like effects."""
 
 NO_REFERENCE = "none; what it changes in the picture"
-"""What is said of an effect that is measured against nothing."""
+"""Text for an effect without a reference."""
 
 
-class Knob(NamedTuple):
-    """A row of the table: what can be tried of an effect."""
+class Options(NamedTuple):
+    """Levels of an effect that can be tried, and its reference: a row of `OPTIONS`."""
 
     effect: str
     settings: tuple[dict[str, Any], ...] = ()
     """Levels that a quality has: what each changes of the standard."""
     scenes: Callable[[Scene], dict[str, Scene]] = lambda scene: {}
     """Levels that the effect's description has, by name."""
-    reference: Callable[[Studio, Scene, float], Truth] | None = None
+    reference: Callable[[Studio, Scene, float], LightReference] | None = None
     """Takes what draws, the scene, and seconds that it may take."""
     said: str = NO_REFERENCE
     when: Callable[[Scene], bool] = lambda scene: True
     """Which scenes the row is for; the first that is counts."""
 
 
-def is_soft(scene: Scene) -> bool:
+def has_soft_light(scene: Scene) -> bool:
     """Tell whether a light has a soft shadow."""
     return any(references.is_soft(light) for light in scene.lights)
 
 
-def hardened(scene: Scene) -> dict[str, Scene]:
+def harder_shadows(scene: Scene) -> dict[str, Scene]:
     """Return a scene whose soft shadows have hard or filtered edges, by name."""
     changes: dict[str, dict[str, Any]] = {
         "hard edges": {"filter": "hard", "light_size": None},
@@ -84,67 +84,67 @@ def _with_shadows(scene: Scene, changes: dict[str, Any]) -> Scene:
 
 def evenly_lit(scene: Scene) -> dict[str, Scene]:
     """Return a scene whose environment is one colour: the mean of its light."""
-    return {"one colour": references.evened(scene)}
+    return {"one colour": references.with_even_environment(scene)}
 
 
-KNOBS: tuple[Knob, ...] = (
-    Knob(
+OPTIONS: tuple[Options, ...] = (
+    Options(
         "shadows",
         settings=({"shadow_size": 512}, {"shadow_size": 2048}),
-        scenes=hardened,
+        scenes=harder_shadows,
         reference=references.many_lights,
         said="the mean of up to 64 hard shadows, from places all over each light",
-        when=is_soft,
+        when=has_soft_light,
     ),
-    Knob(
+    Options(
         "shadows",
         settings=({"shadow_size": 512}, {"shadow_size": 2048}, {"shadow_taps": 1}),
         reference=references.sharp_shadows,
         said="shadows of maps of 4096 texels, each lookup one comparison",
     ),
-    Knob(
+    Options(
         "environment light",
         scenes=evenly_lit,
         reference=references.dome_of_lights,
         said="matt surfaces lit by 256 lights of equal energy; what is mirrored is left out",
     ),
-    Knob(
+    Options(
         "ambient occlusion",
         reference=references.rays,
         said="pictures of the half space above 100 points, weighted by the cosine",
     ),
-    Knob(
+    Options(
         "wireframe",
         settings=({"lines": "coverage"},),
         reference=references.covered_lines,
         said="the area of each pixel that a line covers",
     ),
-    Knob(
+    Options(
         LINES,
         settings=({"samples": 4}, {"samples": 16}),
         reference=references.sampled_lines,
         said="64 samples, where lines are seen",
     ),
-    Knob(
+    Options(
         LENS,
         settings=({"samples": 4}, {"samples": 16}),
         reference=references.sampled_lens,
         said="64 samples of the pictures that it is resampled from",
     ),
 )
-"""What can be tried of effects; a new setting of one is a level in its row."""
+"""Options to try for each effect; a new setting of one is a level in its row."""
 
 
-class Cost(NamedTuple):
-    """An effect to be weighed."""
+class EffectTrial(NamedTuple):
+    """An effect to be measured."""
 
     effect: str
     attempts: list[Attempt]
-    knob: Knob | None
+    knob: Options | None
 
 
-class Weighed(NamedTuple):
-    """An effect that was weighed; its levels are timed later."""
+class Measured(NamedTuple):
+    """An effect whose error is measured; its levels are timed later."""
 
     effect: str
     levels: list[Contestant]
@@ -152,13 +152,13 @@ class Weighed(NamedTuple):
     reference: str
 
     def cost(self, standard: Contestant, clock: str) -> EffectCost:
-        """Return what was measured by a clock."""
+        """Return the costs measured by a clock."""
         levels = tuple(level.trial(standard, clock) for level in self.levels)
         return EffectCost(self.effect, levels, self.rmse, self.reference)
 
 
-def costs_of(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[Cost]:
-    """Return what there is to weigh in a scene: what has a reference first."""
+def effect_trials(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[EffectTrial]:
+    """Return the effects of a scene to measure, those with a reference first."""
     found = {
         one.name: one.effect.without(scene)
         for one in plan.effects
@@ -167,10 +167,10 @@ def costs_of(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[Cost]:
     without = {name: other for name, other in found.items() if other is not None}
     if references.has_lines(scene):
         without[LINES] = references.without_lines(scene)
-    costs = [Cost(name, [_left_out(name, other)], None) for name, other in without.items()]
+    costs = [EffectTrial(name, [_without(name, other)], None) for name, other in without.items()]
     if lens is not None:
-        costs.append(Cost(LENS, [], None))
-    rows = [(cost, _knob_of(cost.effect, scene)) for cost in costs]
+        costs.append(EffectTrial(LENS, [], None))
+    rows = [(cost, _options_of(cost.effect, scene)) for cost in costs]
     known = [
         cost._replace(knob=knob, attempts=[*cost.attempts, *_levels(knob, scene)])
         for cost, knob in rows
@@ -179,18 +179,18 @@ def costs_of(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[Cost]:
     return [*known, *(cost for cost, knob in rows if knob is None)]
 
 
-def _left_out(effect: str, scene: Scene) -> Attempt:
+def _without(effect: str, scene: Scene) -> Attempt:
     """Return the standard of a scene that lacks an effect."""
     return Attempt(effect, WITHOUT, Quality.standard(), scene)
 
 
-def _knob_of(effect: str, scene: Scene) -> Knob | None:
+def _options_of(effect: str, scene: Scene) -> Options | None:
     """Return the row of an effect, if it has one."""
-    return next((knob for knob in KNOBS if knob.effect == effect and knob.when(scene)), None)
+    return next((knob for knob in OPTIONS if knob.effect == effect and knob.when(scene)), None)
 
 
-def _levels(knob: Knob, scene: Scene) -> list[Attempt]:
-    """Return what a row tries."""
+def _levels(knob: Options, scene: Scene) -> list[Attempt]:
+    """Return the levels of a row."""
     standard = Quality.standard()
     settings = [
         Attempt(knob.effect, in_words(changes), replace(standard, **changes), scene)
@@ -200,7 +200,7 @@ def _levels(knob: Knob, scene: Scene) -> list[Attempt]:
     return [*settings, *(Attempt(knob.effect, name, standard, other) for name, other in scenes)]
 
 
-def weigh(studio: Studio, cost: Cost, standard: Contestant, seconds: float) -> Weighed:
+def measure(studio: Studio, cost: EffectTrial, standard: Contestant, seconds: float) -> Measured:
     """
     Draw the levels of an effect and its reference.
 
@@ -233,9 +233,9 @@ def weigh(studio: Studio, cost: Cost, standard: Contestant, seconds: float) -> W
         error_map = difference.max(axis=2).astype(np.float32)
         levels.append(studio.contestant(attempt, found, color, error_map))
     if truth is None:
-        return Weighed(cost.effect, levels, None, said)
+        return Measured(cost.effect, levels, None, said)
     rmse = math.sqrt(truth.share) * root_mean_square(truth.difference(usual))
-    return Weighed(cost.effect, levels, rmse, said)
+    return Measured(cost.effect, levels, rmse, said)
 
 
 def _errors(difference: NDArray[np.float64], share: float, standard: Contestant) -> Errors:

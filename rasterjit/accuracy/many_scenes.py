@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.accuracy.choice import ALIKE, INVISIBLE, Choice, choose, choose_among, is_timed
+from rasterjit.accuracy.choice import INVISIBLE, SAME_ERROR, Choice, choose, choose_among, is_timed
 from rasterjit.accuracy.report.files import write_report
 from rasterjit.accuracy.report.many_scenes_page import write_together
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, front_trials
 from rasterjit.accuracy.settings_to_try import TRIED_PRESETS, Attempt
-from rasterjit.accuracy.study import SIZE, Course, begin, checked
+from rasterjit.accuracy.study import SIZE, StudyRun, begin_study, check_options
 from rasterjit.accuracy.timing import Progress
 from rasterjit.io.meshes import load, mesh_files
 from rasterjit.scene.lens import Lens
@@ -26,10 +26,10 @@ from rasterjit.scene.quality import PRESETS, Quality, differences
 from rasterjit.scene.validation import existing_folder
 
 STUDIED_SHARE = 0.8
-"""Share of a scene's seconds for its own study; the rest is for qualities that others brought."""
+"""Share of a scene's seconds for its own study; the rest is for candidates of other scenes."""
 
-STEPS_OF_RATIOS = 9
-"""Evenly spaced times that stand for those of a scene."""
+RATIO_STEPS = 9
+"""Number of quantiles that represent the times of a scene."""
 
 Loader = Callable[[], Any]
 """Returns a scene, or a pair of a scene and the camera that looks at it."""
@@ -38,7 +38,7 @@ Loader = Callable[[], Any]
 @dataclass(frozen=True)
 class FolderStudy:
     """
-    What studies of many scenes found together.
+    Result of studying many scenes: one quality for all of them.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class FolderStudy:
     failures: dict[str, str]
 
     def __repr__(self) -> str:
-        """Name the folder and the quality to take."""
+        """Name the folder and the chosen quality."""
         return f"FolderStudy({self.name!r}, {len(self.studies)} scenes, {self.take.trial.label!r})"
 
 
@@ -123,14 +123,14 @@ def study_folder(
     # Each scene by itself, one after the other.
     loaders, named = _loaders(folder)
     title = named if name is None else name
-    options = checked(size, knobs, budget, max_error, threads, output)
-    courses: dict[str, Course] = {}
+    options = check_options(size, knobs, budget, max_error, threads, output)
+    courses: dict[str, StudyRun] = {}
     studies: dict[str, Study] = {}
     failures: dict[str, str] = {}
     for number, (scene_name, loader) in enumerate(loaders.items()):
-        told = _told(progress, f"{number + 1} of {len(loaders)}, {scene_name}: ")
+        notify = _prefixed(progress, f"{number + 1} of {len(loaders)}, {scene_name}: ")
         try:
-            course = begin(_loaded(loader), options, STUDIED_SHARE, lens, told)
+            course = begin_study(_load(loader), options, STUDIED_SHARE, lens, notify)
             with course.studio:
                 course.run()
         except (ValueError, OSError) as error:
@@ -139,83 +139,83 @@ def study_folder(
         found = course.result(scene_name, options.max_error)
         if options.folder is not None:
             write_report(found, options.folder / scene_name)
-        courses[scene_name], studies[scene_name] = course, _bare(found)
+        courses[scene_name], studies[scene_name] = course, _without_pictures(found)
         if course.interrupted:
             break
     if not studies:
         why = "; ".join(f"{name}: {error}" for name, error in failures.items())
         raise ValueError(f"folder must hold scenes, got {title!r}, which has none to study: {why}")
     # What is worth choosing on any of them, tried on all.
-    wanted = _wanted(studies, options.knobs)
-    candidates: dict[str, list[Trial]] = {label: [] for label in wanted}
+    qualities = _candidates(studies, options.knobs)
+    candidates: dict[str, list[Trial]] = {label: [] for label in qualities}
     for scene_name, course in courses.items():
         seconds = (1.0 - STUDIED_SHARE) * options.seconds
-        for label, trial in _all_trials(course, studies[scene_name], wanted, seconds).items():
+        for label, trial in _all_trials(course, studies[scene_name], qualities, seconds).items():
             candidates[label].append(trial)
-    whole = {
+    full = {
         label: tuple(trials) for label, trials in candidates.items() if len(trials) == len(studies)
     }
     # The quality that suits all.
     floor = max(INVISIBLE, *(found.reference_error for found in studies.values()))
     totals = {
-        label: _total(label, wanted[label], trials, whole[STANDARD], options.max_error, floor)
-        for label, trials in whole.items()
+        label: _total(label, qualities[label], trials, full[STANDARD], options.max_error, floor)
+        for label, trials in full.items()
     }
-    usual = totals.pop(STANDARD)
-    fit = [one for one in totals.values() if options.max_error or _is_nowhere_worse(one, whole)]
-    take = choose_among(usual, fit, options.max_error, floor)
+    standard = totals.pop(STANDARD)
+    usable = [one for one in totals.values() if options.max_error or _is_never_worse(one, full)]
+    take = choose_among(standard, usable, options.max_error, floor)
     left = sum(len(trials) < len(studies) for trials in candidates.values())
     take = take._replace(untried=left / len(candidates))
     # The result, and the page of all.
-    found_together = FolderStudy(
-        title, studies, whole, tuple(totals.values()), usual, take, options.max_error, failures
+    result = FolderStudy(
+        title, studies, full, tuple(totals.values()), standard, take, options.max_error, failures
     )
     if options.folder is not None:
-        write_together(found_together, options.folder)
-    return found_together
+        write_together(result, options.folder)
+    return result
 
 
 def _loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loader], str]:
-    """Return what loads each scene, by name, and the name of all."""
+    """Return a loader for each scene, by name, and the name of the folder."""
     if isinstance(folder, Mapping):
         if not folder:
             raise ValueError("folder must hold scenes, got an empty mapping")
         # Each scene has a folder of its name for its report.
         for name in map(str, folder):
-            place = PurePath(name)
-            if place.is_absolute() or not place.parts or ".." in place.parts:
+            path = PurePath(name)
+            if path.is_absolute() or not path.parts or ".." in path.parts:
                 raise ValueError(f"folder must have names of scenes without '..', got {name!r}")
-        return {str(name): _held(scene) for name, scene in folder.items()}, "scenes"
-    place = existing_folder("folder", folder).resolve()
-    files = mesh_files(place)
+        return {str(name): _scene_loader(scene) for name, scene in folder.items()}, "scenes"
+    path = existing_folder("folder", folder).resolve()
+    files = mesh_files(path)
     if not files:
         raise ValueError(f"folder must hold mesh files, got {os.fspath(folder)!r}, without any")
-    return {file.relative_to(place).as_posix(): _of_file(file) for file in files}, place.name
+    return {file.relative_to(path).as_posix(): _file_loader(file) for file in files}, path.name
 
 
-def _held(scene: Any) -> Loader:
+def _scene_loader(scene: Any) -> Loader:
     return scene if callable(scene) else lambda: scene
 
 
-def _of_file(file: Path) -> Loader:
+def _file_loader(file: Path) -> Loader:
     return lambda: load(file, isolate="all")
 
 
-def _loaded(loader: Loader) -> tuple[Any, Any]:
+def _load(loader: Loader) -> tuple[Any, Any]:
     """Return a scene and its camera."""
-    found = loader()
-    return found if isinstance(found, tuple) else (found, None)
+    loaded = loader()
+    return loaded if isinstance(loaded, tuple) else (loaded, None)
 
 
-def _told(progress: Progress | None, prefix: str) -> Progress | None:
-    """Return what tells of one scene of many."""
+def _prefixed(progress: Progress | None, prefix: str) -> Progress | None:
+    """Return a progress function that prefixes texts with the name of a scene."""
     if progress is None:
         return None
     return lambda text, done, count: progress(prefix + text, done, count)
 
 
-def _bare(study: Study) -> Study:
-    """Return a study without what has pictures: of many scenes they take much memory."""
+def _without_pictures(study: Study) -> Study:
+    """Return a study without its pictures, which would take much memory for many scenes."""
     none = np.zeros((0, 0, 3), np.uint8)
 
     def bare(trial: Trial) -> Trial:
@@ -227,8 +227,8 @@ def _bare(study: Study) -> Study:
     )
 
 
-def _wanted(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Quality]:
-    """Return the qualities that are compared on all scenes: presets, and what any is best with."""
+def _candidates(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Quality]:
+    """Return the qualities to compare on all scenes: presets, and the best of each scene."""
     found = {STANDARD: Quality.standard()}
     for preset in TRIED_PRESETS:
         changes = differences(PRESETS[preset](), Quality.standard())
@@ -243,30 +243,30 @@ def _wanted(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Qua
 
 
 def _all_trials(
-    course: Course, study: Study, wanted: Mapping[str, Quality], seconds: float
+    course: StudyRun, study: Study, wanted: Mapping[str, Quality], seconds: float
 ) -> dict[str, Trial]:
-    """Return a trial of each quality on a scene, as far as there is time to draw what lacks."""
-    known = {trial.quality: trial for trial in (study.standard, *study.trials)}
-    standard, found = Quality.standard(), {}
+    """Return a trial of each candidate on a scene, drawing missing ones while there is time."""
+    done = {trial.quality: trial for trial in (study.standard, *study.trials)}
+    standard, trials = Quality.standard(), {}
     end = time.perf_counter() + seconds
     for label, quality in wanted.items():
         idle = {name: getattr(standard, name) for name in study.without_effect}
-        same = replace(quality, **idle)
-        if same not in known and time.perf_counter() < end:
-            attempt = Attempt(COMBINATIONS, label, same)
+        match = replace(quality, **idle)
+        if match not in done and time.perf_counter() < end:
+            attempt = Attempt(COMBINATIONS, label, match)
             if course.studio.refusal(attempt) is None:
-                one = course.studio.prepare(attempt, course.reference)
-                known[same] = one.trial(course.standard, study.clock)
-        if same in known:
-            found[label] = replace(known[same], quality=quality)
+                contestant = course.studio.prepare(attempt, course.reference)
+                done[match] = contestant.trial(course.standard, study.clock)
+        if match in done:
+            trials[label] = replace(done[match], quality=quality)
     course.studio.close()
-    return found
+    return trials
 
 
-def _is_nowhere_worse(total: Trial, candidates: Mapping[str, Sequence[Trial]]) -> bool:
-    """Tell whether a quality is on no scene less accurate than the standard."""
+def _is_never_worse(total: Trial, candidates: Mapping[str, Sequence[Trial]]) -> bool:
+    """Tell whether a quality is at least as accurate as the standard on every scene."""
     pairs = zip(candidates[total.label], candidates[STANDARD], strict=True)
-    return all(one.errors.rmse <= ALIKE * usual.errors.rmse for one, usual in pairs)
+    return all(one.errors.rmse <= SAME_ERROR * base.errors.rmse for one, base in pairs)
 
 
 def _total(
@@ -277,24 +277,25 @@ def _total(
     max_error: float | None,
     floor: float,
 ) -> Trial:
-    """Return one trial that stands for those of all scenes."""
-    errors = [one.errors.rmse for one in trials]
+    """Merge the trials of a quality on all scenes into one."""
+    errors = [trial.errors.rmse for trial in trials]
     rmse = max(errors) if max_error is not None else _geometric_mean(max(e, floor) for e in errors)
     ratios = [
-        _geometric_mean(step) for step in zip(*(_steps(one.ratios) for one in trials), strict=True)
+        _geometric_mean(step)
+        for step in zip(*(_quantiles(one.ratios) for one in trials), strict=True)
     ]
-    if not all(is_timed(one) for one in trials):
+    if not all(map(is_timed, trials)):
         # As many as there are of what was timed worst.
         ratios = [statistics.median(ratios)]
 
     def excess(name: str) -> float:
         """Return by how much an error is larger than the standard's, where it is so most."""
         pairs = zip(trials, standards, strict=True)
-        known = [[getattr(each.errors, name) or 0.0 for each in pair] for pair in pairs]
-        return max(max(0.0, one - usual) for one, usual in known)
+        numbers = [[getattr(one.errors, name) or 0.0 for one in pair] for pair in pairs]
+        return max(max(0.0, error - base) for error, base in numbers)
 
     worst = trials[int(np.argmax(errors))]
-    found = worst.errors._replace(
+    errors_of_worst = worst.errors._replace(
         rmse=rmse,
         wrong_faces=int(excess("wrong_faces")),
         depth_units=excess("depth_units"),
@@ -305,16 +306,16 @@ def _total(
     if label == STANDARD:
         setting = level = STANDARD
         ratios = [1.0] * len(ratios)
-    seconds = (_geometric_mean(one.median for one in trials),)
+    seconds = (_geometric_mean(trial.median for trial in trials),)
     return replace(
         worst, setting=setting, level=level, quality=quality, seconds=seconds,
-        ratios=tuple(ratios), stages={}, errors=found, dominated_by=None,
+        ratios=tuple(ratios), stages={}, errors=errors_of_worst, dominated_by=None,
     )  # fmt: skip
 
 
-def _steps(ratios: Sequence[float]) -> list[float]:
-    """Return evenly spaced quantiles of some times."""
-    shares = (np.arange(STEPS_OF_RATIOS) + 0.5) / STEPS_OF_RATIOS
+def _quantiles(ratios: Sequence[float]) -> list[float]:
+    """Return evenly spaced quantiles of ratios."""
+    shares = (np.arange(RATIO_STEPS) + 0.5) / RATIO_STEPS
     return np.quantile(np.asarray(ratios), shares).tolist()
 
 

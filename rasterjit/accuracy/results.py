@@ -1,4 +1,4 @@
-"""What a study found: trials, their order, and which of them count."""
+"""Results of a study: trials, their errors, and the Pareto front."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from rasterjit.scene.quality import LEVELS, Quality
 from rasterjit.scene.scene import Scene
 
 STANDARD = "standard"
-"""Name of the quality that single settings are changed from."""
+"""Name of the standard quality, from which single settings are changed."""
 
 COMBINATIONS = "combinations"
-"""What stands for the setting where several are changed at once."""
+"""Name of the setting of qualities that change several settings."""
 
-WALL, PROCESSOR = "wall", "processor"
-"""Clocks: what passes, and what all threads together work."""
+WALL, CPU = "wall", "processor"
+"""Clocks: elapsed time, and processor time of all threads."""
 
 REFERENCE_SAMPLES = 256
-"""Samples of the reference, where there is time for them."""
+"""Most samples of the reference."""
 
-AS_THE_SCENE_SAYS = "as the scene says"
+FROM_SCENE = "as the scene says"
 """Level of a setting that the standard leaves to the scene."""
 
 
 class Errors(NamedTuple):
-    """How far a picture is from the reference; ``None`` where that has no meaning."""
+    """Errors of a picture against the reference; ``None`` where one has no meaning."""
 
     rmse: float
     """Root of the mean squared difference of linear red, green and blue."""
@@ -95,7 +95,7 @@ class Trial:
 
     @property
     def label(self) -> str:
-        """What to call it."""
+        """Name of the trial."""
         is_one = self.setting not in (COMBINATIONS, STANDARD)
         return f"{self.setting}={self.level}" if is_one else self.level
 
@@ -121,7 +121,7 @@ class Trial:
 @dataclass(frozen=True)
 class EffectCost:
     """
-    What an effect of the scene costs, and how far it is from its own reference.
+    Cost of an effect of the scene, and its error against its own reference.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ class EffectCost:
 @dataclass(frozen=True, repr=False)
 class Study:
     """
-    What a study found.
+    Results of a study of one scene.
 
     Attributes
     ----------
@@ -225,56 +225,56 @@ class Study:
 
 def settings_of(study: Study) -> list[str]:
     """Return the settings that were tried by themselves, in the order of their first trials."""
-    tried = dict.fromkeys(trial.setting for trial in study.trials)
-    return [setting for setting in tried if setting not in (STANDARD, COMBINATIONS)]
+    names = dict.fromkeys(trial.setting for trial in study.trials)
+    return [setting for setting in names if setting not in (STANDARD, COMBINATIONS)]
 
 
 def standard_level(study: Study, setting: str) -> str:
     """Return the level of a setting in the standard quality."""
     level = getattr(study.standard.quality, setting, None)
-    return AS_THE_SCENE_SAYS if level is None else str(level)
+    return FROM_SCENE if level is None else str(level)
 
 
-def with_standard(study: Study, setting: str) -> list[Trial]:
+def insert_standard(study: Study, setting: str) -> list[Trial]:
     """Return the trials of a setting and, at its place among their levels, the standard."""
     trials = study.of(setting)
     levels = [str(level).lower() for level in LEVELS.get(setting, ())]
     standard = standard_level(study, setting).lower()
     if standard not in levels:
         return [study.standard, *trials]
-    below = levels[: levels.index(standard)]
-    lower = [trial for trial in trials if trial.level.lower() in below]
-    rest = [trial for trial in trials if trial.level.lower() not in below]
-    return [*lower, study.standard, *rest]
+    is_below = levels[: levels.index(standard)]
+    before = [trial for trial in trials if trial.level.lower() in is_below]
+    after = [trial for trial in trials if trial.level.lower() not in is_below]
+    return [*before, study.standard, *after]
 
 
 def front_trials(study: Study) -> list[Trial]:
     """Return the trials on the Pareto front, from the fastest on."""
-    wanted = set(study.front)
-    found = [trial for trial in (study.standard, *study.trials) if trial.label in wanted]
-    return sorted(found, key=lambda trial: (trial.ratio, trial.label))
+    labels = set(study.front)
+    trial_by_label = [trial for trial in (study.standard, *study.trials) if trial.label in labels]
+    return sorted(trial_by_label, key=lambda trial: (trial.ratio, trial.label))
 
 
 PICTURE_OUTPUTS = ("color", "linear")
-"""What the colour of two frames is compared by."""
+"""Outputs by which the colours of two frames are compared."""
 
 
 class ReferenceFrame(NamedTuple):
-    """What frames are compared with."""
+    """The reference that frames are compared with."""
 
     picture: Frame
     """Its colour and linear light."""
     buffers: Frame
     """Its depth and faces, and texture coordinates where the scene has some."""
     texels: NDArray[np.float64]
-    """Of each object, from `texels_of`."""
+    """Texels of each object, from `texels_of`."""
     face_starts: NDArray[np.int64]
     """First face of each object, (O+1,)."""
     samples: int = REFERENCE_SAMPLES
     seconds: float = 0.0
-    """What its pictures took."""
+    """Time to draw its pictures, seconds."""
     error: float = 0.0
-    """How far it is from one of all samples, about."""
+    """Estimated error against a reference of all samples."""
 
 
 def reference_of(scene: Scene, picture: Frame, buffers: Frame) -> ReferenceFrame:
@@ -294,7 +294,7 @@ def texels_of(scene: Scene) -> NDArray[np.float64]:
     return rows
 
 
-def buffers_of(scene: Scene) -> tuple[str, ...]:
+def compared_buffers(scene: Scene) -> tuple[str, ...]:
     """Return the outputs besides colour that frames of a scene are compared by."""
     is_laid = any(node.mesh.uv is not None for node in scene.nodes)
     return ("depth", "face_id", "uv") if is_laid else ("depth", "face_id")
@@ -307,7 +307,7 @@ def compare(frame: Frame, reference: ReferenceFrame) -> tuple[Errors, NDArray[np
     Parameters
     ----------
     frame : Frame
-        With the outputs ``PICTURE_OUTPUTS`` and those of `buffers_of`.
+        With the outputs ``PICTURE_OUTPUTS`` and those of `compared_buffers`.
     reference : ReferenceFrame
 
     Returns
@@ -363,8 +363,8 @@ def _uv_error(frame: Frame, reference: ReferenceFrame, is_same: NDArray[np.bool_
     difference = np.abs(
         frame.uv[is_same].astype(np.float64) - reference.buffers.uv[is_same]
     ) * np.take(reference.texels, owners, axis=0)
-    known = difference[np.isfinite(difference)]
-    return float(known.max()) if len(known) else None
+    is_valid = difference[np.isfinite(difference)]
+    return float(is_valid.max()) if len(is_valid) else None
 
 
 def has_flip() -> bool:
@@ -385,12 +385,12 @@ def mean_flip(true: NDArray[np.uint8], color: NDArray[np.uint8]) -> float | None
         return None
     import flip_evaluator
 
-    pair = [
+    pictures = [
         np.ascontiguousarray(picture[:, :, :3], np.float32) / np.float32(CODES)
         for picture in (true, color)
     ]
     # Its own mean is summed by several threads, in any order.
     errors, _, _ = flip_evaluator.evaluate(
-        *pair, "LDR", applyMagma=False, computeMeanError=False, parameters={}
+        *pictures, "LDR", applyMagma=False, computeMeanError=False, parameters={}
     )
     return float(np.mean(errors, dtype=np.float64))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rasterjit.accuracy.choice import ALIKE, choose, is_measured, is_slower, noise
-from rasterjit.accuracy.results import PROCESSOR, STANDARD, Study, Trial, front_trials
+from rasterjit.accuracy.choice import SAME_ERROR, choose, is_measured, is_slower, noise
+from rasterjit.accuracy.results import CPU, STANDARD, Study, Trial, front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
 if TYPE_CHECKING:
     from rasterjit.accuracy.many_scenes import FolderStudy
 
-PHRASES = {
+LEVEL_NAMES = {
     "subpixel_bits": "{} sub-pixel bits",
     "samples": "{} samples",
     "interpolation": "{} interpolation",
@@ -28,9 +28,9 @@ PHRASES = {
     "lines": "{} lines",
     "interpolation_precision": "{} interpolation of colours",
 }
-"""What a level of each setting is called."""
+"""Names of the levels of each setting."""
 
-SPECIAL = {
+SPECIAL_LEVEL_NAMES = {
     ("samples", "1"): "1 sample",
     ("samples", "area"): "exact areas",
     ("shadow_taps", "1"): "1 shadow comparison",
@@ -41,16 +41,16 @@ SPECIAL = {
 """Levels with a name of their own."""
 
 NOT_MEASURED = "not measured well enough"
-"""What is said in place of a factor that few or scattered rounds do not give."""
+"""Text in place of a factor that is not measured well enough."""
 
 ADVICE = "give the study more seconds"
-"""What to do about it."""
+"""Advice where times are not measured well enough."""
 
-TOLD_ROUGHLY = 1.5
-"""Times the standard's time, or one over it, from which on a rough time is called another one."""
+MIN_ROUGH_RATIO = 1.5
+"""Least ratio to the standard's time, or its inverse, at which a rough time is reported."""
 
-SHARP = 0.05
-"""Share of a time below which what is not known of it is not said: it prints alike."""
+SHARP_SHARE = 0.05
+"""Relative uncertainty below which a range is not printed."""
 
 
 def sentences(study: Study) -> dict[str, str]:
@@ -61,18 +61,18 @@ def sentences(study: Study) -> dict[str, str]:
         if setting in study.without_effect:
             found[setting] = f"{setting} changes nothing here: {study.without_effect[setting]}."
         elif trials:
-            found[setting] = _sentence(most_telling(trials, study.standard), study.standard)
+            found[setting] = _sentence(key_level(trials, study.standard), study.standard)
     return found
 
 
 def answer(study: Study) -> str:
     """
-    Return what a study found: the quality to take, how sure that is, and what else there is.
+    Summarize a study: the quality to take, how sure that is, and the alternatives.
 
     It names one in any case. Of the rest only qualities on the front are named, whose times are
     told apart from the standard's, with the factors that were measured.
     """
-    return f"{recommendation(study)} {how_sure(study)} {alternatives(study)}"
+    return f"{recommendation(study)} {certainty(study)} {alternatives(study)}"
 
 
 def recommendation(study: Study) -> str:
@@ -86,14 +86,14 @@ def recommendation(study: Study) -> str:
     error = f"error {trial.errors.rmse:.3g}"
     if is_usual:
         return f"{missed}Take {name}: {time}, {error}."
-    factor = f"{'' if is_measured(trial) else 'about '}{figures(trial.ratio)}× the time of standard"
+    factor = f"{'' if is_measured(trial) else 'about '}{digits(trial.ratio)}× the time of standard"
     return (
         f"{missed}Take {name}: {factor} ({time} instead of {time_in_words(standard.median)}) for "
         f"{error_against(trial, standard)} ({error} instead of {standard.errors.rmse:.3g})."
     )
 
 
-def how_sure(study: Study) -> str:
+def certainty(study: Study) -> str:
     """Return how sure the choice is, and why, in a sentence or two."""
     found = choose(study)
     what = "time × error" if study.max_error is None else "time"
@@ -105,9 +105,9 @@ def how_sure(study: Study) -> str:
         return f"A guess: nothing else was tried; {ADVICE}."
     if not found.holds:
         return f"Sure: {known}."
-    rest = f"and nothing else that was tried can be better{_by_more_than(found.at_most)} in {what}"
+    rest = f"and nothing else that was tried can be better{_percent_more(found.at_most)} in {what}"
     clock = "times are processor times, as the machine is busy with something else, "
-    said = f"{known}; {clock if study.clock == PROCESSOR else ''}{rest}."
+    said = f"{known}; {clock if study.clock == CPU else ''}{rest}."
     notes = []
     if study.left_out:
         why = "the study was interrupted" if study.interrupted else "there was no time"
@@ -121,7 +121,7 @@ def how_sure(study: Study) -> str:
     return " ".join([f"{sureness[0].upper()}{sureness[1:]}: {said}", *notes])
 
 
-def together(found: FolderStudy) -> tuple[str, str]:
+def folder_summary(found: FolderStudy) -> tuple[str, str]:
     """Return the quality to take for all scenes of a folder, and how sure that is, in words."""
     take, standard = found.take, found.standard
     trial, many = take.trial, len(found.studies)
@@ -130,7 +130,7 @@ def together(found: FolderStudy) -> tuple[str, str]:
         "the standard quality" if trial.setting == STANDARD else quality_in_words(trial, standard)
     )
     trials = found.candidates[trial.label]
-    low, high = (figures(end(one.ratio for one in trials)) for end in (min, max))
+    low, high = (digits(end(one.ratio for one in trials)) for end in (min, max))
     worst = max(one.errors.rmse for one in trials)
     usual = max(one.errors.rmse for one in found.candidates[STANDARD])
     factor = f"{low}×" if low == high else f"{low}× to {high}×"
@@ -146,12 +146,12 @@ def together(found: FolderStudy) -> tuple[str, str]:
     sureness = take.sureness
     sure = (
         f"{sureness[0].upper()}{sureness[1:]}: {len(found.totals)} other qualities were tried on "
-        f"{scenes}, and none can be better{_by_more_than(take.at_most)} in {what}."
+        f"{scenes}, and none can be better{_percent_more(take.at_most)} in {what}."
     )
     return said, sure
 
 
-def _by_more_than(share: float) -> str:
+def _percent_more(share: float) -> str:
     """Return a share in percent, or nothing where it prints as none."""
     return f" by more than {100.0 * share:.0f} %" if share >= 0.005 else ""
 
@@ -161,8 +161,8 @@ def _count(qualities: int) -> str:
 
 
 def _of_clock(study: Study) -> str:
-    """Return of which clock times are, where it is not the one on the wall."""
-    return " of processor time" if study.clock == PROCESSOR else ""
+    """Describe the clock of times, if it is not elapsed time."""
+    return " of processor time" if study.clock == CPU else ""
 
 
 def alternatives(study: Study) -> str:
@@ -176,40 +176,40 @@ def alternatives(study: Study) -> str:
     slower = [trial for trial in front if is_slower(trial, standard)]
     faster = [trial for trial in front if is_slower(standard, trial)]
     if not front:
-        rough = _roughly_worth(study)
-        slower = [trial for trial in rough if trial.ratio > TOLD_ROUGHLY]
-        faster = [trial for trial in rough if trial.ratio < 1.0 / TOLD_ROUGHLY]
+        rough = _rough_front(study)
+        slower = [trial for trial in rough if trial.ratio > MIN_ROUGH_RATIO]
+        faster = [trial for trial in rough if trial.ratio < 1.0 / MIN_ROUGH_RATIO]
     parts = [
-        f"for {_factor_in_words(trial)} the time you get {_bargain(trial, standard)}"
-        for trial in (_nearest(slower, 2.0), _nearest(faster, 0.5))
+        f"for {_factor_in_words(trial)} the time you get {_error_trade(trial, standard)}"
+        for trial in (_nearest_time(slower, 2.0), _nearest_time(faster, 0.5))
         if trial is not None
     ]
     # Where such a one is on the front, the standard is not.
     alike = [trial for trial in front if trial not in slower and trial not in faster]
     if alike:
         best = min(alike, key=lambda trial: trial.errors.rmse)
-        parts.insert(0, f"for the same time you get {_bargain(best, standard)}")
+        parts.insert(0, f"for the same time you get {_error_trade(best, standard)}")
     if not parts:
-        return f"{said}; {_nothing_else(study)}."
+        return f"{said}; {_only_standard_reason(study)}."
     return f"{said}; {', '.join(parts)}."
 
 
 def options_of(trial: Trial, standard: Trial) -> str:
-    """Return what a quality is asked for with on the command line."""
+    """Return the command-line options of a quality."""
     if trial.level in PRESETS and trial.quality == PRESETS[trial.level]():
         return f"--quality {trial.level}"
     changes = differences(trial.quality, standard.quality)
     return " ".join(f"--set {name}={level}" for name, level in changes.items())
 
 
-def _roughly_worth(study: Study) -> list[Trial]:
-    """Return the trials that nothing is both as fast and as accurate as, if times were exact."""
+def _rough_front(study: Study) -> list[Trial]:
+    """Return the Pareto front of the trials, taking times as exact."""
     tried = [study.standard, *study.trials]
     return [
         one
         for one in study.trials
         if not any(
-            other.ratio <= one.ratio and other.errors.rmse <= one.errors.rmse * ALIKE
+            other.ratio <= one.ratio and other.errors.rmse <= one.errors.rmse * SAME_ERROR
             for other in tried
             if other is not one
         )
@@ -218,18 +218,18 @@ def _roughly_worth(study: Study) -> list[Trial]:
 
 def _factor_in_words(trial: Trial) -> str:
     """Return a time over the standard's, roughly where it is not measured well."""
-    return factor_in_words(trial) if is_measured(trial) else f"about {figures(trial.ratio)}×"
+    return factor_in_words(trial) if is_measured(trial) else f"about {digits(trial.ratio)}×"
 
 
-def _bargain(trial: Trial, standard: Trial) -> str:
+def _error_trade(trial: Trial, standard: Trial) -> str:
     """Return the error of a quality, and its name; more wrong pixels are not passed over."""
     text = f"{error_against(trial, standard)} with {quality_in_words(trial, standard)}"
     wrong, usual = trial.errors.wrong_faces, standard.errors.wrong_faces
     return f"{text} ({wrong:,} wrong pixels instead of {usual:,})" if wrong > usual else text
 
 
-def _nothing_else(study: Study) -> str:
-    """Return why there is nothing besides the standard to choose."""
+def _only_standard_reason(study: Study) -> str:
+    """Say why there is no alternative to the standard."""
     if not study.trials:
         return "no other quality was tried"
     if not any(is_measured(trial) for trial in study.trials):
@@ -239,7 +239,7 @@ def _nothing_else(study: Study) -> str:
     return "nothing that was tried is faster or more accurate, as far as can be told"
 
 
-def _nearest(trials: list[Trial], factor: float) -> Trial | None:
+def _nearest_time(trials: list[Trial], factor: float) -> Trial | None:
     """Return the trial whose time is nearest to so many times the standard's, if there is one."""
     return min(trials, key=lambda trial: abs(math.log(trial.ratio / factor)), default=None)
 
@@ -259,23 +259,23 @@ def factor_in_words(trial: Trial) -> str:
     if not is_measured(trial):
         return NOT_MEASURED
     unknown = noise(trial)
-    if unknown <= SHARP * trial.ratio:
-        return f"{figures(trial.ratio)}×"
-    ends = (figures(max(trial.ratio + change, 0.0)) for change in (-unknown, unknown))
-    return f"{figures(trial.ratio)}× ({' to '.join(ends)})"
+    if unknown <= SHARP_SHARE * trial.ratio:
+        return f"{digits(trial.ratio)}×"
+    ends = (digits(max(trial.ratio + change, 0.0)) for change in (-unknown, unknown))
+    return f"{digits(trial.ratio)}× ({' to '.join(ends)})"
 
 
 def error_against(trial: Trial, standard: Trial) -> str:
     """Return an error against another: ``2.5× less error``."""
     error, usual = trial.errors.rmse, standard.errors.rmse
-    if _are_alike(error, usual):
+    if _print_alike(error, usual):
         return "the same error"
     if error == 0.0:
         return "no error"
     if usual == 0.0:
         return f"an error of {error:.2g}"
     low, high = sorted((error, usual))
-    return f"{figures(high / low)}× {'the' if error > usual else 'less'} error"
+    return f"{digits(high / low)}× {'the' if error > usual else 'less'} error"
 
 
 def quality_in_words(trial: Trial, standard: Trial) -> str:
@@ -283,10 +283,10 @@ def quality_in_words(trial: Trial, standard: Trial) -> str:
     if trial.level in PRESETS:
         return f"quality {trial.level}"
     changes = differences(trial.quality, standard.quality)
-    return " and ".join(_phrase(name, level) for name, level in changes.items()) or trial.label
+    return " and ".join(_level_name(name, level) for name, level in changes.items()) or trial.label
 
 
-def most_telling(trials: list[Trial], standard: Trial) -> Trial:
+def key_level(trials: list[Trial], standard: Trial) -> Trial:
     """
     Return the level of a setting that says most of it.
 
@@ -299,15 +299,15 @@ def most_telling(trials: list[Trial], standard: Trial) -> Trial:
     better = [
         trial
         for trial in tried
-        if trial.dominated_by is None and trial.errors.rmse * ALIKE < standard_error
+        if trial.dominated_by is None and trial.errors.rmse * SAME_ERROR < standard_error
     ]
     if better:
-        return max(better, key=lambda trial: _gain(trial, standard_error))
+        return max(better, key=lambda trial: _error_gain(trial, standard_error))
     worth = [trial for trial in tried if trial.dominated_by is None]
-    return max(worth or tried, key=lambda trial: _gain(trial, standard_error))
+    return max(worth or tried, key=lambda trial: _error_gain(trial, standard_error))
 
 
-def _gain(trial: Trial, standard_error: float) -> float:
+def _error_gain(trial: Trial, standard_error: float) -> float:
     """Return how many times the error falls for each time that the frame takes longer."""
     if trial.errors.rmse == standard_error:
         return 1.0 / trial.ratio
@@ -317,9 +317,9 @@ def _gain(trial: Trial, standard_error: float) -> float:
 
 
 def _sentence(trial: Trial, standard: Trial) -> str:
-    """Return what a level costs and buys, against the standard's."""
+    """Return a sentence on the cost and error of a level, against the standard's."""
     level, usual = (
-        _phrase(trial.setting, getattr(one.quality, trial.setting)) for one in (trial, standard)
+        _level_name(trial.setting, getattr(one.quality, trial.setting)) for one in (trial, standard)
     )
     parts = [_time_in_words(trial, standard), _error_in_words(trial, standard)]
     wrong, true = trial.errors.wrong_faces, standard.errors.wrong_faces
@@ -337,11 +337,11 @@ def _sentence(trial: Trial, standard: Trial) -> str:
     return text[0].upper() + text[1:] + "."
 
 
-def _phrase(setting: str, level: object) -> str:
-    """Return what to call a level."""
+def _level_name(setting: str, level: object) -> str:
+    """Return the name of a level."""
     if level is None:
         return "what the scene says"
-    return SPECIAL.get((setting, str(level))) or PHRASES[setting].format(level)
+    return SPECIAL_LEVEL_NAMES.get((setting, str(level))) or LEVEL_NAMES[setting].format(level)
 
 
 def _time_in_words(trial: Trial, standard: Trial) -> str:
@@ -366,18 +366,18 @@ def _error_in_words(trial: Trial, standard: Trial) -> str:
         return "the same error"
     if low == 0.0:
         return "no error left" if error == 0.0 else f"error {error:.2g} instead of none"
-    if _are_alike(low, high):
+    if _print_alike(low, high):
         return "nearly the same error"
-    return f"error {figures(high / low)}× {'higher' if error > usual else 'lower'}"
+    return f"error {digits(high / low)}× {'higher' if error > usual else 'lower'}"
 
 
-def _are_alike(error: float, other: float) -> bool:
-    """Tell whether two errors are not told apart."""
+def _print_alike(error: float, other: float) -> bool:
+    """Tell whether two errors print alike."""
     low, high = sorted((error, other))
-    return high <= low * ALIKE
+    return high <= low * SAME_ERROR
 
 
-def figures(factor: float) -> str:
+def digits(factor: float) -> str:
     """Return a factor with two figures or all before the point: ``1.04``, ``2.5``, ``120``."""
     return (
         f"{factor:.2f}" if factor < 1.1 else f"{factor:.1f}" if factor < 100 else f"{factor:,.0f}"

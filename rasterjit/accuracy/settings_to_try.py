@@ -1,4 +1,4 @@
-"""Decide what to try of a scene: which settings matter in it, and which levels of them."""
+"""Choose the settings and levels to try for a scene."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rasterjit.survey.facts import float64_reason, unlit_reason
 TRIED_PRESETS = ("draft", "high")
 """Presets that are tried besides the standard and the reference, which are drawn anyway."""
 
-AXES: dict[str, tuple[Any, ...]] = {
+COMBINED_LEVELS: dict[str, tuple[Any, ...]] = {
     "samples": (2, 4, 8, 16),
     "shading": ("vertex",),
     "texture_filter": ("nearest", "anisotropic8"),
@@ -28,7 +28,7 @@ AXES: dict[str, tuple[Any, ...]] = {
 """Levels that are combined, besides the standard's: those whose price is highest."""
 
 MAX_COMBINATIONS = 24
-"""Products of settings that are tried; of more, as many are taken evenly."""
+"""Most combinations of settings that are tried; of more, an even selection."""
 
 
 class Attempt(NamedTuple):
@@ -38,16 +38,16 @@ class Attempt(NamedTuple):
     level: str
     quality: Quality
     scene: Scene | None = None
-    """What is drawn in place of the scene that is studied, to see what one of its effects costs."""
+    """Scene to draw in place of the studied one, to measure one of its effects; None: the same."""
 
     @property
     def label(self) -> str:
-        """What to call it."""
+        """Name of the attempt."""
         return self.level if self.setting == COMBINATIONS else f"{self.setting}={self.level}"
 
     @property
     def passes(self) -> int:
-        """How many whole pictures it draws."""
+        """Number of whole pictures that it draws."""
         samples = self.quality.samples
         return samples if samples in SUPERSAMPLED else 1
 
@@ -72,10 +72,10 @@ def check_knobs(knobs: Iterable[str] | None) -> tuple[str, ...]:
 def without_effect(plan: RenderPlan, knobs: Sequence[str]) -> dict[str, str]:
     """Return which of some settings change nothing in a frame, with the reason in words."""
     facts = plan.facts
-    if not facts.seen.objects:
+    if not facts.visible.objects:
         return dict.fromkeys(knobs, "no object is in view")
     reasons = {
-        name: REASONS[name](plan) if name in REASONS else _unasked(plan, name) for name in knobs
+        name: REASONS[name](plan) if name in REASONS else _why_out(plan, name) for name in knobs
     }
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
@@ -93,7 +93,7 @@ def single_attempts(knobs: Sequence[str]) -> list[Attempt]:
 
 def is_on_axis(attempt: Attempt) -> bool:
     """Tell whether a level of one setting is among those that are combined."""
-    return getattr(attempt.quality, attempt.setting) in AXES.get(attempt.setting, ())
+    return getattr(attempt.quality, attempt.setting) in COMBINED_LEVELS.get(attempt.setting, ())
 
 
 def preset_attempts(knobs: Sequence[str]) -> list[Attempt]:
@@ -118,7 +118,7 @@ def combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> li
     products = [changes for changes in _products(knobs, useless) if is_possible(standard, changes)]
     found = [
         Attempt(COMBINATIONS, in_words(changes), replace(standard, **changes))
-        for changes in evenly(products, MAX_COMBINATIONS)
+        for changes in pick_evenly(products, MAX_COMBINATIONS)
     ]
     return [attempt for attempt in found if attempt.quality not in known]
 
@@ -126,8 +126,8 @@ def combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> li
 def _products(knobs: Sequence[str], useless: Collection[str]) -> list[dict[str, Any]]:
     """Return all choices of levels from the axes that change two settings or more."""
     axes = [
-        (name, [level for level in AXES[name] if f"{name}={level}" not in useless])
-        for name in AXES
+        (name, [level for level in COMBINED_LEVELS[name] if f"{name}={level}" not in useless])
+        for name in COMBINED_LEVELS
         if name in knobs
     ]
     standard = Quality.standard()
@@ -140,7 +140,7 @@ def _products(knobs: Sequence[str], useless: Collection[str]) -> list[dict[str, 
     return sorted(found, key=len)
 
 
-def evenly(items: Sequence[Any], count: int) -> list[Any]:
+def pick_evenly(items: Sequence[Any], count: int) -> list[Any]:
     """Return ``count`` of the items, from the first on and equally far apart, or all of fewer."""
     if len(items) <= count:
         return list(items)
@@ -161,7 +161,7 @@ def is_possible(quality: Quality, changes: dict[str, Any]) -> bool:
     return True
 
 
-def _unasked(plan: RenderPlan, setting: str) -> str | None:
+def _why_out(plan: RenderPlan, setting: str) -> str | None:
     """Return why the effects that a setting is for are out; None if one is in, or there is none."""
     asked = [one for one in plan.effects if setting in one.effect.settings]
     return asked[0].reason if asked and not any(one.used for one in asked) else None
@@ -174,14 +174,14 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
     facts = plan.facts
     if facts.is_lit or facts.needs_textures or plan.at("sample") or facts.needs_alpha_tests:
         return None
-    return _unasked(plan, "interpolation")
+    return _why_out(plan, "interpolation")
 
 
 def _not_lit_finely(plan: RenderPlan) -> str | None:
     """Say why no material is lit by the vertex or the pixel that could do with less."""
     if not plan.facts.is_lit:
         return unlit_reason(plan.facts)
-    if not plan.facts.seen.shadings & {"gouraud", "phong"}:
+    if not plan.facts.visible.shadings & {"gouraud", "phong"}:
         return "no material in view is gouraud or phong"
     return None
 
@@ -190,7 +190,7 @@ def _without_pixel_normals(plan: RenderPlan) -> str | None:
     """Say why no normals are interpolated."""
     if not plan.facts.is_lit:
         return unlit_reason(plan.facts)
-    if not plan.facts.seen.shadings & {"phong", "pbr"}:
+    if not plan.facts.visible.shadings & {"phong", "pbr"}:
         return "no material in view is phong or pbr: no normals are interpolated"
     return None
 
@@ -198,7 +198,7 @@ def _without_pixel_normals(plan: RenderPlan) -> str | None:
 def _not_in_float32(plan: RenderPlan) -> str | None:
     """Say why colours are interpolated in float64 whatever is asked for."""
     if not plan.facts.shades:
-        return _unasked(plan, "interpolation_precision")
+        return _why_out(plan, "interpolation_precision")
     return float64_reason(plan.facts)
 
 
@@ -217,4 +217,4 @@ REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
     "blending": _not_blended,
     "interpolation_precision": _not_in_float32,
 }
-"""What says why a setting has no effect in a frame, or None; of others their effects say it."""
+"""Functions that say why a setting has no effect in a frame; effects say it of other settings."""

@@ -1,4 +1,4 @@
-"""Draw a scene in every quality that matters to it; measure the time and the error of each."""
+"""Draw a scene in all qualities that matter to it; measure the time and error of each."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rasterjit.accuracy import effects, timing
 from rasterjit.accuracy import results as measures
 from rasterjit.accuracy.choice import INVISIBLE, choose_among, mark_dominated, pareto_front
-from rasterjit.accuracy.effects import Weighed
+from rasterjit.accuracy.effects import Measured
 from rasterjit.accuracy.report.files import prepare_folder, write_report
-from rasterjit.accuracy.results import PROCESSOR, STANDARD, Errors, Study, Trial
+from rasterjit.accuracy.results import CPU, STANDARD, Errors, Study, Trial
 from rasterjit.accuracy.settings_to_try import (
     Attempt,
     check_knobs,
@@ -38,34 +38,34 @@ from rasterjit.scene.lens import Lens
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number, thread_count
-from rasterjit.survey.deformation import scene_to_draw
+from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.plan import RenderPlan
 
 SIZE = (640, 480)
-"""Pixels of the pictures, unless another size is asked for."""
+"""Default size of the pictures, pixels."""
 
 BUDGET = 75.0
-"""Seconds of a study, unless others are asked for."""
+"""Default budget of a study, seconds."""
 
-KEPT = 0.5
-"""Share of them that is kept for levels, however long the reference took."""
+LEVELS_SHARE = 0.5
+"""Share of the budget that is kept for levels, however long the reference took."""
 
 REFERENCE_SHARE = 0.3
 """Share of them that the pictures of the reference may take, as far as their time can be told."""
 
 EFFECTS_SHARE = 0.2
-"""Share of them that the references of the scene's effects may take."""
+"""Largest share of the budget for the references of the scene's effects."""
 
 MIN_PICTURES = 16
-"""Pictures of the reference that a size must leave time for."""
+"""Least number of reference pictures that a size must leave time for."""
 
-DEARER = 1.5
-"""Times a frame of the standard that a picture of the reference takes, about."""
+REFERENCE_FACTOR = 1.5
+"""Estimated time of a reference picture over that of a standard frame."""
 
 MIN_SIDE = 96
-"""Pixels of a side below which no picture is made smaller to save time."""
+"""Least side of a picture that is made smaller to save time, pixels."""
 
-WORTH_SHRINKING = 0.7
+MAX_SHRINK_RATIO = 0.7
 """Share of its time that a frame of a quarter of the pixels may take at most: where faces take the
 time, a smaller picture saves none."""
 
@@ -75,19 +75,19 @@ FLIP_SHARE = 0.05
 PAGE_WORK, PAGE_SHARE = 3.0, 0.2
 """Seconds that a processor works for a report, and the share of a budget kept for it at most."""
 
-STEPS = (4, 16, 64, 256)
-"""Samples of the reference, as long as there is time for more."""
+SAMPLE_STEPS = (4, 16, 64, 256)
+"""Numbers of samples of the reference, in turn, while there is time."""
 
 USELESS = 0.9
 """Share of the standard's time from which on a level that changes no error is in no combination."""
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "flip-evaluator")
 
-COLOR_ALONE = ("color",)
-"""Outputs of the frames that are timed."""
+COLOR_ONLY = ("color",)
+"""Outputs of timed frames."""
 
 COMPILE = "compile"
-"""The stage that no time counts."""
+"""The stage that times leave out."""
 
 
 def study(
@@ -156,8 +156,8 @@ def study(
     KeyboardInterrupt
         On Ctrl-C before there is anything to compare.
     """
-    options = checked(size, knobs, budget, max_error, threads, output)
-    course = begin((what, camera), options, 1.0, lens, progress)
+    options = check_options(size, knobs, budget, max_error, threads, output)
+    course = begin_study((what, camera), options, 1.0, lens, progress)
     with course.studio:
         course.run()
     found = course.result(name, options.max_error)
@@ -167,7 +167,7 @@ def study(
 
 
 class StudyOptions(NamedTuple):
-    """What a study was asked for, checked."""
+    """Checked arguments of a study."""
 
     size: tuple[int, int]
     knobs: tuple[str, ...]
@@ -177,7 +177,7 @@ class StudyOptions(NamedTuple):
     folder: Path | None
 
 
-def checked(
+def check_options(
     size: tuple[int, int],
     knobs: Iterable[str] | None,
     budget: float | None,
@@ -185,7 +185,7 @@ def checked(
     threads: int | None,
     output: str | Path | None,
 ) -> StudyOptions:
-    """Return what a study is asked for, or raise ``ValueError`` naming what is wrong."""
+    """Check the arguments of a study, or raise ``ValueError``."""
     chosen, size = check_knobs(knobs), image_size("size", size)
     seconds = BUDGET if budget is None else positive_number("budget", budget)
     bound = None if max_error is None else positive_number("max_error", max_error)
@@ -194,24 +194,24 @@ def checked(
     return StudyOptions(size, chosen, seconds, bound, threads, folder)
 
 
-def begin(
+def begin_study(
     what: tuple[Any, Camera | None],
     options: StudyOptions,
     share: float,
     lens: Lens | None,
     progress: timing.Progress | None,
-) -> Course:
+) -> StudyRun:
     """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
-    scene, size = scene_to_draw(what[0]), options.size
+    scene, size = posed_input(what[0]), options.size
     camera = choose_camera(scene, what[1], size)
     (camera,) = settle_cameras(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)
     studio = Studio(scene, camera, size, options.threads, lens)
-    seconds, told = share * options.seconds, progress or _say_nothing
-    return Course(studio, seconds, told, plan, options.knobs, options.folder is not None)
+    seconds, told = share * options.seconds, progress or _ignore_progress
+    return StudyRun(studio, seconds, told, plan, options.knobs, options.folder is not None)
 
 
-class Course:
+class StudyRun:
     """
     The way of one study: what is drawn first, and what is cut when time runs out.
 
@@ -247,14 +247,14 @@ class Course:
         self.order: list[str] = []
         """Labels of what was meant to be tried, in the order of results."""
         self.contestants: list[timing.Contestant] = []
-        self.effects: list[Weighed] = []
+        self.effects: list[Measured] = []
         self.impossible: dict[str, str] = {}
         self.interrupted = False
         self.reference: measures.ReferenceFrame
         self.standard: timing.Contestant
 
     def tell(self, text: str) -> None:
-        """Say what is being done."""
+        """Report progress."""
         self._progress(text, self.allowance.spent(), self.allowance.total)
 
     def run(self) -> None:
@@ -267,7 +267,7 @@ class Course:
         self.reference = self.studio.reference(REFERENCE_SHARE * self.seconds)
         self.standard = self.studio.prepare(usual, self.reference)
         # What is drawn in any case may take long to compile.
-        self.allowance.keep(KEPT * self.seconds)
+        self.allowance.keep(LEVELS_SHARE * self.seconds)
         if self._writes:
             worked = max(time.process_time() - worked, 1e-3)
             slower = max(1.0, self.allowance.spent() / worked)
@@ -277,15 +277,15 @@ class Course:
         lone = [one for one in singles if one.passes == 1]
         many = [one for one in singles if one.passes > 1]
         try:
-            self._prepare([*presets, *_in_turns(one for one in lone if is_on_axis(one))])
+            self._prepare([*presets, *_interleave(one for one in lone if is_on_axis(one))])
             combinations = combined_attempts(self.knobs, self._useless())
             self.order += [one.label for one in combinations]
             self._prepare(sorted(combinations, key=self._promise))
             self._weigh_effects()
-            self._prepare(_in_turns(one for one in lone if not is_on_axis(one)))
+            self._prepare(_interleave(one for one in lone if not is_on_axis(one)))
             self._prepare([one for one in many if one.passes <= self.reference.samples])
             present = [*self.contestants, *(one for each in self.effects for one in each.levels)]
-            timing.take_turns(self.studio, self.standard, present, self.allowance, self.tell)
+            timing.run_rounds(self.studio, self.standard, present, self.allowance, self.tell)
         except KeyboardInterrupt:
             self.interrupted = True
 
@@ -309,17 +309,17 @@ class Course:
     def _fits(self, attempt: Attempt) -> bool:
         """Tell whether there is time for one more."""
         prepared = [*self.contestants, *(one for each in self.effects for one in each.levels)]
-        return timing.fits(attempt, self.standard, prepared, self.allowance)
+        return timing.has_time(attempt, self.standard, prepared, self.allowance)
 
     def _weigh_effects(self) -> None:
         """Draw the scene without each effect, and the reference of each, if there is time."""
-        costs = effects.costs_of(self.studio.scene, self.plan, self.studio.lens)
+        costs = effects.effect_trials(self.studio.scene, self.plan, self.studio.lens)
         for number, cost in enumerate(costs):
             self.tell(self._so_far(f"drawing {cost.effect}"))
             share = EFFECTS_SHARE * self.seconds / (len(costs) - number)
             if not all(self._fits(attempt) for attempt in cost.attempts):
                 continue
-            self.effects.append(effects.weigh(self.studio, cost, self.standard, share))
+            self.effects.append(effects.measure(self.studio, cost, self.standard, share))
 
     def _useless(self) -> set[str]:
         """Return labels of levels that change no error, and save no time to speak of."""
@@ -327,24 +327,24 @@ class Course:
         return {
             one.attempt.label
             for one in self.contestants
-            if one.errors == usual.errors and _spent(one) > USELESS * _spent(usual)
+            if one.errors == usual.errors and _seconds_of(one) > USELESS * _seconds_of(usual)
         }
 
     def _promise(self, attempt: Attempt) -> float:
         """Return time and error of a combination over the standard's, if factors multiply."""
         known = {one.attempt.label: one for one in self.contestants}
-        usual, product = _price(self.standard), 1.0
+        usual, product = _time_error_product(self.standard), 1.0
         for name, level in differences(attempt.quality, self.standard.attempt.quality).items():
             single = known.get(f"{name}={level}")
-            product *= 1.0 if single is None else _price(single) / usual
+            product *= 1.0 if single is None else _time_error_product(single) / usual
         return product
 
     def _so_far(self, text: str) -> str:
         """Add the best quality so far to what is being done."""
         if not self.contestants:
             return text
-        trials = [one.trial(self.standard, PROCESSOR) for one in self.contestants]
-        best = choose_among(timing.standard_trial(self.standard, PROCESSOR), trials).trial
+        trials = [one.trial(self.standard, CPU) for one in self.contestants]
+        best = choose_among(timing.standard_trial(self.standard, CPU), trials).trial
         return f"{text}; best so far: {best.label}"
 
     def _with_flip(self, trials: Sequence[Trial], front: Sequence[str]) -> list[Trial]:
@@ -360,7 +360,7 @@ class Course:
         return found
 
     def result(self, name: str, max_error: float | None) -> Study:
-        """Return what was found."""
+        """Return the results of the study."""
         clock = timing.best_clock(self.standard, self.contestants)
         standard = timing.standard_trial(self.standard, clock)
         contestants = sorted(self.contestants, key=lambda one: self.order.index(one.attempt.label))
@@ -415,7 +415,7 @@ class Studio:
     ) -> None:
         self.scene, self.camera, self.lens = scene, camera, lens
         self.threads = threads or available_processors()
-        self._buffers = measures.buffers_of(scene)
+        self._buffers = measures.compared_buffers(scene)
         if lens is not None:
             # Depth along the axis does not exist beside it.
             self._buffers = tuple(name for name in self._buffers if name != "depth")
@@ -430,7 +430,7 @@ class Studio:
         self.close()
 
     def close(self) -> None:
-        """Let threads and memory go; a later frame takes them again."""
+        """Release threads and memory; a later frame acquires them again."""
         self._renderer.close()
 
     @property
@@ -445,13 +445,13 @@ class Studio:
         return self._renderer.render(shown, self.camera, outputs=outputs, lens=self.lens)
 
     def light(self, quality: Quality, scene: Scene | None = None) -> NDArray[np.float64]:
-        """Return the light that a frame shows, (H, W, 3), linear."""
+        """Draw a frame and return its linear light, (H, W, 3)."""
         frame = self.draw(quality, measures.PICTURE_OUTPUTS, scene)
         return light_of(frame)[:, :, :3].astype(np.float64)
 
     def seconds(self, attempt: Attempt) -> timing.Stages:
         """Draw the colour alone, as most frames are, and return the seconds of each stage."""
-        return _without_compiling(self.draw(attempt.quality, COLOR_ALONE, attempt.scene))
+        return _without_compiling(self.draw(attempt.quality, COLOR_ONLY, attempt.scene))
 
     def refusal(self, attempt: Attempt) -> str | None:
         """Return why an attempt cannot be rendered, if so."""
@@ -469,12 +469,12 @@ class Studio:
         """
         self.seconds(usual)
         took = timing.total(self.seconds(usual))
-        while DEARER * MIN_PICTURES * took > seconds and min(self.size) >= 2 * MIN_SIDE:
+        while REFERENCE_FACTOR * MIN_PICTURES * took > seconds and min(self.size) >= 2 * MIN_SIDE:
             before = self.size
             self._resize((before[0] // 2, before[1] // 2))
             self.seconds(usual)
             smaller = timing.total(self.seconds(usual))
-            if smaller > WORTH_SHRINKING * took:
+            if smaller > MAX_SHRINK_RATIO * took:
                 self._resize(before)
                 return
             took = smaller
@@ -495,7 +495,7 @@ class Studio:
         usual = light_of(self.draw(Quality.standard(), measures.PICTURE_OUTPUTS))
         error = root_mean_square(light_of(frame) - usual) / math.sqrt(5.0)
         # The next step draws four times as many pictures as the last one.
-        while samples < STEPS[-1] and took + 4.0 * spent <= seconds:
+        while samples < SAMPLE_STEPS[-1] and took + 4.0 * spent <= seconds:
             before = light_of(frame)
             samples, frame = next(pictures)
             spent = timing.total(_without_compiling(frame))
@@ -505,7 +505,7 @@ class Studio:
         # The samples are for colour: buffers come from the pixel centre.
         buffers = self.draw(replace(Quality.reference(), samples=1), self._buffers)
         found = measures.reference_of(self.scene, frame, buffers)
-        error = 0.0 if samples == STEPS[-1] else error
+        error = 0.0 if samples == SAMPLE_STEPS[-1] else error
         return found._replace(samples=samples, seconds=took, error=error)
 
     def _reference_pictures(self) -> Iterator[tuple[int, Frame]]:
@@ -513,9 +513,9 @@ class Studio:
         outputs = measures.PICTURE_OUTPUTS
         if self.lens is None:
             steps = self._renderer.refine(self.scene, self.camera, outputs=outputs, first=())
-            yield from zip(STEPS, steps, strict=True)
+            yield from zip(SAMPLE_STEPS, steps, strict=True)
             return
-        for samples in STEPS:
+        for samples in SAMPLE_STEPS:
             yield samples, self.draw(replace(Quality.reference(), samples=samples), outputs)
 
     def prepare(self, attempt: Attempt, reference: measures.ReferenceFrame) -> timing.Contestant:
@@ -539,17 +539,17 @@ class Studio:
         return timing.Contestant(attempt, errors, color, error_map, first, worked)
 
 
-def _price(one: timing.Contestant) -> float:
+def _time_error_product(one: timing.Contestant) -> float:
     """Return the product of time and error, as far as either is seen."""
-    return _spent(one) * max(one.errors.rmse, INVISIBLE)
+    return _seconds_of(one) * max(one.errors.rmse, INVISIBLE)
 
 
-def _spent(one: timing.Contestant) -> float:
+def _seconds_of(one: timing.Contestant) -> float:
     """Return the seconds that processors worked for a frame, or that it took."""
     return one.least or one.cost
 
 
-def _in_turns(attempts: Iterable[Attempt]) -> list[Attempt]:
+def _interleave(attempts: Iterable[Attempt]) -> list[Attempt]:
     """Return a level of each setting first, then another of each."""
     turns: dict[str, int] = {}
     order = {}
@@ -565,8 +565,8 @@ def _without_compiling(frame: Frame) -> timing.Stages:
     return {stage: duration for stage, duration in seconds if stage != COMPILE}
 
 
-def _say_nothing(text: str, done: float, count: float) -> None:
-    """Take no notice of progress."""
+def _ignore_progress(text: str, done: float, count: float) -> None:
+    """Ignore progress."""
 
 
 def versions() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Small scenes, each made so that some accuracy setting matters to it more than in most."""
+"""Small test scenes, each for an accuracy setting that matters much in it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Points = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class MadeScene:
     """
-    A scene, who looks at it, and how large its picture is.
+    A test scene with its camera and size.
 
     Attributes
     ----------
@@ -239,7 +239,7 @@ SCENES: dict[str, Callable[[], MadeScene]] = {
         wireframe, gradients,
     )
 }  # fmt: skip
-"""What makes each scene, by its name on the command line."""
+"""Functions that make the scenes, by their names on the command line."""
 
 MADE_FOR = {
     "subpixel_bits": "slivers",

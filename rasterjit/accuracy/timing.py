@@ -12,44 +12,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy.choice import noise
-from rasterjit.accuracy.results import PROCESSOR, STANDARD, WALL, Errors, Trial
+from rasterjit.accuracy.results import CPU, STANDARD, WALL, Errors, Trial
 from rasterjit.accuracy.settings_to_try import Attempt
 
 if TYPE_CHECKING:
     from rasterjit.accuracy.study import Studio
 
 MIN_ROUNDS, MAX_ROUNDS = 3, 21
-"""Rounds for all that there is time for, and after which more would hardly tell more."""
+"""Least and most rounds of timing."""
 
-ROUNDS_KEPT = 2
-"""Rounds that time is kept for."""
+RESERVED_ROUNDS = 2
+"""Rounds that time is reserved for."""
 
-SLOW = 8.0
+SLOW_RATIO = 8.0
 """Frames that take longer than so many of the standard's are drawn in fewer rounds: so often that
 on average they take no longer, but not so seldom that nothing is known of their times."""
 
-STANDARDS = 3
+STANDARDS_PER_ROUND = 3
 """Frames of the standard in a round of many."""
 
-DRAWINGS = 2
-"""Frames that are drawn of each quality before the rounds."""
+WARMUP_FRAMES = 2
+"""Frames of each quality that are drawn before the rounds."""
 
-NOISY = 0.1
-"""Share of a time to which the typical one is known at worst, for wall-clock times to be given."""
+MAX_WALL_NOISE = 0.1
+"""Largest relative uncertainty of a typical time at which elapsed times are reported."""
 
-HOPELESS = 1.3
-"""Times the time of something as accurate from which on no further round is for a quality."""
+HOPELESS_RATIO = 1.3
+"""Ratio to the time of a trial as accurate at which a quality gets no further rounds."""
 
 Stages = dict[str, float]
-"""Seconds by stage; compiling is none of them."""
+"""Seconds by stage, without compiling."""
 
 Progress = Callable[[str, float, float], None]
-"""Is told what is being done, how much is done, and how much there is: seconds, or scenes."""
+"""Callback for progress: text, amount done, and total, in seconds or scenes."""
 
 
 class Allowance:
     """
-    Seconds that run out.
+    Budget of seconds that runs out.
 
     Parameters
     ----------
@@ -68,15 +68,15 @@ class Allowance:
         return self._end - self._begin
 
     def spent(self) -> float:
-        """Return how many are spent."""
+        """Return the seconds spent."""
         return self._clock() - self._begin
 
     def left(self) -> float:
-        """Return how many are left; below zero if none are."""
+        """Return the seconds left; below zero if overspent."""
         return self._end - self._clock()
 
     def take(self, seconds: float) -> None:
-        """Take so many away."""
+        """Subtract seconds."""
         self._end -= seconds
 
     def keep(self, seconds: float) -> None:
@@ -124,14 +124,14 @@ class Contestant:
         return min([self.first_worked, *self.worked])
 
     def trial(self, standard: Contestant, clock: str = WALL) -> Trial:
-        """Return what was measured by a clock."""
+        """Return the trial measured by a clock."""
         frames = self.frames or [self.first]
         if clock == WALL:
             seconds = tuple(total(frame) for frame in frames)
             usual = self.usual or [total(standard.first)]
         else:
-            seconds = undisturbed([self.first_worked, *self.worked])
-            other = statistics.median(undisturbed([standard.first_worked, *standard.worked]))
+            seconds = least_half([self.first_worked, *self.worked])
+            other = statistics.median(least_half([standard.first_worked, *standard.worked]))
             usual = [other] * len(seconds)
         attempt = self.attempt
         return Trial(
@@ -147,7 +147,7 @@ class Contestant:
         )
 
 
-def undisturbed(worked: Sequence[float]) -> tuple[float, ...]:
+def least_half(worked: Sequence[float]) -> tuple[float, ...]:
     """
     Return the least half of some processor times, sorted; at least three of them.
 
@@ -165,10 +165,10 @@ def best_clock(standard: Contestant, contestants: Sequence[Contestant]) -> str:
             noise(trial) / trial.ratio
             for trial in (one.trial(standard, clock) for one in contestants)
         )
-        for clock in (WALL, PROCESSOR)
+        for clock in (WALL, CPU)
     }
-    is_quiet = unknown[WALL] <= NOISY or unknown[WALL] < unknown[PROCESSOR]
-    return WALL if is_quiet else PROCESSOR
+    is_quiet = unknown[WALL] <= MAX_WALL_NOISE or unknown[WALL] < unknown[CPU]
+    return WALL if is_quiet else CPU
 
 
 def contenders(standard: Contestant, contestants: Sequence[Contestant]) -> list[Contestant]:
@@ -178,7 +178,7 @@ def contenders(standard: Contestant, contestants: Sequence[Contestant]) -> list[
         one
         for one in own
         if not any(
-            other.errors.rmse <= one.errors.rmse and HOPELESS * other.least < one.least
+            other.errors.rmse <= one.errors.rmse and HOPELESS_RATIO * other.least < one.least
             for other in (standard, *own)
         )
     ]
@@ -205,11 +205,8 @@ def standard_trial(standard: Contestant, clock: str = WALL) -> Trial:
     return replace(trial, setting=STANDARD, level=STANDARD, ratios=(1.0,) * len(trial.seconds))
 
 
-def fits(
-    attempt: Attempt,
-    standard: Contestant,
-    prepared: Sequence[Contestant],
-    allowance: Allowance,
+def has_time(
+    attempt: Attempt, standard: Contestant, prepared: Sequence[Contestant], allowance: Allowance
 ) -> bool:
     """
     Tell whether there is time to prepare one more quality, and for rounds of all of them after.
@@ -218,17 +215,17 @@ def fits(
     """
     cost = attempt.passes * standard.cost
     round_seconds = 2.0 * (standard.cost + cost + sum(one.cost for one in prepared))
-    wanted = DRAWINGS * cost + ROUNDS_KEPT * round_seconds
+    wanted = WARMUP_FRAMES * cost + RESERVED_ROUNDS * round_seconds
     return wanted <= allowance.left()
 
 
-def rounds_between(contestant: Contestant, standard: Contestant) -> int:
+def round_interval(contestant: Contestant, standard: Contestant) -> int:
     """Return in every how many rounds a contestant takes part; three times, if all are drawn."""
-    wanted = round(contestant.cost / (SLOW * max(standard.cost, 1e-9)))
+    wanted = round(contestant.cost / (SLOW_RATIO * max(standard.cost, 1e-9)))
     return max(1, min(wanted, MAX_ROUNDS // MIN_ROUNDS))
 
 
-def take_turns(
+def run_rounds(
     painter: Studio,
     standard: Contestant,
     contestants: Sequence[Contestant],
@@ -259,11 +256,11 @@ def take_turns(
             longest *= standard.cost + sum(one.cost for one in contestants)
         if number > 0 and before < longest:
             break
-        present = [one for one in contestants if number % rounds_between(one, standard) == 0]
+        present = [one for one in contestants if number % round_interval(one, standard) == 0]
         first = number % max(len(present), 1)
         drawn = [
-            (one, *_timed(painter, one.attempt, processor))
-            for one in with_standard(present[first:] + present[:first], standard)
+            (one, *_time_frame(painter, one.attempt, processor))
+            for one in insert_standards(present[first:] + present[:first], standard)
         ]
         usual = statistics.median(total(frame) for one, frame, _ in drawn if one is standard)
         for one, frame, worked in drawn:
@@ -273,16 +270,16 @@ def take_turns(
         longest = max(longest, before - allowance.left())
 
 
-def with_standard(turn: Sequence[Contestant], standard: Contestant) -> list[Contestant]:
-    """Return who is drawn in a round: the standard before each third of the others."""
-    third = max(-(-len(turn) // STANDARDS), 1)
+def insert_standards(turn: Sequence[Contestant], standard: Contestant) -> list[Contestant]:
+    """Return the order of a round: the standard before each third of the others."""
+    third = max(-(-len(turn) // STANDARDS_PER_ROUND), 1)
     order: list[Contestant] = []
     for start in range(0, max(len(turn), 1), third):
         order += [standard, *turn[start : start + third]]
     return order
 
 
-def _timed(
+def _time_frame(
     painter: Studio, attempt: Attempt, processor: Callable[[], float]
 ) -> tuple[Stages, float]:
     """Return the seconds of a frame that is not the first of its quality, and those worked."""

@@ -17,19 +17,19 @@ from rasterjit.outputs.output_table import Outputs
 from rasterjit.rendering.planning import Cull, look_from, needs_settling
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.background import Background
-from rasterjit.scene.camera import Camera, settled
-from rasterjit.scene.camera_fitting import fit_upright
+from rasterjit.scene.camera import Camera, move_planes
+from rasterjit.scene.camera_fitting import default_camera
 from rasterjit.scene.decomposed_transform import TRS
 from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
+    boolean,
+    brief,
     finite_number,
-    in_short,
-    true_or_false,
 )
-from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes
+from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]
@@ -97,23 +97,23 @@ def frames(
         invalid; with the first frame, what `rasterjit.render` refuses.
     """
     if not isinstance(renderer, Renderer):
-        raise ValueError(f"renderer must be a Renderer, got {in_short(renderer)}")
+        raise ValueError(f"renderer must be a Renderer, got {brief(renderer)}")
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
+        raise ValueError(f"scene must be a Scene, got {brief(scene)}")
     if not isinstance(times, Iterable):
-        raise ValueError(f"times must be numbers, got {in_short(times)}")
-    repeats = true_or_false("loop", loop)
+        raise ValueError(f"times must be numbers, got {brief(times)}")
+    repeats = boolean("loop", loop)
     transform_tracks = {} if transforms is None else transforms
     mesh_tracks = {} if meshes is None else meshes
     for name, tracks in (("transforms", transform_tracks), ("meshes", mesh_tracks)):
         if not isinstance(tracks, Mapping):
-            raise ValueError(f"{name} must be functions by node, got {in_short(tracks)}")
+            raise ValueError(f"{name} must be functions by node, got {brief(tracks)}")
         every = set(map(id, scene.every_node()))
         for node, track in tracks.items():
             if id(node) not in every:
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
-                raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
+                raise ValueError(f"{name} must hold functions of time, got {brief(track)}")
     clips = () if animation is None else scene._chosen_animations(animation)
     loop_duration = max((one.duration for one in clips), default=0.0) if repeats else math.inf
     channels = [channel for one in clips for channel in one.channels]
@@ -194,12 +194,12 @@ def _play(
         view_camera = camera(time) if callable(camera) else camera
         return scene.camera if view_camera is None else view_camera
 
-    def depths_beside_planes(view_camera: Camera) -> BesidePlanes:
+    def depths_beside_planes(view_camera: Camera) -> PlaneNeeds:
         """Return what lies before and behind the planes of a camera, of the nodes as they are."""
         return look_from(scene, view_camera, renderer.size, renderer.quality)
 
     try:
-        depths, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
+        depths, is_known = NO_PLANE_NEEDS, isinstance(camera, CameraTrack) or not callable(camera)
         is_short = isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_SURVEYED
         ahead = is_known and is_short
         if ahead:
@@ -208,18 +208,18 @@ def _play(
                 time = finite_number("times", raw_time)
                 if needs_settling(view_camera := camera_at(time)):
                     motion.move(time)
-                    depths = depths.beside(depths_beside_planes(view_camera))
+                    depths = depths.merge(depths_beside_planes(view_camera))
         for raw_time in times:
             time = finite_number("times", raw_time)
             motion.move(time)
             view_camera = camera_at(time)
             if needs_settling(view_camera):
                 # Without a survey ahead, planes never move away again.
-                depths = depths if ahead else depths.beside(depths_beside_planes(view_camera))
-                view_camera = settled(view_camera, *depths.steps)
+                depths = depths if ahead else depths.merge(depths_beside_planes(view_camera))
+                view_camera = move_planes(view_camera, *depths.steps)
             if view_camera is None:
                 # What turns keeps its size.
-                view_camera = fit_upright(scene, renderer.size, steady=True)
+                view_camera = default_camera(scene, renderer.size, steady=True)
             yield renderer.render(scene, view_camera, **options)
     finally:
         for node, state in before:
@@ -263,7 +263,7 @@ def save(
     `frames` moves are where they were.
     """
     if not isinstance(frames, Iterable):
-        raise ValueError(f"frames must be an iterable of frames, got {in_short(frames)}")
+        raise ValueError(f"frames must be an iterable of frames, got {brief(frames)}")
     pictures = (frame.color if isinstance(frame, Frame) else frame for frame in frames)
     try:
         save_animation(path, pictures, fps)

@@ -25,13 +25,13 @@ from rasterjit.scene import camera_fitting, transforms
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.keyframes import Animation
-from rasterjit.scene.mesh import Mesh, with_face_values, with_field_of
+from rasterjit.scene.mesh import Mesh, copy_field, set_face_values
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     bounded_number,
+    brief,
     finite_array,
     finite_number,
-    in_short,
     one_of,
     positive_number,
 )
@@ -109,18 +109,18 @@ class CameraTrack(_Track):
         interpolation: Interpolation = "linear",
     ) -> None:
         if not isinstance(cameras, Iterable):
-            raise ValueError(f"cameras must be a sequence of cameras, got {in_short(cameras)}")
+            raise ValueError(f"cameras must be a sequence of cameras, got {brief(cameras)}")
         super().__init__(times, cameras, interpolation)
         kind = type(self.keys[0])
         if kind not in (PerspectiveCamera, OrthographicCamera):
             raise ValueError(
                 "cameras must be PerspectiveCamera or OrthographicCamera, got "
-                f"{in_short(self.keys[0])}"
+                f"{brief(self.keys[0])}"
             )
         for camera in self.keys:
             if type(camera) is not kind:
                 raise ValueError(
-                    f"cameras must be of one kind, got {kind.__name__} and {in_short(camera)}"
+                    f"cameras must be of one kind, got {kind.__name__} and {brief(camera)}"
                 )
         views = np.array([camera.view_matrix()[:3, :3] for camera in self.keys])
         targets = np.array([camera.target for camera in self.keys])
@@ -248,7 +248,7 @@ class MorphTrack(_Track):
         interpolation: Interpolation = "linear",
     ) -> None:
         if not isinstance(mesh, Mesh):
-            raise ValueError(f"mesh must be a Mesh, got {in_short(mesh)}")
+            raise ValueError(f"mesh must be a Mesh, got {brief(mesh)}")
         shapes = finite_array("vertices", vertices, (None, len(mesh.vertices), 3))
         super().__init__(times, shapes, interpolation)
         self.mesh = mesh
@@ -267,8 +267,8 @@ class MorphTrack(_Track):
             attributes=mesh.vertex_attributes,
             material=mesh.material,
         )
-        with_field_of(moved, mesh)
-        return with_face_values(moved, mesh.face_colors, mesh.face_attributes)
+        copy_field(moved, mesh)
+        return set_face_values(moved, mesh.face_colors, mesh.face_attributes)
 
 
 def _key_times(times: ArrayLike) -> Float64:
@@ -369,7 +369,7 @@ def turntable(
     period = positive_number("seconds", seconds)
     start = finite_number("azimuth", azimuth)
     height = bounded_number("elevation", elevation, -90.0, 90.0)
-    frame = camera_fitting.frame_of(up)
+    frame = camera_fitting.up_rotation(up)
     sphere = measured(scene) if animation is None else _measured_moving(scene, animation)
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
@@ -406,7 +406,7 @@ class _Sphere(NamedTuple):
 def _measured_moving(scene: Bounded, animation: Any) -> Bounded:
     """Return a sphere around all that a scene's animations show, measured at some times."""
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene to play an animation, got {in_short(scene)}")
+        raise ValueError(f"scene must be a Scene to play an animation, got {brief(scene)}")
     length = max((one.duration for one in scene._chosen_animations(animation)), default=0.0)
     times = np.linspace(0.0, length, MEASURED_TIMES).tolist()
     spheres = [scene.at(time, animation).bounding_sphere() for time in times]
@@ -421,4 +421,4 @@ def _measured_moving(scene: Bounded, animation: Any) -> Bounded:
 
 def measured(scene: Bounded) -> Bounded:
     """Return the sphere around a scene, or another thing to draw, measured once."""
-    return _Sphere(*camera_fitting.bounded(scene).bounding_sphere())
+    return _Sphere(*camera_fitting.as_bounded(scene).bounding_sphere())

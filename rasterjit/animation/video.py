@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import checked_path
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -141,7 +141,7 @@ def save_animation(
     suffix = place.suffix.lower()
     check_speed(fps, suffix)
     if not isinstance(pictures, Iterable):
-        raise ValueError(f"pictures must be an iterable of pictures, got {in_short(pictures)}")
+        raise ValueError(f"pictures must be an iterable of pictures, got {brief(pictures)}")
     pictures = iter(pictures)
     nothing = object()
     first = next(pictures, nothing)

@@ -110,7 +110,7 @@ class Framebuffer(Guarded):
     ([255, 0, 0, 255], [0, 0, 255, 255])
     """
 
-    _INSTEAD = "draw into it, or write into its arrays"
+    _ADVICE = "draw into it, or write into its arrays"
 
     def __init__(self, width: int, height: int, *, threads: int | None = None) -> None:
         self._width, self._height = check.image_size("width, height", (width, height))

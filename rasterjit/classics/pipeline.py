@@ -52,7 +52,7 @@ class ClassicPipeline(Guarded):
     array([[40., 16.]])
     """
 
-    _INSTEAD = "its methods set its steps"
+    _ADVICE = "its methods set its steps"
 
     def __init__(self) -> None:
         self._scale = transforms.identity()

@@ -22,10 +22,10 @@ from rasterjit.accuracy.report.files import (
 from rasterjit.accuracy.report.page import PAGE_NAME
 from rasterjit.accuracy.sentences import (
     alternatives,
-    how_sure,
+    certainty,
+    folder_summary,
     options_of,
     recommendation,
-    together,
 )
 from rasterjit.accuracy.study import SIZE
 from rasterjit.accuracy.test_scenes import make
@@ -110,7 +110,7 @@ def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> Fold
         )  # fmt: skip
     if quiet:
         return found
-    for text in together(found):
+    for text in folder_summary(found):
         say(text)
     say(f"  {options_of(found.take.trial, found.standard)}")
     for name, why in found.failures.items():
@@ -176,7 +176,7 @@ def _print(found: results.Study, folder: Path) -> None:
     options = options_of(choose(found).trial, found.standard)
     if options:
         console.print(f"  {options}")
-    console.print(how_sure(found))
+    console.print(certainty(found))
     console.print(alternatives(found))
     console.print()
     _print_table(found, console)
@@ -221,7 +221,7 @@ def _print_table(found: results.Study, console: Console) -> None:
     width, height = found.size
     console.print(
         f"{printable(found.scene)}, {width} x {height} pixels, {found.threads} threads; "
-        f"{'processor ' if found.clock == results.PROCESSOR else ''}times are medians of up to "
+        f"{'processor ' if found.clock == results.CPU else ''}times are medians of up to "
         f"{max(found.rounds, 1)} rounds ± half of what lies between the quartiles, ? where that is "
         "not measured well enough; * worth choosing: more accurate than all that is faster"
     )
@@ -241,7 +241,7 @@ def _print_effects(found: results.Study, console: Console) -> None:
     for cost in found.effects:
         error = "-" if cost.rmse is None else f"{cost.rmse:.2e}"
         table.add_section()
-        table.add_row(cost.effect, results.AS_THE_SCENE_SAYS, "1.00", error, cost.reference)
+        table.add_row(cost.effect, results.FROM_SCENE, "1.00", error, cost.reference)
         for level in cost.levels:
             factor = f"{level.ratio:.2f}" if is_measured(level) else "?"
             table.add_row("", level.level, factor, f"{level.errors.rmse:.2e}")

@@ -174,7 +174,7 @@ def _material(material: Material) -> dict[str, Any]:
             said |= {"sheen_color": list(material.sheen_color)}
         if material.transmits:
             said |= {"transmission": material.transmission, "thickness": material.thickness}
-        if material.has_own_specular:
+        if material.has_custom_specular:
             said |= {
                 "ior": material.ior, "specular_factor": material.specular_factor,
                 "specular_color": list(material.specular_color),

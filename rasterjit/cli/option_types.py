@@ -281,7 +281,7 @@ def names_in(text: str) -> list[str]:
 @text_type("names")
 def outputs_type(text: str) -> tuple[str, ...]:
     """Return names of outputs, ``color,depth``."""
-    from rasterjit.scene.validation import question as asked_of_names
+    from rasterjit.scene.validation import suggest as asked_of_names
 
     names = names_in(text)
     unknown = next((name for name in names if name and name not in OUTPUTS), None)
@@ -464,12 +464,12 @@ def camera_of(
 ) -> MatrixCamera:
     """Return the camera of OpenCV's K and pose, with near and far planes around a scene."""
     from rasterjit.io.cameras import from_opencv
-    from rasterjit.scene.camera_fitting import near_plane, triple_of
+    from rasterjit.scene.camera_fitting import near_plane, to_triple
     from rasterjit.scene.transforms import apply
     from rasterjit.scene.vectors import length
 
     center, radius = scene.bounding_sphere()
-    distance = length(triple_of(apply(camera_from_world, center)))
+    distance = length(to_triple(apply(camera_from_world, center)))
     near = near_plane(distance, radius) or 1.0
     try:
         return from_opencv(intrinsics, size, camera_from_world=camera_from_world, near=near)

@@ -19,13 +19,13 @@ from rasterjit.cli import option_types
 from rasterjit.cli.help import question
 from rasterjit.cli.report import warn
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.scene.colormap import COLORMAPS, REVERSED, Colormap
-from rasterjit.scene.eye_dome import STRONGEST, EyeDome
+from rasterjit.scene.colormap import COLORMAPS, REVERSED_SUFFIX, Colormap
+from rasterjit.scene.eye_dome import MAX_STRENGTH, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MAX_STOPS
-from rasterjit.scene.validation import question as question_of_names
+from rasterjit.scene.validation import suggest as question_of_names
 
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Isolation
@@ -232,8 +232,8 @@ class SceneOptions:
     scalars: str | None = option(None, metavar="NAME")
     colormap: Colormap | None = option(
         option_types.colormap_type, metavar="NAME",
-        help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed with {REVERSED} "
-        "behind it; default: viridis.",
+        help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed with "
+        f"{REVERSED_SUFFIX} behind it; default: viridis.",
     )  # fmt: skip
     scalar_range: tuple[float, float] | None = option(option_types.range_type, "--range")
     contours: Contours | None = option(option_types.contours_type)
@@ -567,10 +567,10 @@ class CameraOptions:
     def _fit(self, scene: Scene, size: tuple[int, int], steady: bool = False) -> FittedCamera:
         """Return the camera that fits the scene, seen from the angles given or by default."""
         from rasterjit.scene import transforms
-        from rasterjit.scene.camera_fitting import fit_camera, frame_of, orbit_direction
+        from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, up_rotation
 
         fitting = self._fitting(scene, size)
-        frame = frame_of(fitting["up"])
+        frame = up_rotation(fitting["up"])
         toward, upward = DEFAULT_DIRECTION, (0.0, 1.0, 0.0)
         if self.azimuth is not None or self.elevation is not None:
             azimuth, elevation = self._angles()
@@ -591,7 +591,7 @@ class CameraOptions:
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
-        from rasterjit.scene.camera_fitting import CLEARANCE, frame_of, near_plane
+        from rasterjit.scene.camera_fitting import CLEARANCE, near_plane, up_rotation
         from rasterjit.scene.transforms import apply, are_parallel
 
         center, radius = scene.bounding_sphere()
@@ -605,7 +605,7 @@ class CameraOptions:
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
             x, y, z = (up * (target - eye)).tolist()
-            up = apply(frame_of(up), (0.0, 0.0, math.copysign(1.0, x + y + z)))
+            up = apply(up_rotation(up), (0.0, 0.0, math.copysign(1.0, x + y + z)))
         x, y, z = (center - eye).tolist()
         distance = math.sqrt(x * x + y * y + z * z)
         if self.projection == "orthographic":
@@ -709,7 +709,7 @@ class Effects:
     shadows: bool = flag()
     environment: str | None = option(None, metavar="FILE|sky")
     ambient_occlusion: bool = flag()
-    eye_dome: float | None = option(option_types.FiniteType(0.0, STRONGEST), metavar="STRENGTH")
+    eye_dome: float | None = option(option_types.FiniteType(0.0, MAX_STRENGTH), metavar="STRENGTH")
     outline: str | None = option(option_types.opaque_color_type)
     tone_map: str | None = option(click.Choice(CURVES))
     exposure: float | None = option(option_types.FiniteType(-MAX_STOPS, MAX_STOPS), metavar="STOPS")
@@ -816,11 +816,11 @@ def style_option(command: Callable) -> Callable:
 def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects) -> Style:
     """Return a scene in its style; options override the style."""
     from rasterjit import styles
-    from rasterjit.scene.camera_fitting import fit_upright
+    from rasterjit.scene.camera_fitting import default_camera
     from rasterjit.survey.light_culling import headlight
 
     if "headlight" in look.light and scene.nodes:
-        seen_from = camera or scene.camera or fit_upright(scene, (1, 1))
+        seen_from = camera or scene.camera or default_camera(scene, (1, 1))
         scene.lights = headlight(seen_from)
     style = styles.STYLES[effects.style](scene, camera)
     if any(map(is_given, QUALITY_OPTIONS)):

@@ -22,7 +22,7 @@ from rasterjit.rendering.planning import choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera
-from rasterjit.scene.camera_fitting import Ball, fit_camera
+from rasterjit.scene.camera_fitting import BoundingSphere, fit_camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -125,7 +125,7 @@ class SceneArtist(artist.Artist):
         self._quality = Quality(samples=8) if quality is None else quality
         # What is wrong is said at once.
         explain(self.scene, camera, self._quality, size=(1, 1), background=background)
-        self._ball = Ball.around(self.scene)
+        self._ball = BoundingSphere.around(self.scene)
         self._frames: dict[Any, Frame] = {}
         self._original_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
         self.set_zorder(zorder)

@@ -32,16 +32,16 @@ from rasterjit.rendering.renderer import render
 from rasterjit.scene.guides import Axes, Grid
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.points import Points, sizes_of
+from rasterjit.scene.points import Points, size_array
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
+    boolean,
+    brief,
     image_size,
-    in_short,
     one_of,
     positive_number,
     read_only,
-    true_or_false,
 )
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.viewer.show import show as show_scene
@@ -142,13 +142,13 @@ def _view(
     size = tuple(scene.camera.resolution.tolist())
     switches = _mapping("flags", flags, FLAGS)
     for name in ("cull", "wireframe", "grid"):
-        true_or_false(f"flags[{name!r}]", switches[name])
+        boolean(f"flags[{name!r}]", switches[name])
     # OpenGL draws nothing thinner than a pixel.
     widths = {"point_size": max(1.0, max(size) / 200), "line_width": max(1.0, max(size) / 400)}
     drawn = from_trimesh(scene)
     for name, width in _mapping("line_settings", line_settings, widths).items():
         widths[name] = positive_number(f"line_settings[{name!r}]", width)
-    _set_looks(drawn, true_or_false("smooth", smooth), **widths)
+    _set_looks(drawn, boolean("smooth", smooth), **widths)
     _add_guides(drawn, scene, switches)
     if switches["wireframe"]:
         drawn.wireframe = Wireframe(DEFAULT_COLOR, "only")
@@ -166,7 +166,7 @@ def _mapping(
 ) -> dict[str, Any]:
     """Return the defaults with what is given; raise if it is no mapping of their keys."""
     if given is not None and not isinstance(given, Mapping):
-        raise ValueError(f"{name} must be a mapping, got {in_short(given)}")
+        raise ValueError(f"{name} must be a mapping, got {brief(given)}")
     for key in given or {}:
         one_of(f"key of {name}", key, tuple(defaults))
     return {**defaults, **(given or {})}
@@ -176,9 +176,9 @@ def _set_looks(scene: Scene, smooth: bool, point_size: float, line_width: float)
     """Set widths, flat shading, the grey of meshes without a colour, and blending by alpha."""
     for mesh in {id(node.mesh): node.mesh for node in scene.every_node()}.values():
         if isinstance(mesh, Points):
-            mesh._sizes = read_only(sizes_of("point_size", point_size, len(mesh), "pixel"))
+            mesh._sizes = read_only(size_array("point_size", point_size, len(mesh), "pixel"))
         elif isinstance(mesh, Lines):
-            mesh._widths = read_only(sizes_of("line_width", line_width, len(mesh), "pixel"))
+            mesh._widths = read_only(size_array("line_width", line_width, len(mesh), "pixel"))
         elif isinstance(mesh, Mesh):
             colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
             material = mesh.material

@@ -31,7 +31,7 @@ from rasterjit.dataset.recipe import (
 from rasterjit.io.meshes import mesh_files
 from rasterjit.runtime.locks import Lock, lock, machine
 from rasterjit.runtime.threads import available_processors
-from rasterjit.scene.validation import existing_folder, in_short, whole_number
+from rasterjit.scene.validation import brief, existing_folder, whole_number
 
 LOCK = ".lock"
 """Name of the lock file in the folder."""
@@ -399,7 +399,7 @@ def make(
     """
     recipe = Recipe() if recipe is None else recipe
     if not isinstance(recipe, Recipe):
-        raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
+        raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
     runner = _job_runner(workers)
     source = existing_folder("folder", folder).resolve()
     target = _check_output(output, source)
@@ -408,7 +408,7 @@ def make(
     if not names:
         raise ValueError(f"folder must hold mesh files, got none in {str(source)!r}")
     if report is not None and not callable(report):
-        raise ValueError(f"report must be a function, got {in_short(report)}")
+        raise ValueError(f"report must be a function, got {brief(report)}")
     _check_settings(target, recipe)
     target.mkdir(parents=True, exist_ok=True)
     with lock_folder(target):
@@ -458,7 +458,7 @@ def _job_runner(workers: Any) -> Callable[..., Iterator[tuple[Any, MeshResult]]]
 def _check_output(output: Any, source: Path) -> Path:
     """Return the full path of the folder to write to, or raise ``ValueError``."""
     if not isinstance(output, (str, os.PathLike)):
-        raise ValueError(f"output must be a folder, got {in_short(output)}")
+        raise ValueError(f"output must be a folder, got {brief(output)}")
     target = Path(output).resolve()
     if target == source or source.is_relative_to(target):
         raise ValueError(f"output must not hold the meshes, got {str(output)!r}")

@@ -29,9 +29,9 @@ from rasterjit.rendering.batch import check_arguments, share_threads
 from rasterjit.rendering.renderer_pool import draw_in_turns
 from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
-from rasterjit.scene.attribute_guard import says_replace
+from rasterjit.scene.attribute_guard import suggests_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
-from rasterjit.scene.camera_fitting import fit_camera, frame_of, orbit_direction
+from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, up_rotation
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, OnInvalid
@@ -40,9 +40,9 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     VectorLike,
     bounded_number,
+    brief,
     existing_folder,
     image_size,
-    in_short,
     one_of,
     triple,
     whole_number,
@@ -74,7 +74,7 @@ GOLDEN_ANGLE = FULL_TURN / 2.0 * (3.0 - math.sqrt(5.0))
 """Degrees from one point of the lattice to the next: no two lie above each other."""
 
 
-@says_replace
+@suggests_replace
 @dataclasses.dataclass(frozen=True)
 class Recipe:
     """
@@ -145,7 +145,7 @@ class Recipe:
         transforms.unit_vector("up", self.up)
         MemoryBudget("", self.max_bytes)
         if not isinstance(self.isolate, bool):
-            raise ValueError(f"isolate must be True or False, got {in_short(self.isolate)}")
+            raise ValueError(f"isolate must be True or False, got {brief(self.isolate)}")
         checked = {
             "views": whole_number("views", self.views, 1, MAX_VIEWS),
             "outputs": _outputs(self.outputs),
@@ -180,7 +180,7 @@ def _outputs(names: Any) -> tuple[str, ...]:
     """Return names of outputs without repeats, or raise ``ValueError``."""
     choices = (names,) if isinstance(names, str) else names
     if not isinstance(choices, (list, tuple, set, frozenset)) or not choices:
-        raise ValueError(f"outputs must name at least one output, got {in_short(names)}")
+        raise ValueError(f"outputs must name at least one output, got {brief(names)}")
     for name in choices:
         one_of("outputs", name, OUTPUT_CHOICES)
     if "coco" in choices and "color" not in choices:
@@ -217,14 +217,14 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
         If the scene has no extent that a camera fits.
     """
     if not isinstance(recipe, Recipe):
-        raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
-    up_rotation = frame_of(recipe.up)
-    upward = transforms.apply(up_rotation, (0.0, 1.0, 0.0))
+        raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
+    rotation = up_rotation(recipe.up)
+    upward = transforms.apply(rotation, (0.0, 1.0, 0.0))
     sphere = measured(scene)
     return [
         fit_camera(
             sphere,
-            transforms.apply(up_rotation, direction),
+            transforms.apply(rotation, direction),
             recipe.fov_y,
             up=upward,
             aspect=recipe.size[0] / recipe.size[1],
@@ -469,14 +469,14 @@ def _as_mesh_error(source: Path, name: str) -> Iterator[None]:
 def _check_folder(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
     """Check all arguments; return the folder to render into, or raise ``ValueError``."""
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
+        raise ValueError(f"scene must be a Scene, got {brief(scene)}")
     target = existing_folder("folder", folder)
     if not isinstance(recipe, Recipe):
-        raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
+        raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
     if not isinstance(name, str):
-        raise ValueError(f"name must be a text, got {in_short(name)}")
+        raise ValueError(f"name must be a text, got {brief(name)}")
     if not callable(check):
-        raise ValueError(f"check must be a function, got {in_short(check)}")
+        raise ValueError(f"check must be a function, got {brief(check)}")
     return target
 
 

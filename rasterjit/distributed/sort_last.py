@@ -25,14 +25,14 @@ from rasterjit.rendering.renderer import draw_frame
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
-from rasterjit.scene.camera import Camera, check_camera, settled
+from rasterjit.scene.camera import Camera, check_camera, move_planes
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.validation import in_short, thread_count
-from rasterjit.survey.clip_planes import BesidePlanes, join
+from rasterjit.scene.validation import brief, thread_count
+from rasterjit.survey.clip_planes import PlaneNeeds, merge_needs
 from rasterjit.survey.effect import LooksAround, SeesThrough
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.object_counts import SMOOTH
@@ -63,7 +63,7 @@ class PartialImage:
     counts: dict[str, int]
     seconds: dict[str, float]
     plan: RenderPlan
-    look: BesidePlanes
+    plane_needs: PlaneNeeds
     """View summary of all these parts, beside the near and the far plane."""
 
     def frame(self) -> Frame:
@@ -71,7 +71,7 @@ class PartialImage:
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
         stats = FrameStats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
-        plan = self.plan.with_(look=self.look)
+        plan = self.plan.with_(plane_needs=self.plane_needs)
         return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))
 
 
@@ -101,7 +101,7 @@ def mesh_of_part(part: Any, material: Material | None) -> Mesh | None:
     ):
         raise ValueError(
             "partitions must give a Mesh, (vertices, faces), or a list of such pairs; got "
-            f"{in_short(part)}"
+            f"{brief(part)}"
         )
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in pairs)])
     faces = [
@@ -126,7 +126,7 @@ def draw_part(
     """
     Draw one part with the lights of the whole; ``None`` if it has no face.
 
-    ``steps`` say where planes are that the camera leaves open, as `settled` takes them.
+    ``steps`` say where planes are that the camera leaves open, as `move_planes` takes them.
     """
     checked_part = plan_part(mesh_of_part(part, material), setting, camera, options)
     if checked_part is None:
@@ -136,7 +136,7 @@ def draw_part(
     clock, workers = StageClock(), Workers(threads)
     try:
         request = options._replace(outputs=outputs)
-        planned = plan_views(request, scene, settled(camera, *steps))
+        planned = plan_views(request, scene, move_planes(camera, *steps))
         options_kept = {"depth": True, "draws": True}
         frame, drawing = draw_frame(planned, workers, clock=clock, **options_kept)
     finally:
@@ -146,7 +146,7 @@ def draw_part(
     faces = len(node.mesh.faces)
     plan, seconds = plan.with_(camera=planned.plan.camera), frame.stats.seconds
     return PartialImage(
-        faces, drawing.coverage.depth, frame.arrays(), counts, seconds, plan, plan.look
+        faces, drawing.coverage.depth, frame.arrays(), counts, seconds, plan, plan.plane_needs
     )
 
 
@@ -245,7 +245,7 @@ def merge_images(first: PartialImage | None, second: PartialImage | None) -> Par
             for name in dict.fromkeys((*first.seconds, *second.seconds))
         },
         first.plan,
-        first.look.beside(second.look),
+        first.plane_needs.merge(second.plane_needs),
     )
 
 
@@ -334,7 +334,7 @@ def render_partitions(
             f"quality.samples must be 1 where parts are merged, got {options.quality.samples!r}"
         )
     if material is not None and not isinstance(material, Material):
-        raise ValueError(f"material must be a Material or None, got {in_short(material)}")
+        raise ValueError(f"material must be a Material or None, got {brief(material)}")
     camera = check_camera("camera", camera)
     parts = _parts_of(partitions)
     for name in options.outputs:
@@ -345,7 +345,7 @@ def render_partitions(
         plan_part(mesh_of_part(part, material), setting, camera, options)
         for part in filter(_is_local, parts)
     ]
-    steps = join([one[1].look for one in planned if one is not None]).steps
+    steps = merge_needs([one[1].plane_needs for one in planned if one is not None]).steps
     threads_each = thread_count("threads", threads) or 1
     with clusters.use_client(client) as dask_client:
 
@@ -361,9 +361,9 @@ def render_partitions(
             return one
 
         layer = draw(steps)
-        if layer.look.steps != steps:
+        if layer.plane_needs.steps != steps:
             # Parts that are not here show what planes that are left open would cut.
-            layer = draw(layer.look.steps)
+            layer = draw(layer.plane_needs.steps)
     frame = layer.frame()
     view_warnings.warn(view_warnings.warnings_of(frame.plan, frame.stats), set())
     return frame
@@ -410,7 +410,7 @@ def _parts_of(partitions: Any) -> list[Any]:
         partitions, Iterable
     ):
         raise ValueError(
-            f"partitions must be a sequence of parts or a dask Bag, got {in_short(partitions)}"
+            f"partitions must be a sequence of parts or a dask Bag, got {brief(partitions)}"
         )
     parts = list(partitions)
     if not parts:
@@ -421,7 +421,7 @@ def _parts_of(partitions: Any) -> list[Any]:
         if not isinstance(part, (list, tuple)):
             raise ValueError(
                 f"partitions[{number}] must be a Mesh, (vertices, faces), a list of such pairs, a "
-                f"callable or a Delayed; got {in_short(part)}"
+                f"callable or a Delayed; got {brief(part)}"
             )
     return parts
 
@@ -448,7 +448,7 @@ def _check_setting(setting: Any) -> Scene:
     if setting is None:
         return Scene()
     if not isinstance(setting, Scene):
-        raise ValueError(f"setting must be a Scene or None, got {in_short(setting)}")
+        raise ValueError(f"setting must be a Scene or None, got {brief(setting)}")
     if setting.nodes:
         joined = {effect.field for effect in JOINING_EFFECTS}
         names = [name.replace("_", " ") for name in EFFECT_FIELDS if name not in joined]

@@ -57,9 +57,9 @@ __all__ = [
 ]  # fmt: skip
 
 Number: TypeAlias = int | Fraction | float
-"""What comes in; NumPy scalars do as well."""
+"""Type of inputs; NumPy scalars do as well."""
 Exact: TypeAlias = int | Fraction
-"""What goes out."""
+"""Type of results."""
 Numbers: TypeAlias = Sequence[Number]
 Points: TypeAlias = Sequence[Numbers]
 Pixel: TypeAlias = tuple[int, int]
@@ -67,7 +67,7 @@ Weights: TypeAlias = tuple[Fraction, Fraction, Fraction]
 Vertex: TypeAlias = tuple[Fraction, Fraction, Fraction, Fraction]
 
 CENTRE = (Fraction(1, 2), Fraction(1, 2))
-"""Where a pixel is sampled, from its upper left corner."""
+"""Sample position in a pixel, from its upper left corner."""
 
 MAX_SUBPIXEL_BITS = 1074
 """Bits of the finest sub-pixel grid: every float64 is a multiple of 2**-1074."""
@@ -94,7 +94,7 @@ def _exact(name: str, value: Number) -> Exact:
 
 
 def _rows(name: str, rows: Iterable, length: int | None = None) -> list:
-    """Return some rows, or as many as they must be, as a list, or raise ``ValueError``."""
+    """Return rows, of a given number if any, as a list, or raise ``ValueError``."""
     try:
         found = list(rows)
     except TypeError:
@@ -105,7 +105,7 @@ def _rows(name: str, rows: Iterable, length: int | None = None) -> list:
 
 
 def _vector(name: str, values: Iterable[Number], length: int | None) -> tuple[Exact, ...]:
-    """Return some numbers at their exact values, or raise ``ValueError``."""
+    """Return numbers at their exact values, or raise ``ValueError``."""
     numbers = _rows(name, values, length)
     return tuple(_exact(f"{name}[{n}]", value) for n, value in enumerate(numbers))
 
@@ -118,7 +118,7 @@ def _vectors(
     return tuple(_vector(f"{name}[{n}]", row, length) for n, row in enumerate(points))
 
 
-def _whole(name: str, value: int, least: int | None = None) -> int:
+def _int_from(name: str, value: int, least: int | None = None) -> int:
     """Return an int that is not below ``least``, or raise ``ValueError``."""
     try:
         number = operator.index(value)
@@ -129,15 +129,15 @@ def _whole(name: str, value: int, least: int | None = None) -> int:
     return number
 
 
-def _whole_pair(name: str, pair: Sequence[int], least: int | None = None) -> tuple[int, int]:
+def _int_pair(name: str, pair: Sequence[int], least: int | None = None) -> tuple[int, int]:
     """Return two ints that are not below ``least``, or raise ``ValueError``."""
     first, second = _rows(name, pair, 2)
-    return _whole(f"{name}[0]", first, least), _whole(f"{name}[1]", second, least)
+    return _int_from(f"{name}[0]", first, least), _int_from(f"{name}[1]", second, least)
 
 
 def _bits(subpixel_bits: int) -> int:
     """Return the bits of a sub-pixel grid, or raise ``ValueError``."""
-    bits = _whole("subpixel_bits", subpixel_bits, 0)
+    bits = _int_from("subpixel_bits", subpixel_bits, 0)
     if bits > MAX_SUBPIXEL_BITS:
         raise ValueError(f"subpixel_bits must be at most {MAX_SUBPIXEL_BITS}, got {bits}")
     return bits
@@ -168,7 +168,7 @@ def round_half_up(value: Number) -> int:
 
 def snap(value: Number, subpixel_bits: int = 8) -> int:
     """
-    Put a screen coordinate on the sub-pixel grid, half to even.
+    Snap a screen coordinate to the sub-pixel grid, half to even.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def snap_triangle(
     points: Points, subpixel_bits: int = 8
 ) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
     """
-    Put the three points of a triangle on the sub-pixel grid, half to even.
+    Snap the three points of a triangle to the sub-pixel grid, half to even.
 
     Parameters
     ----------
@@ -328,11 +328,11 @@ def covered_pixels(
     ValueError
         If an argument has a wrong length or value, or a number is not finite.
     """
-    width, height = _whole_pair("size", size, 1)
+    width, height = _int_pair("size", size, 1)
     left, top, right, bottom = 0, 0, width, height
     if window is not None:
         left, top, right, bottom = (
-            _whole(f"window[{n}]", side) for n, side in enumerate(_vector("window", window, 4))
+            _int_from(f"window[{n}]", side) for n, side in enumerate(_vector("window", window, 4))
         )
     corners = _snapped("triangle", triangle, subpixel_bits)
     place = _vector("sample", sample, 2)
@@ -419,7 +419,7 @@ def perspective_weights(triangle: Points, ws: Numbers, point: Numbers) -> Weight
     w = _vector("ws", ws, 3)
     if min(w) <= 0:
         raise ValueError(f"ws must be above zero, got {ws!r}")
-    return _normalized([weight / at for weight, at in zip(weights, w, strict=True)], point)
+    return _normalize([weight / at for weight, at in zip(weights, w, strict=True)], point)
 
 
 def clip_weights(clip_positions: Points, point: Numbers, size: tuple[int, int]) -> Weights:
@@ -448,11 +448,11 @@ def clip_weights(clip_positions: Points, point: Numbers, size: tuple[int, int]) 
         not of finite numbers.
     """
     corners = [(x, y, w) for x, y, _, w in _vectors("clip_positions", clip_positions, 4, 3)]
-    width, height = _whole_pair("size", size, 1)
+    width, height = _int_pair("size", size, 1)
     x, y = _vector("point", point, 2)
     ray = (2 * Fraction(x) / width - 1, 1 - 2 * Fraction(y) / height, Fraction(1))
     a, b, c = corners
-    return _normalized([_determinant(ray, *pair) for pair in ((b, c), (c, a), (a, b))], point)
+    return _normalize([_determinant(ray, *pair) for pair in ((b, c), (c, a), (a, b))], point)
 
 
 def _determinant(a, b, c):
@@ -464,12 +464,12 @@ def _determinant(a, b, c):
     )
 
 
-def _normalized(shares, point) -> Weights:
+def _normalize(weights, point) -> Weights:
     """Return three shares divided by their sum."""
-    total = Fraction(sum(shares))
+    total = Fraction(sum(weights))
     if total == 0:
         raise ValueError(f"point must not be on the horizon of the plane, got {point!r}")
-    first, second, third = (share / total for share in shares)
+    first, second, third = (weight / total for weight in weights)
     return first, second, third
 
 
@@ -532,7 +532,7 @@ def colormap_entry(value: Number, low: Number, high: Number, count: int) -> int:
     exact, start, end = (
         _exact(name, given) for name, given in (("value", value), ("low", low), ("high", high))
     )
-    count = _whole("count", count, 1)
+    count = _int_from("count", count, 1)
     if start > end:
         raise ValueError(f"low must not be above high, got {low!r} and {high!r}")
     if start == end:
@@ -599,18 +599,18 @@ def visible_faces(
     ValueError
         If an argument has a wrong length or value, or a number is not finite.
     """
-    whole_image = (0, 0, *_whole_pair("size", size, 1))
+    whole_image = (0, 0, *_int_pair("size", size, 1))
     triangles = _rows("triangles", triangles)
     depths = _rows("depths", depths, len(triangles))
     shown: dict[Pixel, tuple[int, Fraction]] = {}
     for face, triangle in enumerate(triangles):
         corners = _snapped(f"triangles[{face}]", triangle, subpixel_bits)
         at_corners = _vector(f"depths[{face}]", depths[face], 3)
-        _show(shown, face, (corners, at_corners), whole_image, subpixel_bits)
+        _draw_triangle(shown, face, (corners, at_corners), whole_image, subpixel_bits)
     return shown
 
 
-def _show(shown, face, snapped, window, subpixel_bits) -> None:
+def _draw_triangle(shown, face, snapped, window, subpixel_bits) -> None:
     """Enter the pixels where a snapped triangle is nearer than what is shown."""
     corners, depths = snapped
     scale = 1 << subpixel_bits
@@ -642,7 +642,7 @@ def screen_position(clip_position: Numbers, size: tuple[int, int]) -> tuple[Frac
         If w is not above zero (clip first), or a number is not finite.
     """
     x, y, _, w = _vector("clip_position", clip_position, 4)
-    width, height = _whole_pair("size", size, 1)
+    width, height = _int_pair("size", size, 1)
     if w <= 0:
         raise ValueError(f"clip_position must have w above zero, got {clip_position!r}")
     return (Fraction(x) / w + 1) * width / 2, (1 - Fraction(y) / w) * height / 2
@@ -699,11 +699,11 @@ def render_faces(
     """
     positions = _vectors("clip_positions", clip_positions, 4)
     bits = _bits(subpixel_bits)
-    whole_image = (0, 0, *_whole_pair("size", size, 1))
+    whole_image = (0, 0, *_int_pair("size", size, 1))
     planes = guard_band(size)
     shown: dict[Pixel, tuple[int, Fraction]] = {}
     for face, numbers in enumerate(_rows("faces", faces)):
-        corners = [_whole(f"faces[{face}]", n, 0) for n in _rows(f"faces[{face}]", numbers)]
+        corners = [_int_from(f"faces[{face}]", n, 0) for n in _rows(f"faces[{face}]", numbers)]
         if len(corners) != 3 or max(corners) >= len(positions):
             raise ValueError(
                 f"faces[{face}] must be three vertices below {len(positions)}, got {numbers!r}"
@@ -720,7 +720,7 @@ def render_faces(
         for n in range(1, len(polygon) - 1):
             piece = snapped[0], snapped[n], snapped[n + 1]
             at_corners = depths[0], depths[n], depths[n + 1]
-            _show(shown, face, (piece, at_corners), whole_image, bits)
+            _draw_triangle(shown, face, (piece, at_corners), whole_image, bits)
     return shown
 
 
@@ -776,7 +776,7 @@ def guard_band(size: tuple[int, int]) -> tuple[Plane, ...]:
     ValueError
         If the size is not two whole numbers above zero.
     """
-    width, height = _whole_pair("size", size, 1)
+    width, height = _int_pair("size", size, 1)
     return view_planes(
         1 + Fraction(2 * GUARD_PIXELS, width), 1 + Fraction(2 * GUARD_PIXELS, height)
     )
@@ -791,7 +791,7 @@ def _distance(plane, vertex):
     return sum(a * x for a, x in zip(plane, vertex, strict=True))
 
 
-def _cut(polygon, planes):
+def _clip(polygon, planes):
     """Cut a polygon of exact vertices to the inner side of planes, of any dimension."""
     for plane in planes:
         kept = []
@@ -857,7 +857,7 @@ def clip_polygon(
     """
     vertices = [tuple(map(Fraction, vertex)) for vertex in _vectors("polygon", polygon, 4)]
     # What is behind the eye is never seen; the view volume implies this plane.
-    kept = _cut(vertices, (*_vectors("planes", planes, 4), (0, 0, 0, 1)))
+    kept = _clip(vertices, (*_vectors("planes", planes, 4), (0, 0, 0, 1)))
     at_the_eye = any(x == y == w == 0 for x, y, _, w in kept)
     if len(kept) < 3 or at_the_eye or all(w == 0 for *_, w in kept):
         return []
@@ -935,9 +935,9 @@ def pixel_area(polygon: Points, column: int, row: int) -> Fraction:
     ValueError
         If a point is not two finite numbers, or the pixel not two whole ones.
     """
-    i, j = _whole("column", column), _whole("row", row)
+    i, j = _int_from("column", column), _int_from("row", row)
     square = (1, 0, -i), (-1, 0, i + 1), (0, 1, -j), (0, -1, j + 1)
-    inside = _cut([(x, y, 1) for x, y in _vectors("polygon", polygon, 2)], square)
+    inside = _clip([(x, y, 1) for x, y in _vectors("polygon", polygon, 2)], square)
     return polygon_area([(x, y) for x, y, _ in inside])
 
 
@@ -970,10 +970,10 @@ def line_pixels(
     ValueError
         If a coordinate is not a whole number, or a step is not one of the line's.
     """
-    (x0, y0), (x1, y1) = _whole_pair("start", start), _whole_pair("end", end)
+    (x0, y0), (x1, y1) = _int_pair("start", start), _int_pair("end", end)
     return [
         (round_half_up(x0 + t * (x1 - x0)), round_half_up(y0 + t * (y1 - y0)))
-        for t in _line_shares(x1 - x0, y1 - y0, steps)
+        for t in _line_parameters(x1 - x0, y1 - y0, steps)
     ]
 
 
@@ -1008,20 +1008,20 @@ def line_colors(
         If a coordinate is not a whole number, a step is not one of the line's, a channel is not
         finite, or the colours have different lengths.
     """
-    (x0, y0), (x1, y1) = _whole_pair("start", start), _whole_pair("end", end)
+    (x0, y0), (x1, y1) = _int_pair("start", start), _int_pair("end", end)
     first = _vector("start_color", start_color, None)
     last = _vector("end_color", end_color, len(first))
     return [
         tuple(round_half_up(a + t * (b - a)) for a, b in zip(first, last, strict=True))
-        for t in _line_shares(x1 - x0, y1 - y0, steps)
+        for t in _line_parameters(x1 - x0, y1 - y0, steps)
     ]
 
 
-def _line_shares(dx: int, dy: int, steps: Iterable[int] | None) -> Iterable[Fraction]:
-    """Yield how far along a line its steps are, from 0 to 1."""
+def _line_parameters(dx: int, dy: int, steps: Iterable[int] | None) -> Iterable[Fraction]:
+    """Yield the parameters of a line's steps, from 0 to 1."""
     count = max(abs(dx), abs(dy))
     for step in range(count + 1) if steps is None else _rows("steps", steps):
-        if not 0 <= _whole("steps", step) <= count:
+        if not 0 <= _int_from("steps", step) <= count:
             raise ValueError(f"steps must be from 0 to {count}, got {step!r}")
         yield Fraction(step, count) if count else Fraction(0)
 
@@ -1053,12 +1053,12 @@ def composite(
     ValueError
         If an alpha is not from 0 to 1, a number is not finite, or the numbers of channels differ.
     """
-    seen = tuple(map(Fraction, _vector("background", background, None)))
+    result = tuple(map(Fraction, _vector("background", background, None)))
     for n, layer in reversed(list(enumerate(_rows("layers", layers)))):
         color, alpha = _rows(f"layers[{n}]", layer, 2)
-        own = _vector(f"layers[{n}] color", color, len(seen))
+        own = _vector(f"layers[{n}] color", color, len(result))
         share = _exact(f"layers[{n}] alpha", alpha)
         if not 0 <= share <= 1:
             raise ValueError(f"layers[{n}] alpha must be from 0 to 1, got {alpha!r}")
-        seen = tuple(share * c + (1 - share) * b for c, b in zip(own, seen, strict=True))
-    return seen
+        result = tuple(share * c + (1 - share) * b for c, b in zip(own, result, strict=True))
+    return result

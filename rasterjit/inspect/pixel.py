@@ -15,9 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.inspect.pixel_color import VisibleScene, find_look, light_of, owner_of, parts_of
+from rasterjit.inspect.pixel_color import (
+    VisibleScene,
+    color_parts,
+    find_surface,
+    light_terms,
+    object_of,
+)
 from rasterjit.inspect.pixel_report import (
-    LOST,
+    NOT_DRAWN,
     SEEN_BESIDE,
     SEEN_THROUGH,
     ColorPart,
@@ -47,7 +53,7 @@ from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
 from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import prepare
-from rasterjit.survey.deformation import scene_to_draw
+from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
@@ -60,8 +66,8 @@ OUTCODE_WORDS = {
     setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
 }  # fmt: skip
 
-NOTHING = Mesh([(0.0, 0.0, 0.0)] * 3, [(0, 1, 2)])
-"""A mesh without area: no pixel shows it."""
+EMPTY_MESH = Mesh([(0.0, 0.0, 0.0)] * 3, [(0, 1, 2)])
+"""A mesh without area, which no pixel shows."""
 
 Weights = tuple["Fraction", "Fraction", "Fraction"]
 
@@ -105,7 +111,7 @@ def explain_pixel(
     """
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
-    scene = scene_to_draw(what)
+    scene = posed_input(what)
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     request = check_request(size, quality, ("color", "linear"), background, cull)
     plan = planning.plan_frame(request, scene, camera)
@@ -114,22 +120,22 @@ def explain_pixel(
 
 
 def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) -> PixelExplanation:
-    """Draw what a plan says, and tell what happened at one pixel."""
+    """Draw a planned frame as far as visibility, and explain one pixel."""
     drawn = _draw(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
     light, linear, look, parts = None, plan.background, None, ()
     if drawn.seen.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
-        look = find_look(drawn)
-        light, linear = light_of(drawn, *look, x, y)
+        look = find_surface(drawn)
+        light, linear = light_terms(drawn, *look, x, y)
     plain = seen = np.array([srgb_encoding.code_of(linear, plan.facts.encoding)], np.uint32).view(
         np.uint8
     )
     if not all(planned.effect.is_explained for planned in plan.planned):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
         if plan.facts.draws_faces and (light is not None or plan.layers is not None):
-            look = look or find_look(drawn)
-            parts = parts_of(drawn, *look, linear, seen_linear, x, y)
-            faces = tuple(_told_apart(faces, parts))
+            look = look or find_surface(drawn)
+            parts = color_parts(drawn, *look, linear, seen_linear, x, y)
+            faces = tuple(_mark(faces, parts))
         seen, linear = plain, seen_linear
     if any(one.effect.is_explained for one in plan.at("overlay")):
         frame = render(
@@ -137,21 +143,21 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
             cull=plan.cull, threads=1,
         )  # fmt: skip
         seen = frame.color[y, x]
-    faces, parts = _as_whole(drawn, faces), _parts_as_whole(drawn, parts)
-    reasons = () if drawn.seen.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
+    faces, parts = _unsplit(drawn, faces), _unsplit_parts(drawn, parts)
+    reasons = () if drawn.seen.coverage.face_id[y, x] >= 0 else _why_empty(drawn, faces, x, y)
     return PixelExplanation(
         x, y, plan.size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
     )
 
 
-def _as_whole(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
-    """Return faces with their numbers in the scene before a section cut it."""
+def _unsplit(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
+    """Return faces renumbered to the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
         return faces
     found = []
     for face in faces:
-        number, owner = cut.numbered(face.face, face.object_number)
+        number, owner = cut.original_numbers(face.face, face.object_number)
         is_cap = number >= cut.face_starts[-1]
         found.append(
             replace(
@@ -165,8 +171,8 @@ def _as_whole(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[Face
     return tuple(found)
 
 
-def _parts_as_whole(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
-    """Return parts of a colour with the numbers of faces before a section cut them."""
+def _unsplit_parts(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
+    """Return the parts of a colour renumbered to the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
         return parts
@@ -176,14 +182,12 @@ def _parts_as_whole(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[
     )
 
 
-def _told_apart(
-    faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]
-) -> Iterator[FaceAtPixel]:
-    """Yield the faces, those that are seen behind the visible one marked so."""
+def _mark(faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]) -> Iterator[FaceAtPixel]:
+    """Yield the faces, marking those that are visible through or beside the first."""
     alphas = {part.face: part.alpha for part in parts if part.share > 0.0}
     is_open = True
     for face in faces:
-        if face.standing in LOST:
+        if face.standing in NOT_DRAWN:
             yield face
             continue
         standing = face.standing
@@ -201,7 +205,7 @@ def _seen_without_edges(
         if overlay.effect.is_explained:
             scene = overlay.effect.without(scene)
     if not plan.facts.draws_faces:
-        scene = with_field(scene, "nodes", [Node(NOTHING, np.eye(4), "nothing")])
+        scene = with_field(scene, "nodes", [Node(EMPTY_MESH, np.eye(4), "nothing")])
     frame = render(
         scene, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
         background=background, cull=plan.cull, threads=1,
@@ -218,7 +222,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
         plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
-        cache.tables.is_single_sided, arrays.sideless,
+        cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip
     vertices = visibility_pass.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
@@ -247,7 +251,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
         lists = visibility_pass.TileLists(starts, binned, lists.faces)
     # Colours are those of one sample of many; what is seen at the centres is that of any quality.
     if plan.pictures > 1:
-        viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.picture_samples))
+        viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.supersamples))
     geometry = visibility_pass.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
@@ -272,8 +276,8 @@ def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
     return np.where((triangles < count)[:, np.newaxis], own, pieces)
 
 
-def _owners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
-    """Return the face that each triangle of the lists is, or was cut from."""
+def _faces_of(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the face that each triangle of the lists was cut from, or is."""
     count = len(faces.faces)
     numbers = np.append(np.arange(count, dtype=np.int32), faces.piece_faces)
     return numbers[triangles]
@@ -343,10 +347,10 @@ def _edges(
 def _face_at(
     drawn: VisibleScene, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
 ) -> FaceAtPixel:
-    """Gather all numbers of one face at one pixel."""
+    """Collect all numbers of one face at one pixel."""
     arrays, geometry, coverage = drawn.arrays, drawn.seen.geometry, drawn.seen.coverage
-    owner = owner_of(drawn, face)
-    node, first = drawn.scene.nodes[owner], int(drawn.cache.shapes.listed_places[face])
+    owner = object_of(drawn, face)
+    node, first = drawn.scene.nodes[owner], int(drawn.cache.shapes.corner_offsets[face])
     # As the mesh lists them, like the weights of a frame.
     vertices = np.roll(arrays.faces[face], first)
     model = arrays.positions[vertices]
@@ -422,7 +426,7 @@ def _primitive_at(
     weights: Weights,
     pixel: tuple[int, int],
 ) -> PrimitiveAtPixel | None:
-    """Say how a point or a segment lies in the picture; None of a triangle."""
+    """Describe the position of a point or a segment in the picture; None for a triangle."""
     primitives = drawn.primitives
     found = None if primitives is None else primitives.find(owner)
     if primitives is None or found is None:
@@ -521,7 +525,7 @@ def _segment_weights(
     return 1 - share, share, Fraction(0)
 
 
-def _reasons(
+def _why_empty(
     drawn: VisibleScene, faces: tuple[FaceAtPixel, ...], x: int, y: int
 ) -> tuple[str, ...]:
     """Say why no face is visible at a pixel."""
@@ -533,7 +537,7 @@ def _reasons(
     else:
         reasons.append("no face covers the pixel's centre")
     totals = drawn.seen.coverage.totals
-    nearest_drawn = _nearest(drawn, x, y)
+    nearest_drawn = _nearest_face(drawn, x, y)
     if nearest_drawn:
         face, distance = nearest_drawn
         reasons.append(f"the nearest face drawn is {face}, {distance:.3g} pixels away")
@@ -547,7 +551,7 @@ def _reasons(
     return tuple(reasons)
 
 
-def _nearest(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
+def _nearest_face(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
     """
     Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels.
 
@@ -558,7 +562,7 @@ def _nearest(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
 
 
 def _nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
-    """Yield the disc or sphere that the nearest pixel shows, and how far that is."""
+    """Yield the disc or sphere at the nearest covered pixel, and its distance."""
     points = drawn.seen.coverage.points
     if points is not None and points.picture is not None:
         rows, columns = np.nonzero(points.picture[1] >= 0)
@@ -569,7 +573,7 @@ def _nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, f
 
 
 def _nearest_triangle(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
-    """Yield the nearest of what is drawn as triangles, and how far it is."""
+    """Yield the nearest face drawn as triangles, and its distance."""
     triangles = np.unique(drawn.seen.coverage.lists.binned)
     if not len(triangles):
         return
@@ -584,4 +588,4 @@ def _nearest_triangle(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int
         gap = start + share[:, np.newaxis] * along - point
         best = np.minimum(best, np.hypot(gap[:, 0], gap[:, 1]))
     n = int(best.argmin())
-    yield int(_owners(triangles, drawn.lists.faces)[n]), float(best[n])
+    yield int(_faces_of(triangles, drawn.lists.faces)[n]), float(best[n])

@@ -1,4 +1,4 @@
-"""The terms that the colour of one pixel is made of, and the faces that it is mixed from."""
+"""Split the colour of one pixel into its terms, and into the faces that it is blended from."""
 
 from __future__ import annotations
 
@@ -36,37 +36,37 @@ from rasterjit.survey.plan import RenderPlan
 COLOR = slice(4, 7)
 """Columns of ``Lighting.lights``."""
 
-OVER = {"seen", "sample"}
-"""Places of effects that lie over the sum of all light."""
+AFTER_LIGHT_PLACES = {"seen", "sample"}
+"""Places of effects that act after the sum of all light."""
 
-CODES = ", and what mixing 8-bit codes differs by"
-"""Codes do not add up as light does."""
+CODE_DIFFERENCE = ", and what mixing 8-bit codes differs by"
+"""Name of the part that makes up for blending codes, which do not add up as light does."""
 
 Shares = dict[int, float]
 """How much of a pixel each face makes up, from 0 to 1; the visible one comes first."""
 
 
 class Lit(NamedTuple):
-    """What lights the objects."""
+    """Lighting of the objects: lights and effects."""
 
     lighting: Lighting | None
     effects: tuple[Active, ...]
 
     def without(self, *places: str) -> Lit:
-        """Return the same, with effects that act at some places changing nothing."""
+        """Return a copy in which effects at some places change nothing."""
         return self._replace(
             effects=tuple(
-                one if set(places).isdisjoint(one.effect.places) else _neutral(one)
+                one if set(places).isdisjoint(one.effect.places) else _neutralize(one)
                 for one in self.effects
             )
         )
 
     def by(self, **fields: Any) -> Lit:
-        """Return the same with other fields of the light."""
+        """Return a copy with other fields of the lighting."""
         return self._replace(lighting=self.lighting._replace(**fields))
 
 
-def _neutral(one: Active) -> Active:
+def _neutralize(one: Active) -> Active:
     """Return an effect that changes nothing, as data: no other stage is compiled."""
     return one._replace(record=one.effect.neutral(one.record))
 
@@ -80,18 +80,18 @@ class VisibleScene(NamedTuple):
     arrays: SceneArrays
     seen: visibility_pass.Seen
     lists: visibility_pass.TileLists
-    """With culled faces."""
+    """Lists of triangles, with culled faces."""
     primitives: Primitives | None
     """Its lines and points."""
 
 
-def owner_of(drawn: VisibleScene, face: int) -> int:
+def object_of(drawn: VisibleScene, face: int) -> int:
     """Return the number of the object that has a face."""
     return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
 
 
-def find_look(drawn: VisibleScene) -> tuple[Surface, Lit]:
-    """Return what the objects look like and what lights them; vertices are not lit yet."""
+def find_surface(drawn: VisibleScene) -> tuple[Surface, Lit]:
+    """Return surface and lighting of the objects; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.seen.placement, workers, drawn.seen)
     find = partial(find_visible, cache=cache, workers=workers, clock=lambda _: None)
@@ -103,27 +103,27 @@ def find_look(drawn: VisibleScene) -> tuple[Surface, Lit]:
     return surface, lit
 
 
-def light_of(
+def light_terms(
     drawn: VisibleScene, whole: Surface, lit: Lit, x: int, y: int
 ) -> tuple[LightTerms, NDArray[np.float32]]:
-    """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
+    """Return the terms of the visible face's colour, and the colour, (4,) float32, linear."""
     face = int(drawn.seen.coverage.face_id[y, x])
-    owner = owner_of(drawn, face)
+    owner = object_of(drawn, face)
     material = drawn.cache.tables.meshes[owner].material
     linear = shade(drawn, whole, lit, x, y)
     # Fog and the like lie over the sum of all light.
-    clear = lit.without(*OVER)
+    clear = lit.without(*AFTER_LIGHT_PLACES)
     surface, zero = _without_emission(whole), np.zeros(3, np.float32)
     texture, uv = None, np.full(2, np.nan, np.float32)
     if whole.textures is not None and material.base_color_texture is not None:
-        texture = shade(drawn, _white(surface), clear, x, y)[:3]
+        texture = shade(drawn, _white_unlit(surface), clear, x, y)[:3]
         uv = _interpolate(drawn, whole.textures.uv, x, y)
     emission = zero
     if material.emits:
-        emission = shade(drawn, _unlit(whole, 0.0), clear, x, y)[:3]
-    over = tuple(_terms_over(drawn, whole, lit, clear, x, y))
+        emission = shade(drawn, _scaled_unlit(whole, 0.0), clear, x, y)[:3]
+    over = tuple(_effect_terms(drawn, whole, lit, clear, x, y))
     own = material.shading, texture, uv, emission
-    shown_for = scalar_of(drawn, surface, clear, x, y)
+    shown_for = scalar_at(drawn, surface, clear, x, y)
     if lit.lighting is None or material.shading == "unlit":
         base = shade(drawn, surface, clear, x, y)[:3]
         return LightTerms(own[0], base, *own[1:3], zero, over, emission, *shown_for), linear
@@ -133,23 +133,23 @@ def light_of(
     shown = surface
     if material.shading == "pbr":
         # The base colour lies below varnish.
-        shown = _unlit(surface, 1.0)._replace(layers=None)
+        shown = _scaled_unlit(surface, 1.0)._replace(layers=None)
     base = shade(drawn, shown, white, x, y)[:3]
     terms = tuple(_light_terms(drawn, surface, clear, x, y))
     for one in lit.effects:
         if "around" in one.effect.places:
-            terms += (_term_of(one, shade(drawn, surface, dark, x, y)[:3]),)
+            terms += (_effect_term(one, shade(drawn, surface, dark, x, y)[:3]),)
     shed = shade(drawn, surface, ambient, x, y)[:3]
     return LightTerms(own[0], base, *own[1:3], shed, terms + over, emission, *shown_for), linear
 
 
-def scalar_of(
+def scalar_at(
     drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> tuple[float | None, NDArray[np.float32] | None]:
     """Return the scalar of the visible face, and its colour, (3,) linear; None if it has none."""
     face_id, shapes = drawn.seen.coverage.face_id, drawn.cache.shapes
     face = int(face_id[y, x])
-    field = drawn.cache.tables.meshes[owner_of(drawn, face)].field
+    field = drawn.cache.tables.meshes[object_of(drawn, face)].field
     if field is None:
         return None, None
     of_vertices, of_faces = shapes.scalars
@@ -157,28 +157,28 @@ def scalar_of(
         return float(of_faces[face]), surface.face_colors[face, :3].copy()
     scalar = np.empty(face_id.shape, np.float32)
     scalar_colors.fill_scalars(face_id, (y, y + 1), drawn.seen.geometry, of_vertices, scalar)
-    plain = _white(surface)._replace(fields=surface.fields, textures=None)
+    plain = _white_unlit(surface)._replace(fields=surface.fields, textures=None)
     return float(scalar[y, x]), shade(drawn, plain, lit, x, y)[:3]
 
 
-def _terms_over(
+def _effect_terms(
     drawn: VisibleScene, surface: Surface, lit: Lit, clear: Lit, x: int, y: int
 ) -> Iterator[LightTerm]:
-    """Yield what each effect that acts on lit samples changes, one after the other."""
+    """Yield the change by each effect that acts on lit samples, in order."""
     before = clear.effects
     for n, one in enumerate(lit.effects):
-        if not OVER.isdisjoint(one.effect.places):
+        if not AFTER_LIGHT_PLACES.isdisjoint(one.effect.places):
             after = (*before[:n], one, *before[n + 1 :])
             with_it, without = (
                 shade(drawn, surface, lit._replace(effects=some), x, y)[:3]
                 for some in (after, before)
             )
             before = after
-            yield _term_of(one, with_it - without)
+            yield _effect_term(one, with_it - without)
 
 
-def _term_of(one: Active, added: NDArray[np.float32]) -> LightTerm:
-    """Return what an effect adds to a colour, (3,) float32, as a term."""
+def _effect_term(one: Active, added: NDArray[np.float32]) -> LightTerm:
+    """Return the light that an effect adds to a colour, (3,) float32, as a term."""
     effect = one.effect
     return LightTerm(
         effect.term or effect.name, added, np.zeros(3, np.float32), is_of_effect=True,
@@ -189,7 +189,7 @@ def _term_of(one: Active, added: NDArray[np.float32]) -> LightTerm:
 def _light_terms(
     drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> Iterator[LightTerm]:
-    """Let each light shine alone, on the surface without its highlight, and on that alone."""
+    """Shade with each light alone: diffuse and specular apart."""
     diffuse, black = surface.materials.copy(), surface.materials.copy()
     diffuse[:, records.MATERIAL_SPECULAR] = 0.0
     # Microfacets have their highlights from the base colour: they are told what to show.
@@ -222,16 +222,16 @@ def _without_emission(surface: Surface) -> Surface:
     return surface._replace(maps=surface.maps._replace(factors=factors))
 
 
-def _unlit(surface: Surface, share: float) -> Surface:
-    """Return a surface that shows a share of its base colour, whatever light falls on it."""
+def _scaled_unlit(surface: Surface, share: float) -> Surface:
+    """Return an unlit surface that shows its base colour times a factor."""
     materials = surface.materials.copy()
     materials[:, :3] *= np.float32(share)
     materials[:, records.MATERIAL_MODEL] = records.UNLIT
     return surface._replace(materials=materials)
 
 
-def _white(surface: Surface) -> Surface:
-    """Return a surface whose colours are white, unlit: what is seen is the texture."""
+def _white_unlit(surface: Surface) -> Surface:
+    """Return an unlit surface with white colours, which shows its texture alone."""
     materials = surface.materials.copy()
     materials[:, :4] = 1.0
     materials[:, records.MATERIAL_MODEL] = records.UNLIT
@@ -246,7 +246,7 @@ def _white(surface: Surface) -> Surface:
 def _interpolate(
     drawn: VisibleScene, values: NDArray[np.float32], x: int, y: int
 ) -> NDArray[np.float32]:
-    """Return what an attribute of vertices, (V, K), is at a pixel, (K,)."""
+    """Interpolate an attribute of vertices, (V, K), at a pixel, (K,)."""
     face_id = drawn.seen.coverage.face_id
     attribute = np.empty((*face_id.shape, values.shape[1]), np.float32)
     whole = drawn.seen.geometry
@@ -267,12 +267,7 @@ def _light_names(drawn: VisibleScene) -> list[str]:
 
 
 def shade(
-    drawn: VisibleScene,
-    surface: Surface,
-    lit: Lit,
-    x: int,
-    y: int,
-    face: int | None = None,
+    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int, face: int | None = None
 ) -> NDArray[np.float32]:
     """
     Shade one pixel with the stages of a frame; return its linear colour, (4,) float32.
@@ -311,7 +306,7 @@ def _lit_vertices(
     return vertices
 
 
-def parts_of(
+def color_parts(
     drawn: VisibleScene,
     surface: Surface,
     lit: Lit,
@@ -336,17 +331,17 @@ def parts_of(
     """
     # What one face alone shows has no parts.
     winner, quality = int(drawn.seen.coverage.face_id[y, x]), drawn.plan.quality
-    samples = drawn.plan.facts.picture_samples
+    samples = drawn.plan.facts.supersamples
     if samples is not None and winner >= 0:
         mean = f"what the mean of {samples} samples, each shaded by itself, differs by"
         return (
-            ColorPart(_name_of(drawn, winner), winner, 1.0, 1.0, own[:3]),
+            ColorPart(_face_name(drawn, winner), winner, 1.0, 1.0, own[:3]),
             ColorPart(mean, None, 1.0, 1.0, linear[:3] - own[:3]),
         )
     if drawn.plan.layers is None or samples is not None:
         return ()
     # Each face's share of the samples, through those before it.
-    drawn = _at_samples(drawn)
+    drawn = _sample_viewport(drawn)
     colors = {winner: own} if winner >= 0 else {}
     shares: Shares = dict.fromkeys(colors, 0.0)
     behind = 0.0
@@ -355,7 +350,7 @@ def parts_of(
         for face in faces:
             if face not in colors:
                 colors[face] = shade(drawn, surface, lit, x, y, face)
-            alpha = _alpha_of(drawn, face, colors[face])
+            alpha = _face_alpha(drawn, face, colors[face])
             shares[face] = shares.get(face, 0.0) + through * alpha
             through *= 1.0 - alpha
         behind += through
@@ -366,8 +361,8 @@ def parts_of(
     opacity = float(linear[3]) or 1.0
     parts = [
         ColorPart(
-            _name_of(drawn, face), face, _alpha_of(drawn, face, colors[face]), share / opacity,
-            _scaled(share / opacity, colors[face][:3]),
+            _face_name(drawn, face), face, _face_alpha(drawn, face, colors[face]), share / opacity,
+            _scale(share / opacity, colors[face][:3]),
         )
         for face, share in shares.items()
     ]  # fmt: skip
@@ -378,15 +373,15 @@ def parts_of(
         alpha = image.alpha_at(x, y)
     if behind * alpha > 0.0:
         name = "environment" if has_sky else "background"
-        name += CODES if quality.blending == "srgb8" else ""
+        name += CODE_DIFFERENCE if quality.blending == "srgb8" else ""
         parts.append(ColorPart(name, None, alpha, behind * alpha / opacity, rest))
     elif quality.blending == "srgb8":
-        parts.append(ColorPart(CODES.removeprefix(", and "), None, 1.0, 1.0, rest))
+        parts.append(ColorPart(CODE_DIFFERENCE.removeprefix(", and "), None, 1.0, 1.0, rest))
     return tuple(parts)
 
 
-def _at_samples(drawn: VisibleScene) -> VisibleScene:
-    """Return what was drawn, for samples that may lie anywhere in their pixels."""
+def _sample_viewport(drawn: VisibleScene) -> VisibleScene:
+    """Return the drawn scene with a viewport for samples anywhere in their pixels."""
     viewport = fragment_bands.sampled_viewport(
         drawn.seen.geometry.viewport, drawn.plan.layers.samples
     )
@@ -397,7 +392,7 @@ def _at_samples(drawn: VisibleScene) -> VisibleScene:
 def _find_samples(
     drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> Iterator[tuple[list[int], float]]:
-    """Yield the faces that are seen through each other, nearest first, and their share."""
+    """Yield the faces visible through each other, nearest first, with their shares."""
     plan, geometry, workers = drawn.plan, drawn.seen.geometry, Workers(1)
     alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
     if alpha_tests is not None:
@@ -427,24 +422,24 @@ def _find_samples(
             yield [face for face in (*transparent, opaque) if face >= 0], 1.0 / samples
 
 
-def _alpha_of(drawn: VisibleScene, face: int, color: NDArray[np.float32]) -> float:
-    """Return how much of what lies behind a face it covers."""
-    if not drawn.plan.layers.is_blended[owner_of(drawn, face)]:
+def _face_alpha(drawn: VisibleScene, face: int, color: NDArray[np.float32]) -> float:
+    """Return the alpha of a face at the pixel."""
+    if not drawn.plan.layers.is_blended[object_of(drawn, face)]:
         return 1.0
     return float(min(max(color[3], 0.0), 1.0))
 
 
-def _name_of(drawn: VisibleScene, face: int) -> str:
+def _face_name(drawn: VisibleScene, face: int) -> str:
     """Name a face by its number and its object."""
-    owner = owner_of(drawn, face)
+    owner = object_of(drawn, face)
     name = drawn.scene.nodes[owner].name
     if drawn.cache.cut is not None:
-        face, owner = drawn.cache.cut.numbered(face, owner)
+        face, owner = drawn.cache.cut.original_numbers(face, owner)
     place = f"object {owner}"
     return f"face {face} of {place if name == place else f'{place} {name}'}"
 
 
-def _scaled(share: float, color: NDArray[np.float32]) -> NDArray[np.float32]:
+def _scale(share: float, color: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return a share of a colour, which may be infinite if the share is 0."""
     if share == 0.0:
         return np.zeros(3, np.float32)

@@ -1,4 +1,4 @@
-"""What `explain_pixel` returns: the numbers behind one pixel, and how they print."""
+"""Define the explanation of a pixel that `explain_pixel` returns, and print it as tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.notebook_preview import Printed
+from rasterjit.scene.notebook_preview import TextReport
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 PAGE_WIDTH = 160
-"""Columns that the tables may take; they need fewer than 100 but for very long names."""
+"""Largest width of the tables, columns; they need fewer than 100 but for very long names."""
 
 MAX_FACES = 12
-"""Faces that the table lists; ``PixelExplanation.faces`` holds all."""
+"""Most faces that the table lists; ``PixelExplanation.faces`` holds all."""
 
 FIGURES = 6
 """Decimal figures of the largest coordinate in a table."""
@@ -34,25 +34,25 @@ STORED_DECIMALS = 9
 """Least decimals of stored depth: neighbouring float32 numbers in 0.03..1 differ in them."""
 
 MIN_FIXED, MAX_FIXED = 1e-3, 1e6
-"""Coordinates whose largest is outside of these are shown with a power of ten."""
+"""Limits of the largest coordinate that is printed without a power of ten."""
 
-LOST = ("culled", "cut out")
-"""Standings of faces that are not drawn at a pixel, however near."""
+NOT_DRAWN = ("culled", "cut out")
+"""Standings of faces that are not drawn at a pixel."""
 
 SEEN_THROUGH, SEEN_BESIDE = "seen through the above", "seen beside the above"
-"""Standings of faces that are seen besides the visible one."""
+"""Standings of further visible faces."""
 
-FAINTEST = 5e-6
-"""Highlights that would print as zero are left out of the table."""
+MIN_HIGHLIGHT = 5e-6
+"""Least highlight in the table: smaller ones would print as zero."""
 
 
-NEAREST_ALONE = ("disc", "sphere")
+NEAREST_ONLY = ("disc", "sphere")
 """Kinds of points of which those behind the nearest are not found."""
 
 
 @dataclass(frozen=True, eq=False)
 class PrimitiveAtPixel:
-    """How a point or a segment lies in the picture."""
+    """Position and size of a point or a segment in the picture."""
 
     kind: str
     """``"square"``, ``"disc"``, ``"sphere"`` or ``"segment"``."""
@@ -128,7 +128,7 @@ class FaceAtPixel:
 
     @property
     def position(self) -> list[float]:
-        """Where it is at the pixel's centre: x, y and z, world space, scene units."""
+        """Position at the pixel's centre: x, y and z, world space, scene units."""
         return [
             sum(float(w) * v for w, v in zip(self.weights, self.world[:, k].tolist(), strict=True))
             for k in range(3)
@@ -136,12 +136,12 @@ class FaceAtPixel:
 
     @property
     def kind(self) -> str:
-        """What it is: ``"face"``, or the kind of a point or a segment."""
+        """``"face"``, or the kind of the point or segment."""
         return "face" if self.primitive is None else self.primitive.kind
 
     @property
     def distinct(self) -> int:
-        """How many vertices it has: three, a segment two, a point one."""
+        """Number of different vertices: three, of a segment two, of a point one."""
         return 3 if self.primitive is None else 2 if self.kind == "segment" else 1
 
 
@@ -164,7 +164,7 @@ class LightTerm:
 
     @property
     def label(self) -> str:
-        """What to call ``diffuse``."""
+        """Label of ``diffuse`` in the table."""
         return f"{self.name}, diffuse" if self.is_told_apart else self.name
 
 
@@ -212,7 +212,7 @@ class ColorPart:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PixelExplanation(Printed):
+class PixelExplanation(TextReport):
     """What happened at one pixel, stage by stage; prints as tables."""
 
     x: int
@@ -241,7 +241,7 @@ class PixelExplanation(Printed):
     @property
     def winner(self) -> FaceAtPixel | None:
         """The visible face; None where the background shows."""
-        return self.faces[0] if self.faces and self.faces[0].standing not in LOST else None
+        return self.faces[0] if self.faces and self.faces[0].standing not in NOT_DRAWN else None
 
     def __str__(self) -> str:
         tables: list[Any] = [_heading(self)]
@@ -257,7 +257,7 @@ class PixelExplanation(Printed):
 
 
 def _heading(pixel: PixelExplanation) -> str:
-    """Say which pixel it is and what it shows."""
+    """Describe the pixel and what it shows."""
     width, height = pixel.size
     lines = [
         f"pixel ({pixel.x}, {pixel.y}) of {width} x {height}, sampled at its centre "
@@ -278,7 +278,7 @@ def _heading(pixel: PixelExplanation) -> str:
         lines += _primitive_lines(face, face.primitive)
     elif face.clipped:
         lines.append("the face was clipped; the pixel lies in a piece of it")
-    if any(one.kind in NEAREST_ALONE for one in pixel.faces):
+    if any(one.kind in NEAREST_ONLY for one in pixel.faces):
         lines.append("of discs and spheres the nearest alone is known; others may lie behind it")
     return "\n".join(lines)
 
@@ -288,7 +288,7 @@ def _primitive_lines(face: FaceAtPixel, primitive: PrimitiveAtPixel) -> list[str
     wide, high = (f"{side:.4g}" for side in primitive.size.tolist())
     right, down = primitive.offset.tolist()
     if primitive.kind == "segment":
-        ends = " to ".join(_place(end) for end in face.screen[:2])
+        ends = " to ".join(_point(end) for end in face.screen[:2])
         first, last = (float(weight) for weight in face.weights[:2])
         return [
             f"a segment from {ends} on the screen, {wide} pixels wide here",
@@ -304,13 +304,13 @@ def _primitive_lines(face: FaceAtPixel, primitive: PrimitiveAtPixel) -> list[str
         size += " at that depth" if primitive.kind == "sphere" else ""
     across, along = "right" if right >= 0.0 else "left", "below" if down >= 0.0 else "above"
     return [
-        f"a {primitive.kind} with its centre at {_place(primitive.place)} on the screen, {size}",
+        f"a {primitive.kind} with its centre at {_point(primitive.place)} on the screen, {size}",
         f"the pixel's centre lies {abs(right):.4f} pixels {across} of that and {abs(down):.4f} "
         f"{along} it",
     ]
 
 
-def _place(place: NDArray[np.float64]) -> str:
+def _point(place: NDArray[np.float64]) -> str:
     """Return a place on the screen as text."""
     if np.isnan(place).any():
         return "behind the eye"
@@ -330,7 +330,7 @@ def _face_table(pixel: PixelExplanation) -> Table:
     listed = list(zip(faces, depths, stored, strict=True))
     for face, (depth,), (near,) in listed[:MAX_FACES]:
         owner = f"{face.object_number} {face.object_name}"
-        standing = face.standing if pixel.light or face.standing in LOST else "not drawn"
+        standing = face.standing if pixel.light or face.standing in NOT_DRAWN else "not drawn"
         if face.alpha is not None and face.alpha < 1.0:
             standing += f", alpha {face.alpha:.4g}"
         table.add_row(str(face.face), owner, depth, near, standing)
@@ -416,15 +416,15 @@ def _color_table(pixel: PixelExplanation) -> Table:
         if light.shading != "unlit":
             table.add_row("ambient", *_levels(light.ambient))
         for term in light.lights:
-            if term.is_of_effect and abs(term.diffuse).max() < FAINTEST:
+            if term.is_of_effect and abs(term.diffuse).max() < MIN_HIGHLIGHT:
                 continue
             table.add_row(term.label, *_levels(term.diffuse))
-            if term.specular.max() >= FAINTEST:
+            if term.specular.max() >= MIN_HIGHLIGHT:
                 table.add_row(f"{term.name}, specular", *_levels(term.specular))
-        if light.emission.max() >= FAINTEST:
+        if light.emission.max() >= MIN_HIGHLIGHT:
             table.add_row("emission", *_levels(light.emission))
         table.add_section()
-    for name, color in _mixture(pixel):
+    for name, color in _mixture_rows(pixel):
         table.add_row(name, *_levels(color))
     if pixel.parts:
         table.add_section()
@@ -439,7 +439,7 @@ def _color_table(pixel: PixelExplanation) -> Table:
     return table
 
 
-def _mixture(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]]]:
+def _mixture_rows(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]]]:
     """Yield what a pixel's colour is mixed from: how it is called, and its linear colour."""
     through = {face.face for face in pixel.faces if face.standing == SEEN_THROUGH}
     parts = pixel.parts

@@ -1,4 +1,4 @@
-"""Measure what a frame costs: each of its stages, each effect it has, and some it could have."""
+"""Measure the time of a frame: of its stages, its effects, and some it could have."""
 
 from __future__ import annotations
 
@@ -17,23 +17,20 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.notebook_preview import Printed
+from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import (
-    cut_short,
-    image_size,
-)
-from rasterjit.survey.deformation import scene_to_draw
-from rasterjit.survey.effect import OfQuality
+from rasterjit.scene.validation import image_size, short_repr
+from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.effect import QualityEffect
 from rasterjit.survey.plan import RenderPlan
 
 ROUNDS, MAX_ROUNDS = 7, 1_000_000
-"""Frames of each kind; their median counts."""
+"""Default and largest number of frames of each kind, of which the median counts."""
 
 
 class Change(NamedTuple):
-    """What a frame costs with one thing changed."""
+    """Time of a frame with one change."""
 
     name: str
     what: str
@@ -45,9 +42,9 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class FrameProfile(Printed):
+class FrameProfile(TextReport):
     """
-    What a frame consists of and what that costs; prints as a table.
+    Stages, effects and times of a frame; prints as a table.
 
     Attributes
     ----------
@@ -118,9 +115,9 @@ def profile(
     """
     if isinstance(rounds, bool) or not isinstance(rounds, int) or not 1 <= rounds <= MAX_ROUNDS:
         raise ValueError(
-            f"rounds must be a whole number above 0, at most {MAX_ROUNDS}, got {cut_short(rounds)}"
+            f"rounds must be a whole number above 0, at most {MAX_ROUNDS}, got {short_repr(rounds)}"
         )
-    scene, quality = scene_to_draw(what), check_quality(quality)
+    scene, quality = posed_input(what), check_quality(quality)
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     options = {"outputs": outputs, "background": background, "cull": cull}
@@ -134,14 +131,14 @@ def profile(
                 # The first one has told it.
                 renderer.warned = None
                 subjects.append(Subject(name, label, changed, other, renderer))
-            frames = _take_turns(subjects, camera, options, rounds)
+            frames = _run_rounds(subjects, camera, options, rounds)
         finally:
             for subject in subjects[1:]:
                 subject.renderer.close()
-    own = [frame.stats.seconds for frame in frames[0]]
+    names = [frame.stats.seconds for frame in frames[0]]
     stages = {
-        stage: statistics.median(seconds[stage] for seconds in own)
-        for stage in own[0]
+        stage: statistics.median(seconds[stage] for seconds in names)
+        for stage in names[0]
         if stage != "compile"
     }
     times = [statistics.median(seconds_of(frame) for frame in some) for some in frames]
@@ -149,8 +146,8 @@ def profile(
         Change(subject.name, subject.what, time, time - times[0])
         for subject, time in zip(subjects[1:], times[1:], strict=True)
     )
-    used = available_processors() if threads is None else threads
-    return FrameProfile(plan, used, rounds, stages, times[0], changes)
+    effects = available_processors() if threads is None else threads
+    return FrameProfile(plan, effects, rounds, stages, times[0], changes)
 
 
 class Subject(NamedTuple):
@@ -167,10 +164,10 @@ class Subject(NamedTuple):
         return self.renderer.render(self.scene, camera, **options)
 
 
-def _take_turns(
+def _run_rounds(
     subjects: Sequence[Subject], camera: Camera, options: dict[str, Any], rounds: int
 ) -> list[list[Frame]]:
-    """Draw every kind of frame so often, in turn; one more of each before, to compile."""
+    """Draw every kind of frame in turn, round by round, after one of each to compile."""
     for subject in subjects:
         subject.draw(camera, options)
     frames: list[list[Frame]] = [[] for _ in subjects]
@@ -181,32 +178,32 @@ def _take_turns(
 
 
 Variation = tuple[str, str, Scene, Quality]
-"""Name of the effect, what was done with it, and what it gives."""
+"""Name of the effect, the change, and the resulting scene and quality."""
 
 OFF = "off"
 
 
 def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
     """Return the scene without each effect that is in, and with each that it could have."""
-    found: list[Variation] = []
+    result: list[Variation] = []
     for planned in plan.planned:
         changed = planned.effect.without(scene)
         if changed is not None:
-            found.append((planned.name, OFF, changed, quality))
+            result.append((planned.name, OFF, changed, quality))
     for effect in EFFECTS:
-        what, changed = effect.add(scene, quality)
+        description, changed = effect.add(scene, quality)
         if changed is not None and _is_used(effect.name, plan, changed, quality):
-            found.append((effect.name, what, changed, quality))
+            result.append((effect.name, description, changed, quality))
     for planned in plan.planned:
-        if isinstance(planned.effect, OfQuality):
-            found.append((planned.name, OFF, scene, planned.effect.quality_without(quality)))
+        if isinstance(planned.effect, QualityEffect):
+            result.append((planned.name, OFF, scene, planned.effect.quality_without(quality)))
     for effect in EFFECTS:
-        if not isinstance(effect, OfQuality):
+        if not isinstance(effect, QualityEffect):
             continue
-        what, other = effect.quality_with(quality)
+        description, other = effect.quality_with(quality)
         if other is not None and _is_used(effect.name, plan, scene, other):
-            found.append((effect.name, what, scene, other))
-    return found
+            result.append((effect.name, description, scene, other))
+    return result
 
 
 def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> bool:

@@ -40,14 +40,14 @@ from rasterjit.scene.camera import (
     MatrixCamera,
     PerspectiveCamera,
     check_camera,
-    usual_near,
+    default_near,
 )
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
+    brief,
     finite_array,
     finite_number,
     image_size,
-    in_short,
     is_infinite,
     one_of,
     positive_number,
@@ -535,7 +535,7 @@ def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0
         "HORIZONTAL",
         *shifts,
         6.0,
-        usual_near(pinhole.near, pinhole.far),
+        default_near(pinhole.near, pinhole.far),
         pinhole.far,
     )
 
@@ -586,7 +586,7 @@ def _trimesh_pinhole(camera: Any) -> tuple[_Pinhole, tuple[int, int]]:
         size = image_size("camera.resolution", tuple(camera.resolution.tolist()))
         near, far = float(camera.z_near), float(camera.z_far)
     except (AttributeError, TypeError):
-        raise ValueError(f"camera must be a trimesh.scene.Camera, got {in_short(camera)}") from None
+        raise ValueError(f"camera must be a trimesh.scene.Camera, got {brief(camera)}") from None
     for length in (fx, fy):
         positive_number("camera.focal", length)
     far = math.inf if far == _TRIMESH_FAR else far
@@ -650,7 +650,7 @@ def _matrix_camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> Ma
     # The other's y points down: the skew turns its sign.
     clip[0, 1] = -2.0 * pinhole.skew / width
     clip[0, 2], clip[1, 2] = 1.0 - 2.0 * pinhole.cx / width, 2.0 * pinhole.cy / height - 1.0
-    near = usual_near(pinhole.near, pinhole.far)
+    near = default_near(pinhole.near, pinhole.far)
     clip[2, 2:] = transforms.perspective_depth(near, pinhole.far)
     clip[3, 2] = -1.0
     return MatrixCamera(view, clip + 0.0, (width, height), pinhole.near is None)

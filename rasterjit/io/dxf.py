@@ -21,7 +21,7 @@ from rasterjit.io.primitives import Cloud, LineSet
 from rasterjit.io.resources import Resources
 from rasterjit.io.text.mesh_builder import Geometry, MeshData, srgb_rgba, triangles
 from rasterjit.scene.distinct_rows import distinct_rows
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 _BYTES_PER_FILE_BYTE, _ENTITY_BYTES, _POINT_BYTES = 40, 4096, 64
 """Memory for a byte of the file, an entity wherever it is inserted, and a point of a curve."""
@@ -124,9 +124,7 @@ def _flatten(
         elif entity.dxftype() != "INSERT":
             yield entity
         elif entity.block() is None:
-            left_out.note(
-                f"block {in_short(entity.dxf.get('name', ''))} that the file does not have"
-            )
+            left_out.note(f"block {brief(entity.dxf.get('name', ''))} that the file does not have")
         elif depth == _MAX_DEPTH:
             left_out.note("block inside too many others")
         else:

@@ -35,8 +35,8 @@ from numpy.typing import NDArray
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.scene.color import decoding_table, srgb_to_linear
 from rasterjit.scene.memory_limits import TEXEL_BYTES, MemoryBudget
-from rasterjit.scene.picture_codes import picture_codes
-from rasterjit.scene.texture import opened_picture
+from rasterjit.scene.picture_codes import read_codes
+from rasterjit.scene.texture import open_picture
 from rasterjit.scene.validation import unmasked_array
 
 if TYPE_CHECKING:
@@ -386,7 +386,7 @@ def _open_picture(content: bytes, extra_formats: tuple[str, ...] = ()) -> Iterat
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            with opened_picture("it", io.BytesIO(content), extra_formats) as image:
+            with open_picture("it", io.BytesIO(content), extra_formats) as image:
                 yield image
         except UnidentifiedImageError:
             # Pillow names the place in memory.
@@ -395,7 +395,7 @@ def _open_picture(content: bytes, extra_formats: tuple[str, ...] = ()) -> Iterat
 
 def image_pixels(image: Image.Image) -> NDArray[Any]:
     """Return the pixels of a Pillow image as `Texture` takes them."""
-    return picture_codes(image.convert("RGBA") if image.mode == "F" else image)
+    return read_codes(image.convert("RGBA") if image.mode == "F" else image)
 
 
 def quantize(linear: NDArray[np.float32], color_space: str) -> tuple[NDArray[np.uint8], bool]:

@@ -39,9 +39,9 @@ from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import (
     bounded_number,
+    brief,
     existing_file,
     existing_folder,
-    in_short,
     one_of,
 )
 from rasterjit.scene.warning import warn_caller
@@ -211,7 +211,7 @@ def load(
     one_of("on_invalid", on_invalid, ON_INVALID)
     one_of("on_damage", on_damage, ON_DAMAGE)
     if not isinstance(isolate, bool) and not (isinstance(isolate, str) and isolate == "all"):
-        raise ValueError(f"isolate must be True, False or 'all', got {in_short(isolate)}")
+        raise ValueError(f"isolate must be True, False or 'all', got {brief(isolate)}")
     if _is_trimesh(path) or foreign_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),

@@ -16,9 +16,9 @@ from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.lines import Lines, strip_segments
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
-from rasterjit.scene.mesh import Mesh, OnInvalid, value_rows, with_face_scalars, with_face_values
+from rasterjit.scene.mesh import Mesh, OnInvalid, set_face_scalars, set_face_values, value_rows
 from rasterjit.scene.points import Points
-from rasterjit.scene.warning import MADE_NORMALS, told_elsewhere
+from rasterjit.scene.warning import REPAIRED_NORMALS, silence_warnings
 
 _SAGITTA = 1e-4
 """Largest distance of segments from an arc, as a share of the drawing: .4 pixels of 4096."""
@@ -163,7 +163,7 @@ def finite_attributes(
 
 def make_mesh(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
     """Make a `Mesh`, and note how many zero normals it replaced by those of faces."""
-    with told_elsewhere(MADE_NORMALS):
+    with silence_warnings(REPAIRED_NORMALS):
         mesh = Mesh(**arrays)
     if mesh._repaired_normals:
         left_out.note(f"normals of length 0 of {label}: made from faces", mesh._repaired_normals)
@@ -257,9 +257,9 @@ def make_lines(data: LineSet, context: Context) -> Lines:
             colors=of_points, scalars=data.scalars if data.colors is None else None,
         )  # fmt: skip
         of_segments = finite_attributes(data.segment_attributes, segments, context.left_out)
-        with_face_values(lines, data.colors if data.by_segment else None, of_segments)
+        set_face_values(lines, data.colors if data.by_segment else None, of_segments)
         if data.segment_scalars is not None:
-            with_face_scalars(lines, data.segment_scalars)
+            set_face_scalars(lines, data.segment_scalars)
     except ValueError as error:
         raise MeshFileError(f"{context.source}: lines {name!r}: {error}") from error
     return lines

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.fonts import Float64, Font, find_font, font_with
-from rasterjit.scene.warning import EACH_FRAME, warn_caller
+from rasterjit.scene.warning import REPEATED, warn_caller
 
 SUBPIXELS = 4
 """Horizontal subpixel positions of a glyph."""
@@ -110,7 +110,7 @@ def warn_of_missing(layout: Layout) -> None:
         warn_caller(
             f"texts run from left to right, and characters are not joined: {layout.rtl[0]!r} "
             f"(U+{ord(layout.rtl[0]):04X}) is of a script that runs from right to left",
-            kind=EACH_FRAME,
+            kind=REPEATED,
         )
     if layout.missing:
         listed = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MAX_LISTED])
@@ -118,7 +118,7 @@ def warn_of_missing(layout: Layout) -> None:
         warn_caller(
             f"no font has {listed}{more}: drawn as empty boxes. Give font= a file or a name that "
             "has them, or install one: Matplotlib brings DejaVu Sans, Debian has fonts-noto-cjk",
-            kind=EACH_FRAME,
+            kind=REPEATED,
         )
 
 

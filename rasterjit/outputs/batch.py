@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rasterjit.outputs.frame import FrameStats, RenderedOutputs
 from rasterjit.outputs.output_table import is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 
 class Batch(RenderedOutputs):
@@ -66,7 +66,7 @@ class Batch(RenderedOutputs):
         count = len(self)
         if not -count <= index < count:
             views = "1 view" if count == 1 else f"{count} views"
-            raise IndexError(f"this batch has {views}, got the number {in_short(number)}")
+            raise IndexError(f"this batch has {views}, got the number {brief(number)}")
         at = index % count
         return {name: array[at] for name, array in self._outputs.items()}
 
@@ -81,5 +81,5 @@ def _index_message(key: Any, outputs: Iterable[str]) -> str:
     expression = f"batch.attribute({name.removeprefix(ATTRIBUTE)!r})"
     if not is_attribute(name):
         expression = f"batch.{name}"
-    text = in_short(key)
+    text = brief(key)
     return f"batch[n] takes a whole number, got {text}; {expression} is an array of all views"

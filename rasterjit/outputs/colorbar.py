@@ -53,7 +53,7 @@ def find_scale(scales: Sequence[ColorScale | None], node: int | None) -> ColorSc
     given = [scale for scale in scales if scale is not None]
     if not given:
         raise ValueError("there is no colour bar: no mesh of the scene has scalars")
-    if any(not scale.same(given[0]) for scale in given):
+    if any(not scale.equals(given[0]) for scale in given):
         raise ValueError(
             "node must say whose colour bar it is, where meshes have several maps or ranges; give "
             "them one colormap and range for one bar, got None"

@@ -14,10 +14,10 @@ from rasterjit.io.text_layout import draw_text
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
 from rasterjit.scene.validation import (
-    in_short,
+    brief,
     index_below,
-    items,
-    words,
+    sequence,
+    strings,
 )
 
 if TYPE_CHECKING:
@@ -82,12 +82,12 @@ def grid(
     from PIL import Image
 
     if isinstance(pictures, (Frame, Image.Image)):
-        raise ValueError(f"pictures must be a sequence of pictures, got one, {in_short(pictures)}")
-    images = [_image(picture, number) for number, picture in enumerate(items("pictures", pictures))]
+        raise ValueError(f"pictures must be a sequence of pictures, got one, {brief(pictures)}")
+    images = [_image(picture, k) for k, picture in enumerate(sequence("pictures", pictures))]
     if not images:
         raise ValueError("pictures must hold at least one, got none")
     if labels is not None:
-        labels = words("labels", labels)
+        labels = strings("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
     gap = index_below("gap", gap, LIMIT)
@@ -132,6 +132,6 @@ def _image(picture: Any, number: int) -> Image.Image:
     if not is_codes or not (codes.ndim == 2 or (codes.ndim == 3 and codes.shape[2] in (3, 4))):
         raise ValueError(
             f"pictures[{number}] must be a frame, a picture of Pillow, or uint8 codes (H, W), "
-            f"(H, W, 3) or (H, W, 4), got {in_short(picture)}"
+            f"(H, W, 3) or (H, W, 4), got {brief(picture)}"
         )
     return Image.fromarray(np.ascontiguousarray(codes)).convert("RGBA")

@@ -17,7 +17,7 @@ from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.arrays import Int32, Int64
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.notebook_preview import Printed
+from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.survey.depth_format import DepthFormat
 
 FLOAT32_ROUNDING = 2.0**-24
@@ -25,7 +25,7 @@ FLOAT32_ROUNDING = 2.0**-24
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnostics(Printed):
+class Diagnostics(TextReport):
     """
     Exact counts of faces by fate, and error bounds of a frame's values; prints as a table.
 

@@ -23,7 +23,7 @@ from rasterjit.scene import validation as check
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.section import planes_of
+from rasterjit.scene.section import planes_in
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class FrameStats:
 
 
 @dataclass(frozen=True, repr=False)
-class QualityChoice(notebook_preview.Printed):
+class QualityChoice(notebook_preview.TextReport):
     """
     The quality that was chosen for a frame, with predicted and actual cost.
 
@@ -240,7 +240,7 @@ class RenderedOutputs:
         OutputNotRequestedError
             If the output was not asked for.
         """
-        full = f"{ATTRIBUTE}{check.word('name', name)}"
+        full = f"{ATTRIBUTE}{check.string('name', name)}"
         return self._output(name if is_attribute(name) and full not in self._outputs else full)
 
     @property
@@ -489,13 +489,13 @@ class Frame(RenderedOutputs):
         arrays = saving.select_outputs(self._outputs, outputs)
         if not isinstance(colorbar, (bool, str)):
             raise ValueError(
-                f"colorbar must be True, False or a title, got {check.in_short(colorbar)}"
+                f"colorbar must be True, False or a title, got {check.brief(colorbar)}"
             )
         has_bar = colorbar is not False
         if has_bar and (not is_image or list(arrays) != ["color"]):
             raise ValueError(
                 "colorbar must be False but for pictures of the colour, got "
-                f"{check.cut_short(colorbar)}, {suffix} and outputs {', '.join(arrays)}"
+                f"{check.short_repr(colorbar)}, {suffix} and outputs {', '.join(arrays)}"
             )
         if has_bar:
             title = colorbar if isinstance(colorbar, str) else ""
@@ -534,7 +534,7 @@ class Frame(RenderedOutputs):
         rasterjit.show : Turn a scene by hand.
         """
         if not isinstance(title, str):
-            raise ValueError(f"title must be a text, got {check.in_short(title)}")
+            raise ValueError(f"title must be a text, got {check.brief(title)}")
         call_above("show_picture", self, self.color, title or self.caption)
 
     @property
@@ -548,7 +548,7 @@ class Frame(RenderedOutputs):
     @property
     def counted(self) -> str:
         """The drawn primitives in words: ``7,656 triangles``, ``90 triangles and points``."""
-        contents, count = self.plan.facts.contents, self.stats.triangles_in
+        contents, count = self.plan.facts.counts, self.stats.triangles_in
         kinds = {"segments": contents.lines, "points": contents.points}
         others = contents.objects - sum(kinds.values())
         kinds = {"triangles": others if any(kinds.values()) else 1} | kinds
@@ -585,7 +585,7 @@ class Frame(RenderedOutputs):
             If no object has scalars, the node has none, or several bars are meant.
         """
         if not isinstance(title, str):
-            raise ValueError(f"title must be a text, got {check.in_short(title)}")
+            raise ValueError(f"title must be a text, got {check.brief(title)}")
         scale = find_scale(self.plan.facts.inventory.color_scales, node)
         return draw_colorbar(scale, self.plan.size[1], title, font)
 
@@ -610,10 +610,10 @@ class Frame(RenderedOutputs):
         """
         from rasterjit.outputs.masks import find
 
-        ids = self._output(check.word("output", output))
+        ids = self._output(check.string("output", output))
         if ids.ndim != 2 or ids.dtype.kind not in "iu":
             listed = ", ".join(map(repr, get_args(IdOutput)))
-            raise ValueError(f"output must be one of {listed}, got {check.in_short(output)}")
+            raise ValueError(f"output must be one of {listed}, got {check.brief(output)}")
         return find(ids)
 
     def pick(self, x: float, y: float) -> PickedPixel | None:
@@ -661,7 +661,7 @@ class Frame(RenderedOutputs):
         face_number = face - int(starts[node])
         if node == len(starts) - 1:
             # A cap: those of an object, one for each plane, follow each other.
-            node, plane = divmod(face_number, len(planes_of(self.plan.facts.asked["section"])))
+            node, plane = divmod(face_number, len(planes_in(self.plan.facts.fields["section"])))
             face_number = -1 - plane
         scalar = self._outputs.get("scalar")
         return PickedPixel(
@@ -689,7 +689,7 @@ class Frame(RenderedOutputs):
         self, include: Any = None, exclude: Any = None
     ) -> notebook_preview.Bundle:
         """Show the colour in a notebook, its size and time under it, and an alternative text."""
-        return notebook_preview.bundle(
+        return notebook_preview.mime_bundle(
             self._repr_png_(), f"Picture of {self!r}", caption=self.caption
         )
 
@@ -699,15 +699,15 @@ def get_output(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> N
     if name not in outputs:
         available = f"this {holder} has {', '.join(outputs)}"
         if name not in OUTPUTS and not is_attribute(name):
-            hint = check.question(name, (*OUTPUTS, *outputs))
+            hint = check.suggest(name, (*OUTPUTS, *outputs))
             raise OutputNotRequestedError(
-                f"{check.in_short(name)} is the name of no output; {available}{hint}"
+                f"{check.brief(name)} is the name of no output; {available}{hint}"
             )
         hint = ""
         if is_attribute(name):
             # All begin alike.
             attributes = [one.removeprefix(ATTRIBUTE) for one in outputs if is_attribute(one)]
-            hint = check.question(name.removeprefix(ATTRIBUTE), attributes)
+            hint = check.suggest(name.removeprefix(ATTRIBUTE), attributes)
         raise OutputNotRequestedError(
             f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {available}{hint}"
         )
@@ -782,7 +782,7 @@ class LayeredFrame(Frame):
         if scale is not None:
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         if colorbar is not False:
-            raise ValueError(f"colorbar must be False for layers, got {check.in_short(colorbar)}")
+            raise ValueError(f"colorbar must be False for layers, got {check.brief(colorbar)}")
         saving.save_layers(path, saving.select_outputs(self._outputs, outputs))
 
     def pick(self, x: float, y: float, layer: int = 0) -> PickedPixel | None:

@@ -64,13 +64,13 @@ def fill_buffers(
     shapes, face_id = cache.shapes, coverage.face_id
     if "face_id" in plan.outputs:
         result["face_id"] = face_id if cache.cut is None else cache.cut.face_numbers[face_id]
-    if plan.facts.fills_nothing:
+    if plan.facts.needs_no_buffers:
         return
     if "depth" in plan.outputs:
         result["depth"] = metric_depth(
             plan.depth_format, plan.camera, coverage, plan.size, plan.corner
         )
-    points = coverage.points if plan.facts.seen.points else None
+    points = coverage.points if plan.facts.visible.points else None
     for name, fill in list_fills(plan, cache, placement).items():
         result[name] = fill.run(face_id, geometry, workers)
     _fill_numbers(plan, cache, face_id, result)
@@ -120,7 +120,7 @@ def list_fills(
     """
     shapes, asked, fills = cache.shapes, set(plan.outputs), {}
     if "barycentric" in asked:
-        vertices = (shapes.listed_places,)
+        vertices = (shapes.corner_offsets,)
         fills["barycentric"] = FillCall(interpolation.fill_barycentric, (3,), vertices)
     if "uv" in asked:
         fills["uv"] = FillCall(interpolation.fill_attribute, (2,), (shapes.uv,))
@@ -184,9 +184,9 @@ def kernels_of(plan: RenderPlan) -> Rows:
     by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
     kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
     rows = [KernelRow(kernel, _weights_note(plan)) for kernel in kernels if kernel]
-    if plan.facts.seen.spheres and interpolation.fill_positions in kernels:
+    if plan.facts.visible.spheres and interpolation.fill_positions in kernels:
         rows.append(KernelRow(point_normals.fill_sphere_positions))
-    if plan.facts.seen.points and interpolation.fill_normals in kernels:
+    if plan.facts.visible.points and interpolation.fill_normals in kernels:
         rows.append(KernelRow(point_normals.fill_point_normals))
     return rows
 
@@ -405,7 +405,7 @@ def depth_kernels(plan: RenderPlan) -> Rows:
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
     rows = [KernelRow(depths.fill_depths, _weights_note(plan))]
-    if plan.facts.contents.points:
+    if plan.facts.counts.points:
         rows.append(KernelRow(point_normals.fill_point_depths))
     return rows
 

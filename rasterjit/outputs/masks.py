@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import checked_path
 from rasterjit.scene.validation import (
-    in_short,
-    items,
+    brief,
+    sequence,
     unmasked_array,
 )
 
@@ -105,7 +105,7 @@ def find(ids: ArrayLike, name: str = "ids") -> tuple[ObjectMask, ...]:
     """
     numbers = unmasked_array(name, ids)
     if numbers.ndim != 2 or numbers.dtype.kind not in "iu" or numbers.size == 0:
-        raise ValueError(f"{name} must be (H, W) whole numbers, not empty; got {in_short(numbers)}")
+        raise ValueError(f"{name} must be (H, W) whole numbers, not empty; got {brief(numbers)}")
     columns = np.ascontiguousarray(numbers.T).ravel()
     positions = np.flatnonzero(columns >= 0)
     if not len(positions):
@@ -140,7 +140,7 @@ def encode(mask: ArrayLike) -> ObjectMask:
     """
     inside = unmasked_array("mask", mask)
     if inside.ndim != 2 or inside.dtype != bool or inside.size == 0:
-        raise ValueError(f"mask must be (H, W) bool, not empty; got {in_short(inside)}")
+        raise ValueError(f"mask must be (H, W) bool, not empty; got {brief(inside)}")
     return _mask(1, np.flatnonzero(np.ascontiguousarray(inside.T)), inside.shape)
 
 
@@ -168,7 +168,7 @@ def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
             raise TypeError
         lengths = lengths.astype(np.int64)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
-        raise ValueError(f"rle must hold size [H, W] and counts, got {in_short(rle)}") from None
+        raise ValueError(f"rle must hold size [H, W] and counts, got {brief(rle)}") from None
     if height < 0 or width < 0:
         raise ValueError(f"rle must have a size of at least 0, got {height} x {width}")
     if lengths.ndim != 1 or (lengths < 0).any() or sum(lengths.tolist()) != height * width:
@@ -192,7 +192,7 @@ def compress(counts: ArrayLike) -> str:
     """
     lengths = unmasked_array("counts", counts)
     if lengths.ndim != 1 or lengths.dtype.kind not in "iu" or (lengths < 0).any():
-        raise ValueError(f"counts must be whole numbers from 0, got {in_short(counts)}")
+        raise ValueError(f"counts must be whole numbers from 0, got {brief(counts)}")
     rest = lengths.astype(np.int64)
     rest[3:] -= lengths[1:-2].astype(np.int64)
     codes = np.zeros((len(rest), _MAX_GROUPS), np.uint8)
@@ -221,14 +221,14 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
         If ``text`` is no such string.
     """
     if not isinstance(text, (str, bytes, bytearray)):
-        raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+        raise ValueError(f"text must be a compressed mask, got {brief(text)}")
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else bytes(text)
     lengths: list[int] = []
     value = shift = 0
     for byte in data:
         code = byte - _ZERO
         if not 0 <= code < 2 * _MORE or shift >= _MAX_GROUPS * _GROUP_BITS:
-            raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+            raise ValueError(f"text must be a compressed mask, got {brief(text)}")
         value |= (code & _GROUP) << shift
         shift += _GROUP_BITS
         if code & _MORE:
@@ -238,9 +238,9 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
         lengths.append(value + (lengths[-2] if len(lengths) > 2 else 0))
         value = shift = 0
         if not -_LENGTH_LIMIT <= lengths[-1] < _LENGTH_LIMIT:
-            raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+            raise ValueError(f"text must be a compressed mask, got {brief(text)}")
     if shift:
-        raise ValueError(f"text must be a whole compressed mask, got {in_short(text)}")
+        raise ValueError(f"text must be a whole compressed mask, got {brief(text)}")
     return np.array(lengths, np.int64)
 
 
@@ -279,7 +279,7 @@ def coco(
     # Categories, numbered as they come.
     info = {} if info is None else info
     if not isinstance(info, Mapping):
-        raise ValueError(f"info must be a mapping or None, got {in_short(info)}")
+        raise ValueError(f"info must be a mapping or None, got {brief(info)}")
     category_of = _categories(categories)
     kinds = dict.fromkeys(name for name in category_of.values() if name is not None)
     numbered = {name: number for number, name in enumerate(kinds, 1)}
@@ -290,15 +290,15 @@ def coco(
         "categories": [{"id": number, "name": name} for name, number in numbered.items()],
     }
     # Each image and the masks in it.
-    for image_id, image in enumerate(items("images", images), 1):
+    for image_id, image in enumerate(sequence("images", images), 1):
         try:
             file_name, ids = image
         except (TypeError, ValueError):
             raise ValueError(
-                f"images must be pairs of a file name and numbers, got {in_short(image)}"
+                f"images must be pairs of a file name and numbers, got {brief(image)}"
             ) from None
         if not isinstance(file_name, (str, PurePath)):
-            raise ValueError(f"images must have file names, got {in_short(file_name)}")
+            raise ValueError(f"images must have file names, got {brief(file_name)}")
         file_name = file_name.as_posix() if isinstance(file_name, PurePath) else file_name
         masks = find(ids, f"images: the numbers of {file_name!r}")
         height, width = np.shape(ids)
@@ -361,7 +361,7 @@ def _categories(categories: Any) -> dict[int, str | None]:
         category_of = dict(enumerate(categories))
     else:
         raise ValueError(
-            f"categories must be names by the objects' numbers, got {in_short(categories)}"
+            f"categories must be names by the objects' numbers, got {brief(categories)}"
         )
     for number, name in category_of.items():
         is_name = name is None or (isinstance(name, str) and name)

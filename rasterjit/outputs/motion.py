@@ -66,7 +66,7 @@ def moment_of(
 ) -> Moment:
     """Return the vertices and matrices for a camera, with faces in the order of ``now``."""
     matrices = _screen_matrices(views, camera, size)
-    return Moment(shapes.arrays.positions, shapes.faces_as(now), matrices)
+    return Moment(shapes.arrays.positions, shapes.rotate_like(now), matrices)
 
 
 def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> Float64:

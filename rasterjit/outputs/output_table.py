@@ -19,7 +19,7 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.surface import scalar_colors
 from rasterjit.runtime.jit import Kernel
 from rasterjit.scene.mesh import ATTRIBUTE
-from rasterjit.scene.validation import question
+from rasterjit.scene.validation import suggest
 from rasterjit.survey.object_counts import Attribute
 
 OutputName: TypeAlias = Literal[
@@ -170,7 +170,7 @@ def check_outputs(outputs: Outputs | Sequence[str]) -> tuple[AnyOutput, ...]:
         if not _is_output(output):
             raise ValueError(
                 f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}, "
-                f"and {ATTRIBUTE}NAME of an attribute of meshes{question(output, OUTPUTS)}"
+                f"and {ATTRIBUTE}NAME of an attribute of meshes{suggest(output, OUTPUTS)}"
             )
         unique[output] = None
     return tuple(unique)

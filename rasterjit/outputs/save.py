@@ -403,9 +403,9 @@ def select_outputs(
     if names is None:
         return dict(arrays)
     try:
-        selected = [names] if isinstance(names, str) else list(check.items("outputs", names))
+        selected = [names] if isinstance(names, str) else list(check.sequence("outputs", names))
     except TypeError:
-        raise ValueError(f"outputs must be a name or names, got {check.in_short(names)}") from None
+        raise ValueError(f"outputs must be a name or names, got {check.brief(names)}") from None
     for name in selected:
         if not isinstance(name, str) or name not in arrays:
             raise ValueError(

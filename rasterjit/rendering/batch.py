@@ -52,11 +52,11 @@ from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.node import LAST_ROW_ROUNDING, Node
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene, with_labelled
+from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.scene.transforms import product_of_each
-from rasterjit.scene.validation import image_size, in_short, number_array, thread_count
+from rasterjit.scene.validation import brief, image_size, number_array, thread_count
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.deformation import scene_to_draw
+from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.object_counts import find_attribute
 from rasterjit.survey.object_transforms import KNOWN_CAMERAS, projection_of
 
@@ -274,16 +274,16 @@ def check_out(
     """Return the array of each output, those of the caller and new ones, or raise."""
     given = {} if out is None else out
     if not isinstance(given, Mapping):
-        raise ValueError(f"out must be a dict of arrays, got {in_short(out)}")
+        raise ValueError(f"out must be a dict of arrays, got {brief(out)}")
     for name, array in given.items():
         if name not in shapes:
             raise ValueError(
-                f"out has {in_short(name)}, which outputs does not have: add it to outputs, which "
+                f"out has {brief(name)}, which outputs does not have: add it to outputs, which "
                 f"has {', '.join(shapes)}"
             )
         (shape, dtype), what = shapes[name], f"out[{name!r}] must be a"
         if not isinstance(array, np.ndarray):
-            raise ValueError(f"{what}n array, got {in_short(array)}")
+            raise ValueError(f"{what}n array, got {brief(array)}")
         if array.shape != shape or array.dtype != np.dtype(dtype) or not array.dtype.isnative:
             raise ValueError(f"{what} {shape} {dtype} array, got {array.shape} {array.dtype}")
         is_aligned = array.flags.aligned and array.ctypes.data % PIXEL_BYTES == 0
@@ -340,7 +340,7 @@ def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
     labelled = [
         Node(world_from_model=node.world_matrix, label=node.label) for node in scene.labelled
     ]
-    changed = with_labelled(scene, labelled)
+    changed = with_labels(scene, labelled)
     changed.nodes = [
         Node(node.mesh, name=node.name, world_from_model=matrix)
         for node, matrix in zip(scene.nodes, places, strict=True)
@@ -565,7 +565,7 @@ def check_arguments(
     cull: planning.Cull,
 ) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
-    scene = scene_to_draw(what)
+    scene = posed_input(what)
     size = image_size("size", size)
     if background is not None:
         background = read_background(background)

@@ -41,10 +41,10 @@ from rasterjit.scene.camera import (
     MatrixCamera,
     OrthographicCamera,
     PerspectiveCamera,
-    planes_of,
-    settled,
-    usual_far,
-    usual_near,
+    default_far,
+    default_near,
+    move_planes,
+    near_far,
 )
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
@@ -54,20 +54,20 @@ from rasterjit.scene.vectors import length
 from rasterjit.survey.batched_views import (
     BatchedViews,
     Group,
-    are_between,
-    boxes_around,
+    are_boxes_between,
     place_many,
+    scene_bounds,
     view_many,
 )
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
+from rasterjit.survey.clip_planes import CLEARANCE, find_plane_needs, plane_margins, uneven_spheres
 from rasterjit.survey.effect import BatchedEffect, LooksAround
 from rasterjit.survey.light_culling import (
-    FARTHEST_LIGHT,
     HEADLIGHT_DIRECTION,
+    MAX_LIGHT_DISTANCE,
     headlight_row,
-    lighting_of,
-    reach,
+    pack_lights,
+    reaching_lights,
 )
 from rasterjit.survey.object_counts import ObjectCounts
 from rasterjit.survey.object_transforms import (
@@ -169,7 +169,7 @@ class BatchScheduler:
         self._plans: dict[tuple, RenderPlan | None] = {}
         self._lock = forks.lock()
         boxes, places = self.cache.shapes.boxes, self.cache.places.world_from_model
-        self._whole = boxes_around(boxes, places[np.newaxis])
+        self._whole = scene_bounds(boxes, places[np.newaxis])
 
     def acquire_commands(self, kind: tuple, number: int, camera: Camera) -> CommandBuffer | None:
         """
@@ -239,11 +239,11 @@ class BatchScheduler:
                 own = Extents(self.cache.shapes.boxes, known.world_from_model[n])
             beyond = self.cache.tables.inventory.beyond(self.options.size)
             boxes = Boxes(own, eyes[n], relative, clip, of_all, beyond)
-            look = look_at_planes(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
+            look = find_plane_needs(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
             if look.cut:
                 cuts[n] = view_warnings.cuts_of(look)
             if any(look.steps):
-                seen[n] = settled(seen[n], *look.steps)
+                seen[n] = move_planes(seen[n], *look.steps)
                 projection[n] = projection_of(seen[n], self.options.size)
                 moved.append(n)
         if moved:
@@ -280,7 +280,7 @@ class BatchScheduler:
         count = len(places.world_from_model)
         if not any(isinstance(node.mesh, Points) for node in self.scene.nodes):
             return np.zeros(count, np.bool_)
-        found = [bool(spheres_beyond(self.scene.nodes, own)) for own in places.world_from_model]
+        found = [bool(uneven_spheres(self.scene.nodes, own)) for own in places.world_from_model]
         return np.array(found, np.bool_).reshape(count)
 
     def _are_between(
@@ -289,7 +289,7 @@ class BatchScheduler:
         """Tell of which cameras, (N,), no plane surely cuts anything, and where far planes are."""
         near, far = np.full(len(cameras), -np.inf), np.full(len(cameras), np.inf)
         for n, camera in enumerate(cameras):
-            planes = planes_of(camera)
+            planes = near_far(camera)
             if planes is None or planes.near_steps is not None or planes.far_steps is not None:
                 continue
             near[n] = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else planes.near
@@ -297,11 +297,11 @@ class BatchScheduler:
         own = far.copy()
         near[near <= 0.0] = -np.inf
         low, high = (
-            boxes_around(self.cache.shapes.boxes, places.world_from_model)
+            scene_bounds(self.cache.shapes.boxes, places.world_from_model)
             if are_moved
             else self._whole
         )
-        return are_between(low, high, view, near, far), own
+        return are_boxes_between(low, high, view, near, far), own
 
     def _find_crossed(
         self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_],
@@ -311,7 +311,7 @@ class BatchScheduler:
         asked = [
             (n, margins.inside)
             for n in np.flatnonzero(is_asked).tolist()
-            if (margins := margins_of(cameras[n], views.clip_from_relative[n])) is not None
+            if (margins := plane_margins(cameras[n], views.clip_from_relative[n])) is not None
         ]
         if not asked:
             return []
@@ -326,7 +326,7 @@ class BatchScheduler:
         key, kinds = in_view.tobytes(), self._kept.kinds
         if key in kinds:
             return kinds[key]
-        contents = self.cache.tables.inventory.contents_of(in_view)
+        contents = self.cache.tables.inventory.counts_of(in_view)
         own = kind_of(contents) if contents.objects else None
         found = own, contents.unlit < contents.objects
         if len(kinds) < MAX_SETS:
@@ -373,9 +373,9 @@ def exact_last_rows(places: Float64) -> Float64:
 def depth_conversion(camera: Any) -> tuple[int, float, float, float]:
     """Return how a stored depth becomes metric, as `measure_depths` takes it."""
     if isinstance(camera, PerspectiveCamera):
-        return RATIO, usual_near(camera.near, camera.far), 1.0, 0.0
+        return RATIO, default_near(camera.near, camera.far), 1.0, 0.0
     if isinstance(camera, OrthographicCamera):
-        return BETWEEN, camera.near, usual_far(camera.far, camera.near), 0.0
+        return BETWEEN, camera.near, default_far(camera.far, camera.near), 0.0
     z_row, w_row = camera.clip_from_view[2:].tolist()
     if any(w_row[:3]):
         return RATIO, camera.depth_coefficients()[0], length(w_row[:3]), 0.0
@@ -384,11 +384,11 @@ def depth_conversion(camera: Any) -> tuple[int, float, float, float]:
 
 def light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArray[np.float32]:
     """Return the lights of each view, (N, L, 13), relative to its eye; see `light_culling`."""
-    rows = np.repeat(lighting_of(lights, camera, 0).lights[np.newaxis], len(eyes), axis=0)
+    rows = np.repeat(pack_lights(lights, camera, 0).lights[np.newaxis], len(eyes), axis=0)
     for n, light in enumerate(lights):
         if isinstance(light, PointLight | SpotLight):
             place = np.array(light.position) - eyes
-            rows[:, n, :3] = np.clip(place, -FARTHEST_LIGHT, FARTHEST_LIGHT)
+            rows[:, n, :3] = np.clip(place, -MAX_LIGHT_DISTANCE, MAX_LIGHT_DISTANCE)
     return rows
 
 
@@ -526,7 +526,7 @@ def shared_lights(scene: Scene) -> list[int]:
 def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether views of a plan like this one are drawn in groups."""
     facts = plan.facts
-    if facts.contents.primitives or scene.section is not None or facts.imitation is not None:
+    if facts.counts.primitives or scene.section is not None or facts.reference is not None:
         return False
     if plan.pictures != 1 or plan.surfaces:
         return False
@@ -577,7 +577,7 @@ def kind_of_plan(plan: RenderPlan) -> tuple:
     """Return the kind of the view that a plan is of."""
     facts = plan.facts
     told = tuple(plan.has(one.name) for one in VIEW_DEPENDENT)
-    return kind_of(facts.seen), tuple(facts.lights.numbers), told
+    return kind_of(facts.visible), tuple(facts.lights.numbers), told
 
 
 def kinds_of(
@@ -603,7 +603,7 @@ def kinds_of(
     reached = np.zeros((count, 0), np.bool_)
     told: NDArray[Any] = np.zeros((count, len(VIEW_DEPENDENT)), np.bool_)
     if is_colored:
-        reached = reach(scene.lights, group)
+        reached = reaching_lights(scene.lights, group)
         for n, effect in enumerate(VIEW_DEPENDENT):
             told[:, n] = effect.answers(scene, group)
     return [
@@ -714,9 +714,9 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
         == (other.outputs, other.is_uneven, other.attributes, other.lights, other.has_background)
         and one.has_lights == other.has_lights
         and one.diagnose == other.diagnose
-        and one.imitation is other.imitation
+        and one.reference is other.reference
         and one.background_image is other.background_image
-        and all(map(operator.is_, one.asked.values(), other.asked.values()))
+        and all(map(operator.is_, one.fields.values(), other.fields.values()))
         and made.background.tobytes() == asked.background.tobytes()
         and _lights(made) == _lights(asked)
         and _effects(made) == _effects(asked)

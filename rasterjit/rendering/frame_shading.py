@@ -38,7 +38,7 @@ from rasterjit.survey.effect import (
     SeesThrough,
     acting,
     context_of,
-    look_around,
+    neighbourhood_effects,
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_transforms import unit_matrices
@@ -143,7 +143,7 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
 
     pyrender computes highlights from the camera's position, for any projection.
     """
-    if plan.facts.imitation is not None:
+    if plan.facts.reference is not None:
         placement = placement._replace(toward_viewer=_AT_EYE)
     if plan.lighting is None or plan.lighting.renormalizes:
         return placement
@@ -162,9 +162,9 @@ def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
 def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
     """Return the tests of visible hits: alpha masks and least visible alpha; None without any."""
     facts = plan.facts
-    if not facts.hits_are_visible:
+    if not facts.discards_faint:
         return find_alpha_tests(plan, cache)
-    tests = cache.tables.alpha_tests(facts.contents.textured["base_color_texture"] > 0)
+    tests = cache.tables.alpha_tests(facts.counts.textured["base_color_texture"] > 0)
     least = np.float32(facts.quality.visible_alpha)
     cutoffs = np.where(facts.inventory.is_see_through, least, tests.cutoffs)
     return tests._replace(cutoffs=cutoffs.astype(np.float32))
@@ -190,18 +190,18 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
         through=tables.through if facts.transmits else None,
-        in_float32=facts.shown_in_float32,
+        in_float32=facts.float32_objects,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )
 
 
 def layers_in_view(layers: Layers, facts: Facts) -> Layers:
     """Return the material layers of the objects in view."""
-    seen = facts.seen
+    seen = facts.visible
     return layers._replace(
         coats=layers.coats if seen.coated else None,
         sheens=layers.sheens if seen.with_sheen else None,
-        dielectrics=layers.dielectrics if seen.own_mirrors else None,
+        dielectrics=layers.dielectrics if seen.custom_specular else None,
     )
 
 
@@ -321,7 +321,7 @@ def shade_nothing(
 
 def glass_of(plan: RenderPlan) -> tuple[SeesThrough, Any] | None:
     """Return the transmission effect of a frame, with its data; ``None`` without one."""
-    around = look_around(plan.planned)
+    around = neighbourhood_effects(plan.planned)
     return next(((one, data) for one, data in around if isinstance(one, SeesThrough)), None)
 
 

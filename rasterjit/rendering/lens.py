@@ -48,16 +48,16 @@ from rasterjit.rendering.planning import (
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera, settled
+from rasterjit.scene.camera import Camera, move_planes
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import true_or_false
+from rasterjit.scene.validation import boolean
 from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.clip_planes import join
-from rasterjit.survey.effect import Bends, FrameContext, Planned, look_around
+from rasterjit.survey.clip_planes import merge_needs
+from rasterjit.survey.effect import Bends, FrameContext, Planned, neighbourhood_effects
 from rasterjit.survey.object_transforms import Views
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
@@ -141,7 +141,7 @@ def plan_lensed(
             )
             for picture in looks.pictures
         ]
-        camera = settled(camera, *join(seen).steps)
+        camera = move_planes(camera, *merge_needs(seen).steps)
     whole = []
     for picture in looks.pictures:
         seen_by = camera_of(picture, camera, size, sight)
@@ -291,7 +291,7 @@ class Comparison(NamedTuple):
 
 def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
     """Raise ``ValueError`` naming what is not drawn with a lens."""
-    if true_or_false("diagnose", diagnose):
+    if boolean("diagnose", diagnose):
         raise ValueError("diagnose must be False where a lens is given, got True")
     if "motion_visible" in outputs:
         raise ValueError("outputs has 'motion_visible', which is not found where a lens is given")
@@ -300,7 +300,7 @@ def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
 def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
     for plan in plans:
-        for effect, _ in look_around(plan.planned):
+        for effect, _ in neighbourhood_effects(plan.planned):
             looks_around = effect.looks == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
                 raise ValueError(
@@ -431,7 +431,7 @@ def _compare(planned: LensPlan) -> Comparison | None:
     old = prepare(scene.nodes, cache, quality, scene.environment is not None)
     views = placing.view_places(cache.places, planned.camera, size)
     old_views = placing.view_places(old.places, camera, size)
-    positions, faces = old.shapes.arrays.positions, old.shapes.faces_as(cache.shapes)
+    positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)
     return Comparison(
         planned.lens, planned.sight, sight_before,
         Moment(positions, faces, np.empty((0, 5, 4))),

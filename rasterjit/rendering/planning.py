@@ -1,8 +1,8 @@
 """
 Plan a frame: check its arguments, choose the camera, and decide which effects and passes it needs.
 
-The scene is analysed once (`look`), and every effect decides once; a plan prints as a table, with
-the kernels and buffers.
+The scene is analysed once (`collect_facts`), and every effect decides once; a plan prints as a
+table, with the kernels and buffers.
 """
 
 from __future__ import annotations
@@ -32,39 +32,39 @@ from rasterjit.rendering.effect_registry import decide_effects
 from rasterjit.runtime import background_compile
 from rasterjit.runtime.background_compile import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
-from rasterjit.scene.camera_fitting import fit_upright
+from rasterjit.scene.camera import Camera, check_camera, move_planes, near_far, plane_steps
+from rasterjit.scene.camera_fitting import default_camera
 from rasterjit.scene.node import Node
 from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.reference_shader import Imitation
+from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.validation import in_short, one_of, true_or_false
+from rasterjit.scene.validation import boolean, brief, one_of
 from rasterjit.survey import clip_planes, deformation
 from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import (
-    BesidePlanes,
-    is_surely_between,
-    join,
-    look_at_planes,
-    spheres_beyond,
+    PlaneNeeds,
+    find_plane_needs,
+    is_box_between,
+    merge_needs,
+    uneven_spheres,
 )
-from rasterjit.survey.deformation import scene_to_draw
+from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
 from rasterjit.survey.effect import Absent, Active, Planned, Planning
-from rasterjit.survey.facts import Facts, look
-from rasterjit.survey.light_culling import headlight_row, imitated_lighting, lighting_of
+from rasterjit.survey.facts import Facts, collect_facts
+from rasterjit.survey.light_culling import headlight_row, pack_lights, reference_lighting
 from rasterjit.survey.object_counts import (
     Inventory,
-    inventory_of,
+    check_masked_fields,
+    check_textures,
     may_have_holes,
-    refuse_masked_field,
-    refuse_texture,
+    take_inventory,
 )
 from rasterjit.survey.object_transforms import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import Cull, RenderPlan
-from rasterjit.survey.transparency import layers_of
+from rasterjit.survey.transparency import pixel_layers
 
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 """Which faces are dropped: none; those that show their back; their front."""
@@ -102,7 +102,7 @@ def check_request(
     The size is checked already; background and previous are checked when the frame is planned.
     """
     one_of("cull", cull, CULL_MODES)
-    is_diagnosed, names = true_or_false("diagnose", diagnose), check_outputs(outputs)
+    is_diagnosed, names = boolean("diagnose", diagnose), check_outputs(outputs)
     return FrameRequest(
         size, check_quality(quality), names, background, cull, is_diagnosed, previous
     )
@@ -130,7 +130,7 @@ def plan_frame(
     size, quality, outputs, background, cull, diagnose, _ = request
     # Analyse the scene.
     if known is None:
-        known = inventory_of(scene.nodes, quality, scene.environment is not None)
+        known = take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
     inventory, extents = known
@@ -139,10 +139,10 @@ def plan_frame(
         extents, eye, relative_from_model, views.clip_from_relative, beyond=inventory.beyond(size)
     )
     # Place open near and far planes where they clip nothing in view.
-    beside = clip_planes.look_at_planes(
+    beside = clip_planes.find_plane_needs(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
     )
-    camera = settled(camera, *beside.steps)
+    camera = move_planes(camera, *beside.steps)
     if any(beside.steps):
         views = view_again(views, camera, size)
         boxes = Boxes(
@@ -152,7 +152,7 @@ def plan_frame(
     behind = read_background(background)
     seen_behind = None if background is None else behind
     known_facts = None if last is None else last.facts
-    facts = look(
+    facts = collect_facts(
         scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull, known_facts
     )
     _refuse(scene, facts)
@@ -161,16 +161,16 @@ def plan_frame(
     # Decide on each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = decide_effects(facts, Planning(scene, camera, boxes), answers)
-    layers = layers_of(
+    layers = pixel_layers(
         facts.transparency,
         facts.mixes_samples,
-        facts.picture_samples or quality.samples,
+        facts.supersamples or quality.samples,
         scene.nodes,
         quality,
     )
-    if layers is not None and facts.imitation is not None:
+    if layers is not None and facts.reference is not None:
         # Far beside a face that is seen from its edge there may be no place to look things up.
-        casts_shadows = facts.casts_shadows or bool(facts.imitation.maps)
+        casts_shadows = facts.casts_shadows or bool(facts.reference.maps)
         at_centers = not (facts.needs_textures or casts_shadows)
         layers = layers._replace(in_order=True, at_centers=at_centers)
     plan = RenderPlan(
@@ -184,10 +184,10 @@ def plan_frame(
         layers=layers,
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
-        look=beside,
+        plane_needs=beside,
     )
     if last is not None and answers is not None and effects is answers:
-        plan.follow(last)
+        plan.copy_derived(last)
     return plan
 
 
@@ -201,9 +201,9 @@ def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32
 
 def _refuse(scene: Scene, facts: Facts) -> None:
     """Raise ``ValueError`` if texture coordinates are missing, or alphas cannot be told."""
-    contents, quality = facts.contents, facts.quality
-    if facts.imitation is not None:
-        _refuse_imitating(scene, facts.imitation)
+    contents, quality = facts.counts, facts.quality
+    if facts.reference is not None:
+        _refuse_imitating(scene, facts.reference)
     if "uv" in facts.outputs and contents.with_uv == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
@@ -211,17 +211,17 @@ def _refuse(scene: Scene, facts: Facts) -> None:
     if contents.points:
         _refuse_points(scene, facts)
     if contents.masked_fields:
-        refuse_masked_field(scene.nodes)
+        check_masked_fields(scene.nodes)
     if facts.colors_faces and contents.without_uv:
-        refuse_texture(scene.nodes, quality)
+        check_textures(scene.nodes, quality)
     if contents.cutouts_without_uv and facts.finds_faces:
-        refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
-    if facts.hits_are_visible and contents.without_uv:
+        check_textures([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
+    if facts.discards_faint and contents.without_uv:
         clear = np.flatnonzero(facts.inventory.is_see_through).tolist()
-        refuse_texture([scene.nodes[number] for number in clear], quality)
+        check_textures([scene.nodes[number] for number in clear], quality)
 
 
-def _refuse_imitating(scene: Scene, imitation: Imitation) -> None:
+def _refuse_imitating(scene: Scene, imitation: ReferenceShading) -> None:
     """Raise ``ValueError`` naming what a scene that is lit as pyrender's cannot have."""
     imitation.check_counts(len(scene.nodes), len(scene.lights))
     for name in EFFECT_FIELDS:
@@ -256,14 +256,14 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     """
     if not facts.is_lit:
         on_samples = any(one.used and "sample" in one.effect.places for one in effects)
-        return lighting_of([], camera, 0) if on_samples else None
-    own = facts.seen.highlights, int(facts.renormalizes)
+        return pack_lights([], camera, 0) if on_samples else None
+    own = facts.visible.highlights, int(facts.renormalizes)
     if facts.has_headlight:
         lighting = headlight_row(camera, *own)
     else:
-        lighting = lighting_of(facts.lights.lights, camera, *own)
-    if facts.imitation is not None:
-        return imitated_lighting(lighting, facts.imitation, facts.lights, camera)
+        lighting = pack_lights(facts.lights.lights, camera, *own)
+    if facts.reference is not None:
+        return reference_lighting(lighting, facts.reference, facts.lights, camera)
     return lighting
 
 
@@ -288,7 +288,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
     rows = [
-        *(deformation.kernel_rows() if plan.facts.contents.skinned else []),
+        *(deformation.skinning_kernels() if plan.facts.counts.skinned else []),
         *clip_planes.kernels_of(plan.camera),
         *geometry,
         *ground_truth.depth_kernels(plan),
@@ -305,7 +305,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     if plan.lens:
         rows += lens_kernels(plan.outputs)
     if plan.surfaces is not None:
-        rows += peeling_kernels(plan.depth_format.kind, plan.facts.tests_hits)
+        rows += peeling_kernels(plan.depth_format.kind, plan.facts.tests_alpha)
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
     return tuple(dict.fromkeys(rows))
@@ -350,7 +350,7 @@ def list_tasks(plan: RenderPlan) -> list[Task]:
 def _finding_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the face at every pixel."""
     wanted = plan.visibility._replace(draws=plan.needs_centers)
-    return visibility_pass.kernels_of(wanted, plan.facts.tests_hits, plan.facts.contents.primitives)
+    return visibility_pass.kernels_of(wanted, plan.facts.tests_alpha, plan.facts.counts.primitives)
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
@@ -444,7 +444,7 @@ def plan_views(
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     views = placing.view_places(cache.places, camera, size)
     plan = plan_frame(request, scene, camera, cache.inventory, views, last)
-    if any(plan.look.steps) and _are_moved(camera, plan.camera):
+    if any(plan.plane_needs.steps) and _are_moved(camera, plan.camera):
         views = placing.view_again(views, plan.camera, size)
     earlier = find_earlier(request.previous, plan, scene, camera)
     if earlier is None:
@@ -456,8 +456,8 @@ def plan_views(
     if earlier[1] is camera:
         # One camera has its planes in one place.
         if _are_moved(plan.camera, old_plan.camera):
-            both = settled(camera, *map(max, steps_of(plan.camera), steps_of(old_plan.camera)))
-            return plan_views(request, scene, both, cache, last)
+            steps = map(max, plane_steps(plan.camera), plane_steps(old_plan.camera))
+            return plan_views(request, scene, move_planes(camera, *steps), cache, last)
         old_plan = old_plan.with_(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
         old_views = placing.view_again(old_views, old_plan.camera, size)
@@ -489,27 +489,27 @@ def settle_cameras(
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
     low, high = placing.box_around(cache.shapes.boxes, cache.places.world_from_model)
-    beyond = spheres_beyond(scene.nodes, cache.places.world_from_model)
+    beyond = uneven_spheres(scene.nodes, cache.places.world_from_model)
     near_by = [
         camera
         for camera in cameras
-        if (beyond and needs_settling(camera)) or not is_surely_between(low, high, camera)
+        if (beyond and needs_settling(camera)) or not is_box_between(low, high, camera)
     ]
     if near_by and quality.depth_format not in REVERSED_TYPES:
         # How near a plane may come is for all to say.
         near_by = [camera for camera in cameras if needs_settling(camera)]
     looks = [look_from(scene, camera, size, quality, cache) for camera in near_by]
-    steps = join(looks).steps
-    return [settled(camera, *steps) for camera in cameras]
+    steps = merge_needs(looks).steps
+    return [move_planes(camera, *steps) for camera in cameras]
 
 
 def cut_open(scene: Scene) -> Scene:
     """Return a scene cut by its section; the scene itself without one."""
     if scene.section is None:
         return scene
-    from rasterjit.survey.cross_sections import cut
+    from rasterjit.survey.cross_sections import cut_scene
 
-    return cut(scene)
+    return cut_scene(scene)
 
 
 def cut_alike(earlier: Scene, scene: Scene) -> Scene:
@@ -518,12 +518,12 @@ def cut_alike(earlier: Scene, scene: Scene) -> Scene:
         return earlier
     from rasterjit.survey import cross_sections
 
-    return cross_sections.cut_alike(earlier, scene)
+    return cross_sections.cut_like(earlier, scene)
 
 
 def needs_settling(camera: Camera | None) -> bool:
     """Tell whether a camera leaves a plane open."""
-    planes = planes_of(camera)
+    planes = near_far(camera)
     return planes is not None and (planes.is_near_open or planes.is_far_open)
 
 
@@ -534,7 +534,7 @@ def look_from(
     quality: Quality,
     cache: SceneCache | None = None,
     picture: Camera | None = None,
-) -> BesidePlanes:
+) -> PlaneNeeds:
     """
     Find the depths in view outside a camera's planes, given the scene's cache.
 
@@ -548,14 +548,14 @@ def look_from(
         cache.extents, shown.eye_position(), views.relative_from_model,
         views.clip_from_relative, beyond=cache.tables.inventory.beyond(size),
     )  # fmt: skip
-    return look_at_planes(camera, boxes, scene.nodes, views.clip_from_relative, quality)
+    return find_plane_needs(camera, boxes, scene.nodes, views.clip_from_relative, quality)
 
 
 def _are_moved(before: Camera, after: Camera) -> bool:
     """Tell whether the planes of a camera are elsewhere than they were."""
     if before is after:
         return False
-    one, other = planes_of(before), planes_of(after)
+    one, other = near_far(before), near_far(after)
     return (one and one[:2]) != (other and other[:2])
 
 
@@ -564,7 +564,7 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
     if camera is None:
         camera = scene.camera
     if camera is None:
-        return fit_upright(scene, size)
+        return default_camera(scene, size)
     return check_camera("camera", camera)
 
 
@@ -582,7 +582,7 @@ def find_earlier(
         Naming what is wrong with ``previous``, or that it is missing.
     """
     if previous is not None and not isinstance(previous, PreviousView):
-        raise ValueError(f"previous must be a PreviousView or None, got {in_short(previous)}")
+        raise ValueError(f"previous must be a PreviousView or None, got {brief(previous)}")
     if set(output_table.MOTION_OUTPUTS).isdisjoint(plan.outputs):
         return None
     if previous is None:
@@ -594,7 +594,7 @@ def find_earlier(
     earlier = scene
     if previous.scene is not None:
         with naming("previous.scene"):
-            earlier = scene_to_draw(previous.scene)
+            earlier = posed_input(previous.scene)
         motion.check_same_objects(_whole(scene), earlier.nodes)
     if previous.camera is not None:
         with naming("previous.camera"):

@@ -15,7 +15,7 @@ from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.rendering.planning import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.first_corners import least_first, listed_places
+from rasterjit.scene.first_corners import corner_offsets, rotate_corners
 from rasterjit.scene.mesh import face_array, value_rows
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, number_array, one_of, thread_count
@@ -69,7 +69,7 @@ class RasterizedFaces:
         (H, W, 3) float32, perspective-correct (or affine, as ``quality`` says), 0 where nothing
         is. Computed when first read.
         """
-        places = listed_places(self._listed, self._geometry.faces)
+        places = corner_offsets(self._listed, self._geometry.faces)
         return self._filled(ground_truth.FillCall(interpolation.fill_barycentric, (3,), (places,)))
 
     def interpolate(self, values: ArrayLike) -> NDArray[np.float32]:
@@ -149,7 +149,7 @@ def rasterize(
     one_of("depth", depth, DEPTH_MODES)
     positions = _clip_array(clip_positions)
     listed = face_array(faces, len(positions))
-    face_numbers = least_first(positions, listed)
+    face_numbers = rotate_corners(positions, listed)
     quality = check_quality(quality)
     viewport = viewport_of(width_height, quality.subpixel_bits)
     workers = Workers(thread_count("threads", threads))

@@ -25,9 +25,9 @@ from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
-from rasterjit.survey.deformation import scene_to_draw
-from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, look_around
+from rasterjit.scene.validation import MAX_SIZE, thread_count, tiled_size
+from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, neighbourhood_effects
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
 
@@ -76,10 +76,10 @@ class RegionRenderer:
         threads: int | None = None,
     ) -> None:
         quality = check_quality(quality)
-        whole = whole_size("size", size, quality.subpixel_bits)
+        whole = tiled_size("size", size, quality.subpixel_bits)
         self._workers = Workers(thread_count("threads", threads))
         self.size = whole
-        scene = scene_to_draw(what)
+        scene = posed_input(what)
         request = check_request(whole, quality, outputs, background, cull)
         self._planned = plan_views(request, scene, camera)
         self._margin = _margin_of(self._planned.plan)
@@ -338,7 +338,7 @@ def _margin_of(plan: RenderPlan) -> int:
         If an effect looks at any pixels beyond the edges of a region.
     """
     farthest = 0
-    for effect, data in look_around(plan.planned):
+    for effect, data in neighbourhood_effects(plan.planned):
         if effect.looks != "neighbours":
             continue
         reach = effect.reach(data)

@@ -49,15 +49,15 @@ from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
+    brief,
     image_size,
-    in_short,
-    items,
     positive_number,
+    sequence,
     thread_count,
 )
 from rasterjit.survey import object_transforms as placing
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.deformation import scene_to_draw
+from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.object_transforms import Views
 from rasterjit.survey.packed_scene import SceneArrays, front_turns_of, placement_of
@@ -191,7 +191,7 @@ def explain(
     ValueError
         Naming the argument that is wrong.
     """
-    size, scene = image_size("size", size), scene_to_draw(what)
+    size, scene = image_size("size", size), posed_input(what)
     request = check_request(size, quality, outputs, background, cull, diagnose, previous)
     if lens is not None:
         planned = lenses.plan_lensed(lens, request, scene, camera, Workers(1))
@@ -345,7 +345,7 @@ def find_visible(
     )  # fmt: skip
     objects = kept.made(
         "objects", placing.cull_objects, plan.cull, views.screen_turn, views.mirrored,
-        arrays.face_starts, cache.tables.is_single_sided, arrays.sideless,
+        arrays.face_starts, cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip
     clock("plan")
     # Vertices, faces, lines and points.
@@ -445,14 +445,14 @@ def stats_of(
 def _callable_or_none(name: str, value: Any) -> Any:
     """Return something that can be called, or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not callable(value):
-        raise ValueError(f"{name} must be a function or None, got {in_short(value)}")
+        raise ValueError(f"{name} must be a function or None, got {brief(value)}")
     return value
 
 
 def _set_or_none(name: str, value: Any) -> set[str] | None:
     """Return a set as it is, or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not isinstance(value, set):
-        raise ValueError(f"{name} must be a set or None, got {in_short(value)}")
+        raise ValueError(f"{name} must be a set or None, got {brief(value)}")
     return value
 
 
@@ -620,15 +620,15 @@ class Renderer(Guarded):
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
                     raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
-            return self._render_with(lens, scene_to_draw(what), camera, request)
+            return self._render_with(lens, posed_input(what), camera, request)
         if max_error is not None:
-            return self._render_within(max_error, time_budget, scene_to_draw(what), camera, request)
+            return self._render_within(max_error, time_budget, posed_input(what), camera, request)
         if time_budget is not None:
             return self._render_in_time(time_budget, what, camera, request)
-        return self._render(request, scene_to_draw(what), camera)
+        return self._render(request, posed_input(what), camera)
 
     def _render(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> Frame:
-        """Render one frame of a scene that `scene_to_draw` returned."""
+        """Render one frame of a scene that `posed_input` returned."""
         clock = StageClock()
         planned = self._plan(request, scene, camera)
         return self._draw_bound(planned, clock) or self._draw(planned, clock=clock)
@@ -657,7 +657,7 @@ class Renderer(Guarded):
     ) -> Frame:
         """Render one frame in the best quality within a time; a single render caches nothing."""
         budget = positive_number("time_budget", time_budget)
-        scene = scene_to_draw(what)
+        scene = posed_input(what)
         circumstances = (
             self.size, self._workers.threads, request.outputs, request.cull, request.diagnose,
             is_lone,
@@ -742,9 +742,9 @@ class Renderer(Guarded):
         ValueError
             At once, naming the argument that is wrong.
         """
-        before = [check_quality(one, "each of first") for one in items("first", first)]
+        before = [check_quality(one, "each of first") for one in sequence("first", first)]
         request = self._request(outputs, background, cull, diagnose, previous)
-        return self._refine(request, scene_to_draw(what), camera, before)
+        return self._refine(request, posed_input(what), camera, before)
 
     def _refine(
         self, request: FrameRequest, scene: Scene, camera: Camera | None, first: Sequence[Quality]

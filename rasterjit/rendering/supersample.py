@@ -39,7 +39,7 @@ from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.reference_shader import shown_by_codes
+from rasterjit.scene.reference_shader import decoded_codes
 from rasterjit.scene.transforms import Matrix
 from rasterjit.survey.effect import Active, FrameContext, Planned, context_of, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -207,7 +207,7 @@ def shade_faces(
         Called with a stage's name when it ends.
     """
     plan, workers = context.plan, context.workers
-    offsets = sample_offsets(plan.facts.picture_samples or 1)
+    offsets = sample_offsets(plan.facts.supersamples or 1)
     has_codes = plan.facts.mixes_codes
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     sums = accumulation.sums
@@ -266,7 +266,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
 
 def covering_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that `cover_pixels` calls, but for those of whole pictures."""
-    if "coverage" not in plan.outputs or plan.facts.picture_samples is not None:
+    if "coverage" not in plan.outputs or plan.facts.supersamples is not None:
         return []
     samples = plan.quality.samples
     return [] if samples == 1 else fragment_bands.kernels_of(samples, plan.depth_format.kind)
@@ -282,7 +282,7 @@ def cover_pixels(
     the share of these.
     """
     plan, seen = context.plan, context.seen
-    samples = plan.facts.picture_samples
+    samples = plan.facts.supersamples
     if samples is None:
         finder = fragment_bands.Finder(
             seen.geometry, frame_shading.find_hit_tests(plan, context.cache)
@@ -328,7 +328,7 @@ def sample_spacing(samples: int) -> float:
 
 def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     """Return the plan of a picture that shows what lies beside the centres of pixels."""
-    spacing = sample_spacing(plan.facts.picture_samples or 1)
+    spacing = sample_spacing(plan.facts.supersamples or 1)
     return plan.with_(camera=MovedCamera(plan.camera, offset, spacing))
 
 
@@ -407,7 +407,7 @@ def prepare_whole(
 
 def step_offsets(plan: RenderPlan) -> list[list[Offset]]:
     """Return where the pictures of each step lie, whose shadow maps are drawn together."""
-    offsets = sample_offsets(plan.facts.picture_samples or 1)
+    offsets = sample_offsets(plan.facts.supersamples or 1)
     counts = _counts(plan.pictures)
     return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
 
@@ -442,7 +442,7 @@ def _average_codes(
 ) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
     plan, workers = context.plan, context.workers
-    light = shown_by_codes(plan.facts.encoding).copy()
+    light = decoded_codes(plan.facts.encoding).copy()
     shape = sums.shape[:2]
     color = workers.memory.empty((*shape, 4), np.uint8)
     has_linear = "linear" in plan.outputs

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.pipeline.batch_driver import MIN_WHITE
-from rasterjit.scene.warning import EACH_FRAME, warn_caller
+from rasterjit.scene.warning import REPEATED, warn_caller
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.clip_planes import BesidePlanes
+from rasterjit.survey.clip_planes import PlaneNeeds
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.light_culling import most_light
+from rasterjit.survey.light_culling import max_reflected_light
 from rasterjit.survey.plan import RenderPlan
 
 NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
@@ -68,7 +68,7 @@ def shows_anything(plan: RenderPlan, stats: FrameStats) -> bool:
     if not plan.facts.finds_faces:
         return stats.drawn + stats.unsampled + stats.degenerate > 0
     # Alpha-tested faces may fail the test everywhere.
-    return stats.drawn > 0 and (not plan.facts.tests_hits or stats.pixels_covered > 0)
+    return stats.drawn > 0 and (not plan.facts.tests_alpha or stats.pixels_covered > 0)
 
 
 def warnings_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, str]:
@@ -82,7 +82,7 @@ def warnings_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, 
         Of the whole frame. Default: it is not drawn yet, and only objects out of view tell that
         nothing is in view.
     """
-    found = cuts_of(plan.look)
+    found = cuts_of(plan.plane_needs)
     is_empty = not plan.facts.in_view.any() if stats is None else not shows_anything(plan, stats)
     if is_empty and not found:
         found["view"] = NOTHING_IN_VIEW
@@ -100,7 +100,7 @@ def light_shown(facts: Facts) -> float:
     has_own = facts.has_lights or facts.environment is not None
     if not (has_own and facts.is_lit and "color" in facts.outputs):
         return 0.0
-    return most_light(facts.lights.lights, facts.environment)
+    return max_reflected_light(facts.lights.lights, facts.environment)
 
 
 def lit_faces(facts: Facts, cache: SceneCache) -> NDArray[np.int32] | None:
@@ -164,7 +164,7 @@ def burnt_out(facts: Facts, share: float) -> dict[str, str]:
     return {"white": text}
 
 
-def cuts_of(look: BesidePlanes) -> dict[str, str]:
+def cuts_of(look: PlaneNeeds) -> dict[str, str]:
     """Return the warnings of planes that clip something, by kind."""
     return {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in look.cut}
 
@@ -172,5 +172,5 @@ def cuts_of(look: BesidePlanes) -> dict[str, str]:
 def warn(notices: dict[str, str], told: set[str]) -> None:
     """Issue the warnings of new kinds, and add these to ``told``."""
     for kind in notices.keys() - told:
-        warn_caller(notices[kind], ViewWarning, EACH_FRAME)
+        warn_caller(notices[kind], ViewWarning, REPEATED)
     told.update(notices)

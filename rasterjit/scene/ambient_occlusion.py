@@ -1,21 +1,21 @@
-"""Ambient occlusion: how much of the light from all around does not get into corners."""
+"""Ambient occlusion: dim ambient light in corners."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.validation import bounded_number, positive_number
 
-RADIUS_OF_SCENE = 0.15
+DEFAULT_RADIUS_RATIO = 0.15
 """Default radius, as a share of the radius of a sphere around the scene."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class AmbientOcclusion:
     """
-    Ask for ambient light to be dimmed where near surfaces stand in its way.
+    Dim ambient light where near surfaces occlude it.
 
     It is found on the screen, from the depth and the faces that are seen: what the camera does not
     see occludes nothing. It dims ambient light and the light of an environment, no other; a scene

@@ -19,20 +19,20 @@ Bool = NDArray[np.bool_]
 Holder = TypeVar("Holder", bound="HoldsArrays")
 
 
-def _kept(value: Any) -> Any:
-    """Return an array so that nothing writes to it; anything else as it is."""
+def _frozen(value: Any) -> Any:
+    """Return an array made read-only; anything else as it is."""
     return read_only(value) if isinstance(value, np.ndarray) else value
 
 
 class HoldsArrays:
-    """An object whose arrays, or dictionaries of arrays, stay as they are."""
+    """Base class of objects whose arrays, also in dictionaries, stay read-only when copied."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         for name, value in state.items():
             if isinstance(value, dict):
-                value = {own: _kept(one) for own, one in value.items()}
-            self.__dict__[name] = _kept(value)
+                value = {key: _frozen(item) for key, item in value.items()}
+            self.__dict__[name] = _frozen(value)
 
     def _with(self: Holder, **changes: Any) -> Holder:
         """Return a copy that shares all attributes but those given."""

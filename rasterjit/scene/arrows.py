@@ -19,19 +19,19 @@ from rasterjit.scene.transforms import sine_cosine
 
 ArrowUnit: TypeAlias = Literal["length", "world"]
 ARROW_UNITS: tuple[ArrowUnit, ...] = get_args(ArrowUnit)
-"""What radii and heads are measured in."""
+"""Units of radii and heads."""
 
 MIN_SIDES, MAX_SIDES = 3, 256
-"""Of a shaft and its cone."""
+"""Limits of the number of sides of a shaft and its cone."""
 
 FACES_PER_SIDE = 6
-"""Of the foot 1, the shaft 2, the cone's base 2 and the cone 1."""
+"""Faces for each side: foot 1, shaft 2, base of the cone 2, cone 1."""
 
-MAX_HEAD = 0.95
-"""Of the length of an arrow: there is a shaft."""
+MAX_HEAD_LENGTH = 0.95
+"""Longest head, as a share of the arrow's length."""
 
-MIN_SHAFT = 2.0
-"""Lengths of its head that an arrow has at least: shorter ones are thinner, in proportion."""
+MIN_HEAD_LENGTHS = 2.0
+"""Least length of an arrow in lengths of its head; shorter arrows are scaled down."""
 
 
 class Arrows(Mesh):
@@ -84,7 +84,7 @@ class Arrows(Mesh):
     Arrows(12 arrows)
     """
 
-    _INSTEAD = "make other Arrows"
+    _ADVICE = "make other Arrows"
 
     def __init__(
         self,
@@ -104,37 +104,37 @@ class Arrows(Mesh):
         nan_color: ColorLike = NAN_COLOR,
         material: Material | None = None,
     ) -> None:
-        feet = check.finite_array("positions", positions, (None, 3))
-        if not len(feet):
+        starts = check.finite_array("positions", positions, (None, 3))
+        if not len(starts):
             raise ValueError("positions must have one row or more, got none")
-        ways = check.finite_array("vectors", vectors, (None, 3))
-        if len(ways) != len(feet):
+        vectors_array = check.finite_array("vectors", vectors, (None, 3))
+        if len(vectors_array) != len(starts):
             raise ValueError(
-                f"vectors must have one row per position ({len(feet)}), got {len(ways)}"
+                f"vectors must have one row per position ({len(starts)}), got {len(vectors_array)}"
             )
         scale = check.positive_number("scale", scale)
-        measures = _measures(
+        measures = _check_radii(
             shaft_radius, head_radius, head_length, check.one_of("unit", unit, ARROW_UNITS)
         )
         self._sides = check.whole_number("sides", sides, MIN_SIDES, MAX_SIDES)
-        self._count = len(feet)
+        self._count = len(starts)
         with np.errstate(over="ignore", under="ignore"):
-            lengths, units = _lengths(ways, scale)
-            tips = feet + scale * ways
+            lengths, units = _lengths(vectors_array, scale)
+            tips = starts + scale * vectors_array
         if not np.isfinite(tips).all() or not np.isfinite(lengths).all():
             raise ValueError("vectors times scale must reach finite places, got one too far")
         self._dropped = int(np.count_nonzero(lengths == 0.0))
-        if self._dropped == len(feet):
-            raise ValueError(f"vectors must have one that is not zero, got {len(feet)} that are")
-        sizes = _sizes(lengths, measures, unit)
-        vertices, normals = _surface(
-            feet, tips, units, sizes, measures[1] / measures[2], self._sides
+        if self._dropped == len(starts):
+            raise ValueError(f"vectors must have one that is not zero, got {len(starts)} that are")
+        sizes = _sizes_of(lengths, measures, unit)
+        vertices, normals = _build_vertices(
+            starts, tips, units, sizes, measures[1] / measures[2], self._sides
         )
         per_arrow = self.faces_per_arrow
         super().__init__(
-            vertices, _faces(len(feet), self._sides), normals=normals,
-            colors=None if colors is None else _spread_colors(colors, len(feet), per_arrow),
-            scalars=None if scalars is None else _spread(scalars, len(feet), per_arrow),
+            vertices, _build_faces(len(starts), self._sides), normals=normals,
+            colors=None if colors is None else _colors_by_face(colors, len(starts), per_arrow),
+            scalars=None if scalars is None else _scalars_by_face(scalars, len(starts), per_arrow),
             colormap=colormap, range=range, nan_color=nan_color, material=material,
         )  # fmt: skip
 
@@ -185,7 +185,7 @@ class Arrow(Arrows):
     >>> node = scene.add(rj.Arrow((0, 0, 0), (0, 4, 0), color="crimson"), name="up")
     """
 
-    _INSTEAD = "make another Arrow"
+    _ADVICE = "make another Arrow"
 
     def __init__(
         self,
@@ -213,44 +213,44 @@ class Arrow(Arrows):
         return "Arrow()"
 
 
-def _measures(
+def _check_radii(
     shaft_radius: float, head_radius: float, head_length: float, unit: ArrowUnit
 ) -> tuple[float, float, float]:
-    """Return both radii and the length of the head, or raise ``ValueError``."""
+    """Check both radii and the length of the head; return them, or raise ``ValueError``."""
     shaft = check.positive_number("shaft_radius", shaft_radius)
     head = check.positive_number("head_radius", head_radius)
-    long = check.positive_number("head_length", head_length)
+    length = check.positive_number("head_length", head_length)
     if head < shaft:
         raise ValueError(
             f"head_radius must be at least shaft_radius, {shaft:g}, got {head_radius!r}"
         )
-    if unit == "length" and long > MAX_HEAD:
+    if unit == "length" and length > MAX_HEAD_LENGTH:
         raise ValueError(
-            f"head_length must be at most {MAX_HEAD:g} of an arrow's length, got {head_length!r}; "
-            "in scene units with unit='world'"
+            f"head_length must be at most {MAX_HEAD_LENGTH:g} of an arrow's length, got "
+            f"{head_length!r}; in scene units with unit='world'"
         )
-    return shaft, head, long
+    return shaft, head, length
 
 
 def _lengths(vectors: Float64, scale: float) -> tuple[Float64, Float64]:
-    """Return the lengths of scaled vectors, (N,), and unit vectors, (N, 3); 0 of what is zero."""
+    """Return the lengths of scaled vectors, (N,), and unit vectors, (N, 3); 0 for zero vectors."""
     largest = np.abs(vectors).max(axis=1)
     x, y, z = (vectors / np.where(largest > 0.0, largest, 1.0)[:, np.newaxis]).T
-    long = np.sqrt(x * x + y * y + z * z)
-    lengths = scale * largest * long
-    divisor = np.where(lengths > 0.0, long, np.inf)
+    relative = np.sqrt(x * x + y * y + z * z)
+    lengths = scale * largest * relative
+    divisor = np.where(lengths > 0.0, relative, np.inf)
     return lengths, np.stack([x / divisor, y / divisor, z / divisor], axis=1)
 
 
-def _sizes(lengths: Float64, measures: tuple[float, float, float], unit: ArrowUnit) -> Float64:
+def _sizes_of(lengths: Float64, measures: tuple[float, float, float], unit: ArrowUnit) -> Float64:
     """Return both radii and the length of the head of each arrow, (N, 3), scene units."""
     if unit == "length":
         return lengths[:, np.newaxis] * np.array(measures)
-    shrunk = np.minimum(lengths / (MIN_SHAFT * measures[2]), 1.0)
+    shrunk = np.minimum(lengths / (MIN_HEAD_LENGTHS * measures[2]), 1.0)
     return shrunk[:, np.newaxis] * np.array(measures)
 
 
-def _surface(
+def _build_vertices(
     feet: Float64, tips: Float64, units: Float64, sizes: Float64, slope: float, sides: int
 ) -> tuple[Float64, Float64]:
     """
@@ -261,7 +261,7 @@ def _surface(
     for each side. Rims at one place are the same numbers, so that an arrow is closed. ``slope`` is
     the cone's radius by its length, the same for all.
     """
-    across = _across(units)
+    across = _perpendiculars(units)
     beside = np.cross(units, across)
     turns = [sine_cosine(360.0 * n / sides) for n in range(sides)]
     half_turns = [sine_cosine(360.0 * (n + 0.5) / sides) for n in range(sides)]
@@ -286,47 +286,47 @@ def _surface(
     return vertices.reshape(-1, 3), normals.reshape(-1, 3)
 
 
-def _across(units: Float64) -> Float64:
-    """Return a unit vector across each unit vector, (N, 3); zero across zero."""
+def _perpendiculars(units: Float64) -> Float64:
+    """Return a unit vector perpendicular to each unit vector, (N, 3); zero for zero."""
     rows = np.arange(len(units))
     least = np.abs(units).argmin(axis=1)
     axes = np.zeros(units.shape)
     axes[rows, least] = 1.0
     x, y, z = np.cross(units, axes).T
-    long = np.sqrt(x * x + y * y + z * z)
-    return np.stack([x, y, z], axis=1) / np.where(long > 0.0, long, 1.0)[:, np.newaxis]
+    length = np.sqrt(x * x + y * y + z * z)
+    return np.stack([x, y, z], axis=1) / np.where(length > 0.0, length, 1.0)[:, np.newaxis]
 
 
-def _faces(count: int, sides: int) -> Int32:
+def _build_faces(count: int, sides: int) -> Int32:
     """Return the faces of arrows, (N 6 sides, 3), counter-clockwise from outside."""
-    here = np.arange(sides)
-    after = (here + 1) % sides
+    current = np.arange(sides)
+    following = (current + 1) % sides
     rims = [1 + n * sides for n in range(7)]
     foot, low, high, inner, outer, cone, tip = rims
-    one = np.concatenate(
+    arrow = np.concatenate(
         [
-            np.stack([np.zeros_like(here), foot + after, foot + here], axis=1),
-            *_band(low, high, here, after),
-            *_band(inner, outer, here, after),
-            np.stack([cone + here, cone + after, tip + here], axis=1),
+            np.stack([np.zeros_like(current), foot + following, foot + current], axis=1),
+            *_band_faces(low, high, current, following),
+            *_band_faces(inner, outer, current, following),
+            np.stack([cone + current, cone + following, tip + current], axis=1),
         ]
     )
     firsts = (7 * sides + 1) * np.arange(count, dtype=np.int32)[:, np.newaxis, np.newaxis]
-    return (one.astype(np.int32) + firsts).reshape(-1, 3)
+    return (arrow.astype(np.int32) + firsts).reshape(-1, 3)
 
 
-def _band(
-    low: int, high: int, here: NDArray[np.int_], after: NDArray[np.int_]
+def _band_faces(
+    low: int, high: int, current: NDArray[np.int_], following: NDArray[np.int_]
 ) -> list[NDArray[np.int_]]:
-    """Return the faces between two rims, which turn around the axis, seen from outside."""
+    """Return the faces between two rims around the axis, counter-clockwise from outside."""
     return [
-        np.stack([low + here, low + after, high + after], axis=1),
-        np.stack([low + here, high + after, high + here], axis=1),
+        np.stack([low + current, low + following, high + following], axis=1),
+        np.stack([low + current, high + following, high + current], axis=1),
     ]
 
 
-def _spread_colors(colors: Any, count: int, per_arrow: int) -> Float32:
-    """Return the colour of each face, (F, 4) linear, given one, or those of arrows."""
+def _colors_by_face(colors: Any, count: int, per_arrow: int) -> Float32:
+    """Return the colour of each face, (F, 4) linear, given one colour or one per arrow."""
     if isinstance(colors, str) or check.unmasked_array("colors", colors).ndim == 1:
         return np.tile(linear_color("colors", colors), (count * per_arrow, 1))
     rows = linear_rows("colors", colors)
@@ -335,11 +335,11 @@ def _spread_colors(colors: Any, count: int, per_arrow: int) -> Float32:
     return np.repeat(rows, per_arrow, axis=0)
 
 
-def _spread(scalars: ArrayLike, count: int, per_arrow: int) -> NDArray[Any]:
-    """Return the scalar of each face, given those of arrows."""
+def _scalars_by_face(scalars: ArrayLike, count: int, per_arrow: int) -> NDArray[Any]:
+    """Return the scalar of each face, given one per arrow."""
     values = check.unmasked_array("scalars", scalars)
     if values.shape != (count,):
         raise ValueError(
-            f"scalars must be one number per arrow ({count}), got {check.in_short(values)}"
+            f"scalars must be one number per arrow ({count}), got {check.brief(values)}"
         )
     return np.repeat(values, per_arrow)

@@ -1,4 +1,4 @@
-"""Answer assignments that would do nothing, or are refused, with what to write instead."""
+"""Refuse assignments that would do nothing, with a message that says what to write instead."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Kept = TypeVar("Kept")
 
 class Converted(Generic[Given, Kept]):
     """
-    For type checkers: a field of a dataclass that is given as one type and kept as another.
+    Type a field of a dataclass that is given as one type and stored as another.
 
     At run time it is its default.
     """
@@ -33,16 +33,16 @@ class Converted(Generic[Given, Kept]):
 
 class Guarded:
     """
-    Takes assignments to the attributes of its class, and refuses others by name.
+    Refuse assignments to attributes that the class does not list.
 
     Names that begin with an underscore are the object's own, or those of a class made from it. A
     class lists in ``_FIELDS`` what can be assigned, apart from properties with a setter, and says
-    in ``_INSTEAD`` what to do about what it only shows. ``_CHECKS`` has functions of fields' names
+    in ``_ADVICE`` what to do about what it only shows. ``_CHECKS`` has functions of fields' names
     and values that return what is kept, or raise ``ValueError``.
     """
 
     _FIELDS: ClassVar[tuple[str, ...]] = ()
-    _INSTEAD: ClassVar[str] = ""
+    _ADVICE: ClassVar[str] = ""
     _CHECKS: ClassVar[Mapping[str, Callable[[str, Any], Any]]] = MappingProxyType({})
 
     # A type checker that saw this would let every name pass.
@@ -61,69 +61,67 @@ class Guarded:
 def _check_attribute(owner: Guarded, name: str) -> None:
     """Raise ``AttributeError`` if an attribute cannot be assigned, saying what can."""
     kind, member = type(owner).__name__, getattr(type(owner), name, None)
-    instead = f": {owner._INSTEAD}" if owner._INSTEAD else ""
+    hint = f": {owner._ADVICE}" if owner._ADVICE else ""
     if isinstance(member, property):
         if member.fset is not None:
             return
-        raise AttributeError(f"{kind}.{name} cannot be assigned{instead}")
+        raise AttributeError(f"{kind}.{name} cannot be assigned{hint}")
     if callable(member):
         raise AttributeError(f"{kind}.{name} is a method: call it")
     if not owner._FIELDS:
-        raise AttributeError(f"{kind} has no {name!r}, and nothing to assign{instead}")
-    raise AttributeError(_no_such(kind, name, owner._FIELDS, "what can be assigned is"))
+        raise AttributeError(f"{kind} has no {name!r}, and nothing to assign{hint}")
+    raise AttributeError(_unknown_name(kind, name, owner._FIELDS, "what can be assigned is"))
 
 
 def store(owner: Any, **values: Any) -> None:
-    """Set fields of a frozen dataclass: what its checks made of the values that were given."""
+    """Set fields of a frozen dataclass, such as values that its checks converted."""
     for name, value in values.items():
         object.__setattr__(owner, name, value)
 
 
-def says_replace(kind: AnyClass) -> AnyClass:
-    """Have a frozen dataclass answer an assignment with how to make a changed copy instead."""
-    changed: Any = kind
-    refuse = changed.__setattr__
+def suggests_replace(kind: AnyClass) -> AnyClass:
+    """Make a frozen dataclass name `dataclasses.replace` in the error for an assignment."""
+    patched: Any = kind
+    original = patched.__setattr__
 
-    @functools.wraps(refuse)
-    def answer(self: Any, name: str, value: Any) -> None:
+    @functools.wraps(original)
+    def set_attribute(self: Any, name: str, value: Any) -> None:
         try:
-            refuse(self, name, value)
+            original(self, name, value)
         except dataclasses.FrozenInstanceError:
-            raise dataclasses.FrozenInstanceError(_how_to_replace(self, name)) from None
+            raise dataclasses.FrozenInstanceError(_replace_hint(self, name)) from None
 
-    changed.__setattr__ = answer
+    patched.__setattr__ = set_attribute
     return kind
 
 
-def _how_to_replace(owner: Any, name: str) -> str:
-    """Return what a message says of an assignment to a frozen object."""
+def _replace_hint(owner: Any, name: str) -> str:
+    """Return the message for an assignment to a frozen object."""
     kind, fields = type(owner).__name__, [field.name for field in dataclasses.fields(owner)]
     if not fields:
         return f"{kind} has no {name!r}, nor any field"
-    meant, head = name, f"{kind} is never changed"
+    field, reason = name, f"{kind} is never changed"
     if name not in fields:
-        meant = (similar(name, fields) or fields)[0]
-        head = f"{_no_such(kind, name, fields, 'its fields are')}, and it is never changed"
-    return f"{head}: make another with dataclasses.replace(old, {meant}=...), and assign that"
+        field = (similar_names(name, fields) or fields)[0]
+        reason = f"{_unknown_name(kind, name, fields, 'its fields are')}, and it is never changed"
+    return f"{reason}: make another with dataclasses.replace(old, {field}=...), and assign that"
 
 
-def _no_such(kind: str, name: str, names: Sequence[str], heading: str) -> str:
-    """Say that an object has no such attribute, which one may be meant, and which there are."""
-    near, listed = similar(name, names), ", ".join(names)
+def _unknown_name(kind: str, name: str, names: Sequence[str], heading: str) -> str:
+    """Return the message for an unknown attribute: similar names, and those there are."""
+    near, known = similar_names(name, names), ", ".join(names)
     if near:
-        return f"{kind} has no {name!r}; did you mean {near[0]!r}? {heading.capitalize()} {listed}"
-    return f"{kind} has no {name!r}; {heading} {listed}"
+        return f"{kind} has no {name!r}; did you mean {near[0]!r}? {heading.capitalize()} {known}"
+    return f"{kind} has no {name!r}; {heading} {known}"
 
 
-def similar(name: str, names: Iterable[str]) -> list[str]:
-    """Return those of ``names`` that hold ``name`` or are held in it, then those spelt alike."""
+def similar_names(name: str, names: Iterable[str]) -> list[str]:
+    """Return the ``names`` that contain ``name`` or lie in it, then those of similar spelling."""
     import difflib
 
-    bare = {one.replace("_", "").lower(): one for one in names}
-    asked = name.replace("_", "").lower()
-    holding = [
-        one for one in bare if min(len(one), len(asked)) >= 3 and (asked in one or one in asked)
-    ]
+    keys = {one.replace("_", "").lower(): one for one in names}
+    key = name.replace("_", "").lower()
+    nested = [one for one in keys if min(len(one), len(key)) >= 3 and (key in one or one in key)]
     return [
-        bare[one] for one in [*holding, *difflib.get_close_matches(asked, list(bare), cutoff=0.65)]
+        keys[one] for one in [*nested, *difflib.get_close_matches(key, list(keys), cutoff=0.65)]
     ]

@@ -1,4 +1,4 @@
-"""What is seen where no face is: a colour, or a picture such as a photograph."""
+"""Backgrounds of frames: a colour, or a picture such as a photograph."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from rasterjit.scene.color import ColorLike, linear_color, linear_rows
 from rasterjit.scene.texture import read_picture
 from rasterjit.scene.validation import existing_file, unmasked_array
 
-KEPT_FILES = 4
-"""Pictures of files that are kept, so that frames of an animation do not read them anew."""
+MAX_CACHED_FILES = 4
+"""Most pictures of files that are cached, so that frames of an animation read them once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,20 +47,20 @@ class BackgroundImage:
         return f"BackgroundImage({width} x {height} {self.image.dtype})"
 
     def __post_init__(self) -> None:
-        given = unmasked_array("background", self.image)
-        if given.ndim != 3 or given.shape[2] not in (3, 4) or not given.size:
+        pixels = unmasked_array("background", self.image)
+        if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
             raise ValueError(
                 "background must be a colour, the name of a picture's file, or a picture of shape "
-                f"(H, W, 3) or (H, W, 4), got shape {given.shape}"
+                f"(H, W, 3) or (H, W, 4), got shape {pixels.shape}"
             )
-        if given.dtype == np.uint8:
-            image = np.array(given, order="C")
-            if given.shape[2] == 3:
-                image = np.full((*given.shape[:2], 4), 255, np.uint8)
-                image[..., :3] = given
+        if pixels.dtype == np.uint8:
+            image = np.array(pixels, order="C")
+            if pixels.shape[2] == 3:
+                image = np.full((*pixels.shape[:2], 4), 255, np.uint8)
+                image[..., :3] = pixels
         else:
-            rows = linear_rows("background", given.reshape(-1, given.shape[2]))
-            image = rows.reshape(*given.shape[:2], 4)
+            rows = linear_rows("background", pixels.reshape(-1, pixels.shape[2]))
+            image = rows.reshape(*pixels.shape[:2], 4)
         image.flags.writeable = False
         object.__setattr__(self, "image", image)
 
@@ -75,8 +75,8 @@ class BackgroundImage:
             If the file is missing or holds no picture; the message names it.
         """
         file = existing_file("background", path)
-        about = file.stat()
-        return _read(str(file.absolute()), about.st_mtime_ns, about.st_size)
+        status = file.stat()
+        return _read(str(file.absolute()), status.st_mtime_ns, status.st_size)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -85,7 +85,7 @@ class BackgroundImage:
 
     @cached_property
     def is_opaque(self) -> bool:
-        """Whether nothing is seen through it."""
+        """Whether every pixel is opaque."""
         return bool(self.image[..., 3].min() == (255 if self.image.dtype == np.uint8 else 1.0))
 
     def alpha_at(self, x: int, y: int) -> float:
@@ -94,7 +94,7 @@ class BackgroundImage:
         return alpha / 255.0 if self.image.dtype == np.uint8 else alpha
 
     def resampled(self, size: tuple[int, int]) -> BackgroundImage:
-        """Return it in another size: of each pixel the one nearest to its centre."""
+        """Return the picture in another size, resampled to the nearest pixel."""
         width, height = size
         rows = (2 * np.arange(height) + 1) * self.size[1] // (2 * height)
         columns = (2 * np.arange(width) + 1) * self.size[0] // (2 * width)
@@ -110,10 +110,10 @@ class BackgroundImage:
             )
 
 
-@functools.lru_cache(maxsize=KEPT_FILES)
-def _read(path: str, changed: int, length: int) -> BackgroundImage:
+@functools.lru_cache(maxsize=MAX_CACHED_FILES)
+def _read(path: str, modified: int, length: int) -> BackgroundImage:
     """Return the picture of a file; read again where it has changed."""
-    image = read_picture("background", existing_file("background", path), is_turned=True)
+    image = read_picture("background", existing_file("background", path), apply_exif=True)
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     image = image.reshape(*image.shape[:2], -1)
@@ -123,15 +123,15 @@ def _read(path: str, changed: int, length: int) -> BackgroundImage:
 
 
 Background: TypeAlias = ColorLike | os.PathLike[str] | BackgroundImage | None
-"""What is seen behind all faces; None: an environment that is a background, else white."""
+"""A background as users give it; None: an environment that is a background, else white."""
 
 Backdrop: TypeAlias = NDArray[np.float32] | BackgroundImage
-"""A background as it was read: a colour, (4,) linear, or a picture."""
+"""A converted background: a colour, (4,) linear, or a picture."""
 
 
 def read_background(value: Any) -> Backdrop:
     """
-    Return what lies behind all faces.
+    Convert a background to a linear colour or a picture.
 
     Parameters
     ----------
@@ -156,11 +156,11 @@ def read_background(value: Any) -> Backdrop:
 
 def is_file_name(value: Any) -> bool:
     """Tell whether a background is a string that names a file: no colour has a dot or a slash."""
-    return isinstance(value, str) and any(mark in value for mark in (".", "/", os.sep))
+    return isinstance(value, str) and any(character in value for character in (".", "/", os.sep))
 
 
 def _dimensions(value: ArrayLike) -> int:
-    """Return the number of dimensions of an array; 0 of what is none."""
+    """Return the number of dimensions of an array; 0 for other values."""
     try:
         return unmasked_array("background", value).ndim
     except ValueError:

@@ -23,12 +23,13 @@ from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
 from rasterjit.scene.arrays import Float64
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.pixel_projection import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     MAX_WHOLE_SIZE,
     VectorLike,
+    boolean,
     bounded_number,
     finite_array,
     finite_number,
@@ -36,7 +37,6 @@ from rasterjit.scene.validation import (
     picture_size,
     positive_number,
     triple,
-    true_or_false,
 )
 from rasterjit.scene.vectors import length
 
@@ -49,7 +49,7 @@ FAR = 1000.0
 """Far plane of a parallel camera where none is given, if that cuts nothing in view; scene units."""
 
 MAX_STEPS = 40
-"""How often a near plane that is not given is halved, or a far plane doubled, at most: to 9e-14 and
+"""Most times that a near plane that is not given is halved, or a far plane doubled: to 9e-14 and
 1e15 scene units."""
 
 _MIN_HEIGHT = 1e-300
@@ -61,7 +61,7 @@ _VOLUME_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 
 @runtime_checkable
 class Camera(Protocol):
-    """What the renderer asks of a camera."""
+    """Protocol of cameras: matrices, eye, and conversion of depth."""
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -96,13 +96,13 @@ class Camera(Protocol):
 
 
 class Bounded(Protocol):
-    """Anything that knows a sphere around itself."""
+    """Protocol of objects with a bounding sphere."""
 
     def bounding_sphere(self) -> tuple[ArrayLike, float]:
         """Return the centre, (3,), and the radius in world space."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class PerspectiveCamera(Projecting):
     """
@@ -150,8 +150,8 @@ class PerspectiveCamera(Projecting):
     pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
-        _freeze_placement(self)
-        transforms.lens_matrix(self.fov_y, 1.0, usual_near(self.near, self.far), self.far)
+        _store_pose(self)
+        transforms.lens_matrix(self.fov_y, 1.0, default_near(self.near, self.far), self.far)
         near = None if self.near is None else float(self.near)
         store(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
         store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
@@ -159,7 +159,7 @@ class PerspectiveCamera(Projecting):
 
     @property
     def frustum(self) -> tuple[Any, ...]:
-        """All but where it is: what follows the eye, the target and ``up``."""
+        """The fields other than the pose: field of view, planes and aspects."""
         return self.fov_y, self.near, self.far, self.min_aspect, self.pixel_aspect
 
     def view_matrix(self) -> Matrix:
@@ -174,7 +174,7 @@ class PerspectiveCamera(Projecting):
         is not given is at 0.1, or halved to lie before ``far``.
         """
         width, height = picture_size("size", size)
-        aspect, near = width / height * self.pixel_aspect, usual_near(self.near, self.far)
+        aspect, near = width / height * self.pixel_aspect, default_near(self.near, self.far)
         matrix = transforms.lens_matrix(self.fov_y, aspect, near, self.far)
         if aspect < self.min_aspect:
             matrix[:2] *= aspect / self.min_aspect
@@ -186,15 +186,15 @@ class PerspectiveCamera(Projecting):
 
     def depth_coefficients(self) -> DepthCoefficients:
         """Return (near, 0, 0): the stored depth is near / w."""
-        return usual_near(self.near, self.far), 0.0, 0.0
+        return default_near(self.near, self.far), 0.0, 0.0
 
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return near / ``stored``, float64, scene units; infinite where ``stored`` is 0."""
         with np.errstate(divide="ignore"):
-            return usual_near(self.near, self.far) / number_array("stored", stored)
+            return default_near(self.near, self.far) / number_array("stored", stored)
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class OrthographicCamera(Projecting):
     """
@@ -232,11 +232,11 @@ class OrthographicCamera(Projecting):
     min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
-        _freeze_placement(self)
+        _store_pose(self)
         height = positive_number("height", self.height)
         if height < _MIN_HEIGHT:
             raise ValueError(f"height must be at least {_MIN_HEIGHT:g}, got {height!r}")
-        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, usual_far(self.far, self.near))
+        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, default_far(self.far, self.near))
         far = None if self.far is None else float(self.far)
         store(self, height=height, near=float(self.near), far=far)
         store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
@@ -254,7 +254,7 @@ class OrthographicCamera(Projecting):
         width, height = picture_size("size", size)
         aspect = width / height
         top = self.height / 2.0 * max(1.0, self.min_aspect / aspect)
-        right, far = top * aspect, usual_far(self.far, self.near)
+        right, far = top * aspect, default_far(self.far, self.near)
         return transforms.orthographic(-right, right, -top, top, self.near, far)
 
     def eye_position(self) -> Float64:
@@ -267,15 +267,15 @@ class OrthographicCamera(Projecting):
 
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return the depth, float64, scene units: ``near`` at 0, ``far`` at -1."""
-        share = -number_array("stored", stored)
-        return self.near * (1.0 - share) + usual_far(self.far, self.near) * share
+        t = -number_array("stored", stored)
+        return self.near * (1.0 - t) + default_far(self.far, self.near) * t
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True, eq=False)
 class MatrixCamera(Projecting):
     """
-    Camera given by its two matrices, as they come from elsewhere.
+    Camera given by its view and projection matrix.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ class MatrixCamera(Projecting):
             matrix.flags.writeable = False
         size = None if self.size is None else picture_size("size", self.size)
         store(self, view_from_world=view, clip_from_view=clip, size=size)
-        if _are_dependent(view[:3, :3]):
+        if _are_coplanar(view[:3, :3]):
             raise ValueError("view_from_world must not be singular")
         if mirrors(view):
             raise ValueError(
@@ -341,7 +341,7 @@ class MatrixCamera(Projecting):
                 "picture"
             )
         if self._is_perspective:
-            if _are_dependent(clip[[0, 1, 3], :3]):
+            if _are_coplanar(clip[[0, 1, 3], :3]):
                 raise ValueError(
                     "clip_from_view must have one centre of projection; if it was made of cx and "
                     "cy, or of shift_x and shift_y, these lie too far beside the picture"
@@ -351,7 +351,7 @@ class MatrixCamera(Projecting):
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
         self.__dict__["_eye"] = self._find_eye()
-        if true_or_false("is_near_open", self.is_near_open) and _pinhole_planes(clip) is None:
+        if boolean("is_near_open", self.is_near_open) and _pinhole_planes(clip) is None:
             raise ValueError(
                 "is_near_open must be False where clip_from_view is no pinhole along view space's "
                 f"z axis, got {self.is_near_open!r}"
@@ -411,7 +411,7 @@ class MatrixCamera(Projecting):
         clip[1, 1] = 2.0 * positive_number("fy", fy) / height
         clip[0, 2] = 1.0 - 2.0 * finite_number("cx", cx) / width
         clip[1, 2] = 2.0 * finite_number("cy", cy) / height - 1.0
-        clip[2, 2:] = transforms.perspective_depth(usual_near(near, far), far)
+        clip[2, 2:] = transforms.perspective_depth(default_near(near, far), far)
         clip[3, 2] = -1.0
         view = transforms.identity() if view_from_world is None else view_from_world
         return cls(view, clip, (width, height), near is None)
@@ -431,12 +431,12 @@ class MatrixCamera(Projecting):
         """
         width, height = picture_size("size", size)
         if self.size is not None:
-            own_width, own_height = self.size
+            made_width, made_height = self.size
             # Sides of one image times any factor are each less than a pixel off.
-            if abs(width * own_height - height * own_width) >= own_width + own_height:
+            if abs(width * made_height - height * made_width) >= made_width + made_height:
                 raise ValueError(
-                    f"size must have the aspect of {own_width} x {own_height}, which the camera is "
-                    f"made for, got {width} x {height}; make it for that size, or stretch its "
+                    f"size must have the aspect of {made_width} x {made_height}, which the camera "
+                    f"is made for, got {width} x {height}; make it for that size, or stretch its "
                     f"picture with dataclasses.replace(camera, size=({width}, {height}))"
                 )
         return self.clip_from_view.copy()
@@ -475,13 +475,13 @@ class MatrixCamera(Projecting):
         It is measured from the plane w = 0 through the eye for a perspective, and from the origin
         of view space for a parallel projection.
         """
-        share = number_array("stored", stored)
+        depth = number_array("stored", stored)
         z_row, w_row = self.clip_from_view[2:].tolist()
         if self._is_perspective:
             constant = self.depth_coefficients()[0]
             with np.errstate(divide="ignore"):
-                return constant / share / length(w_row[:3])
-        ndc_z = -2.0 * share - 1.0
+                return constant / depth / length(w_row[:3])
+        ndc_z = -2.0 * depth - 1.0
         return (ndc_z * w_row[3] - z_row[3]) / length(z_row[:3])
 
     def _find_eye(self) -> Float64:
@@ -494,10 +494,10 @@ class MatrixCamera(Projecting):
                 with np.errstate(over="ignore", invalid="ignore"):
                     rows[:, 3] -= _solve_origin(self.clip_from_view[[0, 1, 3]])
             eye = _solve_origin(rows)
-            within = bool(np.isfinite(eye).all())
+            is_finite = bool(np.isfinite(eye).all())
         except ValueError:
-            within = False
-        if not within:
+            is_finite = False
+        if not is_finite:
             raise ValueError(
                 "view_from_world and clip_from_view must have a finite product and a finite eye"
             )
@@ -505,34 +505,34 @@ class MatrixCamera(Projecting):
 
     @property
     def _is_perspective(self) -> bool:
-        """Tell whether w depends on the view-space position."""
+        """Whether w depends on the view-space position."""
         # `any` of an array takes four times as long.
         x, y, z, _ = self.clip_from_view[3].tolist()
         return x != 0.0 or y != 0.0 or z != 0.0
 
 
-def usual_near(near: float | None, far: float) -> float:
+def default_near(near: float | None, far: float) -> float:
     """Return the near plane of a perspective; by default 0.1, halved to lie before ``far``."""
     if near is not None:
         return near
-    found = NEAR
-    while isinstance(far, (int, float)) and 0.0 < far <= found:
-        found /= 2.0
-    return found
+    near_plane = NEAR
+    while isinstance(far, (int, float)) and 0.0 < far <= near_plane:
+        near_plane /= 2.0
+    return near_plane
 
 
-def usual_far(far: float | None, near: float) -> float:
+def default_far(far: float | None, near: float) -> float:
     """Return the far plane of a parallel camera; by default 1000, doubled to lie behind."""
     if far is not None:
         return far
-    found = FAR
-    while isinstance(near, (int, float)) and found <= near < math.inf:
-        found *= 2.0
-    return found
+    far_plane = FAR
+    while isinstance(near, (int, float)) and far_plane <= near < math.inf:
+        far_plane *= 2.0
+    return far_plane
 
 
-class Planes(NamedTuple):
-    """Where the near and the far plane of a camera are, and who put them there."""
+class NearFar(NamedTuple):
+    """Near and far plane of a camera, and whether rendering may move them."""
 
     near: float
     """Distance along the viewing axis, scene units."""
@@ -543,64 +543,64 @@ class Planes(NamedTuple):
     is_far_open: bool = False
     """Whether rendering may double that of the far plane."""
     near_steps: int | None = None
-    """How often it did; ``None`` where the near plane was given, or is still open."""
+    """Times rendering halved it; ``None`` where the near plane was given, or is still open."""
     far_steps: int | None = None
 
 
-def planes_of(camera: Camera | None) -> Planes | None:
-    """Return the planes of a camera; ``None`` if its matrix is of a kind that has no such two."""
+def near_far(camera: Camera | None) -> NearFar | None:
+    """Return near and far plane of a camera; ``None`` if its matrix has none."""
     steps = getattr(camera, "_steps", (None, None))
     if isinstance(camera, PerspectiveCamera):
-        near = usual_near(camera.near, camera.far)
-        return Planes(near, camera.far, camera.near is None, False, *steps)
+        near = default_near(camera.near, camera.far)
+        return NearFar(near, camera.far, camera.near is None, False, *steps)
     if isinstance(camera, OrthographicCamera):
-        far = usual_far(camera.far, camera.near)
-        return Planes(camera.near, far, False, camera.far is None, *steps)
+        far = default_far(camera.far, camera.near)
+        return NearFar(camera.near, far, False, camera.far is None, *steps)
     if isinstance(camera, MatrixCamera):
-        found = _pinhole_planes(camera.clip_from_view)
-        return None if found is None else Planes(*found, camera.is_near_open, False, *steps)
+        planes = _pinhole_planes(camera.clip_from_view)
+        return None if planes is None else NearFar(*planes, camera.is_near_open, False, *steps)
     return None
 
 
-def steps_of(camera: Camera) -> tuple[int, int]:
+def plane_steps(camera: Camera) -> tuple[int, int]:
     """Return how often rendering has halved the near plane of a camera and doubled its far one."""
     near, far = getattr(camera, "_steps", (None, None))
     return near or 0, far or 0
 
 
-def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
-    """Return a camera with its open planes where so many steps from the usual ones lead."""
-    planes = planes_of(camera)
+def move_planes(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
+    """Return a copy of a camera with its open planes moved so many steps from the defaults."""
+    planes = near_far(camera)
     if planes is None or not (planes.is_near_open or planes.is_far_open):
         return camera
     if type(camera) in (PerspectiveCamera, OrthographicCamera, MatrixCamera):
         # `copy.copy` does the same, and takes five times as long.
-        found = object.__new__(type(camera))
-        found.__dict__.update(camera.__dict__)
+        moved = object.__new__(type(camera))
+        moved.__dict__.update(camera.__dict__)
     else:
         # A subclass may keep more than fields, in slots.
-        found = copy.copy(camera)
+        moved = copy.copy(camera)
     if planes.is_far_open:
-        store(found, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
-        return found
+        store(moved, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
+        return moved
     near = planes.near / (1 << near_steps)
-    store(found, _steps=(near_steps, None))
+    store(moved, _steps=(near_steps, None))
     if isinstance(camera, PerspectiveCamera):
-        store(found, near=near)
-        return found
-    store(found, is_near_open=False)
-    if near_steps and isinstance(found, MatrixCamera):
-        clip = found.clip_from_view.copy()
+        store(moved, near=near)
+        return moved
+    store(moved, is_near_open=False)
+    if near_steps and isinstance(moved, MatrixCamera):
+        clip = moved.clip_from_view.copy()
         clip[2, 2:] = transforms.perspective_depth(near, planes.far)
         clip.flags.writeable = False
-        store(found, clip_from_view=clip)
-    return found
+        store(moved, clip_from_view=clip)
+    return moved
 
 
 def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
-    """Return near and far plane of a pinhole along view space's z axis, ``None`` of all else."""
-    *_, (depth_x, depth_y, scale, offset), away = clip.tolist()
-    if away != [0.0, 0.0, -1.0, 0.0] or depth_x != 0.0 or depth_y != 0.0:
+    """Return near and far plane of a pinhole along view space's z axis; ``None`` of others."""
+    *_, (depth_x, depth_y, scale, offset), w_row = clip.tolist()
+    if w_row != [0.0, 0.0, -1.0, 0.0] or depth_x != 0.0 or depth_y != 0.0:
         return None
     if not offset < 0.0 or not scale <= -1.0:
         return None
@@ -609,15 +609,15 @@ def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
 
 
 def mirrors(pose: Float64) -> bool:
-    """Tell whether a pose, (4, 4), either way, makes left hands of right ones."""
+    """Tell whether a pose, (4, 4), mirrors: its determinant is below 0."""
     return _volume(pose[:3, :3]) < -_VOLUME_ROUNDING
 
 
 def check_camera(name: str, camera: Any) -> Camera:
-    """Return a camera, or raise ``ValueError`` naming what is none."""
-    known = PerspectiveCamera, OrthographicCamera, MatrixCamera
+    """Return ``camera`` if it is one, or raise ``ValueError``."""
+    camera_types = PerspectiveCamera, OrthographicCamera, MatrixCamera
     # A protocol takes 20 microseconds to look for its methods.
-    if not isinstance(camera, known) and (
+    if not isinstance(camera, camera_types) and (
         isinstance(camera, type) or not isinstance(camera, Camera)
     ):
         raise ValueError(
@@ -627,8 +627,8 @@ def check_camera(name: str, camera: Any) -> Camera:
     return camera
 
 
-def _freeze_placement(camera: PerspectiveCamera | OrthographicCamera) -> None:
-    """Check eye, target and up together; store them as tuples of float, and the view."""
+def _store_pose(camera: PerspectiveCamera | OrthographicCamera) -> None:
+    """Check eye, target and up together; store them as tuples of float, and the view matrix."""
     view_from_world = transforms.look_at(camera.eye, camera.target, camera.up)
     view_from_world.flags.writeable = False
     store(camera, _view_from_world=view_from_world)
@@ -637,7 +637,7 @@ def _freeze_placement(camera: PerspectiveCamera | OrthographicCamera) -> None:
 
 
 def _solve_origin(rows: Float64) -> Float64:
-    """Return the point, (3,), that three affine forms, (3, 4), all take to 0."""
+    """Solve three affine equations, (3, 4), for the point, (3,), where all are 0."""
     square = transforms.identity()
     square[:3, :3] = rows[:, :3]
     inverse = transforms.normal_matrix(square).T
@@ -646,15 +646,15 @@ def _solve_origin(rows: Float64) -> Float64:
         return ((inverse[:, 0] * x + inverse[:, 1] * y) + inverse[:, 2] * z) + 0.0
 
 
-def _are_dependent(rows: Float64) -> bool:
+def _are_coplanar(rows: Float64) -> bool:
     """Tell whether three vectors, (3, 3), lie in a plane, to within the rounding of float64."""
     return abs(_volume(rows)) <= _VOLUME_ROUNDING
 
 
 def _volume(rows: Float64) -> float:
     """Return the signed volume that three vectors, (3, 3), span when scaled to length one."""
-    three = rows.tolist()
-    if not all(map(any, three)):
+    vectors = rows.tolist()
+    if not all(map(any, vectors)):
         return 0.0
-    (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_numbers(*row) for row in three)
+    (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_numbers(*row) for row in vectors)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

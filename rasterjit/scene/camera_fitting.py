@@ -1,4 +1,4 @@
-"""Choose where a camera stands: around a scene, or in plain numbers for those that people move."""
+"""Fit cameras to scenes, and compute poses of cameras that users move."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ AnyCamera = PerspectiveCamera | OrthographicCamera | MatrixCamera
 
 Projection: TypeAlias = Literal["perspective", "orthographic"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
-"""Which camera is made."""
+"""Kinds of cameras that `fit_camera` returns."""
 
 DIRECTION: Vector = (-0.4, 0.6, 1.0)
 """
-From the scene towards the camera that fits it, for y up: from the left, and from above.
+Direction from the scene towards a fitted camera, for y up: from the left, and from above.
 
 High enough to see into open boxes. Handles, spouts and flanks stand clear of the rest.
 """
 
 FIELD_OF_VIEW = 28.0
-"""Vertical, degrees, of the perspective of such a camera: a long lens, which distorts little."""
+"""Vertical field of view of a fitted camera, degrees: a long lens, which distorts little."""
 
-COORDINATE_SHARE = 2.0**-30
-"""Least distance as a share of the largest coordinate: float64 still tells eye from target."""
+MIN_DISTANCE_RATIO = 2.0**-30
+"""Least distance of eye and target over the largest coordinate: float64 tells them apart."""
 
-NEAREST = 1e-4
+MIN_NEAR_RATIO = 1e-4
 """Least near plane, in radii of the scene or in distances from its centre, the larger."""
 
 CLEARANCE = 0.01
@@ -60,13 +60,13 @@ Share of its distance by which a near plane is nearer than the scene, and a far 
 Well above the rounding of vertices, and less than a bit of depth precision.
 """
 
-_DISTANCE_IN_RADII = 2.0
-"""Distance of a fitted parallel camera, whose picture does not depend on it."""
+_PARALLEL_DISTANCE = 2.0
+"""Distance of a fitted parallel camera, in radii; its picture does not depend on it."""
 
 _MIN_EXTENT = 2.0**-6
 """Least half extent that a parallel camera shows, in radii: of what is seen as a point."""
 
-_NEAREST = 1e-6
+_MIN_SPHERE_NEAR = 1e-6
 """Least near plane of a camera that fits a sphere, as a share of its distance: reached only when a
 field of view close to 180 degrees puts the eye on the sphere."""
 
@@ -75,16 +75,16 @@ _MIN_RADIUS = 2.0**-40
 the eye to one part in 4000 of its distance."""
 
 
-class Ball(NamedTuple):
-    """The sphere around a scene, world space."""
+class BoundingSphere(NamedTuple):
+    """Bounding sphere of a scene, world space."""
 
     center: Vector
     radius: float
     scene: Bounded | None = None
-    """What is in it: a camera fits that, if it is known."""
+    """The scene in it, if known: cameras fit its points."""
 
     @classmethod
-    def around(cls, scene: Bounded) -> Ball:
+    def around(cls, scene: Bounded) -> BoundingSphere:
         """Return the bounding sphere of a scene; of radius 1 around a single point."""
         if isinstance(scene, cls):
             return scene
@@ -97,7 +97,7 @@ class Ball(NamedTuple):
         return self.center, self.radius
 
 
-def frame_of(up: ArrayLike) -> Matrix:
+def up_rotation(up: ArrayLike) -> Matrix:
     """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
     x, y, z = transforms.unit_vector("up", up).tolist()
     # The axis is the cross product of y and up; its length is the sine.
@@ -106,11 +106,11 @@ def frame_of(up: ArrayLike) -> Matrix:
     return transforms.rotate(axis, transforms.arc_tangent(sine, y))
 
 
-def fit_upright(
+def default_camera(
     scene: Bounded, size: tuple[int, int], up: ArrayLike | None = None, *, steady: bool = False
 ) -> PerspectiveCamera:
     """
-    Return the camera that a picture is seen from unless another is given.
+    Return the camera of pictures that are given none: fitted, with the scene's ``up``.
 
     Parameters
     ----------
@@ -128,36 +128,36 @@ def fit_upright(
     ValueError
         If ``up`` is zero, or the scene has no bounds.
     """
-    chosen = getattr(scene, "up", None) if up is None else up
+    up_vector = getattr(scene, "up", None) if up is None else up
     aspect = size[0] / size[1]
-    if chosen is None:
+    if up_vector is None:
         return cast(PerspectiveCamera, fit_camera(scene, aspect=aspect, steady=steady))
-    frame = frame_of(chosen)
-    toward = transforms.apply(frame, DIRECTION)
+    frame = up_rotation(up_vector)
+    direction = transforms.apply(frame, DIRECTION)
     upward = transforms.apply(frame, (0.0, 1.0, 0.0))
-    fitted = fit_camera(scene, toward, up=upward, aspect=aspect, steady=steady)
+    fitted = fit_camera(scene, direction, up=upward, aspect=aspect, steady=steady)
     return cast(PerspectiveCamera, fitted)
 
 
 class CameraPose(NamedTuple):
-    """Where a camera is and how it looks."""
+    """Eye, axes and projection of a camera."""
 
     eye: Vector
     forward: Vector
     upward: Vector
     fov_y: float
     height: float | None
-    """What a parallel camera shows from bottom to top, scene units."""
+    """Height of what a parallel camera shows, scene units."""
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> CameraPose:
-        """Return that of any camera, for an image of (width, height) pixels or its own."""
+        """Return the pose of a camera, for an image of (width, height) pixels or its own size."""
         view = camera.view_matrix()
-        own = camera.size if isinstance(camera, MatrixCamera) else None
-        projection = camera.projection_matrix(own or size)
-        eye = triple_of(camera.eye_position())
-        forward = triple_of(-transforms.unit_vector("view", view[2, :3]))
-        upward = triple_of(transforms.unit_vector("view", view[1, :3]))
+        camera_size = camera.size if isinstance(camera, MatrixCamera) else None
+        projection = camera.projection_matrix(camera_size or size)
+        eye = to_triple(camera.eye_position())
+        forward = to_triple(-transforms.unit_vector("view", view[2, :3]))
+        upward = to_triple(transforms.unit_vector("view", view[1, :3]))
         focal = abs(float(projection[1, 1]))
         if not projection[3, :3].any():
             return cls(eye, forward, upward, 45.0, 2.0 / focal)
@@ -165,29 +165,29 @@ class CameraPose(NamedTuple):
 
     def angles(self, up: Vector) -> tuple[float, float]:
         """Return azimuth and elevation, degrees, of the direction it looks from."""
-        frame = frame_of(up)[:3, :3].T
-        x, y, z = (-dot(triple_of(row), self.forward) for row in frame)
-        across = math.sqrt(x * x + z * z)
-        elevation = transforms.arc_tangent(y, across)
-        if across < COORDINATE_SHARE:
+        frame = up_rotation(up)[:3, :3].T
+        x, y, z = (-dot(to_triple(row), self.forward) for row in frame)
+        horizontal = math.sqrt(x * x + z * z)
+        elevation = transforms.arc_tangent(y, horizontal)
+        if horizontal < MIN_DISTANCE_RATIO:
             # At a pole, what is up in the picture tells the azimuth.
             sign = -math.copysign(1.0, y)
-            x, _, z = (sign * dot(triple_of(row), self.upward) for row in frame)
+            x, _, z = (sign * dot(to_triple(row), self.upward) for row in frame)
         return transforms.arc_tangent(x, z), elevation
 
 
 def camera_at(
-    eye: Vector, target: Vector, upward: Vector, fov_y: float, ball: Ball
+    eye: Vector, target: Vector, upward: Vector, fov_y: float, sphere: BoundingSphere
 ) -> PerspectiveCamera:
-    """Return the camera with a near plane before the scene, or near the eye."""
-    distance = length(minus(ball.center, eye))
-    near = near_plane(distance, ball.radius)
+    """Return a perspective camera whose near plane lies before a sphere, or near the eye."""
+    distance = length(subtract(sphere.center, eye))
+    near = near_plane(distance, sphere.radius)
     return PerspectiveCamera(eye, target, upward, fov_y, near)
 
 
 def near_plane(distance: float, radius: float) -> float:
     """Return a near plane before a sphere, given the distance of its centre, or near the eye."""
-    return max((distance - radius) * (1.0 - CLEARANCE), NEAREST * distance, NEAREST * radius)
+    return max((distance - radius) * (1.0 - CLEARANCE), MIN_NEAR_RATIO * max(distance, radius))
 
 
 def pixel_size(depth: float, fov_y: float, size: tuple[int, int]) -> float:
@@ -195,26 +195,26 @@ def pixel_size(depth: float, fov_y: float, size: tuple[int, int]) -> float:
     return 2.0 * depth / transforms.focal_length(fov_y) / size[1]
 
 
-def triple_of(values: ArrayLike) -> Vector:
+def to_triple(values: ArrayLike) -> Vector:
     """Return three numbers as a tuple of float."""
     x, y, z = np.asarray(values, dtype=np.float64).tolist()
     return x, y, z
 
 
-def along(start: Vector, direction: Vector, length: float) -> Vector:
+def move_by(start: Vector, direction: Vector, distance: float) -> Vector:
     """Return start + length * direction."""
-    x, y, z = (a + length * b for a, b in zip(start, direction, strict=True))
+    x, y, z = (a + distance * b for a, b in zip(start, direction, strict=True))
     return x, y, z
 
 
-def minus(a: Vector, b: Vector) -> Vector:
+def subtract(a: Vector, b: Vector) -> Vector:
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-def between(a: Vector, b: Vector, share: float) -> Vector:
+def lerp(a: Vector, b: Vector, t: float) -> Vector:
     """Return a + share * (b - a)."""
-    return along(a, minus(b, a), share)
+    return move_by(a, subtract(b, a), t)
 
 
 def orbit_direction(
@@ -242,7 +242,7 @@ def orbit_direction(
     direction = sin_a * cos_e, sin_e, cos_a * cos_e
     if up is None:
         return direction
-    x, y, z = transforms.apply(frame_of(up), direction).tolist()
+    x, y, z = transforms.apply(up_rotation(up), direction).tolist()
     return x, y, z
 
 
@@ -312,64 +312,64 @@ def fit_camera(
     """
     # Arguments.
     check.one_of("projection", projection, PROJECTIONS)
-    towards = transforms.unit_vector("direction", direction)
-    upward = _upright(up, towards)
+    to_camera = transforms.unit_vector("direction", direction)
+    upward = _valid_up(up, to_camera)
     focal = transforms.focal_length(fov_y)
-    enlarged = check.finite_number("margin", margin)
-    if enlarged < 1.0:
-        raise ValueError(f"margin must be at least 1, got {enlarged!r}")
-    magnified = check.positive_number("zoom", zoom)
-    wide = check.positive_number("aspect", aspect)
-    # What is to be seen, and from where.
-    what = bounded(scene)
-    chunks = None if check.true_or_false("steady", steady) else _chunks_of(what)
-    center, radius, is_tiny = _sphere(what, chunks)
+    margin = check.finite_number("margin", margin)
+    if margin < 1.0:
+        raise ValueError(f"margin must be at least 1, got {margin!r}")
+    zoom = check.positive_number("zoom", zoom)
+    aspect = check.positive_number("aspect", aspect)
+    # The scene's points or sphere, and the camera's axes.
+    bounded_scene = as_bounded(scene)
+    chunks = None if check.boolean("steady", steady) else _point_chunks(bounded_scene)
+    center, radius, is_tiny = _framed_sphere(bounded_scene, chunks)
     is_parallel = projection == "orthographic"
-    axes = transforms.look_at(towards, (0.0, 0.0, 0.0), upward)[:3, :3]
-    # The nearest place from which all of it is seen.
-    lens = _FittedLens(focal, enlarged, wide, is_parallel)
-    if chunks is None or is_tiny or not math.isfinite(focal * enlarged / wide):
-        placed = _place_for_sphere(lens)
+    axes = transforms.look_at(to_camera, (0.0, 0.0, 0.0), upward)[:3, :3]
+    # The nearest pose that sees all of it.
+    options = _FitOptions(focal, margin, aspect, is_parallel)
+    if chunks is None or is_tiny or not math.isfinite(focal * margin / aspect):
+        fitted = _fit_sphere(options)
     else:
-        placed = _place_for_points(lens, ScenePoints(chunks, axes, center, radius))
-    # That place in the world.
-    right, upwards, back = axes
+        fitted = _fit_points(options, ScenePoints(chunks, axes, center, radius))
+    # Its eye and target in world space.
+    right, up_axis, backward = axes
     with np.errstate(over="ignore", invalid="ignore"):
-        middle = center + radius * (placed.x * right + placed.y * upwards)
-        eye = middle + radius * placed.z * back
-        target = middle + radius * placed.target * back
-    # The camera there.
-    shape: dict[str, float]
+        center_xy = center + radius * (fitted.x * right + fitted.y * up_axis)
+        eye = center_xy + radius * fitted.z * backward
+        target = center_xy + radius * fitted.target * backward
+    # The camera.
+    extent: dict[str, float]
     if is_parallel:
-        shape = {"height": radius * placed.height / magnified}
+        extent = {"height": radius * fitted.height / zoom}
     else:
-        shape = {"fov_y": _zoomed_fov(fov_y, magnified)}
+        extent = {"fov_y": _zoomed_fov(fov_y, zoom)}
     depths = {
-        "near": radius * placed.near * (1.0 - CLEARANCE),
-        "far": radius * placed.far * (1.0 + CLEARANCE),
+        "near": radius * fitted.near * (1.0 - CLEARANCE),
+        "far": radius * fitted.far * (1.0 + CLEARANCE),
     }
-    if not all(map(math.isfinite, (*shape.values(), *depths.values(), *eye.tolist()))):
+    if not all(map(math.isfinite, (*extent.values(), *depths.values(), *eye.tolist()))):
         raise ValueError(
             "scene, fov_y, margin, zoom and aspect must lead to finite distances, got a distance "
-            f"of {radius * placed.z!r} and {shape} for what lies within {radius!r} of "
+            f"of {radius * fitted.z!r} and {extent} for what lies within {radius!r} of "
             f"{center.tolist()}"
         )
-    kind = OrthographicCamera if is_parallel else PerspectiveCamera
-    return kind(eye, target, upward, **shape, **depths, min_aspect=placed.min_aspect)
+    camera_type = OrthographicCamera if is_parallel else PerspectiveCamera
+    return camera_type(eye, target, upward, **extent, **depths, min_aspect=fitted.min_aspect)
 
 
-class _FittedLens(NamedTuple):
-    """What a camera that fits shows."""
+class _FitOptions(NamedTuple):
+    """Projection and margin that a fit is computed for."""
 
     focal: float
-    """Of a pinhole: one over the slope that the picture shows above its middle."""
+    """Focal length of a pinhole, in half heights of the picture."""
     margin: float
     aspect: float
     is_parallel: bool
 
 
-class _FittedPlace(NamedTuple):
-    """Where a camera that fits is, in its axes, in radii from the scene's centre."""
+class _FittedView(NamedTuple):
+    """Pose and frustum of a fitted camera in its axes, in radii from the scene's centre."""
 
     x: float
     y: float
@@ -377,42 +377,42 @@ class _FittedPlace(NamedTuple):
     target: float
     """The z of the point it looks at."""
     height: float
-    """What a parallel camera shows."""
+    """Height of what a parallel camera shows."""
     near: float
     far: float
     min_aspect: float
 
 
-def _place_for_sphere(lens: _FittedLens) -> _FittedPlace:
-    """Return the place from which the bounding sphere is in the picture."""
-    narrow, height = min(1.0, lens.aspect), math.nan
-    if lens.is_parallel:
-        distance, height = _DISTANCE_IN_RADII * lens.margin, 2.0 * lens.margin / narrow
+def _fit_sphere(options: _FitOptions) -> _FittedView:
+    """Fit the bounding sphere into the picture."""
+    min_aspect, height = min(1.0, options.aspect), math.nan
+    if options.is_parallel:
+        distance, height = _PARALLEL_DISTANCE * options.margin, 2.0 * options.margin / min_aspect
     else:
         # One over the sine of half the angle across the narrower side.
-        cotangent = lens.focal / narrow
-        distance = lens.margin * math.sqrt(1.0 + cotangent * cotangent)
-    near = max(distance - 1.0, distance * _NEAREST)
-    return _FittedPlace(0.0, 0.0, distance, 0.0, height, near, distance + 1.0, narrow)
+        cotangent = options.focal / min_aspect
+        distance = options.margin * math.sqrt(1.0 + cotangent * cotangent)
+    near = max(distance - 1.0, distance * _MIN_SPHERE_NEAR)
+    return _FittedView(0.0, 0.0, distance, 0.0, height, near, distance + 1.0, min_aspect)
 
 
-def _place_for_points(lens: _FittedLens, cloud: ScenePoints) -> _FittedPlace:
-    """Return the place from which all points are in the picture, as large as they can be."""
-    if lens.is_parallel:
-        distance = _DISTANCE_IN_RADII * lens.margin
-        x, y = point_bounds.fit_parallel(cloud)
-        half = lens.margin * max(x.slope / lens.aspect, y.slope, _MIN_EXTENT)
-        widest = lens.margin * x.slope / half
+def _fit_points(options: _FitOptions, points: ScenePoints) -> _FittedView:
+    """Fit all points into the picture, as large as they can be."""
+    if options.is_parallel:
+        distance = _PARALLEL_DISTANCE * options.margin
+        x, y = point_bounds.fit_parallel(points)
+        half_height = options.margin * max(x.slope / options.aspect, y.slope, _MIN_EXTENT)
+        full_aspect = options.margin * x.slope / half_height
     else:
-        focal, half = lens.margin * lens.focal, math.nan
-        distance, (x, y) = point_bounds.fit_perspective(cloud, focal / lens.aspect, focal)
-        widest = focal * x.slope
+        focal, half_height = options.margin * options.focal, math.nan
+        distance, (x, y) = point_bounds.fit_perspective(points, focal / options.aspect, focal)
+        full_aspect = focal * x.slope
     # The planes have room for what turns, unless the eye is near the sphere, or in it.
-    near = max(distance - 1.0, 0.5 * (distance - cloud.nearest))
-    target = 0.5 * (cloud.nearest + cloud.farthest)
-    narrow = min(widest, lens.aspect, float(check.MAX_WHOLE_SIZE))
-    return _FittedPlace(
-        x.offset, y.offset, distance, target, 2.0 * half, near, distance + 1.0, narrow
+    near = max(distance - 1.0, 0.5 * (distance - points.nearest))
+    target = 0.5 * (points.nearest + points.farthest)
+    min_aspect = min(full_aspect, options.aspect, float(check.MAX_WHOLE_SIZE))
+    return _FittedView(
+        x.offset, y.offset, distance, target, 2.0 * half_height, near, distance + 1.0, min_aspect
     )
 
 
@@ -431,30 +431,30 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     ValueError
         If ``zoom`` is not above 0, or leaves no field of view or height that a camera can have.
     """
-    magnified = check.positive_number("zoom", zoom)
+    zoom = check.positive_number("zoom", zoom)
     if isinstance(camera, PerspectiveCamera):
-        return replace(camera, fov_y=_zoomed_fov(camera.fov_y, magnified))
+        return replace(camera, fov_y=_zoomed_fov(camera.fov_y, zoom))
     if isinstance(camera, OrthographicCamera):
-        return replace(camera, height=camera.height / magnified)
+        return replace(camera, height=camera.height / zoom)
     clip = camera.clip_from_view.copy()
-    clip[:2] *= magnified
+    clip[:2] *= zoom
     return replace(camera, clip_from_view=clip)
 
 
-def _upright(up: ArrayLike, towards: Float64) -> Vector:
+def _valid_up(up: ArrayLike, to_camera: Float64) -> Vector:
     """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
     upward = transforms.unit_vector("up", up)
-    if not transforms.are_parallel(upward, towards):
-        return triple_of(up)
-    (x, y, z), (a, b, c) = upward.tolist(), towards.tolist()
-    above = x * a + y * b + z * c > 0.0
-    fallback = (0.0, 0.0, -1.0 if above else 1.0)
-    return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, towards) else fallback
+    if not transforms.are_parallel(upward, to_camera):
+        return to_triple(up)
+    (x, y, z), (a, b, c) = upward.tolist(), to_camera.tolist()
+    is_above = x * a + y * b + z * c > 0.0
+    fallback = (0.0, 0.0, -1.0 if is_above else 1.0)
+    return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, to_camera) else fallback
 
 
-def bounded(scene: Any) -> Bounded:
+def as_bounded(scene: Any) -> Bounded:
     """
-    Return a scene, or what has a sphere as scenes do, as it is; other things to draw as a scene.
+    Return an object with ``bounding_sphere()``: the scene itself, or other input as a scene.
 
     Raises
     ------
@@ -462,20 +462,20 @@ def bounded(scene: Any) -> Bounded:
         If it is none of these, or a trimesh object without faces.
     """
     # trimesh's objects have a property of this name, which is a mesh and needs SciPy.
-    found = inspect.getattr_static(scene, "bounding_sphere", None)
-    if found is None or isinstance(found, property):
+    member = inspect.getattr_static(scene, "bounding_sphere", None)
+    if member is None or isinstance(member, property):
         return call_above("as_scene", scene, "scene")
     return scene
 
 
-def _chunks_of(scene: Bounded) -> Chunks | None:
-    """Return what yields the points of a scene; None of what has a sphere alone."""
-    known = scene.scene if isinstance(scene, Ball) else scene
-    chunks = getattr(known, "_world_chunks", None)
-    return None if chunks is None else point_bounds.kept(chunks)
+def _point_chunks(scene: Bounded) -> Chunks | None:
+    """Return the points of a scene; None of an object that has only a bounding sphere."""
+    target = scene.scene if isinstance(scene, BoundingSphere) else scene
+    chunks = getattr(target, "_world_chunks", None)
+    return None if chunks is None else point_bounds.cache_points(chunks)
 
 
-def _sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
+def _framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
     """
     Return the bounding sphere of a scene, or of its points, if they are given.
 
@@ -487,9 +487,9 @@ def _sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool
     radius = check.finite_number("scene's radius", size)
     if radius < 0.0:
         raise ValueError(f"scene's radius must not be negative, got {radius!r}")
-    smallest = float(np.abs(center).max()) * _MIN_RADIUS
-    is_tiny = radius == 0.0 or radius < smallest
-    return center, max(1.0 if radius == 0.0 else radius, smallest), is_tiny
+    min_radius = float(np.abs(center).max()) * _MIN_RADIUS
+    is_tiny = radius == 0.0 or radius < min_radius
+    return center, max(1.0 if radius == 0.0 else radius, min_radius), is_tiny
 
 
 def _zoomed_fov(fov_y: float, zoom: float) -> float:

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.validation import ROWS, unmasked_array
+from rasterjit.scene.validation import ROWS_WORDING, unmasked_array
 
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
@@ -34,7 +34,7 @@ RGB: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue."""
 
 RGBA: TypeAlias = tuple[float, float, float, float]
-"""The same, and alpha."""
+"""Linear red, green, blue and alpha."""
 
 # Pillow has the same names, but its import takes longer than most of this package's.
 _NAMES = Path(__file__).with_name("css_colors.txt").read_text(encoding="utf-8")
@@ -49,13 +49,13 @@ _ADVICE = (
 ROOT_BITS = 96
 """Fractional bits of a root: 43 more than a float64 keeps."""
 
-LINEAR_CODE = Fraction(4045, 100000)
+ENCODED_THRESHOLD = Fraction(4045, 100000)
 """Encoded value up to which the curve is the straight line ``encoded / 12.92``."""
 
-LINEAR_LIGHT = Fraction(31308, 10000000)
+LINEAR_THRESHOLD = Fraction(31308, 10000000)
 """Linear value up to which the curve is the straight line ``12.92 linear``."""
 
-SLOPE = Fraction(1292, 100)
+LINEAR_SLOPE = Fraction(1292, 100)
 
 
 def srgb_to_linear(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -105,14 +105,14 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
 
 
 def opaque_codes(color: ArrayLike) -> NDArray[np.uint8]:
-    """Return a linear colour as RGBA codes, (4,); its alpha, if it has one, is left out."""
+    """Encode a linear colour as opaque sRGB codes, (4,) RGBA; its alpha is ignored."""
     encoded = linear_to_srgb(np.array(color)[:3])
     return np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
 
 
 def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:
     """
-    Return any way of writing a colour as linear RGBA.
+    Convert a colour in any notation to linear RGBA.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:
         If the value is none of these.
     """
     if isinstance(value, str):
-        return _linear_string(name, value).copy()
+        return _parse_color(name, value).copy()
     array = _color_array(name, value)
     if array.shape not in ((3,), (4,)):
         raise ValueError(
@@ -155,8 +155,8 @@ def rgb(name: str, value: ColorLike) -> RGB:
 
 
 @functools.lru_cache(maxsize=256)
-def _linear_string(name: str, text: str) -> NDArray[np.float32]:
-    """Return the colour that a string stands for; a program has few of them."""
+def _parse_color(name: str, text: str) -> NDArray[np.float32]:
+    """Return the linear colour that a string names, cached: programs use few."""
     return linear_rows(name, _parse_hex(name, text)[np.newaxis])[0]
 
 
@@ -193,11 +193,11 @@ def linear_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
     # NaN fails both comparisons, so it is caught here too.
     if array.size and not (array.min() >= 0.0 and array.max() <= 1.0):
         with np.errstate(invalid="ignore"):
-            outside = ~((array >= 0.0) & (array <= 1.0))
-        example = array[outside][0].item()
+            is_outside = ~((array >= 0.0) & (array <= 1.0))
+        example = array[is_outside][0].item()
         raise ValueError(
             f"{name} must lie in 0..1, got {example!r} "
-            f"({int(outside.sum())} of {array.size} values outside): {_ADVICE}"
+            f"({int(is_outside.sum())} of {array.size} values outside): {_ADVICE}"
         )
     rgba[:, : array.shape[1]] = array
     return rgba
@@ -205,7 +205,7 @@ def linear_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
 
 def _color_array(name: str, value: Any) -> NDArray[Any]:
     """Return ``value`` as a ``uint8`` or real numeric array, or raise ``ValueError``."""
-    array = unmasked_array(name, value, *ROWS)
+    array = unmasked_array(name, value, *ROWS_WORDING)
     if array.dtype.kind not in "uif":
         raise ValueError(f"{name} must hold numbers, got {value!r}: {_ADVICE}")
     return array
@@ -228,7 +228,7 @@ def _parse_hex(name: str, text: str) -> NDArray[np.uint8]:
 
 
 def _similar_names(text: str) -> str:
-    """Return a question with the names most like a text, if there are any."""
+    """Return "; did you mean 'x'?" with similar colour names, or an empty string."""
     import difflib
 
     word = text.strip().lower().replace(" ", "").replace("-", "").replace("_", "")
@@ -236,7 +236,7 @@ def _similar_names(text: str) -> str:
     return f": did you mean {' or '.join(map(repr, names))}?" if names else ""
 
 
-def whole_root(value: int, degree: int) -> int:
+def integer_root(value: int, degree: int) -> int:
     """Return the largest whole number whose power of this degree is at most ``value`` >= 0."""
     if value == 0:
         return 0
@@ -250,26 +250,26 @@ def whole_root(value: int, degree: int) -> int:
 
 
 def decode(encoded: Fraction) -> Fraction:
-    """Return the linear value of an encoded one >= 0, to 2**-96 below the exact one."""
-    if encoded <= LINEAR_CODE:
-        return encoded / SLOPE
-    power = _shifted(encoded) ** 12
+    """Decode an sRGB value >= 0 to linear light, at most 2**-96 below the exact value."""
+    if encoded <= ENCODED_THRESHOLD:
+        return encoded / LINEAR_SLOPE
+    power = _power_base(encoded) ** 12
     scaled = (power.numerator << 5 * ROOT_BITS) // power.denominator
-    return Fraction(whole_root(scaled, 5), 1 << ROOT_BITS)
+    return Fraction(integer_root(scaled, 5), 1 << ROOT_BITS)
 
 
 def encode(linear: Fraction) -> Fraction:
-    """Return the encoded value of a linear one >= 0, to 2**-95 below the exact one."""
-    if linear <= LINEAR_LIGHT:
-        return SLOPE * linear
+    """Encode linear light >= 0 as sRGB, at most 2**-95 below the exact value."""
+    if linear <= LINEAR_THRESHOLD:
+        return LINEAR_SLOPE * linear
     power = linear**5
     scaled = (power.numerator << 12 * ROOT_BITS) // power.denominator
     # The twelfth root is the cube root of a square root of a square root.
-    root = whole_root(math.isqrt(math.isqrt(scaled)), 3)
+    root = integer_root(math.isqrt(math.isqrt(scaled)), 3)
     return Fraction(211 * root, 200 << ROOT_BITS) - Fraction(11, 200)
 
 
-def _shifted(encoded: Fraction) -> Fraction:
+def _power_base(encoded: Fraction) -> Fraction:
     """Return the base of the curve's power: (encoded + 0.055) / 1.055."""
     return (200 * encoded + 11) / 211
 

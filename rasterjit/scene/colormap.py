@@ -1,4 +1,4 @@
-"""Colour maps: tables of colours that stand for numbers."""
+"""Colour maps: tables of colours that show numbers."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rasterjit.scene.color import linear_rows
 from rasterjit.scene.colormap_tables import TABLES
 from rasterjit.scene.validation import MaskedError
 
-REVERSED = "_r"
-"""What the name of a map ends with that is read from its other end."""
+REVERSED_SUFFIX = "_r"
+"""Suffix of the names of reversed maps."""
 
-COLORMAPS = tuple(sorted(name for name in TABLES if not name.endswith(REVERSED)))
-"""The names of the maps that are known, without those of reversed ones."""
+COLORMAPS = tuple(sorted(name for name in TABLES if not name.endswith(REVERSED_SUFFIX)))
+"""Names of the maps, without the reversed ones."""
 
 ColormapLike: TypeAlias = "str | ArrayLike | Colormap | Callable[..., Any]"
 """A name, rows of sRGB colours, a `Colormap`, or one of Matplotlib's."""
@@ -103,29 +103,29 @@ class Colormap(HoldsArrays, Guarded):
             The range, low <= high.
         """
         low, high = check.finite_number("low", low), check.finite_number("high", high)
-        count, width = len(self), width_of(low, high)
+        count, width = len(self), range_divisor(low, high)
         with np.errstate(over="ignore", invalid="ignore"):
-            places = (check.number_array("values", values) - low) / width * count
-        held = np.clip(np.nan_to_num(places, nan=0.0, posinf=count, neginf=0.0), 0, count - 1)
-        return np.where(np.isnan(places), count, np.floor(held).astype(np.int64))
+            positions = (check.number_array("values", values) - low) / width * count
+        clipped = np.clip(np.nan_to_num(positions, nan=0.0, posinf=count, neginf=0.0), 0, count - 1)
+        return np.where(np.isnan(positions), count, np.floor(clipped).astype(np.int64))
 
 
-def width_of(low: float, high: float) -> float:
-    """Return what values are divided by; infinite where a range has no width: all show entry 0."""
+def range_divisor(low: float, high: float) -> float:
+    """Return the width of a range, or infinity if it is 0: all values then show entry 0."""
     return high - low if high > low else np.inf
 
 
 def read_colormap(value: ColormapLike) -> Colormap:
-    """Return a colour map as it is given, or made of what stands for one."""
+    """Return a `Colormap`, converting other input."""
     return value if isinstance(value, Colormap) else Colormap(value)
 
 
 def _codes_of(colors: Any) -> NDArray[np.uint8]:
-    """Return the entries of a map, (N, 4) sRGB, however it is given."""
+    """Return the entries of a map in any notation, (N, 4) sRGB codes."""
     if isinstance(colors, Colormap):
         return colors.codes
     if isinstance(colors, str):
-        return _named(colors.strip())
+        return _codes_by_name(colors.strip())
     if callable(colors) and isinstance(getattr(colors, "N", None), int):
         return np.array(colors(np.arange(colors.N), bytes=True), np.uint8)
     try:
@@ -137,7 +137,7 @@ def _codes_of(colors: Any) -> NDArray[np.uint8]:
     if array.dtype.kind not in "uif":
         raise ValueError(
             f"colormap must be a name, one of {', '.join(COLORMAPS)}, or (N, 3) or (N, 4) numbers; "
-            f"got {check.in_short(colors)}"
+            f"got {check.brief(colors)}"
         )
     if array.ndim != 2 or array.shape[1] not in (3, 4) or not len(array):
         raise ValueError(f"colormap must have shape (N, 3) or (N, 4), N >= 1, got {array.shape}")
@@ -146,34 +146,34 @@ def _codes_of(colors: Any) -> NDArray[np.uint8]:
         codes[:, : array.shape[1]] = array
         return codes
     if not (array.min() >= 0 and array.max() <= 1):
-        wrong = array[~((array >= 0) & (array <= 1))][0].item()
+        is_outside = array[~((array >= 0) & (array <= 1))][0].item()
         raise ValueError(
-            f"colormap must hold floats in 0..1, or uint8 codes, got {wrong!r} in an array of "
+            f"colormap must hold floats in 0..1, or uint8 codes, got {is_outside!r} in an array of "
             f"{array.dtype}"
         )
     codes[:, : array.shape[1]] = (array * 255).astype(np.uint8)
     return codes
 
 
-def _named(name: str) -> NDArray[np.uint8]:
-    """Return the entries of a map that is known by name."""
-    plain = name.removesuffix(REVERSED)
+def _codes_by_name(name: str) -> NDArray[np.uint8]:
+    """Return the entries of a named map, (N, 4) sRGB codes."""
+    plain = name.removesuffix(REVERSED_SUFFIX)
     if plain not in TABLES:
         raise ValueError(
             f"colormap must be one of {', '.join(COLORMAPS)}, or one of them with "
-            f"{REVERSED!r} at its end; got {name!r}{_similar_names(name)}"
+            f"{REVERSED_SUFFIX!r} at its end; got {name!r}{_similar_names(name)}"
         )
-    own = TABLES.get(name)
-    rgb = np.frombuffer(bytes.fromhex(own or TABLES[plain]), np.uint8).reshape(-1, 3)
+    table = TABLES.get(name)
+    rgb = np.frombuffer(bytes.fromhex(table or TABLES[plain]), np.uint8).reshape(-1, 3)
     codes = np.full((len(rgb), 4), 255, np.uint8)
-    codes[:, :3] = rgb if own else rgb[::-1]
+    codes[:, :3] = rgb if table else rgb[::-1]
     return codes
 
 
 def _similar_names(name: str) -> str:
-    """Return a question with the names most like one, if there are any."""
+    """Return "; did you mean 'x'?" with similar names, or an empty string."""
     import difflib
 
-    names = [*COLORMAPS, *(one + REVERSED for one in COLORMAPS)]
+    names = [*COLORMAPS, *(one + REVERSED_SUFFIX for one in COLORMAPS)]
     found = difflib.get_close_matches(name.lower(), names, n=3)
     return f": did you mean {' or '.join(map(repr, found))}?" if found else ""

@@ -1,5 +1,5 @@
 """
-The colour maps that are known by name: 256 sRGB codes each, in hexadecimal, lowest value first.
+Tables of the named colour maps: 256 sRGB codes each, in hexadecimal, lowest value first.
 
 Of Matplotlib 3.11, as it writes them to pictures of 8 bits (``Colormap(..., bytes=True)``):
 

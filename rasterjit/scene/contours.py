@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 
 MAX_LEVELS = 4096
-"""Most lines of one mesh that are asked for by their number."""
+"""Most lines of one mesh, if their number is given."""
 
 ContoursLike: TypeAlias = "int | ArrayLike | Contours"
 """How many lines, their values, or `Contours`."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Contours:
     """
@@ -67,7 +67,7 @@ class Contours:
 
 
 def read_contours(value: ContoursLike) -> Contours:
-    """Return contours as they are given, or made of their number or values."""
+    """Return `Contours`, converting a number of lines or their values."""
     return value if isinstance(value, Contours) else Contours(value)
 
 
@@ -79,9 +79,9 @@ def _levels(value: Any) -> int | tuple[float, ...]:
         return int(value)
     if isinstance(value, (bool, float, str)) or value is None:
         raise ValueError(
-            f"contours.levels must be a whole number or values, got {check.cut_short(value)}"
+            f"contours.levels must be a whole number or values, got {check.short_repr(value)}"
         )
     values = check.finite_array("contours.levels", value, (None,))
     if not len(values):
-        raise ValueError(f"contours.levels must be one or more values, got {check.in_short(value)}")
+        raise ValueError(f"contours.levels must be one or more values, got {check.brief(value)}")
     return tuple(values.tolist())

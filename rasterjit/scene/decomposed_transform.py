@@ -1,4 +1,4 @@
-"""Transforms as glTF has them: of a scale, a rotation and a translation, one after the other."""
+"""Convert between matrices and translation, rotation and scale, as in glTF."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class TRS(NamedTuple):
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     """Quaternion x, y, z, w, of any length but 0."""
     scale: Triple = (1.0, 1.0, 1.0)
-    """Factors along the axes of what is scaled."""
+    """Factors along the axes before rotation."""
 
     def with_(
         self,
@@ -39,13 +39,13 @@ class TRS(NamedTuple):
         )
 
 
-def matrix_of(trs: TRS) -> NDArray[np.float64]:
+def compose_trs(trs: TRS) -> NDArray[np.float64]:
     """Return the matrix, (4, 4), of a translation, a rotation and a scale."""
-    return np.array(rows_of(trs))
+    return np.array(compose_rows(trs))
 
 
-def rows_of(trs: TRS) -> list[list[float]]:
-    """Return the same as rows."""
+def compose_rows(trs: TRS) -> list[list[float]]:
+    """Return the matrix of a translation, a rotation and a scale, as rows."""
     x, y, z, w = trs.rotation
     # A quaternion in float32 is a unit one to seven digits only.
     squared = ((x * x + y * y) + z * z) + w * w
@@ -68,9 +68,9 @@ def rows_of(trs: TRS) -> list[list[float]]:
     ]  # fmt: skip
 
 
-def parts_of(matrix: NDArray[np.float64]) -> TRS:
+def decompose(matrix: NDArray[np.float64]) -> TRS:
     """
-    Return the translation, rotation and scale whose product an affine matrix, (4, 4), is.
+    Decompose an affine matrix, (4, 4), into translation, rotation and scale.
 
     Of one that shears, those whose axes come near its own; of one that mirrors, the first factor is
     below 0.
@@ -94,7 +94,7 @@ def parts_of(matrix: NDArray[np.float64]) -> TRS:
         lengths[0], x = -lengths[0], (-x[0], -x[1], -x[2])
         z = cross(x, y)
     translation = rows[0][3], rows[1][3], rows[2][3]
-    return TRS(translation, rotation_of(x, y, z), (lengths[0], lengths[1], lengths[2]))
+    return TRS(translation, quaternion_from_axes(x, y, z), (lengths[0], lengths[1], lengths[2]))
 
 
 def _quaternion(value: ArrayLike) -> Quaternion:
@@ -106,8 +106,8 @@ def _quaternion(value: ArrayLike) -> Quaternion:
     return x, y, z, w
 
 
-def rotation_of(x: Triple, y: Triple, z: Triple) -> Quaternion:
-    """Return the quaternion that turns the axes to these, of length 1."""
+def quaternion_from_axes(x: Triple, y: Triple, z: Triple) -> Quaternion:
+    """Return the quaternion of the rotation whose axes these are, of length 1."""
     # The largest of the four is found first: the others are divided by it.
     squares = (
         x[0] - y[1] - z[2], y[1] - x[0] - z[2], z[2] - x[0] - y[1], x[0] + y[1] + z[2],
@@ -143,7 +143,7 @@ def _unit(vector: tuple[float, ...]) -> Triple | None:
 
 
 def _perpendicular(axis: Triple) -> Triple:
-    """Return a unit vector at right angles to another."""
+    """Return a unit vector perpendicular to another."""
     least = min(range(3), key=lambda k: abs(axis[k]))
     other = tuple(1.0 if k == least else 0.0 for k in range(3))
     found = _unit(cross(axis, other))

@@ -1,4 +1,4 @@
-"""Environments: the light that comes from everywhere around the scene, and is seen behind it."""
+"""Environments: light from all around the scene, which is also the background."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.color import RGB, ColorLike, linear_color, rgb
 from rasterjit.scene.hdr_image import read_hdr_image
-from rasterjit.scene.light import BRIGHTEST
+from rasterjit.scene.light import MAX_RADIANCE
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
-from rasterjit.scene.texture import check_extent
+from rasterjit.scene.texture import check_texels
 from rasterjit.scene.warning import warn_caller
 
-MAX_ALLOWED = 0.001
-"""Share of the texels of a sky that may be NaN or infinite; one of them always may."""
+MAX_INVALID_SHARE = 0.001
+"""Largest share of a sky's texels that may be NaN or infinite; one always may."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True, eq=False)
 class Panorama(HoldsArrays):
     """
@@ -78,7 +78,7 @@ class Panorama(HoldsArrays):
         return f"Panorama({width}×{height})"
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class SkyGradient:
     """
@@ -94,7 +94,7 @@ class SkyGradient:
     ground: RGB
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True, eq=False)
 class Environment:
     """
@@ -142,22 +142,18 @@ class Environment:
     def __post_init__(self) -> None:
         if not isinstance(self.sky, (Panorama, SkyGradient)):
             store(self, sky=Panorama(self.sky))
-        intensity = check.bounded_number("intensity", self.intensity, 0.0, BRIGHTEST)
-        if isinstance(self.sky, Panorama) and intensity * self.sky.brightest > BRIGHTEST:
+        intensity = check.bounded_number("intensity", self.intensity, 0.0, MAX_RADIANCE)
+        if isinstance(self.sky, Panorama) and intensity * self.sky.brightest > MAX_RADIANCE:
             raise ValueError(
-                f"intensity must be at most {BRIGHTEST / self.sky.brightest:g} for a sky whose "
+                f"intensity must be at most {MAX_RADIANCE / self.sky.brightest:g} for a sky whose "
                 f"brightest light is {self.sky.brightest:g}, got {self.intensity!r}"
             )
         store(self, intensity=intensity, rotation=check.finite_number("rotation", self.rotation))
-        check.true_or_false("background", self.background)
+        check.boolean("background", self.background)
 
     @classmethod
     def constant(
-        cls,
-        color: ColorLike = "white",
-        *,
-        intensity: float = 1.0,
-        background: bool = True,
+        cls, color: ColorLike = "white", *, intensity: float = 1.0, background: bool = True
     ) -> Environment:
         """
         Make one that has the same colour everywhere.
@@ -202,8 +198,8 @@ class Environment:
         ValueError
             If a colour is not one, or as `Environment` says.
         """
-        named = {"zenith": zenith, "horizon": horizon, "ground": ground}
-        colors = [rgb(*item) for item in named.items()]
+        colors_by_name = {"zenith": zenith, "horizon": horizon, "ground": ground}
+        colors = [rgb(*item) for item in colors_by_name.items()]
         return cls(SkyGradient(*colors), intensity, 0.0, background)
 
     @classmethod
@@ -238,14 +234,14 @@ class Environment:
         # A wrong budget is not the file's fault.
         MemoryBudget(str(path), max_bytes)
         try:
-            sky = Panorama(_usable_light(read_hdr_image(path, max_bytes), os.fspath(path)))
+            sky = Panorama(_clamp_light(read_hdr_image(path, max_bytes), os.fspath(path)))
         except FileSizeError:
             raise
         except ValueError as error:
             if not isinstance(path, (str, os.PathLike)) or repr(os.fspath(path)) in str(error):
                 raise
-            named = f"path must be a picture of light, but {os.fspath(path)!r} is not"
-            raise ValueError(f"{named}: {error}") from error
+            reason = f"path must be a picture of light, but {os.fspath(path)!r} is not"
+            raise ValueError(f"{reason}: {error}") from error
         return cls(sky, intensity, rotation, background)
 
     @property
@@ -265,7 +261,7 @@ class Environment:
 
     @property
     def described(self) -> str:
-        """What it is, in words."""
+        """Description of the sky in words."""
         if isinstance(self.sky, Panorama):
             height, width = self.sky.image.shape[:2]
             return f"a picture of {width}×{height} texels"
@@ -275,7 +271,7 @@ class Environment:
 
 def _linear_panorama(value: Any) -> NDArray[np.float32]:
     """Return a picture as (H, W, 3) float32, linear, read-only, or raise ``ValueError``."""
-    image = check.unmasked_array("sky", value, *check.ROWS)
+    image = check.unmasked_array("sky", value, *check.ROWS_WORDING)
     if image.dtype.kind != "f":
         raise ValueError(
             f"sky must hold floats, which are linear light, got {image.dtype}; "
@@ -284,26 +280,27 @@ def _linear_panorama(value: Any) -> NDArray[np.float32]:
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"sky must have shape (H, W, 3), got {image.shape}")
     height, width = image.shape[:2]
-    check_extent("sky", width, height)
-    return check.read_only(np.array(_usable_light(image, "sky"), np.float32, order="C"))
+    check_texels("sky", width, height)
+    return check.read_only(np.array(_clamp_light(image, "sky"), np.float32, order="C"))
 
 
-def _usable_light(image: NDArray[Any], label: str) -> NDArray[Any]:
-    """Return a picture, (H, W, 3), without what is no light, and warn of it, or raise."""
+def _clamp_light(image: NDArray[Any], label: str) -> NDArray[Any]:
+    """Clamp a picture, (H, W, 3), to valid light and warn if that changes it, or raise."""
     # NaN lies nowhere.
     lowest, highest = float(image.min()), float(image.max())
-    if lowest >= 0.0 and highest <= BRIGHTEST:
+    if lowest >= 0.0 and highest <= MAX_RADIANCE:
         return image
     is_finite = np.isfinite(image)
-    lost = int(np.count_nonzero(~is_finite.all(axis=2)))
-    below = int(np.count_nonzero((is_finite & (image < 0.0)).any(axis=2)))
-    most = float(image.max(where=is_finite, initial=0.0))
+    invalid = int(np.count_nonzero(~is_finite.all(axis=2)))
+    negative = int(np.count_nonzero((is_finite & (image < 0.0)).any(axis=2)))
+    peak = float(image.max(where=is_finite, initial=0.0))
     texels = image.shape[0] * image.shape[1]
-    if most > BRIGHTEST or lost > max(1.0, MAX_ALLOWED * texels):
+    if peak > MAX_RADIANCE or invalid > max(1.0, MAX_INVALID_SHARE * texels):
         raise ValueError(
-            f"sky must hold linear light in 0..{BRIGHTEST:g}, got numbers up to {most:g}, and NaN "
-            f"or infinity in {lost:,} of {texels:,} texels"
+            f"sky must hold linear light in 0..{MAX_RADIANCE:g}, got numbers up to {peak:g}, and "
+            f"NaN or infinity in {invalid:,} of {texels:,} texels"
         )
-    said = [f"below 0 in {below:,}"] * (below > 0) + [f"NaN or infinite in {lost:,}"] * (lost > 0)
-    warn_caller(f"{label}: light is {' and '.join(said)} of {texels:,} texels, and was clamped")
-    return np.clip(np.nan_to_num(image, nan=0.0, posinf=most), 0.0, most)
+    counts = (("below 0", negative), ("NaN or infinite", invalid))
+    changes = " and ".join(f"{what} in {count:,}" for what, count in counts if count)
+    warn_caller(f"{label}: light is {changes} of {texels:,} texels, and was clamped")
+    return np.clip(np.nan_to_num(image, nan=0.0, posinf=peak), 0.0, peak)

@@ -1,20 +1,20 @@
-"""Eye-dome lighting: what lies behind something near to it on the screen is darker."""
+"""Eye-dome lighting: darken pixels that lie behind their neighbours on the screen."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.validation import bounded_number
 
-STRONGEST = 1000.0
+MAX_STRENGTH = 1000.0
 """Largest strength: a step of a thousandth of the depth is black."""
 
-WIDEST = 64.0
+MAX_RADIUS = 64.0
 """Largest radius, pixels."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class EyeDome:
     """
@@ -68,5 +68,5 @@ class EyeDome:
     radius: float = 1.4
 
     def __post_init__(self) -> None:
-        store(self, strength=bounded_number("strength", self.strength, 0.0, STRONGEST))
-        store(self, radius=bounded_number("radius", self.radius, 1.0, WIDEST))
+        store(self, strength=bounded_number("strength", self.strength, 0.0, MAX_STRENGTH))
+        store(self, radius=bounded_number("radius", self.radius, 1.0, MAX_RADIUS))

@@ -1,30 +1,30 @@
-"""Fog: what lies between the eye and a surface, and hides it with distance."""
+"""Fog: hides surfaces with their distance from the eye."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGB, ColorLike, rgb
 from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
 FogMode: TypeAlias = Literal["linear", "exp", "exp2"]
 FOG_MODES: tuple[FogMode, ...] = get_args(FogMode)
-"""How much is seen at a distance d: (end - d) / (end - start); e^-(density d); e^-(density d)²."""
+"""Transmittance at a distance d: (end - d) / (end - start); e^-(density d); e^-(density d)²."""
 
-DENSEST = 1e9
+MAX_DENSITY = 1e9
 """Largest density and falloff, per scene unit."""
 
-FARTHEST = 1e18
+MAX_LENGTH = 1e18
 """Largest distance and height, scene units: their squares are finite in float32."""
 
 
-SHORTEST_RAMP = 1e-18
+MIN_RAMP = 1e-18
 """Least distance from start to end, scene units: its inverse is finite in float32."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Fog:
     """
@@ -93,15 +93,15 @@ class Fog:
 
     def _check_range(self) -> None:
         """Store start and end as floats."""
-        start = bounded_number("start", 0.0 if self.start is None else self.start, 0.0, FARTHEST)
+        start = bounded_number("start", 0.0 if self.start is None else self.start, 0.0, MAX_LENGTH)
         if self.end is None:
             raise ValueError("end must be given for mode 'linear', got None")
-        end = bounded_number("end", self.end, 0.0, FARTHEST)
+        end = bounded_number("end", self.end, 0.0, MAX_LENGTH)
         if not end > start:
             raise ValueError(f"end must be above start, {start!r}; got {end!r}")
-        if end - start < SHORTEST_RAMP:
+        if end - start < MIN_RAMP:
             raise ValueError(
-                f"end must be at least {SHORTEST_RAMP:g} above start, {start!r}; got {end!r}"
+                f"end must be at least {MIN_RAMP:g} above start, {start!r}; got {end!r}"
             )
         store(self, start=start, end=end)
 
@@ -109,7 +109,7 @@ class Fog:
         """Store density, height and falloff as floats."""
         if self.density is None:
             raise ValueError(f"density must be given for mode {self.mode!r}, got None")
-        store(self, density=bounded_number("density", self.density, 0.0, DENSEST))
+        store(self, density=bounded_number("density", self.density, 0.0, MAX_DENSITY))
         if self.height is None:
             if self.falloff is not None:
                 raise ValueError(
@@ -119,10 +119,10 @@ class Fog:
         if self.mode != "exp":
             raise ValueError(f"height must be None for mode 'exp2', got {self.height!r}")
         height = finite_number("height", self.height)
-        store(self, height=bounded_number("height", height, -FARTHEST, FARTHEST))
+        store(self, height=bounded_number("height", height, -MAX_LENGTH, MAX_LENGTH))
         if self.falloff is None:
             raise ValueError("falloff must be given for fog with a height, got None")
-        falloff = bounded_number("falloff", self.falloff, 0.0, DENSEST)
+        falloff = bounded_number("falloff", self.falloff, 0.0, MAX_DENSITY)
         if falloff == 0.0:
             raise ValueError("falloff must be above 0; fog of even density has no height")
         store(self, falloff=falloff)

@@ -1,4 +1,4 @@
-"""Lines that are made for you: axes, boxes, grids, what a camera sees."""
+"""Helper lines: axes, bounding boxes, grids and camera frusta."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from rasterjit.scene import transforms
 from rasterjit.scene import validation as check
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.lines import AXIS_COLORS, INK, Lines
+from rasterjit.scene.lines import AXIS_COLORS, DEFAULT_COLOR, Lines
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node, with_all_below
+from rasterjit.scene.node import Node, subtree
 from rasterjit.scene.points import Unit
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import VectorLike
@@ -23,16 +23,16 @@ GRID_GRAY = 0.3, 0.3, 0.3
 
 Plane: TypeAlias = Literal["xy", "xz", "yz"]
 PLANES: tuple[Plane, ...] = get_args(Plane)
-"""What a grid may lie in."""
+"""Planes of a grid."""
 
 MAX_CELLS = 4096
-"""Cells along a side of a grid."""
+"""Most cells along a side of a grid."""
 
 BOX = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
 """Corners of a box of side 1: around the bottom, then the top."""
 
 BOX_STRIPS = [0, 1, 2, 3, 0], [4, 5, 6, 7, 4], [0, 4], [1, 5], [2, 6], [3, 7]
-"""Its edges."""
+"""Edges of the box, as strips of corners."""
 
 
 class Axes(Lines):
@@ -89,16 +89,16 @@ class BoundingBox(Lines):
         self,
         of: Mesh | Node | Scene,
         *,
-        color: ColorLike = INK,
+        color: ColorLike = DEFAULT_COLOR,
         width: float = 1.5,
         unit: Unit = "pixel",
     ) -> None:
         if isinstance(of, Node):
-            low, high = _bounds_of_node(of)
+            low, high = _subtree_bounds(of)
         elif isinstance(of, (Mesh, Scene)):
             low, high = of.bounds()
         else:
-            raise ValueError(f"of must be a Mesh, a Node or a Scene, got {check.in_short(of)}")
+            raise ValueError(f"of must be a Mesh, a Node or a Scene, got {check.brief(of)}")
         super().__init__(
             np.where(BOX, high, low), strips=BOX_STRIPS, colors=_colors(color, 8), width=width,
             unit=unit,
@@ -157,7 +157,7 @@ class Grid(Lines):
 
 class Frustum(Lines):
     """
-    What a camera sees up to some distance, as lines in world space, with a mark on its upper side.
+    The frustum of a camera up to a distance, in world space, with a mark on its upper side.
 
     Parameters
     ----------
@@ -184,18 +184,18 @@ class Frustum(Lines):
         near: float = 0.0,
         *,
         size: tuple[int, int] = (1280, 720),
-        color: ColorLike = INK,
+        color: ColorLike = DEFAULT_COLOR,
         width: float = 1.5,
         unit: Unit = "pixel",
     ) -> None:
         if not isinstance(camera, Camera):
-            raise ValueError(f"camera must be a camera, got {check.in_short(camera)}")
+            raise ValueError(f"camera must be a camera, got {check.brief(camera)}")
         first, last = check.finite_number("near", near), check.finite_number("far", far)
         if not 0.0 <= first < last:
             raise ValueError(f"near must be in 0..far, {far!r}, and below it, got {near!r}")
         clip = np.asarray(camera.projection_matrix(check.image_size("size", size)))
         corners = [
-            _unprojected(clip, x, y, -distance)
+            _unproject_at(clip, x, y, -distance)
             for distance in (first, last)
             for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
         ]
@@ -216,10 +216,10 @@ def _colors(color: ColorLike, count: int) -> NDArray[np.float32]:
     return np.tile(linear_color("color", color), (count, 1))
 
 
-def _bounds_of_node(node: Node) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _subtree_bounds(node: Node) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the box around a node and all below it, world space."""
     scene = Scene()
-    for one in with_all_below(node):
+    for one in subtree(node):
         if one.mesh is not None:
             added = scene.add(one.mesh, one.world_from_model)
             added.skin, added.weights = one.skin, one.weights
@@ -228,8 +228,8 @@ def _bounds_of_node(node: Node) -> tuple[NDArray[np.float64], NDArray[np.float64
     return scene.bounds()
 
 
-def _unprojected(clip: NDArray[np.float64], x: int, y: int, z: float) -> NDArray[np.float64]:
-    """Return the view-space point of some z that lies at a corner of the picture."""
+def _unproject_at(clip: NDArray[np.float64], x: int, y: int, z: float) -> NDArray[np.float64]:
+    """Return the view-space point at a depth z that projects to a point of the picture."""
     # (clip[0] - x clip[3]) p = 0 and (clip[1] - y clip[3]) p = 0, of which z is known.
     (a, b, c, d), (e, f, g, h) = clip[0] - x * clip[3], clip[1] - y * clip[3]
     determinant = a * f - b * e

@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 from rasterjit.scene import memory_limits
 from rasterjit.scene.arrays import Float32, UInt8
 from rasterjit.scene.memory_limits import FileSizeError, MemoryBudget
-from rasterjit.scene.texture import Texture, check_extent, opened_picture
+from rasterjit.scene.texture import Texture, check_texels, open_picture
 from rasterjit.scene.validation import existing_file
 
 RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
 
 EXPONENT_BIAS = 136
-"""Of a shared exponent: 128, and 8 for the bits of the mantissas."""
+"""Bias of the shared exponent: 128, and 8 for the bits of the mantissas."""
 
-MIN_PACKED, MAX_PACKED = 8, 32767
+MIN_PACKED_WIDTH, MAX_PACKED_WIDTH = 8, 32767
 """Widths of rows that may be packed channel by channel."""
 
-LONGEST_COPY = 128
-"""A count up to this is followed by as many bytes; one above, less this, repeats one byte."""
+MAX_LITERAL_RUN = 128
+"""Largest count of a literal run; a larger count, less this, repeats one byte."""
 
 
 def read_hdr_image(
@@ -65,14 +65,14 @@ def read_hdr_image(
         return _read_radiance(file, budget)
     if suffix == ".exr":
         return _read_exr(file, budget)
-    _take_picture(file, budget)
+    _reserve_texels(file, budget)
     return np.ascontiguousarray(Texture.from_file(file).image[:, :, :3])
 
 
-def _take_picture(file: Path, budget: MemoryBudget) -> None:
-    """Count what the texels of an 8-bit picture take."""
+def _reserve_texels(file: Path, budget: MemoryBudget) -> None:
+    """Count the memory of an 8-bit picture's texels against the budget."""
     try:
-        with opened_picture("it", file) as image:
+        with open_picture("it", file) as image:
             width, height = image.size
     except Exception:
         # Pillow raises what it likes; who reads the picture says what is wrong.
@@ -90,7 +90,7 @@ def _read_exr(file: Path, budget: MemoryBudget) -> Float32:
         ) from None
     try:
         with OpenEXR.File(str(file), header_only=True) as opened:
-            needed = sum(_exr_bytes(part.header) for part in opened.parts)
+            needed = sum(_exr_memory(part.header) for part in opened.parts)
         budget.take("the picture", needed)
         with OpenEXR.File(str(file), separate_channels=True) as opened:
             channels = {name: channel.pixels for name, channel in opened.channels().items()}
@@ -109,8 +109,8 @@ def _read_exr(file: Path, budget: MemoryBudget) -> Float32:
     return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
 
 
-def _exr_bytes(header: dict[str, Any]) -> int:
-    """Return what a part of an OpenEXR file takes: its channels as floats, and light made of it."""
+def _exr_memory(header: dict[str, Any]) -> int:
+    """Return the memory of a part of an OpenEXR file: its channels as floats, and the result."""
     (left, top), (right, bottom) = (np.asarray(at).tolist() for at in header["dataWindow"])
     texels = (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1)
     return max(texels, 0) * (4 * len(header["channels"]) + memory_limits.TEXEL_BYTES)
@@ -122,7 +122,7 @@ def _read_radiance(file: Path, budget: MemoryBudget) -> Float32:
     try:
         width, height, start = _radiance_header(content)
         budget.take("the picture", width * height * memory_limits.TEXEL_BYTES)
-        rgbe = _unpacked(np.frombuffer(content, np.uint8), start, width, height)
+        rgbe = _unpack_texels(np.frombuffer(content, np.uint8), start, width, height)
     except FileSizeError:
         raise
     except (IndexError, ValueError) as error:
@@ -134,7 +134,7 @@ def _read_radiance(file: Path, budget: MemoryBudget) -> Float32:
 
 
 def _radiance_header(content: bytes) -> tuple[int, int, int]:
-    """Return width, height, and where the pixels begin."""
+    """Return width, height, and the offset of the pixels."""
     if not content.startswith((b"#?", b"\n", b"FORMAT")):
         raise ValueError("it has no Radiance header")
     end = content.index(b"\n\n")
@@ -145,15 +145,14 @@ def _radiance_header(content: bytes) -> tuple[int, int, int]:
     if len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
         raise ValueError(f"its rows do not run from the top left: {words}")
     height, width = int(words[1]), int(words[3])
-    check_extent("it", width, height)
+    check_texels("it", width, height)
     return width, height, stop + 1
 
 
-def _unpacked(content: UInt8, start: int, width: int, height: int) -> NDArray[Any]:
+def _unpack_texels(content: UInt8, start: int, width: int, height: int) -> NDArray[Any]:
     """Return mantissas and exponent of each texel, (H, W, 4) uint8."""
-    mark = content[start : start + 4].tolist()
-    is_packed = MIN_PACKED <= width <= MAX_PACKED and mark[:2] == [2, 2] and mark[2] < 128
-    if not is_packed:
+    header = content[start : start + 4].tolist()
+    if not MIN_PACKED_WIDTH <= width <= MAX_PACKED_WIDTH or header[:2] != [2, 2] or header[2] > 127:
         flat = content[start : start + 4 * width * height]
         if flat.size < 4 * width * height:
             raise ValueError("it ends too early")
@@ -163,30 +162,30 @@ def _unpacked(content: UInt8, start: int, width: int, height: int) -> NDArray[An
         return rgbe
     rows = np.empty((height, 4 * width), np.uint8)
     expected = [2, 2, width >> 8, width & 255]
-    at = start
+    offset = start
     for row in rows:
-        if content[at : at + 4].tolist() != expected:
+        if content[offset : offset + 4].tolist() != expected:
             raise ValueError("a row of it does not begin as rows do")
-        at = _unpack_row(content, at + 4, row)
+        offset = _unpack_row(content, offset + 4, row)
     return np.moveaxis(rows.reshape(height, 4, width), 1, 2)
 
 
-def _unpack_row(content: UInt8, at: int, row: UInt8) -> int:
-    """Fill a row, channel after channel, from runs and copies; return where the next begins."""
-    filled, size = 0, len(row)
-    while filled < size:
-        count = int(content[at])
-        if count > LONGEST_COPY:
-            count -= LONGEST_COPY
-            row[filled : filled + count] = content[at + 1]
-            at += 2
+def _unpack_row(content: UInt8, offset: int, row: UInt8) -> int:
+    """Decode a row, channel after channel, from runs and literals; return the next offset."""
+    column, size = 0, len(row)
+    while column < size:
+        count = int(content[offset])
+        if count > MAX_LITERAL_RUN:
+            count -= MAX_LITERAL_RUN
+            row[column : column + count] = content[offset + 1]
+            offset += 2
         else:
-            piece = content[at + 1 : at + 1 + count]
-            if count == 0 or len(piece) < count:
+            run = content[offset + 1 : offset + 1 + count]
+            if count == 0 or len(run) < count:
                 raise ValueError("it ends too early")
-            row[filled : filled + count] = piece[: size - filled]
-            at += 1 + count
-        filled += count
-    if filled > size:
+            row[column : column + count] = run[: size - column]
+            offset += 1 + count
+        column += count
+    if column > size:
         raise ValueError("a run of it is longer than its row")
-    return at
+    return offset

@@ -1,5 +1,5 @@
 """
-What scenes and meshes are asked for and leave to levels above them.
+Call functions of higher levels for scenes and meshes, without importing them.
 
 Scenes know nothing of how they are rendered, read and written: they find who does it by name, when
 it is first needed.

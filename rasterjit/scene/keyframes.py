@@ -1,5 +1,5 @@
 """
-Animations: how nodes of a scene move with time, by keys.
+Keyframe animations of nodes.
 
 A channel moves one thing of one node: its translation, rotation or scale, or the weights of its
 morph targets. Before the first key and after the last one its value is that of the key.
@@ -23,18 +23,18 @@ from rasterjit.scene import portable_trig
 from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.node import Node
-from rasterjit.scene.validation import finite_array, finite_number, in_short, one_of, read_only
+from rasterjit.scene.validation import brief, finite_array, finite_number, one_of, read_only
 
 ChannelPath: TypeAlias = Literal["translation", "rotation", "scale", "weights"]
 PATHS: tuple[ChannelPath, ...] = get_args(ChannelPath)
-"""What a channel moves."""
+"""Properties of a node that a channel animates."""
 
 ChannelInterpolation: TypeAlias = Literal["LINEAR", "STEP", "CUBICSPLINE"]
 INTERPOLATIONS: tuple[ChannelInterpolation, ...] = get_args(ChannelInterpolation)
-"""How values between keys are found, as glTF names it."""
+"""Interpolations between keys, by glTF's names."""
 
-WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
-"""How many numbers a value has; weights have one for each morph target."""
+VALUE_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""Number of components of a value; weights have one for each morph target."""
 
 _MIN_SINE = 1e-8
 """Of the angle between two rotations: below, they are mixed along the straight line, which is the
@@ -43,7 +43,7 @@ arc to the last bit."""
 
 class Channel(HoldsArrays, Guarded):
     """
-    How one thing of one node moves.
+    Keyframes of one property of a node.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Channel(HoldsArrays, Guarded):
         If anything is assigned.
     """
 
-    _INSTEAD = "make another Channel"
+    _ADVICE = "make another Channel"
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class Channel(HoldsArrays, Guarded):
         interpolation: ChannelInterpolation = "LINEAR",
     ) -> None:
         if not isinstance(node, Node):
-            raise ValueError(f"node must be a Node, got {in_short(node)}")
+            raise ValueError(f"node must be a Node, got {brief(node)}")
         self._node = node
         self._path = one_of("path", path, PATHS)
         self._interpolation = one_of("interpolation", interpolation, INTERPOLATIONS)
@@ -87,11 +87,11 @@ class Channel(HoldsArrays, Guarded):
         if not len(self._times):
             raise ValueError("times must have a key, got none")
         if not (np.diff(self._times) > 0.0).all():
-            place = int(np.argmin(np.diff(self._times) > 0.0))
+            index = int(np.argmin(np.diff(self._times) > 0.0))
             raise ValueError(
-                f"times must ascend, got {self._times[place]!s} before {self._times[place + 1]!s}"
+                f"times must ascend, got {self._times[index]!s} before {self._times[index + 1]!s}"
             )
-        width = WIDTHS.get(self._path)
+        width = VALUE_WIDTHS.get(self._path)
         if width is None and node.mesh is not None and node.mesh.morph_targets is not None:
             width = len(node.mesh.morph_targets)
         parts = (3,) if self._interpolation == "CUBICSPLINE" else ()
@@ -102,32 +102,32 @@ class Channel(HoldsArrays, Guarded):
         if self._path == "rotation":
             keys = self._values[:, 1] if parts else self._values
             if not keys.any(axis=1).all():
-                place = int(np.argmin(keys.any(axis=1)))
-                raise ValueError(f"values must be quaternions that are not 0, got one at {place}")
+                index = int(np.argmin(keys.any(axis=1)))
+                raise ValueError(f"values must be quaternions that are not 0, got one at {index}")
 
     @property
     def node(self) -> Node:
-        """What is moved."""
+        """The animated node."""
         return self._node
 
     @property
     def path(self) -> ChannelPath:
-        """What of it is."""
+        """The animated property of the node."""
         return self._path
 
     @property
     def times(self) -> Float64:
-        """(N,) float64, read-only: when the keys are, seconds."""
+        """(N,) float64, read-only: times of the keys, seconds."""
         return self._times
 
     @property
     def values(self) -> Float64:
-        """(N, W) or (N, 3, W) float64, read-only: of each key."""
+        """(N, W) or (N, 3, W) float64, read-only: values of the keys."""
         return self._values
 
     @property
     def interpolation(self) -> ChannelInterpolation:
-        """How values between keys are found."""
+        """Interpolation between keys."""
         return self._interpolation
 
     def at(self, time: float) -> Float64:
@@ -144,25 +144,25 @@ class Channel(HoldsArrays, Guarded):
         (W,) float64
             Rotations are of unit length.
         """
-        when, times = finite_number("time", time), self._times
+        seconds, times = finite_number("time", time), self._times
         is_spline = self._interpolation == "CUBICSPLINE"
         keys = self._values[:, 1] if is_spline else self._values
-        number = int(np.searchsorted(times, when, side="right")) - 1
+        number = int(np.searchsorted(times, seconds, side="right")) - 1
         if number < 0 or number >= len(times) - 1 or self._interpolation == "STEP":
             value = keys[min(max(number, 0), len(times) - 1)]
             return _unit(value) if self._path == "rotation" else value.copy()
         span = float(times[number + 1] - times[number])
-        t = (when - float(times[number])) / span
+        t = (seconds - float(times[number])) / span
         if is_spline:
-            ahead, behind = self._values[number, 2], self._values[number + 1, 0]
-            value = _hermite(keys[number], span * ahead, keys[number + 1], span * behind, t)
+            leaving, arriving = self._values[number, 2], self._values[number + 1, 0]
+            value = _hermite(keys[number], span * leaving, keys[number + 1], span * arriving, t)
             return _unit(value) if self._path == "rotation" else value
         if self._path == "rotation":
-            return rotation_between(keys[number], keys[number + 1], t)
+            return slerp_rotation(keys[number], keys[number + 1], t)
         return (1.0 - t) * keys[number] + t * keys[number + 1]
 
     def _with_node(self, node: Node) -> Channel:
-        """Return the same channel of another node."""
+        """Return a copy of the channel for another node."""
         return self._with(_node=node)
 
     def __repr__(self) -> str:
@@ -198,56 +198,56 @@ class Animation(HoldsArrays, Guarded):
     """
 
     _FIELDS = ("name",)
-    _INSTEAD = "make another Animation"
+    _ADVICE = "make another Animation"
 
     def __init__(self, name: str, channels: Sequence[Channel]) -> None:
         self.name = name
         if isinstance(channels, (str, bytes)) or not isinstance(channels, Sequence):
-            raise ValueError(f"channels must be a sequence of Channel, got {in_short(channels)}")
+            raise ValueError(f"channels must be a sequence of Channel, got {brief(channels)}")
         if not channels:
             raise ValueError("channels must have a Channel, got none")
-        moved = set()
+        targets = set()
         for number, channel in enumerate(channels):
             if not isinstance(channel, Channel):
-                raise ValueError(f"channels[{number}] must be a Channel, got {in_short(channel)}")
-            if (id(channel.node), channel.path) in moved:
+                raise ValueError(f"channels[{number}] must be a Channel, got {brief(channel)}")
+            if (id(channel.node), channel.path) in targets:
                 raise ValueError(
                     f"channels must each move something else, got two for the {channel.path} of "
                     f"{channel.node!r}"
                 )
-            moved.add((id(channel.node), channel.path))
+            targets.add((id(channel.node), channel.path))
         self._channels = tuple(channels)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What moves."""
+        """The channels of the animation."""
         return self._channels
 
     @property
     def duration(self) -> float:
-        """When the last key of all channels is, seconds."""
+        """Time of the last key of all channels, seconds."""
         return max(float(channel.times[-1]) for channel in self._channels)
 
     def _with_nodes(self, copies: dict[int, Node]) -> Animation:
         """
-        Return the same animation of copied nodes, by the ids of those they are copies of.
+        Return a copy of the animation for copied nodes, by the ids of the old ones.
 
-        Of nodes that were not copied it moves the same as before.
+        Channels of nodes that were not copied stay as they are.
         """
-        moved = (one._with_node(copies.get(id(one.node), one.node)) for one in self._channels)
-        return self._with(_channels=tuple(moved))
+        channels = (old._with_node(copies.get(id(old.node), old.node)) for old in self._channels)
+        return self._with(_channels=tuple(channels))
 
     def __repr__(self) -> str:
         return f"Animation({self.name!r}, {len(self._channels)} channels, {self.duration:g} s)"
 
 
-def rotation_between(first: Float64, second: Float64, t: float) -> Float64:
+def slerp_rotation(start_rotation: Float64, end_rotation: Float64, t: float) -> Float64:
     """
-    Return the rotation a share of the shorter arc from one to another, at even speed.
+    Interpolate two rotations along the shorter arc at even speed (slerp).
 
     Parameters
     ----------
-    first, second : (4,) float64
+    start_rotation, end_rotation : (4,) float64
         Quaternions, not 0; of another length than 1 they count as scaled to it.
     t : float
         In 0..1.
@@ -261,29 +261,29 @@ def rotation_between(first: Float64, second: Float64, t: float) -> Float64:
     ----------
     .. [1] The Khronos Group, "glTF 2.0 Specification", Appendix C.4.
     """
-    one, other = _unit(first).tolist(), _unit(second).tolist()
-    sign = -1.0 if _dot(one, other) < 0.0 else 1.0
-    other = [sign * part for part in other]
-    difference = [a - b for a, b in zip(one, other, strict=True)]
-    total = [a + b for a, b in zip(one, other, strict=True)]
+    start, end = _unit(start_rotation).tolist(), _unit(end_rotation).tolist()
+    sign = -1.0 if _dot(start, end) < 0.0 else 1.0
+    end = [sign * part for part in end]
+    difference = [a - b for a, b in zip(start, end, strict=True)]
+    total = [a + b for a, b in zip(start, end, strict=True)]
     # The arc cosine of what is near 1 has half its digits.
-    low, high = math.sqrt(_dot(difference, difference)), math.sqrt(_dot(total, total))
-    angle = 2.0 * _arc(low, high)
-    whole = _sine(angle)
-    shares = 1.0 - t, t
-    if whole >= _MIN_SINE:
-        shares = _sine(angle * (1.0 - t)) / whole, _sine(angle * t) / whole
-    return _unit(np.array([shares[0] * a + shares[1] * b for a, b in zip(one, other, strict=True)]))
+    angle = 2.0 * _arc(math.sqrt(_dot(difference, difference)), math.sqrt(_dot(total, total)))
+    sine = _sine(angle)
+    weights = 1.0 - t, t
+    if sine >= _MIN_SINE:
+        weights = _sine(angle * (1.0 - t)) / sine, _sine(angle * t) / sine
+    low, high = weights
+    return _unit(np.array([low * a + high * b for a, b in zip(start, end, strict=True)]))
 
 
 def _arc(low: float, high: float) -> float:
     """Return the angle whose tangent is a quotient in 0..1, radians."""
     ratio = low / high
     step = math.floor(ratio * portable_trig.ARC_STEPS + 0.5)
-    at = step / portable_trig.ARC_STEPS
-    beside = (ratio - at) / (1.0 + ratio * at)
-    return portable_trig.ARCS[step] + beside * portable_trig.polynomial(
-        portable_trig.ARC_TERMS, beside * beside
+    nearest = step / portable_trig.ARC_STEPS
+    remainder = (ratio - nearest) / (1.0 + ratio * nearest)
+    return portable_trig.ARCS[step] + remainder * portable_trig.polynomial(
+        portable_trig.ARC_TERMS, remainder * remainder
     )
 
 
@@ -296,17 +296,17 @@ def _sine(radians: float) -> float:
 
 
 def _hermite(
-    first: Float64, ahead: Float64, second: Float64,
-    behind: Float64, t: float,
+    first: Float64, out_tangent: Float64, second: Float64,
+    in_tangent: Float64, t: float,
 ) -> Float64:  # fmt: skip
     """Return a cubic Hermite spline between two values with their tangents, t in 0..1."""
     square = t * t
     cube = square * t
     return (
         (2.0 * cube - 3.0 * square + 1.0) * first
-        + (cube - 2.0 * square + t) * ahead
+        + (cube - 2.0 * square + t) * out_tangent
         + (3.0 * square - 2.0 * cube) * second
-        + (cube - square) * behind
+        + (cube - square) * in_tangent
     )
 
 
@@ -321,7 +321,7 @@ def _unit(quaternion: Float64) -> Float64:
     return np.array([part / length for part in scaled])
 
 
-def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
     """Return the dot product of two quaternions, summed in one order on every CPU."""
-    a, b, c, d = (x * y for x, y in zip(one, other, strict=True))
-    return ((a + b) + c) + d
+    x, y, z, w = (p * q for p, q in zip(a, b, strict=True))
+    return ((x + y) + z) + w

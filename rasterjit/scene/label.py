@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import VectorLike
 
@@ -16,19 +16,19 @@ Anchor: TypeAlias = Literal[
     "top-left", "top-right", "bottom-left", "bottom-right",
 ]  # fmt: skip
 ANCHORS: tuple[Anchor, ...] = get_args(Anchor)
-"""Which point of a text lies at its place."""
+"""Points of a text that may lie at its position."""
 
-MAX_TEXT = 512.0
-"""Most pixels of an em."""
+MAX_FONT_SIZE = 512.0
+"""Largest size of a font, pixels."""
 
 MAX_CHARACTERS = 1000
-"""Longest text."""
+"""Most characters of a text."""
 
-FARTHEST_OFFSET = 65536.0
-"""Most pixels from a place to its text."""
+MAX_OFFSET = 65536.0
+"""Largest offset of a text from its position, pixels."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Label:
     """
@@ -107,7 +107,7 @@ class Label:
         store(self, text=_checked_text(self.text), size=_checked_size(self.size))
         store(self, anchor=check.one_of("anchor", self.anchor, ANCHORS))
         store(self, color=rgba("color", self.color))
-        store(self, hidden=check.true_or_false("hidden", self.hidden))
+        store(self, hidden=check.boolean("hidden", self.hidden))
         store(self, offset=_checked_offset(self.offset), font=_checked_font(self.font))
         if self.background is not None:
             store(self, background=rgba("background", self.background))
@@ -116,16 +116,16 @@ class Label:
 def check_label(value: Any) -> Label | None:
     """Return a label or None, or raise ``ValueError``."""
     if value is not None and not isinstance(value, Label):
-        raise ValueError(f"label must be a Label or None, got {check.in_short(value)}")
+        raise ValueError(f"label must be a Label or None, got {check.brief(value)}")
     return value
 
 
 def _checked_text(value: Any) -> str:
     """Return a text, or raise ``ValueError``."""
     if not isinstance(value, str):
-        raise ValueError(f"text must be a string, got {check.in_short(value)}")
+        raise ValueError(f"text must be a string, got {check.brief(value)}")
     if not value.strip():
-        raise ValueError(f"text must have a character that is seen, got {check.cut_short(value)}")
+        raise ValueError(f"text must have a character that is seen, got {check.short_repr(value)}")
     if len(value) > MAX_CHARACTERS:
         raise ValueError(f"text must have at most {MAX_CHARACTERS} characters, got {len(value)}")
     return value
@@ -134,18 +134,18 @@ def _checked_text(value: Any) -> str:
 def _checked_size(value: Any) -> float:
     """Return a size in pixels, or raise ``ValueError``."""
     size = check.positive_number("size", value)
-    if size > MAX_TEXT:
-        raise ValueError(f"size must be at most {MAX_TEXT:g} pixels, got {value!r}")
+    if size > MAX_FONT_SIZE:
+        raise ValueError(f"size must be at most {MAX_FONT_SIZE:g} pixels, got {value!r}")
     return size
 
 
 def _checked_font(value: Any) -> str | None:
-    """Return the name of a font, or raise ``ValueError``; whether there is one is seen later."""
+    """Return the name of a font, or raise ``ValueError``; drawing finds whether it exists."""
     if value is None:
         return None
     if not isinstance(value, str | os.PathLike) or not str(value).strip():
         raise ValueError(
-            f"font must be the name of a font or of its file, got {check.in_short(value)}"
+            f"font must be the name of a font or of its file, got {check.brief(value)}"
         )
     return os.fspath(value)
 
@@ -153,8 +153,8 @@ def _checked_font(value: Any) -> str | None:
 def _checked_offset(value: Any) -> tuple[float, float]:
     """Return an offset in pixels, or raise ``ValueError``."""
     right, down = check.finite_array("offset", value, (2,)).tolist()
-    if max(abs(right), abs(down)) > FARTHEST_OFFSET:
+    if max(abs(right), abs(down)) > MAX_OFFSET:
         raise ValueError(
-            f"offset must be at most {FARTHEST_OFFSET:g} pixels each way, got {(right, down)}"
+            f"offset must be at most {MAX_OFFSET:g} pixels each way, got {(right, down)}"
         )
     return right, down

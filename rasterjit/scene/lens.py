@@ -1,5 +1,5 @@
 """
-Lenses: where on a picture a direction is seen, where a pinhole would not show it there.
+Lens models: map directions to positions in a picture, other than a pinhole does.
 
 The axes of a lens are OpenCV's: x to the right, y down, z ahead. A lens takes directions to places
 and back: points of the plane z = 1 for the two models of OpenCV, which a camera's focal lengths and
@@ -20,34 +20,34 @@ from numpy.typing import ArrayLike
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Bool, Float64
-from rasterjit.scene.attribute_guard import says_replace, store
-from rasterjit.scene.portable_trig import arc_tangent, polynomial, sine_cosine
+from rasterjit.scene.attribute_guard import store, suggests_replace
+from rasterjit.scene.portable_trig import polar_angle, polynomial, sin_cos
 
 Coefficients = tuple[float, ...]
 
-NODES = 4096
-"""Places at which a radial curve is known, to begin the search for its inverse."""
+CURVE_SAMPLES = 4096
+"""Samples of a radial curve, from which the search for its inverse starts."""
 
-STEPS = 5
-"""Of Newton's method, whose error is squared by each."""
+NEWTON_STEPS = 5
+"""Steps of Newton's method, each of which squares the error."""
 
-MORE_STEPS = 20
-"""Where these were not enough."""
+MAX_NEWTON_STEPS = 20
+"""Further steps where these were not enough."""
 
-MIN_STEP = 1e-13
-"""Most that is left of a place, as a share of its size and 1, where the inverse is found."""
+MAX_RESIDUAL = 1e-13
+"""Largest error of a position, relative to its size plus 1, of an inverse that counts as found."""
 
-BLOCK = 4096
-"""Places at once: the columns in use stay in the caches."""
+BLOCK_SIZE = 4096
+"""Positions computed at once: the columns in use stay in the caches."""
 
-MAX = 1e15
-"""Largest coefficient, and coordinate of a point that is asked for: products are numbers still."""
+LIMIT = 1e15
+"""Largest coefficient, and coordinate of a point: their products stay finite."""
 
-FARTHEST = 1e4
-"""Largest radius that is looked at, tangent of the angle from the axis."""
+MAX_RADIUS = 1e4
+"""Largest radius of a curve, tangent of the angle from the axis."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class PinholeDistortion:
     """
@@ -102,7 +102,7 @@ class PinholeDistortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            number = check.bounded_number(field.name, getattr(self, field.name), -MAX, MAX)
+            number = check.bounded_number(field.name, getattr(self, field.name), -LIMIT, LIMIT)
             if field.name.startswith("tau"):
                 number = check.bounded_number(field.name, number, -1.5, 1.5)
             store(self, **{field.name: number})
@@ -122,11 +122,11 @@ class PinholeDistortion:
             Times the focal lengths, plus the principal point: pixels.
         """
         x, y = _points("points", points)
-        u, v = self._bent(x, y)[:2]
+        u, v = self._distort(x, y)[:2]
         a, b, c = self._tilt
         scale = (c[0] * u + c[1] * v) + c[2]
-        places = ((a[0] * u + a[1] * v) + a[2]) / scale, ((b[0] * u + b[1] * v) + b[2]) / scale
-        return np.stack(places, axis=-1)
+        distorted = ((a[0] * u + a[1] * v) + a[2]) / scale, ((b[0] * u + b[1] * v) + b[2]) / scale
+        return np.stack(distorted, axis=-1)
 
     def undistort(self, places: ArrayLike) -> Float64:
         """
@@ -163,32 +163,32 @@ class PinholeDistortion:
         u, v = ((a[0] * u + a[1] * v) + a[2]) / scale, ((b[0] * u + b[1] * v) + b[2]) / scale
         # Begin as if the lens were round.
         radius = np.sqrt(u * u + v * v)
-        begin = self._curve.inverse(radius) / np.where(radius > 0.0, radius, 1.0)
-        x, y = u * begin, v * begin
+        start_scale = self._curve.inverse(radius) / np.where(radius > 0.0, radius, 1.0)
+        x, y = u * start_scale, v * start_scale
         with np.errstate(all="ignore"):
-            x, y, is_found = self._refined(u, v, x, y, STEPS)
-            lost = ~is_found
-            if lost.any():
+            x, y, is_found = self._newton(u, v, x, y, NEWTON_STEPS)
+            missing = ~is_found
+            if missing.any():
                 # Some are far from where a round lens would show them.
-                x[lost], y[lost], is_found[lost] = self._refined(
-                    u[lost], v[lost], x[lost], y[lost], MORE_STEPS
+                x[missing], y[missing], is_found[missing] = self._newton(
+                    u[missing], v[missing], x[missing], y[missing], MAX_NEWTON_STEPS
                 )
             is_found &= (scale > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
         x, y = np.where(is_found, x, np.nan), np.where(is_found, y, np.nan)
         return np.stack((x, y, np.where(is_found, 1.0, np.nan)), axis=-1)
 
-    def _refined(
+    def _newton(
         self, u: Float64, v: Float64, x: Float64, y: Float64, steps: int
     ) -> tuple[Float64, Float64, Bool]:
-        """Return points that are seen nearer to places than given ones, and which are there."""
+        """Refine points (x, y) towards those seen at (u, v), and tell which have converged."""
         for _ in range(steps):
-            at_u, at_v, (xx, xy, yx, yy) = self._bent(x, y)
-            left_u, left_v, turn = u - at_u, v - at_v, xx * yy - xy * yx
-            x = x + (yy * left_u - xy * left_v) / turn
-            y = y + (xx * left_v - yx * left_u) / turn
-        at_u, at_v, (xx, xy, yx, yy) = self._bent(x, y)
-        left, size = np.abs(u - at_u) + np.abs(v - at_v), 1.0 + np.abs(u) + np.abs(v)
-        return x, y, (left <= MIN_STEP * size) & (xx * yy - xy * yx > 0.0)
+            guess_u, guess_v, (xx, xy, yx, yy) = self._distort(x, y)
+            error_u, error_v, determinant = u - guess_u, v - guess_v, xx * yy - xy * yx
+            x = x + (yy * error_u - xy * error_v) / determinant
+            y = y + (xx * error_v - yx * error_u) / determinant
+        guess_u, guess_v, (xx, xy, yx, yy) = self._distort(x, y)
+        error, size = np.abs(u - guess_u) + np.abs(v - guess_v), 1.0 + np.abs(u) + np.abs(v)
+        return x, y, (error <= MAX_RESIDUAL * size) & (xx * yy - xy * yx > 0.0)
 
     def places(self, directions: ArrayLike) -> Float64:
         """Return where directions, (..., 3), are seen: places (..., 2), NaN where they are not."""
@@ -196,13 +196,13 @@ class PinholeDistortion:
         with np.errstate(all="ignore"):
             x, y = x / z, y / z
             is_seen = (z > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
-            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= MAX
+            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= LIMIT
             points = np.where(is_seen[..., np.newaxis], np.stack((x, y), -1), 0.0)
             return np.where(is_seen[..., np.newaxis], self.distort(points), np.nan)
 
     @property
     def limit(self) -> str:
-        """The radius beyond which it folds, in words."""
+        """Description of the radius beyond which the lens folds."""
         fold = self._curve.fold
         if fold == math.inf:
             return "beyond, the distortion is not invertible"
@@ -219,42 +219,42 @@ class PinholeDistortion:
 
     @cached_property
     def _curve(self) -> _Curve:
-        above, below = (1.0, self.k1, self.k2, self.k3), (1.0, self.k4, self.k5, self.k6)
-        return _Curve(above, below, FARTHEST)
+        num, den = (1.0, self.k1, self.k2, self.k3), (1.0, self.k4, self.k5, self.k6)
+        return _Curve(num, den, MAX_RADIUS)
 
-    def _bent(self, x: Float64, y: Float64) -> tuple[Float64, Float64, tuple[Float64, ...]]:
-        """Return where points are seen before the tilt, and how both places change with both."""
+    def _distort(self, x: Float64, y: Float64) -> tuple[Float64, Float64, tuple[Float64, ...]]:
+        """Distort points without the tilt; return positions and their four derivatives."""
         curve, q = self._curve, x * x + y * y
         scale, growth = curve.scale(q)
         prism_x, prism_y = self.s1 + self.s2 * q, self.s3 + self.s4 * q
         u = x * scale + 2.0 * self.p1 * x * y + self.p2 * (q + 2.0 * x * x) + prism_x * q
         v = y * scale + self.p1 * (q + 2.0 * y * y) + 2.0 * self.p2 * x * y + prism_y * q
-        more_x, more_y = self.s1 + 2.0 * self.s2 * q, self.s3 + 2.0 * self.s4 * q
-        mixed = 2.0 * x * y * growth
+        rate_x, rate_y = self.s1 + 2.0 * self.s2 * q, self.s3 + 2.0 * self.s4 * q
+        cross = 2.0 * x * y * growth
         slopes = (
-            scale + 2.0 * x * x * growth + 2.0 * self.p1 * y + 6.0 * self.p2 * x + 2.0 * x * more_x,
-            mixed + 2.0 * self.p1 * x + 2.0 * self.p2 * y + 2.0 * y * more_x,
-            mixed + 2.0 * self.p1 * x + 2.0 * self.p2 * y + 2.0 * x * more_y,
-            scale + 2.0 * y * y * growth + 6.0 * self.p1 * y + 2.0 * self.p2 * x + 2.0 * y * more_y,
+            scale + 2.0 * x * x * growth + 2.0 * self.p1 * y + 6.0 * self.p2 * x + 2.0 * x * rate_x,
+            cross + 2.0 * self.p1 * x + 2.0 * self.p2 * y + 2.0 * y * rate_x,
+            cross + 2.0 * self.p1 * x + 2.0 * self.p2 * y + 2.0 * x * rate_y,
+            scale + 2.0 * y * y * growth + 6.0 * self.p1 * y + 2.0 * self.p2 * x + 2.0 * y * rate_y,
         )
         return u, v, slopes
 
     @cached_property
     def _tilt(self) -> list[list[float]]:
         (sine_x, sine_y), (cosine_x, cosine_y) = (
-            part.tolist() for part in sine_cosine(np.array([self.tau_x, self.tau_y]))
+            values.tolist() for values in sin_cos(np.array([self.tau_x, self.tau_y]))
         )
         # The rotation about y after that about x, then back to the plane along the axis.
-        turn = [
+        rotation = [
             [cosine_y, sine_y * sine_x, -sine_y * cosine_x],
             [0.0, cosine_x, sine_x],
             [sine_y, -cosine_y * sine_x, cosine_y * cosine_x],
         ]
-        a, b, c = turn
-        deep = c[2]
+        a, b, c = rotation
+        depth = c[2]
         return [
-            [deep * a[k] - a[2] * c[k] for k in range(3)],
-            [deep * b[k] - b[2] * c[k] for k in range(3)],
+            [depth * a[k] - a[2] * c[k] for k in range(3)],
+            [depth * b[k] - b[2] * c[k] for k in range(3)],
             c,
         ]
 
@@ -267,11 +267,11 @@ class PinholeDistortion:
             [d * h - e * g, b * g - a * h, a * e - b * d],
         ]
         # Of a projection only ratios matter, but the sign tells what lies behind.
-        volume = (a * rows[0][0] + b * rows[1][0]) + c * rows[2][0]
-        return [[entry / volume for entry in row] for row in rows]
+        determinant = (a * rows[0][0] + b * rows[1][0]) + c * rows[2][0]
+        return [[entry / determinant for entry in row] for row in rows]
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class FisheyeLens:
     """
@@ -314,7 +314,7 @@ class FisheyeLens:
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
-            store(self, **{name: check.bounded_number(name, getattr(self, name), -MAX, MAX)})
+            store(self, **{name: check.bounded_number(name, getattr(self, name), -LIMIT, LIMIT)})
         field = check.bounded_number("field", self.field, 0.0, 360.0)
         if field == 0.0:
             raise ValueError(f"field must be above 0, got {self.field!r}")
@@ -336,7 +336,7 @@ class FisheyeLens:
             Times the focal lengths, plus the principal point: pixels.
         """
         x, y = _points("points", points)
-        return self._shown(x, y, np.ones_like(x))[0]
+        return self._project(x, y, np.ones_like(x))[0]
 
     def undistort(self, places: ArrayLike) -> Float64:
         """
@@ -379,16 +379,16 @@ class FisheyeLens:
         radius = np.sqrt(u * u + v * v)
         angle = self._curve.inverse(radius)
         with np.errstate(all="ignore"):
-            for _ in range(STEPS):
+            for _ in range(NEWTON_STEPS):
                 scale, growth = self._curve.scale(angle * angle)
                 slope = scale + 2.0 * angle * angle * growth
                 angle = angle + (radius - angle * scale) / slope
             left = np.abs(radius - angle * self._curve.scale(angle * angle)[0])
-            is_found = (left <= MIN_STEP * (1.0 + radius)) & (angle < self._curve.fold)
+            is_found = (left <= MAX_RESIDUAL * (1.0 + radius)) & (angle < self._curve.fold)
         half = self.reach
         edge = float(self._curve.at(np.array(half))) if self._curve.fold > half else math.inf
         is_beyond = radius > edge
-        sine, cosine = sine_cosine(np.where(is_found & ~is_beyond, angle, 0.0))
+        sine, cosine = sin_cos(np.where(is_found & ~is_beyond, angle, 0.0))
         along = sine / np.where(radius > 0.0, radius, 1.0)
         found = np.stack((u * along, v * along, cosine), axis=-1)
         found[~is_found & ~is_beyond] = np.nan
@@ -397,13 +397,13 @@ class FisheyeLens:
 
     def places(self, directions: ArrayLike) -> Float64:
         """Return where directions, (..., 3), are seen: places (..., 2), NaN where they are not."""
-        shown, angle = self._shown(*_columns("directions", directions, 3))
+        positions, angle = self._project(*_columns("directions", directions, 3))
         is_seen = (angle < self._curve.fold) & (angle <= self.reach)
-        return np.where(is_seen[..., np.newaxis], shown, np.nan)
+        return np.where(is_seen[..., np.newaxis], positions, np.nan)
 
     @property
     def limit(self) -> str:
-        """The angle beyond which it shows nothing, in words."""
+        """Description of the angle beyond which the lens shows nothing."""
         fold = self._curve.fold
         if fold > self.reach:
             return f"its field is {self.field:g} degrees"
@@ -422,18 +422,18 @@ class FisheyeLens:
     def _curve(self) -> _Curve:
         return _Curve((1.0, self.k1, self.k2, self.k3, self.k4), (1.0,), 2.0 * math.pi)
 
-    def _shown(self, x: Float64, y: Float64, z: Float64) -> tuple[Float64, Float64]:
-        """Return where directions are seen, (..., 2), and their angles from the axis."""
-        across = np.sqrt(x * x + y * y)
-        angle = arc_tangent(across, z)
+    def _project(self, x: Float64, y: Float64, z: Float64) -> tuple[Float64, Float64]:
+        """Project directions; return positions, (..., 2), and angles from the axis."""
+        radius = np.sqrt(x * x + y * y)
+        angle = polar_angle(radius, z)
         # On the axis the angle over its sine is 1.
         length = np.sqrt(x * x + y * y + z * z)
-        ratio = np.where(across > 0.0, angle / np.where(across > 0.0, across, 1.0), 1.0 / length)
+        ratio = np.where(radius > 0.0, angle / np.where(radius > 0.0, radius, 1.0), 1.0 / length)
         scale = ratio * self._curve.scale(angle * angle)[0]
         return np.stack((x * scale, y * scale), axis=-1), angle
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Equirectangular:
     """
@@ -455,7 +455,7 @@ class Equirectangular:
     def directions(places: ArrayLike) -> Float64:
         """Return the unit vectors, (..., 3), at longitude and latitude down, (..., 2), radians."""
         longitude, latitude = _columns("places", places, 2)
-        (across, ahead), (down, level) = sine_cosine(longitude), sine_cosine(latitude)
+        (across, ahead), (down, level) = sin_cos(longitude), sin_cos(latitude)
         return np.stack((across * level, down, ahead * level), axis=-1)
 
     @staticmethod
@@ -463,11 +463,11 @@ class Equirectangular:
         """Return longitude and latitude down, (..., 2), radians, of directions, (..., 3)."""
         x, y, z = _columns("directions", directions, 3)
         level = np.sqrt(x * x + z * z)
-        return np.stack((arc_tangent(x, z), arc_tangent(y, level)), axis=-1)
+        return np.stack((polar_angle(x, z), polar_angle(y, level)), axis=-1)
 
     @property
     def limit(self) -> str:
-        """Nothing, in words."""
+        """Description of its limit: none."""
         return "it shows everything"
 
     @property
@@ -480,7 +480,7 @@ Lens = PinholeDistortion | FisheyeLens | Equirectangular
 
 
 def check_lens(name: str, lens: Any) -> Lens:
-    """Return a lens, or raise ``ValueError`` naming what is none."""
+    """Return ``lens`` if it is one, or raise ``ValueError``."""
     if not isinstance(lens, (PinholeDistortion, FisheyeLens, Equirectangular)):
         raise ValueError(
             f"{name} must be a PinholeDistortion, FisheyeLens or Equirectangular, got "
@@ -491,78 +491,78 @@ def check_lens(name: str, lens: Any) -> Lens:
 
 class _Curve:
     """
-    A distance that depends on another one: r times a ratio of polynomials of r².
+    A radial distortion curve: r times a ratio of polynomials of r².
 
     Attributes
     ----------
     fold : float
-        Where it stops growing, or has a pole; infinite if it does not up to ``farthest``.
+        Where it stops growing, or has a pole; infinite if it does not up to ``max_radius``.
     """
 
-    def __init__(self, above: Coefficients, below: Coefficients, farthest: float) -> None:
-        self.above, self.below = above, below
+    def __init__(self, num: Coefficients, den: Coefficients, max_radius: float) -> None:
+        self.num, self.den = num, den
         # The derivative times the square of the denominator, of q = r².
-        grown = _product(_derivative(above), below), _product(above, _derivative(below))
-        derivative = _sum(_product(above, below), _product((0.0, 2.0), _sum(*grown, -1.0)))
-        ends = [
-            root for one in (derivative, below) for root in _roots(one, farthest * farthest)[:1]
+        products = _product(_derivative(num), den), _product(num, _derivative(den))
+        derivative = _sum(_product(num, den), _product((0.0, 2.0), _sum(*products, -1.0)))
+        limits = [
+            root for p in (derivative, den) for root in _roots(p, max_radius * max_radius)[:1]
         ]
-        self.fold = math.sqrt(min(ends)) if ends else math.inf
-        share = np.arange(NODES) / NODES
-        end = min(self.fold, farthest)
+        self.fold = math.sqrt(min(limits)) if limits else math.inf
+        t = np.arange(CURVE_SAMPLES) / CURVE_SAMPLES
+        limit = min(self.fold, max_radius)
         # Dense at 0, whatever the end.
-        self._radii = end * share / (1.0 + (1.0 - share) * max(end - 1.0, 0.0))
-        self._shown = self.at(self._radii)
+        self._radii = limit * t / (1.0 + (1.0 - t) * max(limit - 1.0, 0.0))
+        self._values = self.at(self._radii)
 
     def scale(self, q: Float64) -> tuple[Float64, Float64]:
         """Return the ratio at r² = q, and its derivative with q."""
-        above, below = polynomial(self.above, q), polynomial(self.below, q)
-        slope_above = polynomial(_derivative(self.above), q)
-        slope_below = polynomial(_derivative(self.below), q)
-        return above / below, (slope_above * below - above * slope_below) / (below * below)
+        top, bottom = polynomial(self.num, q), polynomial(self.den, q)
+        top_slope = polynomial(_derivative(self.num), q)
+        bottom_slope = polynomial(_derivative(self.den), q)
+        return top / bottom, (top_slope * bottom - top * bottom_slope) / (bottom * bottom)
 
     def at(self, radius: Float64) -> Float64:
-        """Return the distances that distances are taken to."""
+        """Return the distorted radii."""
         return radius * self.scale(radius * radius)[0]
 
-    def inverse(self, shown: Float64) -> Float64:
-        """Return about where distances come from, below the fold."""
-        known = self._shown
-        held = np.minimum(np.where(shown == shown, shown, 0.0), known[-1])
-        right = np.clip(np.searchsorted(known, held), 1, NODES - 1)
-        low, high = known[right - 1], known[right]
-        share = (held - low) / np.where(high > low, high - low, 1.0)
-        return self._radii[right - 1] + share * (self._radii[right] - self._radii[right - 1])
+    def inverse(self, distances: Float64) -> Float64:
+        """Return approximate radii below the fold, given distorted ones."""
+        table = self._values
+        clamped = np.minimum(np.where(distances == distances, distances, 0.0), table[-1])
+        right = np.clip(np.searchsorted(table, clamped), 1, CURVE_SAMPLES - 1)
+        low, high = table[right - 1], table[right]
+        t = (clamped - low) / np.where(high > low, high - low, 1.0)
+        return self._radii[right - 1] + t * (self._radii[right] - self._radii[right - 1])
 
 
 def _derivative(coefficients: Coefficients) -> Coefficients:
-    """Return those of a polynomial's derivative, from the constant one on."""
+    """Return the coefficients of a polynomial's derivative, from the constant one on."""
     return tuple(n * c for n, c in enumerate(coefficients) if n) or (0.0,)
 
 
-def _product(one: Coefficients, other: Coefficients) -> Coefficients:
-    """Return those of the product of two polynomials."""
-    total = [0.0] * (len(one) + len(other) - 1)
-    for n, a in enumerate(one):
-        for m, b in enumerate(other):
-            total[n + m] += a * b
+def _product(a: Coefficients, b: Coefficients) -> Coefficients:
+    """Return the coefficients of the product of two polynomials."""
+    total = [0.0] * (len(a) + len(b) - 1)
+    for n, x in enumerate(a):
+        for m, y in enumerate(b):
+            total[n + m] += x * y
     return tuple(total)
 
 
 def _sum(one: Coefficients, other: Coefficients, factor: float = 1.0) -> Coefficients:
-    """Return those of the sum of a polynomial and another one times a factor."""
+    """Return the coefficients of a polynomial plus another one times a factor."""
     pairs = zip_longest(one, other, fillvalue=0.0)
     return tuple(a + factor * b for a, b in pairs)
 
 
-def _roots(coefficients: Coefficients, most: float) -> list[float]:
+def _roots(coefficients: Coefficients, limit: float) -> list[float]:
     """Return where a polynomial changes its sign in 0..most, ascending."""
     if len(coefficients) < 2:
         return []
     # Between the roots of its derivative it only grows or only falls.
-    ends = [0.0, *_roots(_derivative(coefficients), most), most]
-    found = []
-    for low, high in pairwise(ends):
+    bounds = [0.0, *_roots(_derivative(coefficients), limit), limit]
+    roots = []
+    for low, high in pairwise(bounds):
         is_above = polynomial(coefficients, low) > 0.0
         if is_above == (polynomial(coefficients, high) > 0.0):
             continue
@@ -571,36 +571,36 @@ def _roots(coefficients: Coefficients, most: float) -> list[float]:
                 low = middle
             else:
                 high = middle
-        found.append(low)
-    return found
+        roots.append(low)
+    return roots
 
 
 def _in_blocks(function: Callable[..., Float64], columns: list[Float64]) -> Float64:
-    """Return what a function of (N,) columns gives, (..., 3), some at once."""
+    """Apply a function of (N,) columns block by block; return its results, (..., 3)."""
     shape = columns[0].shape
     flat = [column.ravel() for column in columns]
-    found = np.empty((flat[0].size, 3))
-    for first in range(0, len(found), BLOCK):
-        some = slice(first, first + BLOCK)
-        found[some] = function(*(column[some] for column in flat))
-    return found.reshape(*shape, 3)
+    result = np.empty((flat[0].size, 3))
+    for first in range(0, len(result), BLOCK_SIZE):
+        block = slice(first, first + BLOCK_SIZE)
+        result[block] = function(*(column[block] for column in flat))
+    return result.reshape(*shape, 3)
 
 
 def _points(name: str, values: ArrayLike) -> list[Float64]:
-    """Return x and y of points, or raise ``ValueError`` if some lie nowhere that a lens leads."""
-    found = _columns(name, values, 2)
-    for column in found:
-        if not (np.abs(column) <= MAX).all():
+    """Return x and y of points, or raise ``ValueError`` if one is not finite or too large."""
+    columns = _columns(name, values, 2)
+    for column in columns:
+        if not (np.abs(column) <= LIMIT).all():
             raise ValueError(
-                f"{name} must be finite and at most {MAX:g} from 0, got "
-                f"{column[~(np.abs(column) <= MAX)].flat[0]!r}"
+                f"{name} must be finite and at most {LIMIT:g} from 0, got "
+                f"{column[~(np.abs(column) <= LIMIT)].flat[0]!r}"
             )
-    return found
+    return columns
 
 
 def _columns(name: str, values: ArrayLike, count: int) -> list[Float64]:
     """Return the columns of an array, each (...,) float64, or raise ``ValueError``."""
-    found = check.number_array(name, values)
-    if found.ndim == 0 or found.shape[-1] != count:
-        raise ValueError(f"{name} must have shape (..., {count}), got {found.shape}")
-    return [found[..., k] for k in range(count)]
+    array = check.number_array(name, values)
+    if array.ndim == 0 or array.shape[-1] != count:
+        raise ValueError(f"{name} must have shape (..., {count}), got {array.shape}")
+    return [array[..., k] for k in range(count)]

@@ -1,4 +1,4 @@
-"""Lights: what shines, in linear light; a scene without any gets a headlight from the renderer."""
+"""Lights of a scene; the renderer adds a headlight if there are none."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from numpy.typing import ArrayLike
 
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGB, ColorLike, rgb
 from rasterjit.scene.validation import VectorLike, bounded_number, one_of, positive_number, triple
 
@@ -19,24 +19,24 @@ ShadowFilter: TypeAlias = Literal["hard", "pcf", "soft"]
 SHADOW_FILTERS: tuple[ShadowFilter, ...] = get_args(ShadowFilter)
 """Ways of reading a shadow map."""
 
-MIN_MAP, MAX_MAP = 16, 8192
-"""Side of a shadow map, texels."""
+MIN_MAP_SIZE, MAX_MAP_SIZE = 16, 8192
+"""Limits of the side of a shadow map, texels."""
 
-MAX_TEXELS = 1 << 30
-"""Texels of all shadow maps of a frame together, 4 bytes each."""
+MAX_MAP_TEXELS = 1 << 30
+"""Most texels of all shadow maps of a frame together, 4 bytes each."""
 
 MAX_BIAS = 100.0
 """Largest bias, texels: beyond it nothing of a shadow would be left where things touch."""
 
-WIDEST_SUN = 90.0
+MAX_SUN_ANGLE = 90.0
 """Largest angle that a light infinitely far away is seen under, degrees."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Shadow:
     """
-    How a light casts shadows: by a map of the depths that it sees.
+    Shadows of a light, cast by a depth map.
 
     The map is fitted to what the camera sees and what can cast a shadow there. A point light has up
     to six, one for each side of a cube. What is blended casts no shadow,
@@ -84,7 +84,7 @@ class Shadow:
 
     def __post_init__(self) -> None:
         one_of("filter", self.filter, SHADOW_FILTERS)
-        size = bounded_number("size", self.size, MIN_MAP, MAX_MAP)
+        size = bounded_number("size", self.size, MIN_MAP_SIZE, MAX_MAP_SIZE)
         if size != int(size) or isinstance(self.size, bool):
             raise ValueError(f"size must be a whole number of texels, got {self.size!r}")
         store(self, size=int(size))
@@ -99,7 +99,7 @@ class Shadow:
             )
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class AmbientLight:
     """
@@ -125,7 +125,7 @@ class AmbientLight:
         _check_color_and_intensity(self)
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class DirectionalLight:
     """
@@ -160,10 +160,10 @@ class DirectionalLight:
         _check_color_and_intensity(self)
         _check_shadow(self)
         if self.shadow is not None and self.shadow.light_size is not None:
-            bounded_number("shadow.light_size", self.shadow.light_size, 0.0, WIDEST_SUN)
+            bounded_number("shadow.light_size", self.shadow.light_size, 0.0, MAX_SUN_ANGLE)
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class PointLight:
     """
@@ -208,7 +208,7 @@ class PointLight:
         _check_shadow(self)
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class SpotLight:
     """
@@ -259,8 +259,8 @@ class SpotLight:
         store(self, position=triple("position", self.position))
         store(self, direction=unit_vector("direction", self.direction))
         _check_color_and_intensity(self)
-        inner = bounded_number("inner_angle", self.inner_angle, 0.0, WIDEST_CONE)
-        outer = bounded_number("outer_angle", self.outer_angle, 0.0, WIDEST_CONE)
+        inner = bounded_number("inner_angle", self.inner_angle, 0.0, MAX_CONE_ANGLE)
+        outer = bounded_number("outer_angle", self.outer_angle, 0.0, MAX_CONE_ANGLE)
         if outer == 0.0:
             raise ValueError(f"outer_angle must be above 0, got {self.outer_angle!r}")
         if inner > outer:
@@ -273,10 +273,10 @@ class SpotLight:
         _check_shadow(self)
 
 
-WIDEST_CONE = 90.0
+MAX_CONE_ANGLE = 90.0
 """Largest angle of a spot light from its axis, degrees."""
 
-BRIGHTEST = 1e30
+MAX_RADIANCE = 1e30
 """Largest intensity, radiance and emission: products with a surface and its highlight, and sums of
 some, stay finite in float32."""
 
@@ -287,7 +287,7 @@ Light: TypeAlias = AmbientLight | DirectionalLight | PointLight | SpotLight
 def _check_color_and_intensity(light: Any) -> None:
     """Store the light's colour as linear RGB and its intensity as a float at least 0."""
     store(light, color=rgb("color", light.color))
-    store(light, intensity=bounded_number("intensity", light.intensity, 0.0, BRIGHTEST))
+    store(light, intensity=bounded_number("intensity", light.intensity, 0.0, MAX_RADIANCE))
 
 
 def _check_range(light: Any) -> None:

@@ -15,18 +15,18 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
-from rasterjit.scene.points import UNITS, Unit, color_rows, sizes_of
+from rasterjit.scene.points import UNITS, Unit, expand_color, size_array
 from rasterjit.scene.scalar_field import NAN_COLOR
 
-INK = 0.0, 0.0, 0.0
-"""Colour of lines that are given none."""
+DEFAULT_COLOR = 0.0, 0.0, 0.0
+"""Colour of lines if none is given."""
 
 AXIS_COLORS = (0.8, 0.02, 0.02), (0.02, 0.5, 0.02), (0.02, 0.1, 0.9)
 """Colours of x, y and z, linear light."""
 
 Cap: TypeAlias = Literal["round", "butt"]
 CAPS: tuple[Cap, ...] = get_args(Cap)
-"""What ends of strips may be."""
+"""Shapes of the ends of strips."""
 
 
 class Lines(Mesh):
@@ -103,10 +103,10 @@ class Lines(Mesh):
     """
 
     primitive: ClassVar[Primitive] = "lines"
-    _depth_place: tuple[float, float] = (0.0, 0.0)
-    _INSTEAD = "make other Lines"
-    _PLACES = "points", "point"
-    _PLAIN = Material("unlit", base_color=INK)
+    _depth_offset: tuple[float, float] = (0.0, 0.0)
+    _ADVICE = "make other Lines"
+    _VERTEX_WORDS = "points", "point"
+    _DEFAULT_MATERIAL = Material("unlit", base_color=DEFAULT_COLOR)
 
     def __init__(
         self,
@@ -130,17 +130,17 @@ class Lines(Mesh):
         if segments is not None and strips is not None:
             raise ValueError("strips must be None where segments are given")
         if material is None and colors is None and scalars is None:
-            material = self._PLAIN
+            material = self._DEFAULT_MATERIAL
         self._unit: Unit = check.one_of("unit", unit, UNITS)
         self._caps: Cap = check.one_of("caps", caps, CAPS)
-        _refuse_arrays(points)
+        _check_single_array(points)
         self._pairs = segments if strips is None else _Strips(strips)
         super().__init__(
             points, (), colors=colors, attributes=attributes, scalars=scalars,
             colormap=colormap, range=range, nan_color=nan_color, on_invalid=on_invalid,
             material=Material("unlit") if material is None else material,
         )  # fmt: skip
-        self._widths = check.read_only(sizes_of("width", width, len(self), unit))
+        self._widths = check.read_only(size_array("width", width, len(self), unit))
         self._dashes = check.read_only(_dash_array(dashes, unit))
         self._links: Int32 | None = None
 
@@ -149,12 +149,12 @@ class Lines(Mesh):
         poses: ArrayLike,
         *,
         axes: float | None = None,
-        color: ColorLike = INK,
+        color: ColorLike = DEFAULT_COLOR,
         width: float = 2.0,
         unit: Unit = "pixel",
     ) -> Lines:
         """
-        Return the way that something has gone, and its axes at each pose.
+        Return the path through poses, and the axes of each.
 
         Parameters
         ----------
@@ -186,18 +186,18 @@ class Lines(Mesh):
         count = len(matrices)
         if count < 2:
             raise ValueError(f"poses must be two or more, got {count}")
-        way = matrices[:, :3, 3]
+        path = matrices[:, :3, 3]
         if axes is None:
-            size = 0.05 * float((way.max(axis=0) - way.min(axis=0)).max())
+            size = 0.05 * float((path.max(axis=0) - path.min(axis=0)).max())
         else:
             size = check.bounded_number("axes", axes, 0.0, np.inf)
-        numbers = np.arange(count)
-        points, segments = [way], [np.stack([numbers[:-1], numbers[1:]], axis=1)]
+        indices = np.arange(count)
+        points, segments = [path], [np.stack([indices[:-1], indices[1:]], axis=1)]
         colors = [np.tile(linear_color("color", color), (count - 1, 1))]
         if size > 0.0:
-            tips = way[:, np.newaxis] + size * matrices[:, :3, :3].transpose(0, 2, 1)
+            tips = path[:, np.newaxis] + size * matrices[:, :3, :3].transpose(0, 2, 1)
             points.append(tips.reshape(-1, 3))
-            segments.append(np.stack([np.repeat(numbers, 3), count + np.arange(3 * count)], axis=1))
+            segments.append(np.stack([np.repeat(indices, 3), count + np.arange(3 * count)], axis=1))
             colors.append(np.tile(np.hstack([AXIS_COLORS, np.ones((3, 1))]), (count, 1)))
         # There is one point more than there are segments, so these are colours of segments.
         return Lines(
@@ -239,7 +239,7 @@ class Lines(Mesh):
 
     @property
     def unit(self) -> Unit:
-        """What widths and dashes are in."""
+        """Unit of widths and dashes."""
         return self._unit
 
     @property
@@ -254,13 +254,13 @@ class Lines(Mesh):
 
     @property
     def caps(self) -> Cap:
-        """What the ends of strips are."""
+        """Shape of the ends of strips."""
         return self._caps
 
     @property
-    def depth_place(self) -> tuple[float, float]:
-        """Where depths and attributes are taken from: right of each sample and below it, pixels."""
-        return self._depth_place
+    def depth_offset(self) -> tuple[float, float]:
+        """Offset (right, down), pixels, from a sample to where depth and attributes are read."""
+        return self._depth_offset
 
     @property
     def links(self) -> Int32:
@@ -270,7 +270,7 @@ class Lines(Mesh):
         -1 where there is none. The first and the last segment of a closed strip are joined, too.
         """
         if self._links is None:
-            self._links = _links_of(self.faces)
+            self._links = _neighbour_segments(self.faces)
         return self._links
 
     def __len__(self) -> int:
@@ -294,7 +294,7 @@ class Lines(Mesh):
 
     def _store_colors(self, colors: ColorLike) -> None:
         """Store colours by point or by segment; one of all as that of each segment."""
-        rows = color_rows(colors, len(self))
+        rows = expand_color(colors, len(self))
         if rows is colors:
             super()._store_colors(colors)
         else:
@@ -305,23 +305,23 @@ class Lines(Mesh):
         return self
 
 
-def _links_of(faces: Int32) -> Int32:
-    """Return the segments that each is joined to, (S, 2) int32."""
-    count, numbers = len(faces), np.arange(len(faces), dtype=np.int32)
+def _neighbour_segments(faces: Int32) -> Int32:
+    """Return the segments before and after each in its strip, (S, 2) int32; -1 for none."""
+    count, indices = len(faces), np.arange(len(faces), dtype=np.int32)
     is_first = np.append(True, faces[1:, 0] != faces[:-1, 1])
     is_last = np.append(is_first[1:], True)
-    links = np.stack([np.where(is_first, -1, numbers - 1), np.where(is_last, -1, numbers + 1)], 1)
+    links = np.stack([np.where(is_first, -1, indices - 1), np.where(is_last, -1, indices + 1)], 1)
     firsts, lasts = np.flatnonzero(is_first), np.flatnonzero(is_last)
     is_closed = (faces[firsts, 0] == faces[lasts, 1]) & (firsts < lasts)
     links[firsts[is_closed], 0], links[lasts[is_closed], 1] = lasts[is_closed], firsts[is_closed]
     return np.ascontiguousarray(links, np.int32).reshape(count, 2)
 
 
-def _refuse_arrays(points: Any) -> None:
+def _check_single_array(points: Any) -> None:
     """Raise ``ValueError`` if points are a list of arrays of points."""
     if not isinstance(points, (list, tuple)) or not points:
         return
-    if all(isinstance(one, np.ndarray) and one.ndim == 2 for one in points):
+    if all(isinstance(item, np.ndarray) and item.ndim == 2 for item in points):
         raise ValueError(
             f"points must be one array, (V, 3), got {len(points)} arrays; join them with "
             "np.concatenate, and give as strips the numbers of each one's points"
@@ -329,32 +329,32 @@ def _refuse_arrays(points: Any) -> None:
 
 
 class _Strips:
-    """Strips, told from segments."""
+    """Wrapper that marks faces as strips, not segments."""
 
     def __init__(self, strips: Sequence[ArrayLike]) -> None:
         self.strips = strips
 
 
 def _segments_of(strips: Sequence[ArrayLike], count: int) -> Int32:
-    """Return the segments of strips, (S, 2) int32, or raise ``ValueError``."""
-    found = [
+    """Split strips into segments, (S, 2) int32, or raise ``ValueError``."""
+    arrays = [
         _strip_array(f"strips[{number}]", strip, strips, count)
-        for number, strip in enumerate(_each_strip(strips))
+        for number, strip in enumerate(_strip_list(strips))
     ]
-    if not found:
+    if not arrays:
         raise ValueError("strips must hold one strip or more, got none")
-    return strip_segments(np.concatenate(found), np.array([len(rows) for rows in found]))[0]
+    return strip_segments(np.concatenate(arrays), np.array([len(rows) for rows in arrays]))[0]
 
 
-def _each_strip(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
+def _strip_list(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
     """Return the strips as a list, or raise ``ValueError``."""
     try:
         if isinstance(strips, (str, bytes, Mapping)):
             raise TypeError
-        return list(check.items("strips", strips))
+        return list(check.sequence("strips", strips))
     except (TypeError, ValueError):
         raise ValueError(
-            f"strips must be a sequence of sequences of point numbers, got {check.in_short(strips)}"
+            f"strips must be a sequence of sequences of point numbers, got {check.brief(strips)}"
         ) from None
 
 
@@ -363,13 +363,11 @@ def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> Int32:
     try:
         shape = check.unmasked_array(name, strip).shape
     except ValueError:
-        raise ValueError(
-            f"{name} must be point numbers, (N,), got {check.in_short(strip)}"
-        ) from None
+        raise ValueError(f"{name} must be point numbers, (N,), got {check.brief(strip)}") from None
     if shape == ():
         raise ValueError(
             "strips must be a sequence of sequences of point numbers, as [[0, 1, 2]], got "
-            f"{check.in_short(strips)}"
+            f"{check.brief(strips)}"
         )
     if len(shape) == 2 and shape[1] == 3:
         raise ValueError(
@@ -385,7 +383,7 @@ def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> Int32:
 
 def strip_segments(corners: NDArray[np.integer[Any]], counts: Int64) -> tuple[NDArray[Any], Int64]:
     """
-    Return the segments of strips that stand one behind the other.
+    Split concatenated strips into segments.
 
     Parameters
     ----------
@@ -401,11 +399,11 @@ def strip_segments(corners: NDArray[np.integer[Any]], counts: Int64) -> tuple[ND
     strips : (S,) int64
         The strip of each.
     """
-    inner = np.ones(len(corners), bool)
-    inner[np.cumsum(counts)[counts > 0] - 1] = False
-    begins = np.flatnonzero(inner)
+    has_next = np.ones(len(corners), bool)
+    has_next[np.cumsum(counts)[counts > 0] - 1] = False
+    starts = np.flatnonzero(has_next)
     strips = np.repeat(np.arange(len(counts)), counts)
-    return np.column_stack([corners[begins], corners[begins + 1]]), strips[begins]
+    return np.column_stack([corners[starts], corners[starts + 1]]), strips[starts]
 
 
 def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> Float64:
@@ -414,6 +412,6 @@ def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> Float64:
         return np.empty(0)
     if check.unmasked_array("dashes", dashes).ndim != 1 or len(dashes) == 0 or len(dashes) % 2:
         raise ValueError(
-            f"dashes must be an even number of lengths, dash, gap ..., got {check.in_short(dashes)}"
+            f"dashes must be an even number of lengths, dash, gap ..., got {check.brief(dashes)}"
         )
-    return sizes_of("dashes", dashes, len(dashes), unit)
+    return size_array("dashes", dashes, len(dashes), unit)

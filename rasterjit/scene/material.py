@@ -1,4 +1,4 @@
-"""Materials: how a mesh answers light."""
+"""Materials: shading, colours and textures of surfaces."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGB, RGBA, ColorLike, rgb, rgba
-from rasterjit.scene.light import BRIGHTEST
+from rasterjit.scene.light import MAX_RADIANCE
 from rasterjit.scene.texture import Texture
 
 Shading: TypeAlias = Literal["unlit", "flat", "gouraud", "phong", "pbr"]
@@ -22,7 +22,7 @@ pixel on microfacets."""
 
 AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
 ALPHA_MODES: tuple[AlphaMode, ...] = get_args(AlphaMode)
-"""What alpha does: nothing; it cuts holes; it lets through what lies behind."""
+"""Uses of alpha: none; cutting holes; blending with surfaces behind."""
 
 CORE_TEXTURES = (
     "base_color_texture", "normal_texture", "metallic_roughness_texture", "occlusion_texture",
@@ -35,7 +35,7 @@ LAYER_TEXTURES = (
     "sheen_color_texture", "sheen_roughness_texture", "specular_factor_texture",
     "specular_color_texture", "transmission_texture", "thickness_texture",
 )  # fmt: skip
-"""Those of what glTF's extensions lay over a metallic-roughness material, or put into it."""
+"""Textures of glTF's extensions of metallic-roughness materials."""
 
 TEXTURE_FIELDS = CORE_TEXTURES + LAYER_TEXTURES
 """The textures of a material."""
@@ -43,7 +43,7 @@ TEXTURE_FIELDS = CORE_TEXTURES + LAYER_TEXTURES
 MAX_THICKNESS = 1e6
 """Largest ``thickness`` of a body, in units of the mesh."""
 
-NUMBERS = {
+NUMBER_RANGES = {
     "metallic": (0.0, 1.0),
     "roughness": (0.0, 1.0),
     "normal_scale": (-1e3, 1e3),
@@ -57,9 +57,9 @@ NUMBERS = {
     "transmission": (0.0, 1.0),
     "thickness": (0.0, MAX_THICKNESS),
 }
-"""Fields that are numbers, and their bounds."""
+"""Limits of the fields that are numbers."""
 
-MAPPED = frozenset(("flat", "phong", "pbr"))
+MAPPED_SHADINGS = frozenset(("flat", "phong", "pbr"))
 """Ways of shading that read normal and occlusion maps: those that light every pixel."""
 
 MAX_SPECULAR = 1e6
@@ -69,26 +69,26 @@ SHININESS_RANGE = (1e-6, 1e6)
 """Exponents of a highlight: from none to see, to one narrower than a float32 angle."""
 
 LIGHT_GREY: RGBA = tuple(np.array([0.8, 0.8, 0.8, 1.0], np.float32).tolist())
-"""The colour of a surface that nothing is said about, linear."""
+"""Default colour of a surface, linear."""
 
 BLACK = (0.0, 0.0, 0.0)
 
 WHITE = (1.0, 1.0, 1.0, 1.0)
-"""What multiplies colours and leaves them as they are."""
+"""Linear white, which changes no colour that it multiplies."""
 
-BRIGHTEST_TINT = 1e6
+MAX_TINT = 1e6
 """Largest ``specular_color``; what it multiplies is held to 1."""
 
 IOR, MAX_IOR = 1.5, 1e3
-"""Index of refraction of a surface that nothing is said about, and the largest."""
+"""Default index of refraction of a surface, and the largest."""
 
-CLEAR = 0.5
+CLEAR_TRANSMISSION = 0.5
 """Transmission above which a thin wall casts no shadow."""
 
-NO_LAYERS = (None,) * len(LAYER_TEXTURES)
+NO_LAYER_TEXTURES = (None,) * len(LAYER_TEXTURES)
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Material:
     """
@@ -260,32 +260,32 @@ class Material:
         for name in TEXTURE_FIELDS:
             texture = getattr(self, name)
             if texture is not None and not isinstance(texture, Texture):
-                raise ValueError(f"{name} must be a Texture or None, got {check.in_short(texture)}")
+                raise ValueError(f"{name} must be a Texture or None, got {check.brief(texture)}")
         check.one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
-        check.true_or_false("double_sided", self.double_sided)
-        for name, (low, high) in NUMBERS.items():
+        check.boolean("double_sided", self.double_sided)
+        for name, (low, high) in NUMBER_RANGES.items():
             value = getattr(self, name)
             if type(value) is not float or not low <= value <= high:
                 object.__setattr__(self, name, check.bounded_number(name, value, low, high))
         if self.base_color is not None:
             store(self, base_color=rgba("base_color", self.base_color))
         if self.emissive is None:
-            dark = self.emissive_texture is None
-            store(self, emissive="black" if dark else "white")
-        store(self, emissive=_bright("emissive", self.emissive, BRIGHTEST))
+            is_dark = self.emissive_texture is None
+            store(self, emissive="black" if is_dark else "white")
+        store(self, emissive=_hdr_color("emissive", self.emissive, MAX_RADIANCE))
         self._check_layers()
         store(self, specular=specular, shininess=shininess)
 
     def _check_layers(self) -> None:
-        """Check and store the colours of layers and what is beyond plain bounds."""
-        sheen, tint, inside = self.sheen_color, self.specular_color, self.attenuation_color
+        """Check and store the colours of layers, ``ior`` and ``attenuation_distance``."""
+        sheen, tint, attenuation = self.sheen_color, self.specular_color, self.attenuation_color
         if sheen is None:
             sheen = BLACK if self.sheen_color_texture is None else WHITE[:3]
         else:
             sheen = rgb("sheen_color", sheen)
-        tint = WHITE[:3] if tint is None else _bright("specular_color", tint, BRIGHTEST_TINT)
-        inside = WHITE[:3] if inside is None else rgb("attenuation_color", inside)
-        store(self, sheen_color=sheen, specular_color=tint, attenuation_color=inside)
+        tint = WHITE[:3] if tint is None else _hdr_color("specular_color", tint, MAX_TINT)
+        attenuation = WHITE[:3] if attenuation is None else rgb("attenuation_color", attenuation)
+        store(self, sheen_color=sheen, specular_color=tint, attenuation_color=attenuation)
         if self.ior is not IOR:
             ior = check.finite_number("ior", self.ior)
             if ior != 0.0 and not 1.0 <= ior <= MAX_IOR:
@@ -302,22 +302,22 @@ class Material:
 
     @property
     def has_normal_map(self) -> bool:
-        """Whether a texture bends the normals of the surface or of its varnish."""
+        """Whether the surface or its clearcoat has a normal map."""
         return self.normal_texture is not None or self.clearcoat_normal_texture is not None
 
     @property
     def has_clearcoat(self) -> bool:
-        """Whether a varnish lies on top."""
+        """Whether a clearcoat lies on top."""
         return self.shading == "pbr" and self.clearcoat > 0.0
 
     @property
     def has_sheen(self) -> bool:
-        """Whether fibres stand out of the surface."""
+        """Whether the surface has sheen."""
         return self.shading == "pbr" and max(self.sheen_color) > 0.0
 
     @property
-    def has_own_specular(self) -> bool:
-        """Whether what is no metal mirrors otherwise than 4 % of white light straight on."""
+    def has_custom_specular(self) -> bool:
+        """Whether dielectrics reflect other than 4 % of white light at normal incidence."""
         return self.shading == "pbr" and (
             self.ior != IOR
             or self.specular_factor != 1.0
@@ -334,11 +334,11 @@ class Material:
     @property
     def is_clear_pane(self) -> bool:
         """Whether the surface is thin and lets through more light than it keeps."""
-        return self.transmits and self.thickness == 0.0 and self.transmission > CLEAR
+        return self.transmits and self.thickness == 0.0 and self.transmission > CLEAR_TRANSMISSION
 
     def base_color_over(self, has_colors: bool) -> tuple[float, float, float, float]:
         """
-        Return what multiplies a mesh's colours and the texture, linear RGBA.
+        Return the factor on a mesh's colours and the texture, linear RGBA.
 
         Parameters
         ----------
@@ -355,52 +355,52 @@ class Material:
             return self.base_color
         return (
             WHITE
-            if check.true_or_false("has_colors", has_colors) or self.base_color_texture is not None
+            if check.boolean("has_colors", has_colors) or self.base_color_texture is not None
             else LIGHT_GREY
         )
 
     def textures_read(self) -> tuple[Texture | None, ...]:
-        """Return the textures that make a difference, in the order of ``TEXTURE_FIELDS``."""
-        is_mapped = self.shading in MAPPED
+        """Return the textures that shading reads, in the order of ``TEXTURE_FIELDS``, or None."""
+        is_mapped = self.shading in MAPPED_SHADINGS
         return (
             self.base_color_texture,
             self.normal_texture if is_mapped else None,
             self.metallic_roughness_texture if self.shading == "pbr" else None,
             self.occlusion_texture if is_mapped else None,
             self.emissive_texture if self.emits else None,
-            *(self._layer_textures() if self.shading == "pbr" else NO_LAYERS),
+            *(self._layer_textures() if self.shading == "pbr" else NO_LAYER_TEXTURES),
         )
 
     def _layer_textures(self) -> tuple[Texture | None, ...]:
-        """Return those of ``LAYER_TEXTURES`` that make a difference."""
-        coated, sheen, mirrors = self.has_clearcoat, self.has_sheen, self.specular_factor > 0.0
-        is_tinted = mirrors and any(part > 0.0 for part in self.specular_color)
+        """Return those of ``LAYER_TEXTURES`` that shading reads; None for others."""
+        coat, sheen, reflects = (self.has_clearcoat, self.has_sheen, self.specular_factor > 0.0)
+        is_tinted = reflects and any(part > 0.0 for part in self.specular_color)
         return (
-            self.clearcoat_texture if coated else None,
-            self.clearcoat_roughness_texture if coated else None,
-            self.clearcoat_normal_texture if coated else None,
+            self.clearcoat_texture if coat else None,
+            self.clearcoat_roughness_texture if coat else None,
+            self.clearcoat_normal_texture if coat else None,
             self.sheen_color_texture if sheen else None,
             self.sheen_roughness_texture if sheen else None,
-            self.specular_factor_texture if mirrors else None,
+            self.specular_factor_texture if reflects else None,
             self.specular_color_texture if is_tinted else None,
             self.transmission_texture if self.transmits else None,
             self.thickness_texture if self.transmits and self.thickness > 0.0 else None,
         )
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
-class UnsaidMaterial(Material):
+class DefaultMaterial(Material):
     """
-    The default material, where a glTF file says nothing about a surface.
+    The default material of glTF files, for surfaces without one.
 
     In a scene with an environment, a surface that still has it looks as glTF 2.0 says: a rough
     white metal, which would show little without one.
     """
 
     def in_environment(self) -> Material:
-        """Return the material that is in force in a scene with an environment."""
-        if self != UnsaidMaterial():
+        """Return the material to shade with in a scene with an environment."""
+        if self != DefaultMaterial():
             return self
         return Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
 
@@ -411,11 +411,11 @@ def with_textures(material: Material, textures: Mapping[str, Texture | None]) ->
     return replace(material, **changes)
 
 
-def _bright(name: str, value: ColorLike, most: float) -> tuple[float, float, float]:
-    """Return a colour as linear RGB, whose parts may be above 1 up to ``most``, or raise."""
+def _hdr_color(name: str, value: ColorLike, max_value: float) -> tuple[float, float, float]:
+    """Return a colour as linear RGB with components up to ``max_value``, or raise."""
     if not isinstance(value, str) and check.unmasked_array(name, value).dtype != np.uint8:
         red, green, blue = (
-            check.bounded_number(name, part, 0.0, most)
+            check.bounded_number(name, part, 0.0, max_value)
             for part in check.vector(name, value).tolist()
         )
         return red, green, blue

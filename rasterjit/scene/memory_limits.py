@@ -7,22 +7,22 @@ take, by sizes that it can tell beforehand, and one budget refuses what is too m
 
 from __future__ import annotations
 
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 DEFAULT_MAX_BYTES = 8 << 30
-"""Bytes that loading a file may take where nobody says how many."""
+"""Default limit of the memory that loading a file may take, bytes."""
 
 TEXEL_BYTES = 48
-"""What a texel takes: as it is decoded, as four float32, and in its mip levels while made."""
+"""Memory of a texel, bytes: decoded, as four float32, and in mip levels being computed."""
 
 
 class FileSizeError(ValueError):
-    """Loading a file would take more memory than it may."""
+    """Raised if loading a file would exceed its memory budget."""
 
 
 class MemoryBudget:
     """
-    The memory that loading one file, and all that it refers to, may take.
+    Budget of memory for loading one file and all that it refers to.
 
     Once something was refused everything is, and ``refusal`` is why: readers that go on without
     what cannot be read end soon, and who asked them raises it.
@@ -48,7 +48,7 @@ class MemoryBudget:
 
     def __init__(self, source: str, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
         if isinstance(max_bytes, bool) or not isinstance(max_bytes, int) or max_bytes <= 0:
-            raise ValueError(f"max_bytes must be a whole number above 0, got {in_short(max_bytes)}")
+            raise ValueError(f"max_bytes must be a whole number above 0, got {brief(max_bytes)}")
         self.source = source
         self.max_bytes = max_bytes
         self.left = max_bytes

@@ -23,7 +23,7 @@ from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.distinct_rows import distinct_rows
-from rasterjit.scene.first_corners import least_first
+from rasterjit.scene.first_corners import rotate_corners
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
@@ -31,17 +31,17 @@ from rasterjit.scene.normals import (
     crease_normals,
     is_creased,
     normal_groups,
-    repaired_normals,
+    repair_normals,
     safe_scale,
     smooth_normals,
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.notebook_preview import Previewed
+from rasterjit.scene.notebook_preview import PicturePreview
 from rasterjit.scene.scalar_field import NAN_COLOR, Field, make_field, refuse_field
-from rasterjit.scene.skin import MorphTargets, Posable, skin_arrays
+from rasterjit.scene.skin import Deformable, MorphTargets, skin_arrays
 from rasterjit.scene.texture import UV_NAMES, UVSet
-from rasterjit.scene.warning import MADE_NORMALS, warn_caller
+from rasterjit.scene.warning import REPAIRED_NORMALS, warn_caller
 
 if TYPE_CHECKING:
     import trimesh
@@ -50,7 +50,7 @@ _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 ATTRIBUTE = "attribute:"
-"""What the name of an output begins with that shows an attribute of meshes."""
+"""Prefix of the names of outputs that show an attribute of meshes."""
 
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
@@ -61,7 +61,7 @@ ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
 """What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
 
 
-class Mesh(HoldsArrays, Guarded, Previewed):
+class Mesh(HoldsArrays, Guarded, PicturePreview):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -115,7 +115,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         Default ``Material()``.
     joints : (V, K) array_like of int, optional
         Which joints of a node's `Skin` each vertex follows, by their numbers; any K >= 1. Without a
-        skin the mesh is as it was made.
+        skin the mesh is in its bind pose.
     weights : (V, K) array_like, optional
         How much it follows each, at least 0. Those of a vertex are scaled to a sum of 1 where it is
         not that but for rounding.
@@ -147,33 +147,33 @@ class Mesh(HoldsArrays, Guarded, Previewed):
     """
 
     primitive: ClassVar[Primitive] = "triangles"
-    """What its faces are."""
+    """Kind of its faces."""
 
     _FIELDS = ("material", "variants")
-    _INSTEAD = "make another Mesh"
-    _PLACES: ClassVar[tuple[str, str]] = "vertices", "vertex"
-    """What the constructor calls its vertices, and one of them."""
-    _PLAIN: ClassVar[Material | None] = None
-    """Material of those that are told nothing, whose colour gives way to that of scalars."""
+    _ADVICE = "make another Mesh"
+    _VERTEX_WORDS: ClassVar[tuple[str, str]] = "vertices", "vertex"
+    """Words of messages for its vertices, and for one."""
+    _DEFAULT_MATERIAL: ClassVar[Material | None] = None
+    """Material if none is given; the colours of scalars replace its colour."""
     # Most meshes have none of them, and take no room for that.
     _joints: Int32 | None = None
     _joint_weights: Float64 | None = None
     _morph_targets: MorphTargets | None = None
     _normal_groups: Int32 | None = None
-    """(V,): which vertices have one normal, in place of given ones; of what can be posed."""
-    _rest: Mesh | None = None
-    """Of a posed mesh: what it is when nothing poses it."""
+    """(V,): numbers of groups of vertices that share a normal, in place of given normals."""
+    _rest_mesh: Mesh | None = None
+    """The undeformed mesh that a posed one was made of."""
     _drawn_faces: Int32 | None = None
-    """Its faces as they are drawn, once they are known."""
-    _uses_all: bool | None = None
-    """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
+    """Cached faces in the order of corners in which they are drawn."""
+    _all_used: bool | None = None
+    """Whether all vertices are finite and belong to a face; None: not computed."""
     _is_in_world: bool = False
     """Whether a skin has put it into world space."""
-    _skinned: tuple[Mesh, Float64] | None = None
-    """Of such a mesh: what it was made of, and the matrices, (J, 4, 4), of its joints."""
+    _skin_source: tuple[Mesh, Float64] | None = None
+    """The mesh that a skin deformed, and the matrices, (J, 4, 4), of its joints."""
 
     _repaired_normals: int = 0
-    """How many normals had length 0, and follow from the faces."""
+    """Number of normals of length 0 that were replaced by those of the faces."""
 
     _variants: tuple[tuple[str, Material], ...] = ()
     _default_material: Material | None = None
@@ -203,9 +203,9 @@ class Mesh(HoldsArrays, Guarded, Previewed):
     ) -> None:
         # Geometry.
         check.one_of("on_invalid", on_invalid, ON_INVALID)
-        self._vertices = check.read_only(_vertex_array(self._PLACES[0], vertices))
+        self._vertices = check.read_only(_vertex_array(self._VERTEX_WORDS[0], vertices))
         self._faces = check.read_only(self._face_array(faces))
-        self._invalid_vertices = _count_invalid(self._PLACES, self._vertices, on_invalid)
+        self._invalid_vertices = _count_invalid(self._VERTEX_WORDS, self._vertices, on_invalid)
         self._bounds: tuple[Float64, Float64] | None = None
         # Colours, given or by scalars.
         self._vertex_colors: Float32 | None = None
@@ -243,7 +243,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         if attributes is not None:
             self._store_attributes(attributes)
         if joints is not None or weights is not None or morph_targets is not None:
-            self._store_posable(joints, weights, morph_targets)
+            self._store_deformation(joints, weights, morph_targets)
         # How it is shaded.
         self.material = Material() if material is None else material
         self._vertex_normals: Float32 | None = self.normals
@@ -348,7 +348,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
     def _check_material(name: str, value: Any) -> None:
         """Raise ``ValueError`` if a mesh of this kind cannot have a material."""
         if not isinstance(value, Material):
-            raise ValueError(f"{name} must be a Material, got {check.in_short(value)}")
+            raise ValueError(f"{name} must be a Material, got {check.brief(value)}")
 
     @property
     def variants(self) -> Mapping[str, Material]:
@@ -364,11 +364,11 @@ class Mesh(HoldsArrays, Guarded, Previewed):
     def variants(self, value: Mapping[str, Material]) -> None:
         if not isinstance(value, Mapping):
             raise ValueError(
-                f"variants must be a mapping of names to materials, got {check.in_short(value)}"
+                f"variants must be a mapping of names to materials, got {check.brief(value)}"
             )
         for name, material in value.items():
             if not isinstance(name, str) or not name:
-                raise ValueError(f"variants must have texts as names, got {check.in_short(name)}")
+                raise ValueError(f"variants must have texts as names, got {check.brief(name)}")
             self._check_material(f"variants[{name!r}]", material)
         self._variants = tuple(value.items())
 
@@ -386,7 +386,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         name : str or None
             None for the mesh's own.
         """
-        chosen = None if name is None else dict(self._variants).get(check.word("name", name))
+        chosen = None if name is None else dict(self._variants).get(check.string("name", name))
         default = self.default_material
         self._default_material = None if chosen is None else default
         self._material = default if chosen is None else chosen
@@ -400,7 +400,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         super().__setstate__(state)
         if self._joints is not None or self._morph_targets is not None:
-            Posable.was_made = True
+            Deformable.exists = True
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -426,12 +426,12 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         """Store attributes by vertex or by face, as their numbers of rows tell."""
         if not isinstance(attributes, Mapping):
             raise ValueError(
-                f"attributes must be a mapping of names to arrays, got {check.in_short(attributes)}"
+                f"attributes must be a mapping of names to arrays, got {check.brief(attributes)}"
             )
-        for name, given in attributes.items():
+        for name, value in attributes.items():
             if not isinstance(name, str) or not name:
-                raise ValueError(f"attributes must have texts as names, got {check.in_short(name)}")
-            values = check.read_only(value_rows(f"attributes[{name!r}]", given))
+                raise ValueError(f"attributes must have texts as names, got {check.brief(name)}")
+            values = check.read_only(value_rows(f"attributes[{name!r}]", value))
             if len(values) == len(self.vertices):
                 self._vertex_attributes[name] = values
             elif len(values) == len(self.faces):
@@ -443,33 +443,33 @@ class Mesh(HoldsArrays, Guarded, Previewed):
                 )
 
     def _store_normals(self, normals: Float32) -> None:
-        """Store unit normals, those of length 0 as the faces say, and warn of them; or none."""
+        """Store unit normals, those of length 0 replaced with a warning; or none if all are 0."""
         is_given = bool(normals.any())
         if self.primitive == "triangles" and not normals.any(axis=1).all():
-            normals = self._with_repaired(normals, self, repr(self))
+            normals = self._repair_normals(normals, self, repr(self))
         if is_given or self.primitive != "triangles":
             self._normals = check.read_only(normals)
 
-    def _with_repaired(self, normals: Float32, rest: Mesh, label: str) -> Float32:
-        """Return normals, those of length 0 made, and warn of them once for each mesh at rest."""
+    def _repair_normals(self, normals: Float32, rest: Mesh, label: str) -> Float32:
+        """Return normals with those of length 0 computed; warn of them once for each rest mesh."""
         scale = self._scale()
-        normals, count = repaired_normals(normals, self.vertices, self.faces, scale)
+        normals, count = repair_normals(normals, self.vertices, self.faces, scale)
         if count and not rest._repaired_normals:
             rest._repaired_normals = count
             noun = "normal of length 0" if count == 1 else "normals of length 0"
             warn_caller(
-                f"{count:,} {noun} of {label}: made from the faces around", kind=MADE_NORMALS
+                f"{count:,} {noun} of {label}: made from the faces around", kind=REPAIRED_NORMALS
             )
         return normals
 
-    def _store_posable(self, joints: Any, weights: Any, targets: Any) -> None:
-        """Store what poses move, checked."""
+    def _store_deformation(self, joints: Any, weights: Any, targets: Any) -> None:
+        """Check and store joints, weights and morph targets."""
         if joints is not None or weights is not None:
             self._joints, self._joint_weights = skin_arrays(joints, weights, len(self.vertices))
         if targets is not None:
             if not isinstance(targets, MorphTargets):
                 raise ValueError(
-                    f"morph_targets must be a MorphTargets, got {check.in_short(targets)}"
+                    f"morph_targets must be a MorphTargets, got {check.brief(targets)}"
                 )
             if targets.vertex_count != len(self.vertices):
                 raise ValueError(
@@ -477,7 +477,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
                     f"{targets.vertex_count}"
                 )
             self._morph_targets = targets
-        Posable.was_made = True
+        Deformable.exists = True
 
     def used_vertices(self) -> Bool:
         """Mark the vertices, (V,) bool, that are finite and belong to a face."""
@@ -505,25 +505,25 @@ class Mesh(HoldsArrays, Guarded, Previewed):
             used = self.used_vertices()
             if not used.any():
                 raise ValueError("mesh has no face with a finite vertex, so it has no bounds")
-            where = used[:, np.newaxis]
+            mask = used[:, np.newaxis]
             self._bounds = (
-                self.vertices.min(axis=0, where=where, initial=np.inf),
-                self.vertices.max(axis=0, where=where, initial=-np.inf),
+                self.vertices.min(axis=0, where=mask, initial=np.inf),
+                self.vertices.max(axis=0, where=mask, initial=-np.inf),
             )
         return self._bounds[0].copy(), self._bounds[1].copy()
 
     def _faces_to_draw(self) -> Int32:
-        """Return the faces, triangles from their least corners on, whatever poses them; cached."""
+        """Return the faces, triangles rotated to begin with their least corner at rest; cached."""
         if self.primitive != "triangles":
             return self.faces
-        rest = self if self._rest is None else self._rest
+        rest = self if self._rest_mesh is None else self._rest_mesh
         if rest._drawn_faces is None:
-            rest._drawn_faces = check.read_only(least_first(rest.vertices, rest.faces))
+            rest._drawn_faces = check.read_only(rotate_corners(rest.vertices, rest.faces))
         return rest._drawn_faces
 
     def is_closed(self) -> bool:
         """
-        Tell whether the faces close: whether an even number of them meets in each edge.
+        Tell whether the mesh is watertight: each edge belongs to an even number of faces.
 
         Vertices at the same place are one, whichever way faces turn. Points and lines never do.
         Cached.
@@ -531,7 +531,7 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         if self.primitive != "triangles":
             return False
         if self._is_closed is None:
-            self._is_closed = _all_edges_meet(self.vertices[self.faces])
+            self._is_closed = _is_watertight(self.vertices[self.faces])
         return self._is_closed
 
     def vertex_normals(self) -> Float32:
@@ -551,9 +551,9 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         if self._vertex_normals is None and self.primitive != "triangles":
             self._vertex_normals = check.read_only(np.zeros((len(self.vertices), 3), np.float32))
         if self._vertex_normals is None:
-            self._vertex_normals = check.read_only(self._made_normals())
-            # What is posed was told of, or is not creased, as it was made.
-            if self._rest is None and is_creased(self.vertices, self.faces, self._scale()):
+            self._vertex_normals = check.read_only(self._derived_normals())
+            # The rest mesh of a posed one was warned of, or is not creased.
+            if self._rest_mesh is None and is_creased(self.vertices, self.faces, self._scale()):
                 warn_caller(
                     f"sharp edges are rounded off: {self!r} was given no normals, and those made "
                     "for it are averages across its edges; draw mesh.split_creases(), shade it "
@@ -562,19 +562,19 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         return self._vertex_normals
 
     @property
-    def _makes_normals(self) -> bool:
-        """Whether its normals follow from its faces in each pose."""
+    def _derives_normals(self) -> bool:
+        """Whether normals are computed from the faces in each pose."""
         return self._normals is None or self._normal_groups is not None
 
-    def _made_normals(self) -> Float32:
-        """Return the normals that follow from the faces, (V, 3)."""
+    def _derived_normals(self) -> Float32:
+        """Compute the normals from the faces, (V, 3)."""
         return smooth_normals(self.vertices, self.faces, self._scale(), self._normal_groups)
 
     def vertex_tangents(
         self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> Float32:
         """
-        Return the given tangents, or those that texture coordinates say.
+        Return the given tangents, or compute them from texture coordinates.
 
         Parameters
         ----------
@@ -634,11 +634,11 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         angle = check.finite_number("angle", angle)
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
-        carried = self.vertex_colors, *self.uv_sets, self.tangents, self.vertex_field
+        vertex_data = self.vertex_colors, *self.uv_sets, self.tangents, self.vertex_field
         can_be_posed = self._joints is not None or self._morph_targets is not None
-        plain = all(values is None for values in carried) and not self._vertex_attributes
-        plain = plain and not can_be_posed
-        split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
+        is_plain = all(values is None for values in vertex_data) and not self._vertex_attributes
+        is_plain = is_plain and not can_be_posed
+        split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=is_plain)
 
         # The arrays come from a checked mesh: fill the new one without checking them again.
         def picked(values: Any) -> Any:
@@ -657,20 +657,20 @@ class Mesh(HoldsArrays, Guarded, Previewed):
             _bounds=self._bounds, _is_closed=self._is_closed,
         )  # fmt: skip
         result._normals = result._vertex_normals = check.read_only(split.normals)
-        result._invalid_vertices = _count_invalid(self._PLACES, result.vertices, "drop")
+        result._invalid_vertices = _count_invalid(self._VERTEX_WORDS, result.vertices, "drop")
         if can_be_posed:
-            result._take_posable(self, split.sources)
+            result._copy_deformation(self, split.sources)
             result._normal_groups = check.read_only(normal_groups(result.vertices, split.normals))
         return result
 
-    def _twin(self) -> Mesh:
-        """Return a mesh that always has the same attributes, and does not keep this one."""
-        twin = object.__new__(type(self))
-        twin.__dict__ = self.__dict__
-        return twin
+    def _alias(self) -> Mesh:
+        """Return a mesh that shares the attribute dictionary, but does not keep this one alive."""
+        alias = object.__new__(type(self))
+        alias.__dict__ = self.__dict__
+        return alias
 
-    def _take_posable(self, other: Mesh, sources: NDArray[np.integer]) -> None:
-        """Take what poses move from the vertices, (V,) numbers, of another mesh."""
+    def _copy_deformation(self, other: Mesh, sources: NDArray[np.integer]) -> None:
+        """Copy joints, weights and morph targets of the vertices, (V,) indices, of another mesh."""
         if other._joints is not None and other._joint_weights is not None:
             self._joints = check.read_only(other._joints[sources])
             self._joint_weights = check.read_only(other._joint_weights[sources])
@@ -732,15 +732,15 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         if contours is not None and self.primitive != "triangles":
             raise ValueError(
                 f"contours must be None for {self.primitive}, which have no slopes; "
-                f"got {check.cut_short(contours)}"
+                f"got {check.short_repr(contours)}"
             )
         counts = self._scalar_counts()
         if isinstance(scalars, str):
-            scalars, is_of_faces = self._attribute_of_one_column(scalars)
+            scalars, is_of_faces = self._scalar_attribute(scalars)
             # Where there are as many vertices as faces, the number of rows does not tell.
             counts = (-1, counts[1]) if is_of_faces else counts
         result = self.without_colors()
-        if result._material == self._PLAIN:
+        if result._material == self._DEFAULT_MATERIAL:
             result._material = replace(result._material, base_color=None)
         result._field = make_field(scalars, counts, colormap, range, nan_color, contours)
         if result._field.of_faces:
@@ -748,25 +748,25 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         return result
 
     def _scalar_counts(self) -> tuple[int, int]:
-        """Return how many scalars there may be: of vertices, and of faces."""
+        """Return the number of vertices and of faces, each of which may have scalars."""
         return len(self._vertices), len(self._faces)
 
     @property
     def scalar_attributes(self) -> tuple[str, ...]:
         """Names of the attributes that have one column, those of vertices first."""
-        every = (*self._vertex_attributes.items(), *self._face_attributes.items())
-        return tuple(dict.fromkeys(name for name, values in every if values.shape[1] == 1))
+        attributes = (*self._vertex_attributes.items(), *self._face_attributes.items())
+        return tuple(dict.fromkeys(name for name, values in attributes if values.shape[1] == 1))
 
-    def _attribute_of_one_column(self, name: str) -> tuple[Float32, bool]:
-        """Return an attribute, (V, 1) or (F, 1), and whether it is one of faces, or raise."""
-        for of_faces, held in enumerate((self._vertex_attributes, self._face_attributes)):
-            if name in held and held[name].shape[1] == 1:
-                return held[name], bool(of_faces)
+    def _scalar_attribute(self, name: str) -> tuple[Float32, bool]:
+        """Return an attribute of one column, and whether it belongs to faces, or raise."""
+        for of_faces, attributes in enumerate((self._vertex_attributes, self._face_attributes)):
+            if name in attributes and attributes[name].shape[1] == 1:
+                return attributes[name], bool(of_faces)
         names = self.scalar_attributes
-        known = f"it has {', '.join(map(repr, names))}" if names else "it has none"
+        available = f"it has {', '.join(map(repr, names))}" if names else "it has none"
         raise ValueError(
-            f"scalars must be numbers, or the name of an attribute of one column: {known}; got "
-            f"{check.in_short(name)}{check.question(name, names)}"
+            f"scalars must be numbers, or the name of an attribute of one column: {available}; got "
+            f"{check.brief(name)}{check.suggest(name, names)}"
         )
 
     def without_colors(self) -> Mesh:
@@ -783,14 +783,14 @@ class Mesh(HoldsArrays, Guarded, Previewed):
             return 1.0
 
 
-def _all_edges_meet(corners: Float64) -> bool:
-    """Tell whether each edge of faces, corners (F, 3, 3), belongs to an even number of them."""
+def _is_watertight(corners: Float64) -> bool:
+    """Tell whether each edge belongs to an even number of the faces, corners (F, 3, 3)."""
     if not np.isfinite(corners).all():
         return False
-    places, _ = distinct_rows(*corners.reshape(-1, 3).T)
-    ends = places.reshape(-1, 3)
-    others = np.roll(ends, -1, axis=1)
-    first, last = np.minimum(ends, others), np.maximum(ends, others)
+    indices, _ = distinct_rows(*corners.reshape(-1, 3).T)
+    ends = indices.reshape(-1, 3)
+    next_ends = np.roll(ends, -1, axis=1)
+    first, last = np.minimum(ends, next_ends), np.maximum(ends, next_ends)
     _, counts = np.unique((first * ends.size + last)[first < last], return_counts=True)
     return not (counts % 2).any()
 
@@ -798,7 +798,7 @@ def _all_edges_meet(corners: Float64) -> bool:
 def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, int]) -> Any:
     """Return ``value`` as an array of the given dtype kinds and shape, or raise ``ValueError``."""
     # The base class also for subclasses such as trimesh's tracked arrays.
-    array = check.unmasked_array(name, value, *check.ROWS)
+    array = check.unmasked_array(name, value, *check.ROWS_WORDING)
     rows, columns = shape
     wanted = f"({'n' if rows is None else rows}, {columns})"
     if array.size == 0:
@@ -811,7 +811,7 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
 
 
 def value_rows(name: str, value: ArrayLike) -> Float32:
-    """Return a copy of values, (N, D) float32, C order, finite, or raise ``ValueError``."""
+    """Return a copy of values as finite (N, D) float32, C order, or raise ``ValueError``."""
     array = check.unmasked_array(name, value, "an array of numbers")
     if array.dtype.kind not in "uif":
         raise ValueError(f"{name} must hold numbers, got an array of dtype {array.dtype}")
@@ -852,24 +852,24 @@ def index_rows(names: tuple[str, str], value: ArrayLike, count: int, columns: in
         How many things there are to point at.
     columns : int
     """
-    name, places = names
+    name, targets = names
     array = _numbers(name, value, "uif", (None, columns))
     low, high = array.min(), array.max()
-    place = "vertex" if places == "vertices" else "point"
+    target = "vertex" if targets == "vertices" else "point"
     if array.dtype.kind == "f" and not (
         np.isfinite(low) and np.isfinite(high) and (array == np.trunc(array)).all()
     ):
-        wrong = array[~(np.isfinite(array) & (array == np.trunc(array)))][0].item()
-        raise ValueError(f"{name} must hold whole {place} numbers, got {wrong!r}")
+        example = array[~(np.isfinite(array) & (array == np.trunc(array)))][0].item()
+        raise ValueError(f"{name} must hold whole {target} numbers, got {example!r}")
     if low < 0:
-        below = int((array < 0).sum())
+        negative = int((array < 0).sum())
         raise ValueError(
-            f"{name} must hold {place} numbers from 0, got {below} below, down to {low}"
+            f"{name} must hold {target} numbers from 0, got {negative} below, down to {low}"
         )
     if high >= count:
-        past = int((array >= count).any(axis=1).sum())
+        outside = int((array >= count).any(axis=1).sum())
         raise ValueError(
-            f"{name} must point at the {count} {places} (0..{count - 1}), got {past} of "
+            f"{name} must point at the {count} {targets} (0..{count - 1}), got {outside} of "
             f"{len(array)} {name} past the end, the largest index being {int(high)}"
         )
     return np.array(array, dtype=np.int32, order="C")
@@ -928,22 +928,22 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> Float32:
     return tangents
 
 
-def with_field_of(mesh: Mesh, other: Mesh) -> Mesh:
-    """Give a new mesh the scalars of another one of as many vertices and faces; return it."""
+def copy_field(mesh: Mesh, other: Mesh) -> Mesh:
+    """Copy the scalars of a mesh of as many vertices and faces to a new mesh; return it."""
     mesh._field = other.field
     return mesh
 
 
-def with_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:
-    """Give a new mesh a scalar for each face, (F,), be there as many vertices or not; return it."""
+def set_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:
+    """Set a scalar for each face, (F,), of a new mesh with any number of vertices; return it."""
     mesh._field = make_field(scalars, (-1, len(mesh.faces)), "viridis", None, NAN_COLOR, None)
     mesh._face_colors = check.read_only(mesh._field.colors())
     return mesh
 
 
-def with_face_values(mesh: Mesh, colors: Float32 | None, attributes: Mapping[str, Float32]) -> Mesh:
+def set_face_values(mesh: Mesh, colors: Float32 | None, attributes: Mapping[str, Float32]) -> Mesh:
     """
-    Give a new mesh what belongs to its faces, be there as many vertices or not; return it.
+    Set the face colours and attributes of a new mesh with any number of vertices; return it.
 
     Parameters
     ----------

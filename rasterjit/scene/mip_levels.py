@@ -1,7 +1,7 @@
 """
-Make the mip levels of a picture: plain, weighted by alpha, or of a mask.
+Compute the mip levels of a picture: plain, weighted by alpha, or of a mask.
 
-Texels of a level are means, by area, of the texels below them. What alpha is for decides of what:
+Texels of a level are means, by area, of the texels below them. The use of alpha decides of what:
 
 - Plain: of all four channels, each by itself.
 - Weighted: of red, green and blue times alpha, and of alpha [1]_. Who has mixed such texels divides
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from rasterjit.scene.validation import read_only
 
 _BAND = 1 << 16
-"""Texels that are worked on at once: as float64, 2 MB."""
+"""Texels of a band, processed at once: as float64, 2 MB."""
 
 _AT_ONCE = 4
 """Levels made of a band at once: a level in float64 is whole when a 256th of the texels is left."""
@@ -40,9 +40,9 @@ def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
     return [(max(1, width >> k), max(1, height >> k)) for k in range(count)]
 
 
-def halved(image: NDArray[Any], axis: int, size: int | None = None, begin: int = 0) -> NDArray[Any]:
+def halve(image: NDArray[Any], axis: int, size: int | None = None, begin: int = 0) -> NDArray[Any]:
     """
-    Return half as many texels along an axis, float64: the means of the area of each.
+    Halve an image along an axis: return means by area, float64.
 
     Parameters
     ----------
@@ -62,20 +62,20 @@ def halved(image: NDArray[Any], axis: int, size: int | None = None, begin: int =
     else:
         # Each covers 2 + 1/half texels: a part of the first, all of the second, a part of the last.
         half, count = size // 2, len(rows) // 2
-        number = np.arange(begin, begin + count, dtype=np.float64).reshape(-1, 1, 1)
-        whole = np.float64(half) * rows[1::2].astype(np.float64)
-        means = ((half - number) * rows[0:-1:2] + whole + (number + 1.0) * rows[2::2]) / size
+        index = np.arange(begin, begin + count, dtype=np.float64).reshape(-1, 1, 1)
+        middle = np.float64(half) * rows[1::2].astype(np.float64)
+        means = ((half - index) * rows[0:-1:2] + middle + (index + 1.0) * rows[2::2]) / size
     return np.moveaxis(means, 0, axis)
 
 
-def further_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
+def lower_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Yield the levels below an image, (H, W, C), each of float64, until one texel is left."""
     for _ in level_sizes(image.shape[1], image.shape[0])[1:]:
-        image = halved(halved(image, 0), 1)
+        image = halve(halve(image, 0), 1)
         yield image
 
 
-def room_for(sizes: list[tuple[int, int]]) -> NDArray[np.float32]:
+def allocate(sizes: list[tuple[int, int]]) -> NDArray[np.float32]:
     """Return room for the texels of levels of these (width, height), (N, 4), row by row."""
     return np.empty((sum(width * height for width, height in sizes), 4), np.float32)
 
@@ -92,7 +92,7 @@ def split_levels(
 
 
 def bands(height: int, width: int) -> Iterator[slice]:
-    """Yield rows of a picture, a part that a core's cache holds at a time."""
+    """Yield slices of rows that fit a core's cache."""
     step = max(1, _BAND // width)
     for begin in range(0, height, step):
         yield slice(begin, min(begin + step, height))
@@ -126,13 +126,13 @@ def _halved_band(
     number: int,
     band: slice,
 ) -> NDArray[Any]:
-    """Return rows of a level, float64, from those of a level above; write them and all between."""
+    """Compute rows of a level, float64, from a level above; write them and all levels between."""
     if number == base:
         return rows_of(band)
     size = len(levels[number - 1])
     needed = slice(2 * band.start, 2 * band.stop + size % 2) if size > 1 else slice(0, 1)
     image = _halved_band(levels, base, rows_of, number - 1, needed)
-    means = halved(halved(image, 0, size, band.start), 1)
+    means = halve(halve(image, 0, size, band.start), 1)
     levels[number][band] = means
     return means
 
@@ -143,12 +143,12 @@ def weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.
 
     def weighted(rows: slice) -> NDArray[np.float64]:
         """Return rows with colours times alpha."""
-        found = image[rows].astype(np.float64)
-        found[:, :, :3] *= found[:, :, 3:]
-        return found
+        texel_rows = image[rows].astype(np.float64)
+        texel_rows[:, :, :3] *= texel_rows[:, :, 3:]
+        return texel_rows
 
     sizes = level_sizes(width, height) if has_levels else [(width, height)]
-    texels = room_for(sizes)
+    texels = allocate(sizes)
     levels = split_levels(texels, sizes)
     for rows in bands(height, width):
         levels[0][rows] = weighted(rows)
@@ -168,46 +168,46 @@ def mask_levels(image: NDArray[np.float32], cutoff: float, has_levels: bool) -> 
         Texels of less alpha are holes.
     has_levels : bool
     """
-    own = image.astype(np.float64)
-    own[:, :, 3] = image[:, :, 3] >= np.float32(cutoff)
-    own[:, :, :3] *= own[:, :, 3:]
+    weighted = image.astype(np.float64)
+    weighted[:, :, 3] = image[:, :, 3] >= np.float32(cutoff)
+    weighted[:, :, :3] *= weighted[:, :, 3:]
     levels = [image.copy()]
-    _fill_holes(levels[0], own[:, :, 3] > 0.0)
-    for level in further_levels(own) if has_levels else ():
-        shares = level[:, :, 3:]
-        shown = np.divide(level, shares, out=np.zeros_like(level), where=shares > 0.0)
-        shown[:, :, 3:] = shares
-        _fill_holes(shown, shares[:, :, 0] > 0.0)
-        levels.append(shown.astype(np.float32))
+    _fill_holes(levels[0], weighted[:, :, 3] > 0.0)
+    for level in lower_levels(weighted) if has_levels else ():
+        coverage = level[:, :, 3:]
+        colors = np.divide(level, coverage, out=np.zeros_like(level), where=coverage > 0.0)
+        colors[:, :, 3:] = coverage
+        _fill_holes(colors, coverage[:, :, 0] > 0.0)
+        levels.append(colors.astype(np.float32))
     return read_only(np.concatenate([level.reshape(-1, 4) for level in levels]))
 
 
 def _fill_holes(image: NDArray[Any], is_there: NDArray[np.bool_]) -> None:
-    """Give holes, in place, the colour of a near texel that is there, if any is."""
+    """Fill holes, in place, with the colour of a near texel that is none."""
     if is_there.all() or not is_there.any():
         return
     height, width = is_there.shape
     # The nearest in the same row and in the same column: the nearer of both, if there is one.
-    column, across = _nearest(is_there)
-    row, along = (part.T for part in _nearest(is_there.T))
-    by_row = across <= along
-    rows = np.where(by_row, np.arange(height)[:, np.newaxis], row)
-    columns = np.where(by_row, column, np.arange(width))
-    found = np.minimum(across, along) < height + width
-    holes = ~is_there & found
+    column, row_distance = _nearest_in_row(is_there)
+    row, column_distance = (values.T for values in _nearest_in_row(is_there.T))
+    use_row = row_distance <= column_distance
+    rows = np.where(use_row, np.arange(height)[:, np.newaxis], row)
+    columns = np.where(use_row, column, np.arange(width))
+    is_reachable = np.minimum(row_distance, column_distance) < height + width
+    holes = ~is_there & is_reachable
     image[holes, :3] = image[rows[holes], columns[holes], :3]
     # What is left has neither; the rows that hold any texel are whole now.
-    row, _ = _nearest(found.T)
-    image[~found, :3] = image[row.T[~found], np.nonzero(~found)[1], :3]
+    row, _ = _nearest_in_row(is_reachable.T)
+    image[~is_reachable, :3] = image[row.T[~is_reachable], np.nonzero(~is_reachable)[1], :3]
 
 
-def _nearest(is_there: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the nearest place in the same row that is there, and its distance, large without."""
+def _nearest_in_row(is_there: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the column of the nearest marked texel in each row, and its distance (large: none)."""
     height, width = is_there.shape
-    none = 2 * (height + width)
-    here = np.broadcast_to(np.arange(width, dtype=np.int32), is_there.shape)
-    before = np.maximum.accumulate(np.where(is_there, here, np.int32(-none)), axis=1)
-    behind = np.where(is_there, here, np.int32(width + none))[:, ::-1]
-    behind = np.minimum.accumulate(behind, axis=1)[:, ::-1]
-    is_before = here - before <= behind - here
-    return np.where(is_before, before, behind), np.where(is_before, here - before, behind - here)
+    far = 2 * (height + width)
+    index = np.broadcast_to(np.arange(width, dtype=np.int32), is_there.shape)
+    before = np.maximum.accumulate(np.where(is_there, index, np.int32(-far)), axis=1)
+    after = np.where(is_there, index, np.int32(width + far))[:, ::-1]
+    after = np.minimum.accumulate(after, axis=1)[:, ::-1]
+    use_before = index - before <= after - index
+    return np.where(use_before, before, after), np.where(use_before, index - before, after - index)

@@ -1,4 +1,4 @@
-"""Nodes: what stands where, and what moves with it."""
+"""Nodes: meshes in the tree of a scene, each with a transform relative to its parent."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.attribute_guard import Guarded
-from rasterjit.scene.decomposed_transform import TRS, matrix_of, parts_of
+from rasterjit.scene.decomposed_transform import TRS, compose_trs, decompose
 from rasterjit.scene.label import Label, check_label
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.skin import Placed, Skin, check_morph_weights, check_skin
+from rasterjit.scene.skin import Skin, WorldObject, check_morph_weights, check_skin
 from rasterjit.scene.transforms import compose, inverse, product_of
-from rasterjit.scene.validation import finite_array, in_short, read_only
+from rasterjit.scene.validation import brief, finite_array, read_only
 
 if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
@@ -29,9 +29,9 @@ _IDENTITY_ROWS = _IDENTITY.tolist()
 _LAST_ROW = _IDENTITY[3].tobytes()
 
 
-class Node(HoldsArrays, Placed, Guarded):
+class Node(HoldsArrays, WorldObject, Guarded):
     """
-    A place in a scene: a mesh that stands there, or none, and further nodes that move with it.
+    A node of a scene's tree: a transform, perhaps a mesh, and children that move with it.
 
     A node without a mesh groups others, such as the parts that hang at a joint. What is seen of a
     node stands at its ``world_matrix``: the product of the transforms of all nodes above it, from
@@ -86,7 +86,7 @@ class Node(HoldsArrays, Placed, Guarded):
     _FIELDS = (
         "mesh", "transform", "world_from_model", "name", "parent", "label", "skin", "weights",
     )  # fmt: skip
-    _INSTEAD = "assign world_from_model, or transform, to move it, and a child's parent to hang it"
+    _ADVICE = "assign world_from_model, or transform, to move it, and a child's parent to hang it"
 
     name: str
     _mesh: Any
@@ -101,13 +101,13 @@ class Node(HoldsArrays, Placed, Guarded):
     _skin: Skin | None = None
     _weights: Float64 | None = None
     _trs: TRS | None = None
-    """What ``_transform`` was made of, where that is known."""
-    _posed: Any = None
-    """What it was drawn as in its last pose, and what that follows from: `survey.deformation`."""
-    _cut: Any = None
-    """What a section left of it when it was last cut, and what that follows from."""
-    _cut_scene: Any = None
-    """Of a scene's first object: what was left of all of them."""
+    """The translation, rotation and scale that ``_transform`` was made of, if any."""
+    _pose_cache: Any = None
+    """The node in its last pose, and what that follows from: `survey.deformation` reads it."""
+    _section_cache: Any = None
+    """The node as a section last cut it, and what that follows from."""
+    _scene_section_cache: Any = None
+    """All nodes as a section last cut them: kept by a scene's first object."""
 
     def __init__(
         self,
@@ -134,15 +134,15 @@ class Node(HoldsArrays, Placed, Guarded):
         if world_from_model is not None:
             if transform is not None:
                 raise ValueError("transform must be None where world_from_model is not")
-            self._place(_leading_to(world_from_model, self, _checked_parent(parent)), None)
+            self._move(_local_transform(world_from_model, self, _checked_parent(parent)), None)
         elif transform is not None:
-            self._place(_affine("transform", transform), None)
+            self._move(_affine("transform", transform), None)
         if parent is not None:
-            self._hang(_checked_parent(parent), is_new=True)
+            self._set_parent(_checked_parent(parent), is_new=True)
 
     @property
     def mesh(self) -> Mesh:
-        """What stands there, ``None`` for a group; another, or none, may be assigned."""
+        """The mesh drawn at the node, ``None`` for a group; another, or none, may be assigned."""
         return self._mesh
 
     @mesh.setter
@@ -155,7 +155,7 @@ class Node(HoldsArrays, Placed, Guarded):
         self._mesh = mesh
         scene = scene_of(self)
         if scene is not None and was_drawn != (value is not None):
-            (scene._drop if was_drawn else scene._take)(self)
+            (scene._unregister_mesh if was_drawn else scene._register)(self)
 
     @property
     def label(self) -> Label | None:
@@ -167,7 +167,7 @@ class Node(HoldsArrays, Placed, Guarded):
         self._label = check_label(value)
         scene = scene_of(self)
         if scene is not None:
-            scene._know_label(self)
+            scene._update_label(self)
 
     @property
     def skin(self) -> Skin | None:
@@ -194,12 +194,12 @@ class Node(HoldsArrays, Placed, Guarded):
     @property
     def trs(self) -> TRS:
         """
-        What ``transform`` is the product of: translation, rotation and scale.
+        Translation, rotation and scale whose product ``transform`` is.
 
         As `set_trs` was given them; of a matrix that was assigned, those that come nearest: what
         shears has none that are the same.
         """
-        return parts_of(self._transform) if self._trs is None else self._trs
+        return decompose(self._transform) if self._trs is None else self._trs
 
     def set_trs(
         self,
@@ -225,7 +225,7 @@ class Node(HoldsArrays, Placed, Guarded):
             Naming the argument that has another shape, is not finite, or a rotation of 0.
         """
         trs = self.trs.with_(translation, rotation, scale)
-        self.transform = matrix_of(trs)
+        self.transform = compose_trs(trs)
         self._trs = trs
 
     @property
@@ -239,7 +239,7 @@ class Node(HoldsArrays, Placed, Guarded):
 
     @transform.setter
     def transform(self, value: ArrayLike) -> None:
-        self._place(_affine("transform", value), self._parent)
+        self._move(_affine("transform", value), self._parent)
 
     @property
     def world_matrix(self) -> Float64:
@@ -262,12 +262,12 @@ class Node(HoldsArrays, Placed, Guarded):
 
     @world_from_model.setter
     def world_from_model(self, value: ArrayLike) -> None:
-        self._place(_leading_to(value, self, self._parent), self._parent)
+        self._move(_local_transform(value, self, self._parent), self._parent)
 
     @property
     def parent(self) -> Node | None:
         """
-        What the node moves with, or ``None``; another, or none, may be assigned.
+        The node that this one moves with, or ``None``; another, or none, may be assigned.
 
         The node keeps its ``transform``, which from then on is relative to the new parent. To keep
         the place instead, assign ``world_from_model`` as it was. Nodes in a scene stay in it; a
@@ -278,74 +278,74 @@ class Node(HoldsArrays, Placed, Guarded):
     @parent.setter
     def parent(self, value: Node | None) -> None:
         if _checked_parent(value) is not self._parent:
-            self._hang(value)
+            self._set_parent(value)
 
     @property
     def children(self) -> tuple[Node, ...]:
         """The nodes whose ``parent`` this is, in the order in which they became so."""
         return tuple(self._children)
 
-    def _hang(self, parent: Node | None, is_new: bool = False) -> None:
-        """Move to another parent, or raise ``ValueError``; what is new is in no scene's list."""
+    def _set_parent(self, parent: Node | None, is_new: bool = False) -> None:
+        """Move to another parent, or raise ``ValueError``; a new node is in no scene's list."""
         # What has nothing below it lies above nothing: chains grow without a look at all of them.
-        above, scene = parent if self._children or parent is self else None, scene_of(self)
-        while above is not None:
-            if above is self:
+        ancestor, scene = parent if self._children or parent is self else None, scene_of(self)
+        while ancestor is not None:
+            if ancestor is self:
                 raise ValueError(
                     f"parent must not lie below the node, got {parent!r} for {self.name!r}"
                 )
-            above = above._parent
-        joined = scene if parent is None else scene_of(parent) or scene
-        if scene is not None and joined is not scene:
+            ancestor = ancestor._parent
+        new_scene = scene if parent is None else scene_of(parent) or scene
+        if scene is not None and new_scene is not scene:
             raise ValueError(
                 f"parent must be in the node's scene, but {self.name!r} is in one and "
                 f"{parent!r} in another; scene.remove takes a node out"
             )
-        self._place(self._transform, parent)
+        self._move(self._transform, parent)
         if self._parent is not None:
             self._parent._children.remove(self)
         self.__dict__["_parent"] = parent
         if parent is not None:
             parent._children.append(self)
-        if joined is not None:
-            joined._take(self, is_new)
+        if new_scene is not None:
+            new_scene._register(self, is_new)
 
-    def _place(self, transform: Float64, parent: Node | None) -> None:
-        """Move with all below to a transform below a parent; if it cannot be, nothing moves."""
+    def _move(self, transform: Float64, parent: Node | None) -> None:
+        """Set transform and parent, and all world matrices below; or raise, changing nothing."""
         if self._trs is not None and transform is not self._transform:
             self._trs = None
         if parent is None and not self._children:
             self.__dict__.update(_transform=transform, _world_from_model=transform)
             return
         above = None if parent is None else parent._world_from_model
-        moved = [(self, _placed(self, transform, above))]
-        for node, place in moved:
-            moved += [(child, _placed(child, child._transform, place)) for child in node._children]
+        poses = [(self, _to_world(self, transform, above))]
+        for node, pose in poses:
+            poses += [(child, _to_world(child, child._transform, pose)) for child in node._children]
         self.__dict__["_transform"] = transform
-        for node, place in moved:
-            node.__dict__["_world_from_model"] = place
+        for node, pose in poses:
+            node.__dict__["_world_from_model"] = pose
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
-        alone: dict[str, Any] = {"_parent": None, "_children": [], "_scene": None}
+        detached: dict[str, Any] = {"_parent": None, "_children": [], "_scene": None}
         if self._trs is not None and self._parent is not None:
-            alone["_trs"] = None
-        state = {**self.__dict__, **alone, "_transform": self._world_from_model}
-        for name in ("_posed", "_cut", "_cut_scene"):
+            detached["_trs"] = None
+        state = {**self.__dict__, **detached, "_transform": self._world_from_model}
+        for name in ("_pose_cache", "_section_cache", "_scene_section_cache"):
             state.pop(name, None)
         return state
 
-    def _link(self, parent: Node, transform: Float64, trs: TRS | None = None) -> None:
-        """Hang a copied node, which stands at its place, below the copy of its parent."""
+    def _attach_copy(self, parent: Node, transform: Float64, trs: TRS | None = None) -> None:
+        """Attach a copied node to the copy of its parent, without moving it in the world."""
         self._parent, self._transform = parent, read_only(transform)
         parent._children.append(self)
         if trs is not None:
             self._trs = trs
 
     def __repr__(self) -> str:
-        held = f"{len(self._children)} children" if self._mesh is None else repr(self._mesh)
-        said = "" if self._label is None else f", label {self._label.text!r}"
-        return f"Node({self.name!r}, {held}{said})"
+        content = f"{len(self._children)} children" if self._mesh is None else repr(self._mesh)
+        label = "" if self._label is None else f", label {self._label.text!r}"
+        return f"Node({self.name!r}, {content}{label})"
 
 
 def meshes_of(nodes: Sequence[Node]) -> list[Mesh]:
@@ -358,8 +358,8 @@ def matrices_of(nodes: Sequence[Node]) -> list[Float64]:
     return [node._world_from_model for node in nodes]
 
 
-def check_drawn(nodes: Sequence[Node]) -> None:
-    """Raise ``ValueError`` if one of a scene's objects is a group."""
+def check_no_groups(nodes: Sequence[Node]) -> None:
+    """Raise ``ValueError`` if one of a scene's objects has no mesh."""
     for number, node in enumerate(nodes):
         if node._mesh is None:
             raise ValueError(
@@ -367,45 +367,45 @@ def check_drawn(nodes: Sequence[Node]) -> None:
             )
 
 
-def topmost(node: Node) -> Node:
-    """Return the node above all others that a node hangs below, perhaps itself."""
+def root_of(node: Node) -> Node:
+    """Return the root of the tree that a node is in, perhaps itself."""
     while node._parent is not None:
         node = node._parent
     return node
 
 
-def tops_of(nodes: Iterable[Node]) -> list[Node]:
-    """Return the topmost nodes above some, in order, passing each node on the way once."""
-    tops: dict[Node, Node] = {}
-    found: dict[Node, None] = {}
+def roots_of(nodes: Iterable[Node]) -> list[Node]:
+    """Return the roots of some nodes' trees, each once, in order."""
+    root_by_node: dict[Node, Node] = {}
+    roots: dict[Node, None] = {}
     for node in nodes:
-        passed = []
-        while node not in tops and node._parent is not None:
-            passed.append(node)
+        path = []
+        while node not in root_by_node and node._parent is not None:
+            path.append(node)
             node = node._parent
-        top = tops.setdefault(node, node)
-        tops.update(dict.fromkeys(passed, top))
-        found[top] = None
-    return list(found)
+        root = root_by_node.setdefault(node, node)
+        root_by_node.update(dict.fromkeys(path, root))
+        roots[root] = None
+    return list(roots)
 
 
 def scene_of(node: Node) -> Scene | None:
     """Return the scene that a node was added to, ``None`` if it was to none."""
-    kept = node._scene
-    return None if kept is None else kept()
+    reference = node._scene
+    return None if reference is None else reference()
 
 
-def with_all_below(node: Node) -> Iterator[Node]:
+def subtree(node: Node) -> Iterator[Node]:
     """Yield a node and all below it, each before its children, in their order."""
-    waiting = [node]
-    while waiting:
-        node = waiting.pop()
+    stack = [node]
+    while stack:
+        node = stack.pop()
         yield node
-        waiting += reversed(node._children)
+        stack += reversed(node._children)
 
 
-def _placed(node: Node, transform: Float64, world_from_parent: Float64 | None) -> Float64:
-    """Return ``world_from_model`` of a node that stands at a transform below a parent, or none."""
+def _to_world(node: Node, transform: Float64, world_from_parent: Float64 | None) -> Float64:
+    """Return ``world_from_model`` of a node, given its transform and its parent's matrix."""
     if world_from_parent is None or transform is _IDENTITY:
         # No product, which would lose the signs of zeros.
         return transform if world_from_parent is None else world_from_parent
@@ -419,8 +419,8 @@ def _placed(node: Node, transform: Float64, world_from_parent: Float64 | None) -
         ) from None
 
 
-def _leading_to(value: ArrayLike, node: Node, parent: Node | None) -> Float64:
-    """Return the transform that takes a node below a parent to a place in the world."""
+def _local_transform(value: ArrayLike, node: Node, parent: Node | None) -> Float64:
+    """Return the transform below a parent that gives a node this ``world_from_model``."""
     transform = _affine("world_from_model", value)
     if parent is None:
         return transform
@@ -436,7 +436,7 @@ def _leading_to(value: ArrayLike, node: Node, parent: Node | None) -> Float64:
 def _checked_parent(value: Any) -> Node | None:
     """Return a node or None, or raise ``ValueError``."""
     if value is not None and not isinstance(value, Node):
-        raise ValueError(f"parent must be a Node or None, got {in_short(value)}")
+        raise ValueError(f"parent must be a Node or None, got {brief(value)}")
     return value
 
 

@@ -20,54 +20,54 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.arrays import Bool, Float32, Float64, Int32, Int64
 from rasterjit.scene.distinct_rows import distinct_rows
-from rasterjit.scene.first_corners import least_first
+from rasterjit.scene.first_corners import rotate_corners
 from rasterjit.scene.transforms import sine_cosine
 
 _CHUNK = 1 << 13
 """Faces or corners handled at once: large enough for NumPy, small beside a core's cache."""
 
 _MAX_NEIGHBOURS = 512
-"""Faces at one creased position that are compared pair by pair, a quadratic effort."""
+"""Most faces at one creased position that are compared pair by pair, a quadratic effort."""
 
 _COSINE_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """Rounding of the dot product of two unit normals, so that a face always matches itself."""
 
-_MAX_LOOKED_AT = 1 << 14
-"""Vertices whose edges tell whether a mesh is creased: enough to estimate shares by."""
+_MAX_SAMPLED = 1 << 14
+"""Most vertices whose edges are sampled to tell whether a mesh is creased."""
 
-_FIRST_LOOKED_AT = 128
+_FIRST_SAMPLED = 128
 """
-Vertices that are looked at first: what shows less than half of the creases there is smooth. Of
+Vertices that are sampled first: a mesh with less than half of the creases there is smooth. Of
 5,120 faces that takes 0.6 times as long as smooth normals, where all took 2.7 times as long.
 """
 
 _MIN_CREASES = 6
-"""Edges of the simplest solid, a tetrahedron."""
+"""Least creases of a creased mesh: edges of a tetrahedron."""
 
-_MIN_CREASED = 0.05
-"""Share of the edges. Boxes have 0.67, cylinders of 32 sides 0.33, boxes of 768 faces 0.08."""
+_MIN_CREASED_SHARE = 0.05
+"""Least share of creases: boxes have 0.67, cylinders of 32 sides 0.33, boxes of 768 faces 0.08."""
 
-_MAX_BETWEEN = 0.5
+_MAX_HALF_CREASES = 0.5
 """
-Edges that are neither smooth nor creases, to one crease. Solids with flat sides have next to none,
+Most edges that are neither smooth nor creases, for each crease. Solids with flat sides have few,
 scans have more than one as soon as their noise makes creases.
 """
 
-_SMALL = 2.0**-30
-"""Share of the largest face that a sum of faces is at most, if it is asked whether they cancel."""
+_MAX_CANCELLING_SHARE = 2.0**-30
+"""Largest sum of faces, relative to the largest face, that is tested for cancellation."""
 
-_NOTHING = 2.0**-40
-"""Share of all faces that is left where they cancel: rounding of up to thousands of them."""
+_ROUNDING = 2.0**-40
+"""Largest sum of cancelling faces, relative to their total: rounding of up to thousands."""
 
 _TANGENT_CHUNK = 1 << 18
 """Faces handled at once: large enough for NumPy, small beside the mesh."""
 
 GROUPS = 2
-"""Of faces: those that show the picture as it is, and those that show it mirrored."""
+"""Groups of faces with their own tangents: texture as it is, and texture mirrored."""
 
 
 @dataclass(frozen=True)
-class CreasedCorners:
+class SplitVertices:
     """
     Vertices of a mesh after its creases were split.
 
@@ -108,21 +108,21 @@ def unit_rows(vectors: Float64) -> Float64:
     for start in range(0, len(vectors), _CHUNK):
         # Columns that lie in one piece each take a third of the time of rows of three.
         columns = np.array(vectors[start : start + _CHUNK].T, order="C")
-        units[start : start + _CHUNK] = _scaled_to_unit(columns).T
+        units[start : start + _CHUNK] = _normalize(columns).T
     return units
 
 
-def _scaled_to_unit(columns: Float64) -> Float64:
-    """Return what `unit_rows` does of vectors, (3, ...), in their place."""
+def _normalize(columns: Float64) -> Float64:
+    """Scale vectors, (3, ...), to unit length in place, as `unit_rows` does."""
     x, y, z = columns
     largest = np.maximum(np.maximum(np.abs(x), np.abs(y)), np.abs(z))
-    lost = ~((largest > 0.0) & (largest < np.inf))
-    if lost.any():
-        columns[:, lost], largest[lost] = 0.0, 1.0
+    is_invalid = ~((largest > 0.0) & (largest < np.inf))
+    if is_invalid.any():
+        columns[:, is_invalid], largest[is_invalid] = 0.0, 1.0
     # Scale first: squares of very long or very short vectors overflow or vanish.
     columns /= largest
     length = np.sqrt((x * x + y * y) + z * z)
-    length[lost] = 1.0
+    length[is_invalid] = 1.0
     columns /= length
     return columns
 
@@ -143,7 +143,7 @@ def area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float64:
     (F, 3) float64
         Zero for faces without an area and for those that touch a NaN or infinite vertex.
     """
-    faces = least_first(vertices, faces)
+    faces = rotate_corners(vertices, faces)
     cross = np.empty((len(faces), 3))
     with np.errstate(invalid="ignore", over="ignore"):
         for start in range(0, len(faces), _CHUNK):
@@ -196,21 +196,21 @@ def smooth_normals(
         vectors = area_vectors(vertices, chunk, scale)
         largest = max(largest, float(vectors.max()), -float(vectors.min()))
         _add_at_corners(sums, chunk if groups is None else groups[chunk], vectors)
-    found = np.ascontiguousarray(sums.T)
+    sums_by_group = np.ascontiguousarray(sums.T)
     # Few are so small that faces may cancel there.
-    is_small = np.abs(sums, out=sums).max(axis=0) <= _SMALL * largest
+    is_small = np.abs(sums, out=sums).max(axis=0) <= _MAX_CANCELLING_SHARE * largest
     if is_small.any():
-        own = np.arange(count, dtype=np.int32) if groups is None else groups
-        _take_one_side(found, is_small, vertices, faces, own, scale)
-    normals = unit_rows(found).astype(np.float32)
+        vertex_groups = np.arange(count, dtype=np.int32) if groups is None else groups
+        _use_one_side(sums_by_group, is_small, vertices, faces, vertex_groups, scale)
+    normals = unit_rows(sums_by_group).astype(np.float32)
     return normals if groups is None else normals[groups]
 
 
-def repaired_normals(
+def repair_normals(
     normals: Float32, vertices: Float64, faces: Int32, scale: float
 ) -> tuple[Float32, int]:
     """
-    Give vertices whose normal has length 0 that of the faces around them.
+    Replace normals of length 0 by those of the faces around their vertices.
 
     Parameters
     ----------
@@ -227,57 +227,57 @@ def repaired_normals(
         Number of vertices that were repaired.
     """
     is_zero = ~np.any(normals, axis=1)
-    around = faces[np.any(is_zero[faces], axis=1)]
-    made = smooth_normals(vertices, around, scale)
-    is_zero &= made.any(axis=1)
-    return np.where(is_zero[:, np.newaxis], made, normals), int(np.count_nonzero(is_zero))
+    adjacent = faces[np.any(is_zero[faces], axis=1)]
+    computed = smooth_normals(vertices, adjacent, scale)
+    is_zero &= computed.any(axis=1)
+    return np.where(is_zero[:, np.newaxis], computed, normals), int(np.count_nonzero(is_zero))
 
 
-def _take_one_side(
-    sums: Float64, is_asked: Bool, vertices: Float64, faces: Int32, groups: Int32, scale: float
+def _use_one_side(
+    sums: Float64, is_small: Bool, vertices: Float64, faces: Int32, groups: Int32, scale: float
 ) -> None:
     """
-    Replace sums of faces that cancel by those of one side: that of the first face.
+    Replace sums of faces that cancel by the sum of one side, that of the first face.
 
     Parameters
     ----------
     sums : (G, 3) float64
         Changed.
-    is_asked : (G,) bool
+    is_small : (G,) bool
         Which of them may be replaced.
     vertices, faces, groups, scale
         As `smooth_normals` takes them, one group of each vertex alone, too.
     """
-    is_corner = is_asked[groups[faces]]
-    around = faces[is_corner.any(axis=1)]
-    vectors = area_vectors(vertices, around, scale)
+    is_corner = is_small[groups[faces]]
+    adjacent = faces[is_corner.any(axis=1)]
+    vectors = area_vectors(vertices, adjacent, scale)
     has_area = vectors.any(axis=1)
-    around, vectors = around[has_area], vectors[has_area]
-    owners, vectors = groups[around].ravel(), np.repeat(vectors, 3, axis=0)
-    is_corner = is_asked[owners]
-    owners, vectors = owners[is_corner], vectors[is_corner]
+    adjacent, vectors = adjacent[has_area], vectors[has_area]
+    corner_groups, vectors = groups[adjacent].ravel(), np.repeat(vectors, 3, axis=0)
+    is_corner = is_small[corner_groups]
+    corner_groups, vectors = corner_groups[is_corner], vectors[is_corner]
     total = np.zeros(len(sums))
-    np.add.at(total, owners, np.abs(vectors).max(axis=1))
-    cancel = is_asked & (total > 0.0) & (np.abs(sums).max(axis=1, initial=0.0) <= _NOTHING * total)
-    is_corner = cancel[owners]
-    owners, vectors = owners[is_corner], vectors[is_corner]
-    number, first = np.unique(owners, return_index=True)
-    side = np.zeros_like(sums)
-    side[number] = vectors[first]
-    is_same = dot_rows(vectors, side[owners]) > 0.0
+    np.add.at(total, corner_groups, np.abs(vectors).max(axis=1))
+    cancel = is_small & (total > 0.0) & (np.abs(sums).max(axis=1, initial=0.0) <= _ROUNDING * total)
+    is_corner = cancel[corner_groups]
+    corner_groups, vectors = corner_groups[is_corner], vectors[is_corner]
+    group_ids, first = np.unique(corner_groups, return_index=True)
+    side_normal = np.zeros_like(sums)
+    side_normal[group_ids] = vectors[first]
+    is_same_side = dot_rows(vectors, side_normal[corner_groups]) > 0.0
     sums[cancel] = 0.0
     for axis in range(3):
-        np.add.at(sums[:, axis], owners[is_same], vectors[is_same, axis])
+        np.add.at(sums[:, axis], corner_groups[is_same_side], vectors[is_same_side, axis])
 
 
 def normal_groups(vertices: Float64, normals: Float32) -> Int32:
-    """Return a number for each vertex, (V,) int32: one for those of one position and normal."""
+    """Number groups of vertices with the same position and normal, (V,) int32."""
     return distinct_rows(*vertices.T, *normals.T)[0].astype(np.int32)
 
 
 def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     """
-    Tell whether smooth normals round off the edges of what is made of flat or smooth pieces.
+    Tell whether a mesh has creases, which smooth normals would round off.
 
     An edge that two faces share is smooth where they meet at less than 20 degrees, and a crease at
     60 to 135. A creased mesh has many creases, and few edges between the two: boxes, cylinders and
@@ -292,27 +292,27 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     scale : float
         Factor on the vertices, from `safe_scale`.
     """
-    for most, leeway in ((_FIRST_LOOKED_AT, 2.0), (_MAX_LOOKED_AT, 1.0)):
-        if most == _FIRST_LOOKED_AT and len(vertices) <= 2 * most:
+    for max_vertices, tolerance in ((_FIRST_SAMPLED, 2.0), (_MAX_SAMPLED, 1.0)):
+        if max_vertices == _FIRST_SAMPLED and len(vertices) <= 2 * max_vertices:
             continue
-        count, creases, between = _count_edges(vertices, faces, scale, most)
+        count, creases, half_creases = _count_edges(vertices, faces, scale, max_vertices)
         if (
-            leeway * creases < max(_MIN_CREASES, _MIN_CREASED * count)
-            or between > leeway * _MAX_BETWEEN * creases
+            tolerance * creases < max(_MIN_CREASES, _MIN_CREASED_SHARE * count)
+            or half_creases > tolerance * _MAX_HALF_CREASES * creases
         ):
             return False
     return True
 
 
-def _count_edges(vertices: Float64, faces: Int32, scale: float, most: int) -> tuple[int, int, int]:
-    """Count the edges that two faces share at about ``most`` vertices: all, creases, between."""
-    picked = np.ones(len(vertices), bool)
-    if len(vertices) > most:
+def _count_edges(vertices: Float64, faces: Int32, scale: float, limit: int) -> tuple[int, int, int]:
+    """Count the edges that two faces share at about ``limit`` vertices: all, creases, others."""
+    is_sampled = np.ones(len(vertices), bool)
+    if len(vertices) > limit:
         # Multiples of the golden ratio, modulo 1, are spread evenly over any row of vertices.
-        spread = np.arange(len(vertices), dtype=np.uint32) * np.uint32(2654435769)
-        picked = spread < np.uint32((most << 32) // len(vertices))
-        one, two, three = faces.T
-        faces = faces[picked[one] | picked[two] | picked[three]]
+        hashes = np.arange(len(vertices), dtype=np.uint32) * np.uint32(2654435769)
+        is_sampled = hashes < np.uint32((limit << 32) // len(vertices))
+        first, second_corner, third_corner = faces.T
+        faces = faces[is_sampled[first] | is_sampled[second_corner] | is_sampled[third_corner]]
     directions = unit_rows(area_vectors(vertices, faces, scale))
     has_area = directions.any(axis=1)
     faces, directions = faces[has_area], directions[has_area]
@@ -320,17 +320,17 @@ def _count_edges(vertices: Float64, faces: Int32, scale: float, most: int) -> tu
     starts = faces.ravel().astype(np.int64)
     ends = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     keys = np.minimum(starts, ends) * len(vertices) + np.maximum(starts, ends)
-    order = np.flatnonzero(picked[starts] | picked[ends])
+    order = np.flatnonzero(is_sampled[starts] | is_sampled[ends])
     order = order[np.argsort(keys[order], kind="stable")]
-    one, other = order[:-1], order[1:]
-    is_pair = (keys[one] == keys[other]) & (starts[one] != starts[other])
-    cosines = dot_rows(directions[one[is_pair] // 3], directions[other[is_pair] // 3])
-    smooth, least, greatest = (sine_cosine(angle)[1] for angle in (20.0, 60.0, 135.0))
+    first, second = order[:-1], order[1:]
+    is_pair = (keys[first] == keys[second]) & (starts[first] != starts[second])
+    cosines = dot_rows(directions[first[is_pair] // 3], directions[second[is_pair] // 3])
+    smooth, crease, sharp = (sine_cosine(angle)[1] for angle in (20.0, 60.0, 135.0))
     creases = np.count_nonzero(
-        (cosines <= least + _COSINE_ROUNDING) & (cosines >= greatest - _COSINE_ROUNDING)
+        (cosines <= crease + _COSINE_ROUNDING) & (cosines >= sharp - _COSINE_ROUNDING)
     )
-    between = len(cosines) - creases - np.count_nonzero(cosines >= smooth)
-    return len(cosines), int(creases), int(between)
+    half_creases = len(cosines) - creases - np.count_nonzero(cosines >= smooth)
+    return len(cosines), int(creases), int(half_creases)
 
 
 def _add_at_corners(sums: Float64, corners: NDArray[np.integer], vectors: Float64) -> None:
@@ -342,7 +342,7 @@ def _add_at_corners(sums: Float64, corners: NDArray[np.integer], vectors: Float6
 
 def crease_normals(
     vertices: Float64, faces: Int32, scale: float, angle: float, merge: bool
-) -> CreasedCorners:
+) -> SplitVertices:
     """
     Give every corner the mean normal of the faces around its position that are nearly coplanar.
 
@@ -376,20 +376,20 @@ def crease_normals(
     creased = _creased_positions(positions, directions, has_area, means, angle)
 
     # Every vertex starts with the mean normal of its position.
-    base: NDArray[np.integer]
+    corner_vertices: NDArray[np.integer]
     if merge:
-        base, sources = positions, first_of_position
+        corner_vertices, sources = positions, first_of_position
     else:
-        base, sources = faces, np.arange(len(vertices))
+        corner_vertices, sources = faces, np.arange(len(vertices))
     normals = means.take(position_of_vertex[sources], axis=0).astype(np.float32) + np.float32(0.0)
     # Corners at creases get normals of their own, and further vertices where those differ.
     corners = np.flatnonzero(creased[positions.ravel()])
     corner_normals = _corner_normals(corners, positions.ravel(), areas, directions, angle)
     # A face without an area has no normal to compare: it takes the mean of its position.
-    lost = np.flatnonzero(~has_area.take(corners // 3))
-    corner_normals[lost] = means[positions.ravel()[corners[lost]]]
+    flat = np.flatnonzero(~has_area.take(corners // 3))
+    corner_normals[flat] = means[positions.ravel()[corners[flat]]]
     corner_normals += np.float32(0.0)
-    return _split_vertices(base, sources, normals, corners, corner_normals)
+    return _split_vertices(corner_vertices, sources, normals, corners, corner_normals)
 
 
 def _creased_positions(
@@ -414,11 +414,7 @@ def _creased_positions(
 
 
 def _corner_normals(
-    corners: Int64,
-    position_of_corner: Int64,
-    areas: Float64,
-    directions: Float64,
-    angle: float,
+    corners: Int64, position_of_corner: Int64, areas: Float64, directions: Float64, angle: float
 ) -> Float32:
     """
     Average, for each listed corner, the faces at its position within the angle of its own.
@@ -444,39 +440,39 @@ def _corner_normals(
                 normals[group] = np.moveaxis(direction, 0, 2)
                 continue
             area = np.moveaxis(areas.take(faces, axis=0), 2, 0).copy()
-            total = np.zeros_like(area)
+            sums = np.zeros_like(area)
             for k in range(size):
-                near = (x * x[k] + y * y[k]) + z * z[k] >= limit
-                total += near * area[:, k, np.newaxis]
-            normals[group] = np.moveaxis(_scaled_to_unit(total), 0, 2)
+                is_near = (x * x[k] + y * y[k]) + z * z[k] >= limit
+                sums += is_near * area[:, k, np.newaxis]
+            normals[group] = np.moveaxis(_normalize(sums), 0, 2)
     return normals
 
 
 def _split_vertices(
-    base: NDArray[np.integer],
+    corner_vertices: NDArray[np.integer],
     sources: Int64,
     normals: Float32,
     corners: Int64,
     corner_normals: Float32,
-) -> CreasedCorners:
+) -> SplitVertices:
     """Give each distinct (vertex, normal) pair among the corners a vertex of its own."""
-    faces = base.astype(np.int32).ravel()
+    faces = corner_vertices.astype(np.int32).ravel()
     if len(corners) == 0:
-        return CreasedCorners(faces.reshape(-1, 3), sources, normals)
+        return SplitVertices(faces.reshape(-1, 3), sources, normals)
     owner = faces[corners]
-    which, first = distinct_rows(owner, *corner_normals.T)
+    pair_ids, first = distinct_rows(owner, *corner_normals.T)
     # The first normal of an owner takes the owner's own vertex, the others get new ones.
     owner = owner[first]
-    leader = np.empty(len(sources), dtype=np.int64)
-    leader[owner[::-1]] = np.arange(len(owner))[::-1]
-    extra = leader[owner] != np.arange(len(owner))
-    number = np.where(extra, len(sources) + np.cumsum(extra) - 1, owner)
-    faces[corners] = number[which]
-    values = corner_normals[first]
-    normals = np.concatenate([normals, values[extra]])
-    normals[number[~extra]] = values[~extra]
-    sources = np.concatenate([sources, sources[owner[extra]]])
-    return CreasedCorners(faces.reshape(-1, 3), sources, normals)
+    first_pair = np.empty(len(sources), dtype=np.int64)
+    first_pair[owner[::-1]] = np.arange(len(owner))[::-1]
+    is_new = first_pair[owner] != np.arange(len(owner))
+    vertex_ids = np.where(is_new, len(sources) + np.cumsum(is_new) - 1, owner)
+    faces[corners] = vertex_ids[pair_ids]
+    pair_normals = corner_normals[first]
+    normals = np.concatenate([normals, pair_normals[is_new]])
+    normals[vertex_ids[~is_new]] = pair_normals[~is_new]
+    sources = np.concatenate([sources, sources[owner[is_new]]])
+    return SplitVertices(faces.reshape(-1, 3), sources, normals)
 
 
 def vertex_tangents(
@@ -512,20 +508,20 @@ def vertex_tangents(
         chunk = faces[start : start + _TANGENT_CHUNK]
         tangents, is_mirrored = _face_tangents(vertices, chunk, uv, scale, transform)
         for group in range(GROUPS):
-            chosen = is_mirrored == bool(group)
-            corners = chunk[chosen].ravel()
+            in_group = is_mirrored == bool(group)
+            corners = chunk[in_group].ravel()
             for axis in range(3):
-                np.add.at(sums[group, axis], corners, np.repeat(tangents[chosen, axis], 3))
+                np.add.at(sums[group, axis], corners, np.repeat(tangents[in_group, axis], 3))
     result = np.empty((len(vertices), GROUPS, 4), np.float32)
-    turned = 1.0 if transform is None else _determinant(transform)
+    determinant = 1.0 if transform is None else _determinant(transform)
     for group in range(GROUPS):
         result[:, group, :3] = unit_rows(np.ascontiguousarray(sums[group].T))
-        result[:, group, 3] = (-1.0 if turned < 0.0 else 1.0) * (1.0 - 2.0 * group)
+        result[:, group, 3] = (-1.0 if determinant < 0.0 else 1.0) * (1.0 - 2.0 * group)
     return result
 
 
 def _determinant(transform: tuple[float, ...]) -> float:
-    """Return by how much a transform of coordinates enlarges areas; below 0 if it mirrors."""
+    """Return the determinant of a transform of coordinates; below 0 if it mirrors."""
     return transform[0] * transform[4] - transform[1] * transform[3]
 
 
@@ -538,24 +534,24 @@ def _face_tangents(
         edge_ab, edge_ac = b - a, c - a
         areas = area_vectors(vertices, faces, scale)
         u, v = uv[:, 0].astype(np.float64), uv[:, 1].astype(np.float64)
-        ab, ac = _steps(faces, u, v, 1), _steps(faces, u, v, 2)
+        ab, ac = _uv_steps(faces, u, v, 1), _uv_steps(faces, u, v, 2)
         is_mirrored = ab[0] * ac[1] < ac[0] * ab[1]
         if transform is not None:
-            ab, ac = _moved(ab, transform), _moved(ac, transform)
-        doubled = ab[0] * ac[1] - ac[0] * ab[1]
+            ab, ac = _apply(ab, transform), _apply(ac, transform)
+        uv_areas = ab[0] * ac[1] - ac[0] * ab[1]
         tangents = edge_ab * ac[1][:, np.newaxis] - edge_ac * ab[1][:, np.newaxis]
-    sizes = np.sqrt(dot_rows(areas, areas)) * np.sign(doubled)
+    sizes = np.sqrt(dot_rows(areas, areas)) * np.sign(uv_areas)
     tangents[~np.isfinite(tangents).all(axis=1) | ~np.isfinite(sizes)] = 0.0
     return unit_rows(tangents) * np.nan_to_num(sizes)[:, np.newaxis], is_mirrored
 
 
-def _steps(faces: Int32, u: Float64, v: Float64, corner: int) -> tuple[Float64, Float64]:
-    """Return how far u and v move from the first corner of each face to another."""
+def _uv_steps(faces: Int32, u: Float64, v: Float64, corner: int) -> tuple[Float64, Float64]:
+    """Return the differences of u and v from the first corner of each face to another."""
     first, other = faces[:, 0], faces[:, corner]
     return u[other] - u[first], v[other] - v[first]
 
 
-def _moved(step: tuple[Float64, Float64], transform: tuple[float, ...]) -> tuple[Float64, Float64]:
-    """Return steps as a transform of the coordinates makes them."""
+def _apply(step: tuple[Float64, Float64], transform: tuple[float, ...]) -> tuple[Float64, Float64]:
+    """Apply a transform of the coordinates to differences of u and v."""
     u, v = step
     return transform[0] * u + transform[1] * v, transform[3] * u + transform[4] * v

@@ -1,4 +1,4 @@
-"""How prompts and notebooks show things: pictures with an alternative text, reports as text."""
+"""Show objects in prompts and notebooks: pictures with an alternative text, reports as text."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
 """Data and metadata, each by media type, as ``_repr_mimebundle_`` returns them."""
 
 
-class Printed:
-    """Shows itself by its text, `str`, in prompts and notebooks."""
+class TextReport:
+    """Base class of reports, shown as their text, `str`, in prompts and notebooks."""
 
     def __repr__(self) -> str:
         return str(self)
@@ -23,8 +23,8 @@ class Printed:
         return f"<pre>{escape(str(self))}</pre>"
 
 
-class Previewed:
-    """Shows itself in notebooks as a small picture."""
+class PicturePreview:
+    """Base class of objects that notebooks show as a small picture."""
 
     def _repr_png_(self) -> bytes | None:
         """Return a small picture as PNG; None if there is nothing to see."""
@@ -36,18 +36,18 @@ class Previewed:
         frame = self._picture()
         if frame is None:
             return {}, {}
-        return bundle(frame._repr_png_(), f"Picture of {self!r}", caption=frame.caption)
+        return mime_bundle(frame._repr_png_(), f"Picture of {self!r}", caption=frame.caption)
 
     def _picture(self) -> Any:
         """Return a small frame; None if there is nothing to see."""
         return call_above("preview", self)
 
 
-def bundle(
+def mime_bundle(
     png: bytes | None, alt: str, size: tuple[int, int] | None = None, caption: str = ""
 ) -> Bundle:
     """
-    Return a picture as notebooks show it.
+    Return the MIME bundle of a picture for notebooks.
 
     JupyterLab and nbconvert take no alternative text from metadata: it stands in HTML besides.
 

@@ -1,4 +1,4 @@
-"""Outlines: the edges that a draughtsman would draw."""
+"""Outlines: lines along silhouettes, borders of objects, and creases."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import bounded_number, whole_number
 
 EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
-"""What an outline may follow."""
+"""Kinds of edges that an outline may follow."""
 
-WIDEST = 64
-"""Widest line, pixels."""
+MAX_WIDTH = 64
+"""Largest width of a line, pixels."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Outline:
     """
@@ -54,7 +54,7 @@ class Outline:
 
     def __post_init__(self) -> None:
         store(self, color=rgba("color", self.color), edges=_known_edges(self.edges))
-        store(self, width=whole_number("width", self.width, 1, WIDEST))
+        store(self, width=whole_number("width", self.width, 1, MAX_WIDTH))
         store(self, crease_angle=bounded_number("crease_angle", self.crease_angle, 0.0, 180.0))
 
 

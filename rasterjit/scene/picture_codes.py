@@ -37,10 +37,10 @@ _GREY_ALPHA_16 = "LA;16B"
 """Raw mode of grey and alpha of 16 bits in PNG files: four bytes, as 8-bit RGBA."""
 
 _KEY_SCALE = {"L;2": 85, "L;4": 17}
-"""Factor by which Pillow scales greys of 2 and 4 bits to 8, but not their colour key."""
+"""Factors by which Pillow scales greys of 2 and 4 bits to 8, but not their colour key."""
 
 
-def picture_codes(image: Image.Image, is_turned: bool = False) -> NDArray[Any]:
+def read_codes(image: Image.Image, apply_exif: bool = False) -> NDArray[Any]:
     """
     Return the sample values of a picture that Pillow has opened.
 
@@ -48,7 +48,7 @@ def picture_codes(image: Image.Image, is_turned: bool = False) -> NDArray[Any]:
     ----------
     image : PIL.Image.Image
         Not decoded yet: once decoded, colours of 16 bits have only 8.
-    is_turned : bool
+    apply_exif : bool
         Whether to turn it upright by its EXIF orientation.
 
     Returns
@@ -59,20 +59,20 @@ def picture_codes(image: Image.Image, is_turned: bool = False) -> NDArray[Any]:
     key, mode = image.info.get("transparency"), image.mode
     if raw == _GREY_ALPHA_16:
         _decode_as(image, "RGBA")
-        codes = np.ascontiguousarray(_pixels(image, is_turned)).view(">u2").astype(np.uint16)
+        codes = np.ascontiguousarray(_pixels(image, apply_exif)).view(">u2").astype(np.uint16)
     elif raw[:-1] in _COLOR_16:
         lower = _reopen(image)
         _decode_as(lower, raw[:-1] + _SWAPPED_ORDER[raw[-1]])
-        upper = _pixels(image, is_turned).astype(np.uint16)
-        codes = upper << 8 | _pixels(lower, is_turned)
+        upper = _pixels(image, apply_exif).astype(np.uint16)
+        codes = upper << 8 | _pixels(lower, apply_exif)
     elif mode in _GREY_16:
-        codes = np.clip(_pixels(image, is_turned), 0, 65535).astype(np.uint16)
+        codes = np.clip(_pixels(image, apply_exif), 0, 65535).astype(np.uint16)
     elif mode == "1" and key is not None:
-        codes, key = _pixels(image, is_turned).astype(np.uint8) * np.uint8(255), 255 if key else 0
+        codes, key = _pixels(image, apply_exif).astype(np.uint8) * np.uint8(255), 255 if key else 0
     elif mode in _DIRECT_MODES:
-        codes = _pixels(image, is_turned)
+        codes = _pixels(image, apply_exif)
     else:
-        return _pixels(image, is_turned, "RGBA")
+        return _pixels(image, apply_exif, "RGBA")
     if key is None or isinstance(key, bytes) or codes.ndim != (2 if np.ndim(key) == 0 else 3):
         return codes
     return _with_color_key(codes, np.multiply(key, _KEY_SCALE.get(raw, 1)))
@@ -85,9 +85,9 @@ def _with_color_key(codes: NDArray[Any], key: NDArray[Any]) -> NDArray[Any]:
     return np.dstack([layers, alpha.astype(codes.dtype)])
 
 
-def _pixels(image: Image.Image, is_turned: bool, mode: str | None = None) -> NDArray[Any]:
-    """Return a picture as an array, upright if asked for, in a mode."""
-    if is_turned:
+def _pixels(image: Image.Image, apply_exif: bool, mode: str | None = None) -> NDArray[Any]:
+    """Convert a picture to an array, turned upright by EXIF if asked for, in a mode."""
+    if apply_exif:
         from PIL import ImageOps
 
         ImageOps.exif_transpose(image, in_place=True)
@@ -105,7 +105,7 @@ def _raw_mode(image: Image.Image) -> str:
 
 
 def _decode_as(image: Any, raw: str) -> None:
-    """Let a picture be decoded in another raw mode than its file names."""
+    """Set another raw mode for decoding a picture than its file names."""
     kind = type(image.tile[0])
     tiles = [(*rest, (raw, *decoder_args[1:]) if isinstance(decoder_args, tuple) else raw)
              for *rest, decoder_args in image.tile]  # fmt: skip

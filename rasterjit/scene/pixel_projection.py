@@ -1,5 +1,5 @@
 """
-Lead from points of the world to pixels and back, with the numbers of the pipeline.
+Project points to pixels and back, with the arithmetic of the pipeline.
 
 Pixel coordinates are those of the screen: x right, y down, the centre of the pixel in column i and
 row j at (i + 0.5, j + 0.5). OpenCV's are smaller by 0.5. Depth is what ``Frame.depth`` holds: scene
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class ProjectedPoints(NamedTuple):
-    """Where points are seen."""
+    """Pixels and depths of points."""
 
     pixels: Float64
     """(..., 2): x right, y down; NaN for a point that is not in front of the eye."""
@@ -32,7 +32,7 @@ class ProjectedPoints(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """What pixels look along; what is the same for all may be read-only."""
+    """Rays through pixels; an array that is the same for all may be read-only."""
 
     origins: Float64
     """(H, W, 3), world space: the eye; of a parallel view, points where the depth is 0."""
@@ -41,10 +41,10 @@ class Rays(NamedTuple):
 
 
 class Projecting:
-    """What every camera can do with points and pixels."""
+    """Base class of cameras: projects points to pixels and back."""
 
     _view_from_world: Float64
-    """Of one that stands at an eye and looks at a target."""
+    """View matrix of a camera that is given by eye and target."""
 
     def project(self: Camera, points: ArrayLike, size: tuple[int, int]) -> ProjectedPoints:
         """
@@ -144,7 +144,7 @@ class Projecting:
 
 
 def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """Return the matrix, (4, 4), to clip space from world axes with the origin at the eye."""
+    """Return the matrix, (4, 4), from positions relative to the eye to clip space."""
     view = transforms.compose(camera.view_matrix(), transforms.translate(camera.eye_position()))
     return transforms.compose(camera.projection_matrix(size), view)
 
@@ -172,16 +172,16 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
 
 
 def project(camera: Camera, points: ArrayLike, size: tuple[int, int]) -> ProjectedPoints:
-    """Return where points, (..., 3), are in an image; see `Projecting.project`."""
+    """Project points, (..., 3), to pixels and depths; see `Projecting.project`."""
     width, height = picture_size("size", size)
-    given = _numbers("points", points, 3)
-    relative = given.reshape(-1, 3) - camera.eye_position()
+    array = _numbers("points", points, 3)
+    relative = array.reshape(-1, 3) - camera.eye_position()
     x, y, stored, w = transforms.transform_points(screen_from_relative(camera, size), relative).T
     with np.errstate(all="ignore"):
         depth = camera.view_depth(stored / w)
-        places = np.stack([(x / w + 1.0) * (width / 2.0), (1.0 - y / w) * (height / 2.0)], axis=1)
-    places[~(w > 0.0)] = np.nan
-    return ProjectedPoints(places.reshape(*given.shape[:-1], 2), depth.reshape(given.shape[:-1]))
+        pixels = np.stack([(x / w + 1.0) * (width / 2.0), (1.0 - y / w) * (height / 2.0)], axis=1)
+    pixels[~(w > 0.0)] = np.nan
+    return ProjectedPoints(pixels.reshape(*array.shape[:-1], 2), depth.reshape(array.shape[:-1]))
 
 
 def unproject(
@@ -189,49 +189,49 @@ def unproject(
 ) -> Float64:
     """Return the points seen at pixels, (..., 2), at depths; see `Projecting.unproject`."""
     width, height = picture_size("size", size)
-    places = _numbers("pixels", pixels, 2)
-    given = _numbers("depth", depth)
-    shape = places.shape[:-1]
+    positions = _numbers("pixels", pixels, 2)
+    depth_array = _numbers("depth", depth)
+    shape = positions.shape[:-1]
     try:
-        depths = np.broadcast_to(given, shape).reshape(-1)
+        depths = np.broadcast_to(depth_array, shape).reshape(-1)
     except ValueError:
-        told = f"depth must have the shape of pixels, {shape}, got {given.shape}"
-        raise ValueError(told) from None
-    x, y = places.reshape(-1, 2).T
-    lens = _Lens(camera, size)
+        message = f"depth must have the shape of pixels, {shape}, got {depth_array.shape}"
+        raise ValueError(message) from None
+    x, y = positions.reshape(-1, 2).T
+    unprojection = _Unprojection(camera, size)
     with np.errstate(all="ignore"):
-        relative = lens.points(2.0 * x / width - 1.0, 1.0 - 2.0 * y / height, depths)
-        relative[~(np.isfinite(depths) & (lens.is_parallel | (depths > 0.0)))] = np.nan
+        relative = unprojection.points(2.0 * x / width - 1.0, 1.0 - 2.0 * y / height, depths)
+        relative[~(np.isfinite(depths) & (unprojection.is_parallel | (depths > 0.0)))] = np.nan
         return (relative + camera.eye_position()).reshape(*shape, 3)
 
 
 def rays(camera: Camera, size: tuple[int, int]) -> Rays:
-    """Return what the centres of all pixels look along; see `Projecting.rays`."""
+    """Return the rays through the centres of all pixels; see `Projecting.rays`."""
     width, height = picture_size("size", size)
-    lens, eye = _Lens(camera, size), camera.eye_position()
+    unprojection, eye = _Unprojection(camera, size), camera.eye_position()
     x = np.tile((2.0 * np.arange(width) + 1.0) / width - 1.0, height)
     y = np.repeat(1.0 - (2.0 * np.arange(height) + 1.0) / height, width)
-    if lens.is_parallel:
-        start = lens.points(x, y, np.zeros(len(x)))
+    if unprojection.is_parallel:
+        start = unprojection.points(x, y, np.zeros(len(x)))
         # The axis is the same everywhere.
-        ends = lens.points(np.zeros(2), np.zeros(2), np.array([0.0, lens.unit]))
-        along = transforms.unit_vector("direction", ends[1] - ends[0])
-        directions = np.broadcast_to(along, start.shape)
+        targets = unprojection.points(np.zeros(2), np.zeros(2), np.array([0.0, unprojection.unit]))
+        direction = transforms.unit_vector("direction", targets[1] - targets[0])
+        directions = np.broadcast_to(direction, start.shape)
         origins = start + eye
     else:
-        ends = lens.points(x, y, np.full(len(x), lens.unit))
-        right, up, back = ends.T
-        longest = np.abs(ends).max(axis=1)
-        right, up, back = right / longest, up / longest, back / longest
-        lengths = np.sqrt((right * right + up * up) + back * back)
-        directions = np.stack([right, up, back], axis=1) / lengths[:, np.newaxis]
+        targets = unprojection.points(x, y, np.full(len(x), unprojection.unit))
+        right, up, backward = targets.T
+        largest = np.abs(targets).max(axis=1)
+        right, up, backward = right / largest, up / largest, backward / largest
+        lengths = np.sqrt((right * right + up * up) + backward * backward)
+        directions = np.stack([right, up, backward], axis=1) / lengths[:, np.newaxis]
         origins = np.broadcast_to(eye, directions.shape)
     shape = height, width, 3
     return Rays(origins.reshape(shape), directions.reshape(shape))
 
 
-class _Lens:
-    """How the point, relative to the eye, follows from NDC x and y and a depth."""
+class _Unprojection:
+    """Inverse projection: points relative to the eye from NDC x and y and a depth."""
 
     def __init__(self, camera: Camera, size: tuple[int, int]) -> None:
         screen = screen_from_relative(camera, size)
@@ -257,10 +257,10 @@ class _Lens:
 
     def points(self, x: Float64, y: Float64, depths: Float64) -> Float64:
         """Return points, (N, 3), relative to the eye, given NDC x and y and depths, (N,) each."""
-        share = (depths - self._first) / self.unit
-        w, last = (self._w, -share * self._w) if self.is_parallel else (share, share)
-        known = np.stack([x * w, y * w, last], axis=1)
-        return transforms.transform_points(self._inverse, known)[:, :3]
+        ratio = (depths - self._first) / self.unit
+        w, last = (self._w, -ratio * self._w) if self.is_parallel else (ratio, ratio)
+        screen = np.stack([x * w, y * w, last], axis=1)
+        return transforms.transform_points(self._inverse, screen)[:, :3]
 
 
 def _numbers(name: str, value: ArrayLike, last: int | None = None) -> Float64:

@@ -1,5 +1,5 @@
 """
-How far points reach: the box and the sphere around them, and the frustum that they fit into.
+Compute the bounding box and sphere of points, and the smallest frustum that holds them.
 
 For a frustum, points are in the axes of the camera, x to the right, y up, z towards the eye, about
 any origin. An eye at (ex, ey, ez) sees a point at the slopes (x - ex) / (ez - z) and (y - ey) /
@@ -20,7 +20,7 @@ from rasterjit.scene.arrays import Float64
 
 Chunks = Callable[[], Iterable[tuple[Float64, Float64 | None]]]
 """
-Returns points, some at a time: positions (N, 3), and half the size of what is drawn at each,
+Function that yields points block by block: positions (N, 3), and half the size of each,
 (N, 1), or ``None`` if they have no sizes.
 """
 
@@ -31,22 +31,22 @@ from its end nor the tip of a cone has a width that keeps the eye away."""
 _MAX_STEPS = 64
 """Newton steps, each of which comes nearer to the root from below; a few are usual."""
 
-_STEP = 2.0**-48
-"""Share of a slope by which a step must change it to be worth another one."""
+_MIN_STEP_RATIO = 2.0**-48
+"""Least change of a slope, relative to it, after which another step follows."""
 
-_MAX_KEPT = 1 << 22
-"""Points that are kept in memory; more are transformed again whenever they are looked at."""
+_MAX_CACHED = 1 << 22
+"""Most points that are cached; more are transformed again on each pass."""
 
 
-def kept(chunks: Chunks) -> Chunks:
-    """Return a callable that yields the same points; it transforms few of them only once."""
-    found, count = [], 0
-    for one in chunks():
-        count += len(one[0])
-        if count > _MAX_KEPT:
+def cache_points(chunks: Chunks) -> Chunks:
+    """Return a callable that yields the same points, from memory if they are few."""
+    blocks, count = [], 0
+    for block in chunks():
+        count += len(block[0])
+        if count > _MAX_CACHED:
             return chunks
-        found.append(one)
-    return lambda: found
+        blocks.append(block)
+    return lambda: blocks
 
 
 def box_around(chunks: Chunks) -> tuple[Float64, Float64]:
@@ -76,7 +76,7 @@ def box_around(chunks: Chunks) -> tuple[Float64, Float64]:
 
 
 def sphere_around(chunks: Chunks) -> tuple[Float64, float]:
-    """Return the middle of the box around points, (3,) float64, and the radius around all."""
+    """Return the centre of the points' box, (3,) float64, and the radius around it of all."""
     low, high = box_around(chunks)
     with np.errstate(invalid="ignore"):
         center = low / 2.0 + high / 2.0
@@ -93,28 +93,28 @@ def sphere_around(chunks: Chunks) -> tuple[Float64, float]:
             if halves is None:
                 largest = max(largest, math.sqrt(float(squares.max())))
             else:
-                reaches = np.sqrt(squares) + halves[:, 0] / scale
-                largest = max(largest, float(reaches.max()))
+                distances = np.sqrt(squares) + halves[:, 0] / scale
+                largest = max(largest, float(distances.max()))
     return center, scale * largest
 
 
-class Row(NamedTuple):
-    """Some points in the axes of a camera, in radii of the scene."""
+class PointBlock(NamedTuple):
+    """A block of points in the axes of a camera, in radii of the scene."""
 
     x: Float64
     y: Float64
     z: Float64
     halves: Float64 | None
-    """Radius of the ball that is drawn at each; ``None``: of no size."""
+    """Radius of each point; ``None``: 0."""
 
 
-class AxisSpan(NamedTuple):
-    """How an axis of the picture is filled."""
+class AxisFit(NamedTuple):
+    """Fit of the points along an axis of the picture."""
 
     offset: float
-    """Of the eye from the origin along it."""
+    """Offset of the eye from the origin along the axis."""
     slope: float
-    """At which the points reach farthest from the middle, the same on both sides; of a parallel
+    """Largest slope of the points from the middle, the same on both sides; of a parallel
     camera half their extent."""
 
 
@@ -139,34 +139,28 @@ class ScenePoints:
         The largest and the least z.
     """
 
-    def __init__(
-        self,
-        chunks: Chunks,
-        axes: Float64,
-        center: Float64,
-        radius: float,
-    ) -> None:
+    def __init__(self, chunks: Chunks, axes: Float64, center: Float64, radius: float) -> None:
         self._chunks, self._axes = chunks, axes.tolist()
         self._center, self._radius = center, radius
-        self._kept: list[Row] | None = []
+        self._blocks: list[PointBlock] | None = []
         self.nearest, self.farthest = -math.inf, math.inf
         count = 0
-        for row in self._project():
-            count += len(row.x)
-            if count > _MAX_KEPT:
-                self._kept = None
-            elif self._kept is not None:
-                self._kept.append(row)
-            halves = 0.0 if row.halves is None else row.halves
-            self.nearest = max(self.nearest, float((row.z + halves).max()))
-            self.farthest = min(self.farthest, float((row.z - halves).min()))
+        for block in self._project():
+            count += len(block.x)
+            if count > _MAX_CACHED:
+                self._blocks = None
+            elif self._blocks is not None:
+                self._blocks.append(block)
+            halves = 0.0 if block.halves is None else block.halves
+            self.nearest = max(self.nearest, float((block.z + halves).max()))
+            self.farthest = min(self.farthest, float((block.z - halves).min()))
 
-    def _project(self) -> Iterator[Row]:
-        """Yield the points, some at a time."""
+    def _project(self) -> Iterator[PointBlock]:
+        """Yield the points in the camera's axes, block by block."""
         for positions, halves in self._chunks():
             a, b, c = ((positions - self._center) / self._radius).T
-            x, y, z = ((row[0] * a + row[1] * b) + row[2] * c for row in self._axes)
-            yield Row(x, y, z, None if halves is None else halves[:, 0] / self._radius)
+            x, y, z = ((axis[0] * a + axis[1] * b) + axis[2] * c for axis in self._axes)
+            yield PointBlock(x, y, z, None if halves is None else halves[:, 0] / self._radius)
 
     def reach(self, axis: str, across: float, along: float) -> tuple[float, float]:
         """
@@ -181,78 +175,78 @@ class ScenePoints:
         """
         best, growth = -math.inf, 0.0
         length = math.sqrt(across * across + along * along)
-        for row in self._project() if self._kept is None else self._kept:
-            reached = across * (row.x if axis == "x" else row.y)
+        for block in self._project() if self._blocks is None else self._blocks:
+            distances = across * (block.x if axis == "x" else block.y)
             if along != 0.0:
-                reached += along * row.z
-            if row.halves is not None:
-                reached += length * row.halves
-            place = int(reached.argmax())
-            if reached[place] > best:
-                best = float(reached[place])
-                growth = float(row.z[place])
-                if row.halves is not None:
-                    growth += float(row.halves[place]) * (along / length)
+                distances += along * block.z
+            if block.halves is not None:
+                distances += length * block.halves
+            index = int(distances.argmax())
+            if distances[index] > best:
+                best = float(distances[index])
+                growth = float(block.z[index])
+                if block.halves is not None:
+                    growth += float(block.halves[index]) * (along / length)
         return best, growth
 
 
 def fit_perspective(
-    cloud: ScenePoints, focal_x: float, focal_y: float
-) -> tuple[float, tuple[AxisSpan, AxisSpan]]:
+    points: ScenePoints, focal_x: float, focal_y: float
+) -> tuple[float, tuple[AxisFit, AxisFit]]:
     """
-    Return where the eye of a pinhole is that sees all points as large as possible, in the middle.
+    Fit the eye of a pinhole so that all points are as large as possible and centred.
 
     Parameters
     ----------
-    cloud : ScenePoints
+    points : ScenePoints
     focal_x, focal_y : float
         One over the slope that the points may reach, of each axis.
 
     Returns
     -------
     eye_z : float
-    spans : (AxisSpan, AxisSpan)
+    fits : (AxisFit, AxisFit)
         Of x and y. At least one of them has the slope ``1 / focal``, unless `MIN_CLEARANCE`
         keeps the eye away.
     """
     focals = {"x": focal_x, "y": focal_y}
-    sides = {
-        axis: [cloud.reach(axis, sign * focal, 1.0)[0] for sign in (1.0, -1.0)]
+    extents = {
+        axis: [points.reach(axis, sign * focal, 1.0)[0] for sign in (1.0, -1.0)]
         for axis, focal in focals.items()
     }
-    needs = {axis: 0.5 * (low + high) for axis, (high, low) in sides.items()}
-    eye = max(*needs.values(), cloud.nearest + MIN_CLEARANCE)
-    spans = []
+    min_eye = {axis: 0.5 * (low + high) for axis, (high, low) in extents.items()}
+    eye = max(*min_eye.values(), points.nearest + MIN_CLEARANCE)
+    fits = []
     for axis, focal in focals.items():
-        if needs[axis] == eye:
-            high, low = sides[axis]
-            spans.append(AxisSpan(0.5 * (high - low) / focal, 1.0 / focal))
+        if min_eye[axis] == eye:
+            high, low = extents[axis]
+            fits.append(AxisFit(0.5 * (high - low) / focal, 1.0 / focal))
         else:
-            spans.append(_centered(cloud, axis, eye, 1.0 / focal))
-    return eye, (spans[0], spans[1])
+            fits.append(_center_axis(points, axis, eye, 1.0 / focal))
+    return eye, (fits[0], fits[1])
 
 
-def fit_parallel(cloud: ScenePoints) -> tuple[AxisSpan, AxisSpan]:
-    """Return the middle and half the extent of all points along x and y."""
-    spans = []
+def fit_parallel(points: ScenePoints) -> tuple[AxisFit, AxisFit]:
+    """Fit a parallel camera: return the middle and half extent of all points along x and y."""
+    fits = []
     for axis in ("x", "y"):
-        high, low = (cloud.reach(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
-        spans.append(AxisSpan(0.5 * (high - low), 0.5 * (high + low)))
-    return spans[0], spans[1]
+        high, low = (points.reach(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
+        fits.append(AxisFit(0.5 * (high - low), 0.5 * (high + low)))
+    return fits[0], fits[1]
 
 
-def _centered(cloud: ScenePoints, axis: str, eye: float, slope: float) -> AxisSpan:
+def _center_axis(points: ScenePoints, axis: str, eye: float, slope: float) -> AxisFit:
     """
-    Return how an axis is filled that has room, seen from a given z.
+    Centre the points along an axis, seen from a given z.
 
     The slope t on both sides is the root of ``2 * t * eye - reach(1, t) - reach(-1, t)``, which is
     concave and grows. Newton's steps come to it from below, wherever they begin.
     """
     for step in range(_MAX_STEPS):
-        (high, right), (low, left) = (cloud.reach(axis, sign, slope) for sign in (1.0, -1.0))
-        missing = (high - slope * eye) + (low - slope * eye)
-        change = missing / ((eye - right) + (eye - left))
-        if step and change <= _STEP * slope:
+        (high, right), (low, left) = (points.reach(axis, sign, slope) for sign in (1.0, -1.0))
+        residual = (high - slope * eye) + (low - slope * eye)
+        change = residual / ((eye - right) + (eye - left))
+        if step and change <= _MIN_STEP_RATIO * slope:
             break
         slope = max(slope + change, 0.0)
-    return AxisSpan(0.5 * (high - low), slope)
+    return AxisFit(0.5 * (high - low), slope)

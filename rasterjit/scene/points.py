@@ -13,11 +13,11 @@ from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive
 from rasterjit.scene.scalar_field import NAN_COLOR
-from rasterjit.scene.validation import in_short, one_of, read_only, unmasked_array
+from rasterjit.scene.validation import brief, one_of, read_only, unmasked_array
 
 Unit: TypeAlias = Literal["pixel", "world"]
 UNITS: tuple[Unit, ...] = get_args(Unit)
-"""What sizes and widths are in."""
+"""Units of sizes and widths."""
 
 PointShape: TypeAlias = Literal["square", "disc", "sphere"]
 POINT_SHAPES: tuple[PointShape, ...] = get_args(PointShape)
@@ -30,7 +30,7 @@ MAX_PIXELS = 4096.0
 
 
 POINT_GRAY = 0.2, 0.2, 0.2
-"""Linear light of points that are told neither colours nor light: seen on white, and on black."""
+"""Linear colour of points if none is given: visible on white, and on black."""
 
 
 class Points(Mesh):
@@ -90,9 +90,9 @@ class Points(Mesh):
     """
 
     primitive: ClassVar[Primitive] = "points"
-    _INSTEAD = "make other Points"
-    _PLACES = "positions", "position"
-    _PLAIN = Material("unlit", base_color=POINT_GRAY)
+    _ADVICE = "make other Points"
+    _VERTEX_WORDS = "positions", "position"
+    _DEFAULT_MATERIAL = Material("unlit", base_color=POINT_GRAY)
 
     def __init__(
         self,
@@ -123,13 +123,13 @@ class Points(Mesh):
                 raise ValueError("normals must be None where shape is 'sphere', which has its own")
         if material is None and normals is None and shape != "sphere":
             is_plain = colors is None and scalars is None
-            material = self._PLAIN if is_plain else Material("unlit")
+            material = self._DEFAULT_MATERIAL if is_plain else Material("unlit")
         super().__init__(
             positions, (), colors=colors, normals=normals, attributes=attributes,
             scalars=scalars, colormap=colormap, range=range, nan_color=nan_color,
             material=material, on_invalid=on_invalid,
         )  # fmt: skip
-        self._sizes = read_only(sizes_of("size", size, len(self), unit))
+        self._sizes = read_only(size_array("size", size, len(self), unit))
 
     @staticmethod
     def _check_material(name: str, value: Any) -> None:
@@ -152,12 +152,12 @@ class Points(Mesh):
 
     @property
     def unit(self) -> Unit:
-        """What sizes are in."""
+        """Unit of sizes."""
         return self._unit
 
     @property
     def shape(self) -> PointShape:
-        """What each point is drawn as."""
+        """Shape of each point."""
         return self._shape
 
     @property
@@ -183,7 +183,7 @@ class Points(Mesh):
 
     def _store_colors(self, colors: ColorLike) -> None:
         """Store colours as those of faces."""
-        super()._store_colors(color_rows(colors, len(self)))
+        super()._store_colors(expand_color(colors, len(self)))
         self._face_colors, self._vertex_colors = self._vertex_colors, None
 
     def _store_attributes(self, attributes: Mapping[str, ArrayLike]) -> None:
@@ -192,7 +192,7 @@ class Points(Mesh):
         self._face_attributes, self._vertex_attributes = self._vertex_attributes, {}
 
     def _scalar_counts(self) -> tuple[int, int]:
-        """Return that scalars are those of faces: between points nothing is interpolated."""
+        """Return -1 and the number of points: scalars are never interpolated."""
         return -1, len(self._faces)
 
     def used_vertices(self) -> NDArray[np.bool_]:
@@ -217,12 +217,12 @@ class Points(Mesh):
         """
         if self._bounds is None and self.unit == "world":
             halves = np.broadcast_to(0.5 * self._sizes, len(self))[:, np.newaxis]
-            where = self.used_vertices()[:, np.newaxis]
-            if where.any():
+            mask = self.used_vertices()[:, np.newaxis]
+            if mask.any():
                 low, high = self.vertices - halves, self.vertices + halves
                 self._bounds = (
-                    low.min(axis=0, where=where, initial=np.inf),
-                    high.max(axis=0, where=where, initial=-np.inf),
+                    low.min(axis=0, where=mask, initial=np.inf),
+                    high.max(axis=0, where=mask, initial=-np.inf),
                 )
         elif self._bounds is None and not self.invalid_vertices:
             self._bounds = self.vertices.min(axis=0), self.vertices.max(axis=0)
@@ -239,29 +239,29 @@ class Points(Mesh):
         return self
 
 
-def color_rows(colors: ColorLike, count: int) -> ArrayLike:
-    """Return one colour as that of so many, (count, 4) float32; rows stay as they are."""
+def expand_color(colors: ColorLike, count: int) -> ArrayLike:
+    """Repeat one colour as (count, 4) float32; return rows of colours as they are."""
     is_short = isinstance(colors, str) or not isinstance(colors, Sequence) or len(colors) in (3, 4)
     try:
-        is_one = is_short and (
+        is_color = is_short and (
             isinstance(colors, str) or unmasked_array("colors", colors).shape in ((3,), (4,))
         )
     except ValueError:
         # Rows of unequal length: refused where they are read.
         return colors
-    return np.tile(linear_color("colors", colors), (count, 1)) if is_one else colors
+    return np.tile(linear_color("colors", colors), (count, 1)) if is_color else colors
 
 
-def sizes_of(name: str, value: ArrayLike, count: int, unit: Unit) -> NDArray[np.float64]:
+def size_array(name: str, value: ArrayLike, count: int, unit: Unit) -> NDArray[np.float64]:
     """Return a copy of sizes, (1,) or (count,) float64, or raise ``ValueError``."""
     try:
-        given = unmasked_array(name, value)
-        array = np.array(given, np.float64)
-        if given.dtype.kind not in "uif":
+        numbers = unmasked_array(name, value)
+        array = np.array(numbers, np.float64)
+        if numbers.dtype.kind not in "uif":
             raise TypeError
     except (TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"{name} must be a number or an array of numbers, got {in_short(value)}"
+            f"{name} must be a number or an array of numbers, got {brief(value)}"
         ) from None
     if array.ndim == 0:
         array = array.reshape(1)

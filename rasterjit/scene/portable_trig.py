@@ -15,14 +15,14 @@ import numpy as np
 from rasterjit.scene.arrays import Float64
 
 HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267341256, 6.077100506506192e-11
-"""Of a quarter turn the first 33 bits, so that its small multiples are exact, and the rest."""
+"""Half pi in two parts: its first 33 bits, whose small multiples are exact, and the rest."""
 
 SINE_TERMS = tuple((1 - n % 2 * 2) / math.factorial(2 * n + 1) for n in range(9))
 COSINE_TERMS = tuple((1 - n % 2 * 2) / math.factorial(2 * n) for n in range(10))
-"""Of the Taylor series: up to 45 degrees what follows is below 1e-18."""
+"""Coefficients of the Taylor series: up to 45 degrees the next term is below 1e-18."""
 
 ARC_STEPS = 8
-"""Arc tangents are known at 0, 1/8 ... 1; from one of them it is 1/16 at most."""
+"""Steps of the table of arc tangents: 0, 1/8 ... 1, each ratio at most 1/16 from one."""
 
 ARCS = (
     0.0, 0.12435499454676144, 0.24497866312686414, 0.35877067027057225, 0.4636476090008061,
@@ -30,43 +30,43 @@ ARCS = (
 )  # fmt: skip
 
 ARC_TERMS = tuple((1 - n % 2 * 2) / (2 * n + 1) for n in range(8))
-"""Of the Taylor series: up to 1/16 what follows is below 1e-20."""
+"""Coefficients of the Taylor series: up to 1/16 the next term is below 1e-20."""
 
 
 def polynomial(coefficients: tuple[float, ...], x: Any) -> Any:
-    """Return a polynomial of x, its coefficients from the constant one on."""
+    """Evaluate a polynomial at x, its coefficients from the constant one on."""
     total = x * 0.0 + coefficients[-1]
     for coefficient in coefficients[-2::-1]:
         total = total * x + coefficient
     return total
 
 
-def sine_cosine(radians: Any) -> tuple[Float64, Float64]:
+def sin_cos(radians: Any) -> tuple[Float64, Float64]:
     """Return the sines and cosines of angles in -1e5..1e5 radians, to 3e-16."""
     angle = np.asarray(radians, dtype=np.float64)
     quarter = np.floor(angle / (HALF_PI_HIGH + HALF_PI_LOW) + 0.5)
-    rest = (angle - quarter * HALF_PI_HIGH) - quarter * HALF_PI_LOW
-    square = rest * rest
-    sine, cosine = rest * polynomial(SINE_TERMS, square), polynomial(COSINE_TERMS, square)
-    turns = quarter - 4.0 * np.floor(quarter * 0.25)
-    is_odd = (turns == 1.0) | (turns == 3.0)
-    across, along = np.where(is_odd, cosine, sine), np.where(is_odd, sine, cosine)
+    remainder = (angle - quarter * HALF_PI_HIGH) - quarter * HALF_PI_LOW
+    square = remainder * remainder
+    sine, cosine = remainder * polynomial(SINE_TERMS, square), polynomial(COSINE_TERMS, square)
+    quadrant = quarter - 4.0 * np.floor(quarter * 0.25)
+    is_odd = (quadrant == 1.0) | (quadrant == 3.0)
+    sines, cosines = np.where(is_odd, cosine, sine), np.where(is_odd, sine, cosine)
     return (
-        np.where(turns >= 2.0, -across, across),
-        np.where((turns == 1.0) | (turns == 2.0), -along, along),
+        np.where(quadrant >= 2.0, -sines, sines),
+        np.where((quadrant == 1.0) | (quadrant == 2.0), -cosines, cosines),
     )
 
 
-def arc_tangent(y: Any, x: Any) -> Float64:
+def polar_angle(y: Any, x: Any) -> Float64:
     """Return the angles of (x, y) from the x axis, radians in -pi..pi, to 5e-16; 0 if both are."""
     rise, run = np.abs(y, dtype=np.float64), np.abs(x, dtype=np.float64)
     low, high = np.minimum(rise, run), np.maximum(rise, run)
     ratio = low / np.where(high > 0.0, high, 1.0)
     step = np.floor(ratio * ARC_STEPS + 0.5)
-    at = step / ARC_STEPS
-    beside = (ratio - at) / (1.0 + ratio * at)
-    known = np.array(ARCS)[np.where(step == step, step, 0.0).astype(np.int64)]
-    angle = known + beside * polynomial(ARC_TERMS, beside * beside)
+    nearest = step / ARC_STEPS
+    remainder = (ratio - nearest) / (1.0 + ratio * nearest)
+    table_angle = np.array(ARCS)[np.where(step == step, step, 0.0).astype(np.int64)]
+    angle = table_angle + remainder * polynomial(ARC_TERMS, remainder * remainder)
     half_pi = HALF_PI_HIGH + HALF_PI_LOW
     angle = np.where(rise > run, half_pi - angle, angle)
     angle = np.where(np.asarray(x) < 0.0, 2.0 * half_pi - angle, angle)

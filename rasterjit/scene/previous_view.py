@@ -1,19 +1,19 @@
-"""A view: a scene as a camera saw it, at another time."""
+"""The previous view of a scene, for motion vectors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from rasterjit.scene.attribute_guard import says_replace
+from rasterjit.scene.attribute_guard import suggests_replace
 from rasterjit.scene.camera import Camera
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class PreviousView:
     """
-    Describe how things were at an earlier time, for what is asked about motion.
+    Scene and camera at an earlier time, for motion vectors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Every accuracy setting in one place."""
+"""Accuracy settings of rendering, and presets of them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 
 SubpixelBits: TypeAlias = Literal[0, 4, 8, 12]
 Samples: TypeAlias = Literal[1, 2, 4, 8, 16, "area", 64, 256]
@@ -44,13 +44,13 @@ LEVELS: dict[str, tuple[Any, ...]] = {
 """The settings of `Quality`, each with its levels, from the least accurate one on."""
 
 SUPERSAMPLED = (64, 256)
-"""Numbers of samples for which whole pictures are drawn and averaged."""
+"""Numbers of samples that are drawn as several whole pictures and averaged."""
 
 MIN_SHADOW, MAX_SHADOW = 16, 8192
 """Side of a shadow map, texels."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Quality:
     """
@@ -166,14 +166,14 @@ class Quality:
             )
 
     def __str__(self) -> str:
-        """Name the nearest preset, and the settings that are not its own."""
+        """Name the nearest preset, and the settings that differ from it."""
         name = min(PRESETS, key=lambda name: len(differences(self, PRESETS[name]())))
         changes = differences(self, PRESETS[name]())
         return " ".join([name, *(f"{setting}={level}" for setting, level in changes.items())])
 
     @classmethod
     def draft(cls) -> Quality:
-        """Return settings for a picture that is only glanced at."""
+        """Return the fastest settings, for drafts."""
         return cls(
             shading="vertex", texture_filter="nearest", shadow_size=512, shadow_taps=1,
             transparency_layers=2,
@@ -186,7 +186,7 @@ class Quality:
 
     @classmethod
     def high(cls) -> Quality:
-        """Return settings for a picture that is looked at closely."""
+        """Return accurate settings, for final pictures."""
         return cls(
             samples=8, subpixel_bits=12, texture_filter="anisotropic8", shadow_size=2048,
             shadow_taps=9, lines="coverage",
@@ -205,7 +205,7 @@ PRESETS = {name: getattr(Quality, name) for name in ("draft", "standard", "high"
 """The named qualities, from the fastest on."""
 
 _OPTIONAL = ("texture_filter", "shadow_size", "shadow_taps")
-"""Settings that may be None: as the scene says."""
+"""Settings that may be None, which leaves them to the scene."""
 
 
 def _level(name: str, value: Any) -> Any:
@@ -219,7 +219,7 @@ def _level(name: str, value: Any) -> Any:
         return int(size)
     levels = LEVELS[name]
     if name == "renormalize":
-        return check.true_or_false(name, value)
+        return check.boolean(name, value)
     level = check.one_of(name, value, levels)
     # One of the levels itself: 8.0 and numpy's 8 are 8.
     return levels[levels.index(level)]
@@ -234,28 +234,28 @@ def parse_setting(text: str) -> dict[str, Any]:
     ValueError
         Naming the setting or the level that is unknown, and listing those that are possible.
     """
-    name, equals, wanted = text.partition("=")
+    name, separator, value = text.partition("=")
     if name == "visible_alpha":
         try:
-            return {name: check.bounded_number(name, float(wanted), 0.0, 1.0)}
+            return {name: check.bounded_number(name, float(value), 0.0, 1.0)}
         except ValueError:
-            raise ValueError(f"{name} must be a number in 0..1; got {wanted!r}") from None
-    if not equals or name not in LEVELS:
+            raise ValueError(f"{name} must be a number in 0..1; got {value!r}") from None
+    if not separator or name not in LEVELS:
         raise ValueError(
             f"a setting must read NAME=LEVEL, with a name of {', '.join(LEVELS)}, visible_alpha; "
             f"got {text!r}"
         )
     for level in LEVELS[name]:
-        if wanted.lower() == str(level).lower():
+        if value.lower() == str(level).lower():
             return {name: level}
-    if name == "shadow_size" and wanted.isdecimal():
-        return {name: _level(name, int(wanted))}
+    if name == "shadow_size" and value.isdecimal():
+        return {name: _level(name, int(value))}
     levels = ", ".join(str(level) for level in LEVELS[name])
-    raise ValueError(f"{name} must be one of {levels}; got {wanted!r}")
+    raise ValueError(f"{name} must be one of {levels}; got {value!r}")
 
 
 def differences(quality: Quality, other: Quality) -> dict[str, Any]:
-    """Return the settings of ``quality`` that are unlike those of ``other``."""
+    """Return the settings of ``quality`` that differ from those of ``other``."""
     values = dataclasses.asdict(quality)
     return {name: value for name, value in values.items() if value != getattr(other, name)}
 
@@ -270,4 +270,4 @@ def check_quality(value: Quality | None, name: str = "quality") -> Quality:
 
 
 STANDARD = Quality.standard()
-"""What is taken where no quality is given."""
+"""The default quality."""

@@ -9,27 +9,27 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.color import ROOT_BITS, decoding_table, whole_root
+from rasterjit.scene.color import ROOT_BITS, decoding_table, integer_root
 
 Curve: TypeAlias = Literal["gamma 2.2", "as is"]
 
 
 @functools.cache
-def shown_by_codes(encoding: Literal["srgb"] | Curve) -> NDArray[np.float32]:
-    """Return what each code stands for, (256,) float32: ``srgb_encoding.Encoding`` inverted."""
+def decoded_codes(encoding: Literal["srgb"] | Curve) -> NDArray[np.float32]:
+    """Return the linear value of each code, (256,) float32: ``srgb_encoding.Encoding`` inverted."""
     if encoding == "srgb":
         return decoding_table()
     if encoding == "as is":
         return np.arange(256, dtype=np.float32) / np.float32(255.0)
-    roots = [whole_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
+    roots = [integer_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
     return np.array([root / (1 << ROOT_BITS) for root in roots], np.float32)
 
 
 class DepthMap(NamedTuple):
-    """What a light sees, for shadows."""
+    """Depth map of a light, for shadows."""
 
     light: int
-    """Which of the scene's lights."""
+    """Number of the light in the scene."""
     clip_from_world: NDArray[np.float64]
     """(4, 4): the camera that the light sees by."""
     clip_from_view: NDArray[np.float64]
@@ -40,9 +40,9 @@ class DepthMap(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Imitation:
+class ReferenceShading:
     """
-    That metallic-roughness objects are lit as the fragment shader of pyrender 0.1.45 lights them.
+    Shading of metallic-roughness objects as the fragment shader of pyrender 0.1.45 computes it.
 
     ``compat.pyrender`` asks for it; see ``pipeline.lighting.pyrender`` for the formulas. Lights of
     the scene say where they are, which way they shine and whether they cast shadows; how bright
@@ -54,9 +54,9 @@ class Imitation:
     radiance: NDArray[np.float32]
     """(L, 3): colour times intensity of each of the scene's lights."""
     ambient: NDArray[np.float32]
-    """(3,): what base colours are multiplied by, and shown, whatever shines."""
-    taken: NDArray[np.uint8]
-    """(O, L): 1 for each light that falls on an object, 0 for others."""
+    """(3,): ambient light, which multiplies base colours."""
+    light_mask: NDArray[np.uint8]
+    """(O, L): 1 for each light that lights an object, 0 for others."""
     faces_viewer: NDArray[np.uint8]
     """(O,): 1 for objects whose normals point to the viewer, for their meshes have none."""
     are_squares: NDArray[np.uint8]
@@ -66,26 +66,26 @@ class Imitation:
     """(O, 6): what base colours of objects are multiplied by, red, green and blue, and what colours
     of vertices are; 1 but for colours that were above 1."""
     maps: tuple[DepthMap, ...] = ()
-    """Of each light whose shadows fall as they fall there."""
+    """Depth maps of the lights that cast shadows."""
 
-    def of(self, numbers: list[int]) -> Imitation:
-        """Return what is said of some objects."""
+    def of(self, numbers: list[int]) -> ReferenceShading:
+        """Return the same for some of the objects."""
         return replace(
-            self, taken=self.taken[numbers], faces_viewer=self.faces_viewer[numbers],
+            self, light_mask=self.light_mask[numbers], faces_viewer=self.faces_viewer[numbers],
             are_squares=self.are_squares[numbers], gains=self.gains[numbers],
         )  # fmt: skip
 
     def check_counts(self, objects: int, lights: int) -> None:
         """Raise ``ValueError`` if a scene has another number of objects or lights than this."""
-        told = self.taken.shape
-        if told != (objects, lights):
+        counts = self.light_mask.shape
+        if counts != (objects, lights):
             raise ValueError(
-                f"scene must keep its {told[0]} objects and {told[1]} lights, for each is told how "
-                f"it is lit as in pyrender; got {objects} and {lights}"
+                f"scene must keep its {counts[0]} objects and {counts[1]} lights, for each is told "
+                f"how it is lit as in pyrender; got {objects} and {lights}"
             )
 
-    def same(self, other: Imitation | None) -> bool:
-        """Tell whether another one asks for the same."""
+    def equals(self, other: ReferenceShading | None) -> bool:
+        """Tell whether another one has the same values."""
         return (
             other is not None
             and self.encoding == other.encoding
@@ -98,5 +98,5 @@ class Imitation:
 
     @property
     def _arrays(self) -> tuple[NDArray[np.float32] | NDArray[np.uint8], ...]:
-        of_objects = self.taken, self.faces_viewer, self.are_squares, self.gains
+        of_objects = self.light_mask, self.faces_viewer, self.are_squares, self.gains
         return self.radiance, self.ambient, *of_objects

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.colormap import Colormap, ColormapLike, read_colormap, width_of
+from rasterjit.scene.colormap import Colormap, ColormapLike, range_divisor, read_colormap
 from rasterjit.scene.contours import Contours, ContoursLike, read_contours
 
-_WIDEST = 1e200
-"""Largest range: products with it are finite."""
+_MAX_RANGE = 1e200
+"""Largest width of a range: products with it are finite."""
 
 NAN_COLOR = "darkgray"
 """The colour of values that are NaN or infinite, if no other is given."""
@@ -24,7 +24,7 @@ _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class ColorScale(NamedTuple):
-    """Which colour stands for which value: what a colour bar shows."""
+    """Map of values to colours, as a colour bar shows it."""
 
     colormap: Colormap
     range: tuple[float, float]
@@ -33,8 +33,8 @@ class ColorScale(NamedTuple):
     lines: tuple[tuple[float, tuple[float, ...]], ...] = ()
     """The values of contours within the range, each with its colour, linear RGBA."""
 
-    def same(self, other: ColorScale) -> bool:
-        """Tell whether values have the same colours, but for those that are NaN."""
+    def equals(self, other: ColorScale) -> bool:
+        """Tell whether finite values have the same colours in both."""
         is_same = self.range == other.range
         return is_same and np.array_equal(self.colormap.codes, other.colormap.codes)
 
@@ -42,7 +42,7 @@ class ColorScale(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Field(HoldsArrays):
     """
-    The scalars of a mesh, and how they are shown; `Mesh.field` has it.
+    The scalars of a mesh with their colour map; see `Mesh.field`.
 
     Values are interpolated over each face, perspective-correctly and in float64, *before* the
     colour is looked up.
@@ -54,15 +54,15 @@ class Field(HoldsArrays):
     """Whether they are those of the faces, each of one colour."""
     colormap: Colormap
     range: tuple[float, float]
-    """What its first and its last entry stand for."""
+    """Values of the first and the last entry of the colour map."""
     nan_color: NDArray[np.float32]
     """(4,), read-only, linear RGBA: the colour of faces with a corner that is NaN."""
     contours: Contours | None = None
 
     def __repr__(self) -> str:
         low, high = self.range
-        what = "faces" if self.of_faces else "vertices"
-        return f"Field({len(self.values)} {what}, {low:g} to {high:g}, {self.colormap!r})"
+        owners = "faces" if self.of_faces else "vertices"
+        return f"Field({len(self.values)} {owners}, {low:g} to {high:g}, {self.colormap!r})"
 
     @property
     def has_nan(self) -> bool:
@@ -71,7 +71,7 @@ class Field(HoldsArrays):
 
     @property
     def scale(self) -> ColorScale:
-        """Which colour stands for which value."""
+        """The map of values to colours."""
         low, high = self.range
         color = () if self.contours is None else self.contours.color
         lines = tuple((level, color) for level in self.levels.tolist() if low <= level <= high)
@@ -84,9 +84,9 @@ class Field(HoldsArrays):
         return np.vstack([self.colormap.colors, self.nan_color])
 
     @property
-    def rule(self) -> tuple[float, float]:
-        """The low end of the range, and what values above it are divided by."""
-        return self.range[0], width_of(*self.range)
+    def range_start_width(self) -> tuple[float, float]:
+        """Start and width of the range; infinite width where it is 0."""
+        return self.range[0], range_divisor(*self.range)
 
     @property
     def levels(self) -> NDArray[np.float64]:
@@ -94,20 +94,20 @@ class Field(HoldsArrays):
         return np.empty(0) if self.contours is None else self.contours.values_in(*self.range)
 
     @property
-    def least_alpha(self) -> np.float32:
-        """An alpha that no colour of it is below."""
+    def min_alpha(self) -> np.float32:
+        """Least alpha of all its colours."""
         lowest = self.colormap.colors[:, 3].min()
         return np.float32(min(lowest, self.nan_color[3]) if self.has_nan else lowest)
 
     def colors(self) -> NDArray[np.float32]:
         """Return the colours of the values themselves, linear RGBA, (V, 4) or (F, 4)."""
-        shown = np.where(np.isfinite(self.values), self.values, np.nan)
-        return self.table[self.colormap.entries(shown, *self.range)]
+        finite_values = np.where(np.isfinite(self.values), self.values, np.nan)
+        return self.table[self.colormap.entries(finite_values, *self.range)]
 
     def of_rows(self, rows: NDArray[Any]) -> Field:
-        """Return the field of some vertices, or of vertices again, shown as before."""
-        held = {one.name: getattr(self, one.name) for one in fields(self)}
-        return Field(**held | {"values": check.read_only(self.values[rows])})
+        """Return the field of some vertices, given their indices, with the same colour map."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Field(**values | {"values": check.read_only(self.values[rows])})
 
 
 def make_field(
@@ -119,7 +119,7 @@ def make_field(
     contours: ContoursLike | None,
 ) -> Field:
     """
-    Return the field that the arguments of a mesh say, checked.
+    Check the arguments of a mesh and return its scalar field.
 
     Parameters
     ----------
@@ -148,30 +148,30 @@ def make_field(
 
 
 def refuse_field(**given: Any) -> None:
-    """Raise ``ValueError`` if a mesh without scalars is given what shows them."""
-    usual = {"colormap": "viridis", "nan_color": NAN_COLOR}
+    """Raise ``ValueError`` if arguments about scalars are given without scalars."""
+    defaults = {"colormap": "viridis", "nan_color": NAN_COLOR}
     for name, value in given.items():
-        default = usual.get(name)
-        is_usual = value is None if default is None else isinstance(value, str) and value == default
-        if not is_usual:
+        default = defaults.get(name)
+        is_unset = value is None if default is None else isinstance(value, str) and value == default
+        if not is_unset:
             raise ValueError(
                 f"{name} must be {default!r} where no scalars are given, "
-                f"got {check.cut_short(value)}"
+                f"got {check.short_repr(value)}"
             )
 
 
 def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
     """Return a copy of scalars, (V,) or (F,) float64, or raise ``ValueError``."""
-    array = check.unmasked_array("scalars", check.with_nan(scalars), "an array of numbers")
+    array = check.unmasked_array("scalars", check.fill_masked(scalars), "an array of numbers")
     if array.dtype.kind not in "buif":
         raise ValueError(f"scalars must hold numbers, got an array of dtype {array.dtype}")
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.ndim != 1 or len(array) not in counts:
-        wanted = f"one number per vertex ({counts[0]}) or per face ({counts[1]})"
+        expected = f"one number per vertex ({counts[0]}) or per face ({counts[1]})"
         if counts[0] < 0:
-            wanted = f"shape ({counts[1]},)"
-        raise ValueError(f"scalars must have {wanted}, got shape {array.shape}")
+            expected = f"shape ({counts[1]},)"
+        raise ValueError(f"scalars must have {expected}, got shape {array.shape}")
     values = np.array(array, np.float64)
     finite = np.abs(values[np.isfinite(values)])
     if finite.size and finite.max() > _MAX_FLOAT32:
@@ -186,21 +186,21 @@ def _range_of(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _range(value: Any) -> tuple[float, float]:
-    """Return the range that is given, or raise ``ValueError``."""
+    """Check a range and return it, or raise ``ValueError``."""
     try:
-        ends = check.number_array("range", value)
+        limits = check.number_array("range", value)
     except ValueError:
-        ends = np.empty(0)
-    if ends.shape != (2,) or not np.isfinite(ends).all():
+        limits = np.empty(0)
+    if limits.shape != (2,) or not np.isfinite(limits).all():
         raise ValueError(
-            f"range must be two finite numbers, low and high, got {check.cut_short(value)}"
+            f"range must be two finite numbers, low and high, got {check.short_repr(value)}"
         )
-    low, high = ends.tolist()
+    low, high = limits.tolist()
     if low > high:
         raise ValueError(
             f"range must go from low to high, got {(low, high)!r}; a colormap with '_r' at the end "
             "of its name shows low values as others show high ones"
         )
-    if high - low > _WIDEST:
-        raise ValueError(f"range must be at most {_WIDEST:g} wide, got {(low, high)!r}")
+    if high - low > _MAX_RANGE:
+        raise ValueError(f"range must be at most {_MAX_RANGE:g} wide, got {(low, high)!r}")
     return low, high

@@ -1,4 +1,4 @@
-"""Scenes: which meshes stand where, what lights them, and who looks."""
+"""Scenes: nodes with meshes, lights, effects and perhaps a camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import validation as check
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.attribute_guard import Guarded
-from rasterjit.scene.decomposed_transform import TRS, matrix_of
+from rasterjit.scene.decomposed_transform import TRS, compose_trs
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
@@ -27,14 +27,14 @@ from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node, scene_of, topmost, tops_of, with_all_below
-from rasterjit.scene.notebook_preview import Previewed
+from rasterjit.scene.node import Node, root_of, roots_of, scene_of, subtree
+from rasterjit.scene.notebook_preview import PicturePreview
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.point_bounds import box_around, sphere_around
 from rasterjit.scene.points import Points
-from rasterjit.scene.reference_shader import Imitation
+from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.section import SectionPlane, check_section
-from rasterjit.scene.skin import Posable, Skin
+from rasterjit.scene.skin import Deformable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances, unit_vector
 from rasterjit.scene.vignette import Vignette
@@ -67,20 +67,20 @@ def _effect(name: str, value: Any) -> Any:
     kind = EFFECT_FIELDS[name]
     if value is not None and not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        got = check.cut_short(value)
+        got = check.short_repr(value)
         raise ValueError(f"scene.{name} must be {article} {kind.__name__} or None, got {got}")
     return value
 
 
 def _direction(name: str, value: ArrayLike) -> tuple[float, float, float]:
-    """Return a direction of length 1, or raise ``ValueError``."""
+    """Return a vector scaled to length 1, or raise ``ValueError``."""
     x, y, z = unit_vector(name, value).tolist()
     return x, y, z
 
 
-class Scene(Guarded, Previewed):
+class Scene(Guarded, PicturePreview):
     """
-    Meshes at their places, with lights and perhaps a camera.
+    A tree of nodes with meshes, with lights, effects and perhaps a camera.
 
     Attributes
     ----------
@@ -159,37 +159,37 @@ class Scene(Guarded, Previewed):
         self._removed = 0
         # Nodes that carry a label, in the order in which they came.
         self._labelled: dict[Node, None] = {}
-        # What another program's shader would do, for who asks for it.
-        self._imitation: Imitation | None = None
+        # Shading as another program's shader does it, for `compat`.
+        self._reference: ReferenceShading | None = None
         # Names of variants that a file has, and the one that is shown.
         self._variants: tuple[str, ...] = ()
         self._variant: str | None = None
 
     def __copy__(self) -> Scene:
-        """Return a scene of the same lists."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        return other
+        """Return a shallow copy, which shares all lists."""
+        result = object.__new__(type(self))
+        result.__dict__.update(self.__dict__)
+        return result
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is deeply copied or pickled; nodes are alone, and what joins them beside."""
+        """Return the state to copy or pickle, with the links of nodes to their parents apart."""
         links = [
             (node, node.parent, node.transform, node._trs)
-            for top in self._all_tops(
+            for root in self._all_roots(
                 channel.node for one in self.animations for channel in one.channels
             )
-            for node in with_all_below(top)
+            for node in subtree(root)
             if node.parent
         ]
         return {**self.__dict__, "links": links}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled, whose nodes are its own."""
+        """Restore a copied or pickled scene, which owns its nodes."""
         state = dict(state)
         for node, parent, transform, trs in state.pop("links"):
             # Scenes that share nodes may be copied together.
             if node.parent is None:
-                node._link(parent, transform, trs)
+                node._attach_copy(parent, transform, trs)
         self.__dict__.update(state)
         for node in self.every_node():
             node._scene = weakref.ref(self)
@@ -252,7 +252,7 @@ class Scene(Guarded, Previewed):
             Once, naming what was left out.
         """
         if parent is not None:
-            self._adopt(parent)
+            self._check_parent(parent)
         if isinstance(mesh, Node):
             return self._add_node(mesh, transform, name, parent)
         if isinstance(mesh, Mesh):
@@ -266,13 +266,13 @@ class Scene(Guarded, Previewed):
         if isinstance(mesh, Label):
             node = Node(None, transform, "" if name is None else str(name), label=mesh)
             return self._add_node(node, None, None, parent)
-        found = call_above("scene_to_add", mesh)
-        if _is_plain(found):
-            return self.add(found.nodes[0].mesh, transform, name, parent=parent)
-        group, drawn, animations = _copied(found, transform, "" if name is None else str(name))
-        known = len(self.nodes)
+        added = call_above("scene_to_add", mesh)
+        if _is_single_mesh(added):
+            return self.add(added.nodes[0].mesh, transform, name, parent=parent)
+        group, nodes, animations = _copy_group(added, transform, "" if name is None else str(name))
+        count = len(self.nodes)
         self._add_node(group, None, None, parent)
-        self.nodes[known:] = drawn
+        self.nodes[count:] = nodes
         self.animations += animations
         return group
 
@@ -286,21 +286,21 @@ class Scene(Guarded, Previewed):
                 f"{node.parent!r}; its parent may be added, or set to None before"
             )
         if scene_of(node) is not None or self._holds(node):
-            other = "this" if self._holds(node) or scene_of(node) is self else "another"
+            owner = "this" if self._holds(node) or scene_of(node) is self else "another"
             raise ValueError(
-                f"mesh must be a node in no scene, got {node!r} of {other} scene; scene.remove "
+                f"mesh must be a node in no scene, got {node!r} of {owner} scene; scene.remove "
                 "takes a node out"
             )
-        before = node.transform
+        old_transform = node.transform
         if transform is not None:
             node.transform = transform
         try:
             if parent is None:
-                self._take(node)
+                self._register(node)
             else:
                 node.parent = parent
         except ValueError:
-            node.transform = before
+            node.transform = old_transform
             raise
         if name is not None:
             node.name = str(name)
@@ -326,19 +326,19 @@ class Scene(Guarded, Previewed):
             If it is not in the scene.
         """
         if not isinstance(node, Node):
-            raise ValueError(f"node must be a Node, got {check.in_short(node)}")
+            raise ValueError(f"node must be a Node, got {check.brief(node)}")
         if not self._holds(node):
             raise ValueError(f"node must be in the scene, got {node!r}")
-        self._refuse_shared("node", node)
+        self._check_unshared("node", node)
         node.parent = None
-        gone = set(with_all_below(node))
-        left = [one for one in self.nodes if one not in gone]
-        self._removed += len(self.nodes) - len(left)
-        self.nodes[:] = left
-        for one in gone:
-            one._scene = None
-            self._groups.pop(one, None)
-            self._labelled.pop(one, None)
+        removed = set(subtree(node))
+        remaining = [other for other in self.nodes if other not in removed]
+        self._removed += len(self.nodes) - len(remaining)
+        self.nodes[:] = remaining
+        for other in removed:
+            other._scene = None
+            self._groups.pop(other, None)
+            self._labelled.pop(other, None)
 
     def find(self, name: str) -> Node:
         """
@@ -353,15 +353,15 @@ class Scene(Guarded, Previewed):
         ValueError
             If no node has it, or several do.
         """
-        check.word("name", name)
-        every = self.every_node()
-        found = [node for node in every if node.name == name]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise ValueError(f"name must be that of one node, got {name!r} of {len(found)}")
-        near = difflib.get_close_matches(name, [str(node.name) for node in every])
-        hint = f"; near it are {', '.join(map(repr, near))}" if near else ""
+        check.string("name", name)
+        nodes = self.every_node()
+        matches = [node for node in nodes if node.name == name]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            raise ValueError(f"name must be that of one node, got {name!r} of {len(matches)}")
+        similar = difflib.get_close_matches(name, [str(node.name) for node in nodes])
+        hint = f"; near it are {', '.join(map(repr, similar))}" if similar else ""
         raise ValueError(f"name must be that of a node of the scene, got {name!r}{hint}")
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -460,65 +460,62 @@ class Scene(Guarded, Previewed):
         >>> view = rj.PreviousView(before)
         >>> frame = rj.render(now, size=(64, 48), outputs="motion", previous=view)
         """
-        when = check.finite_number("time", time)
-        chosen = self._chosen_animations(animation)
-        moved: dict[int, dict[str, Any]] = {}
-        for one in chosen:
-            for channel in one.channels:
-                moved.setdefault(id(channel.node), {})[channel.path] = channel.at(when)
-        return self._copied(moved)
+        seconds = check.finite_number("time", time)
+        animations = self._chosen_animations(animation)
+        values: dict[int, dict[str, Any]] = {}
+        for part in animations:
+            for channel in part.channels:
+                values.setdefault(id(channel.node), {})[channel.path] = channel.at(seconds)
+        return self._copied(values)
 
     def _chosen_animations(self, animation: Any) -> list[Animation]:
-        """Return the animations that are asked for, or raise ``ValueError``."""
+        """Return the animations that an argument selects, or raise ``ValueError``."""
         if not isinstance(self.animations, list | tuple):
-            raise ValueError(
-                f"scene.animations must be a list, got {check.in_short(self.animations)}"
-            )
-        for number, one in enumerate(self.animations):
-            if not isinstance(one, Animation):
+            raise ValueError(f"scene.animations must be a list, got {check.brief(self.animations)}")
+        for number, item in enumerate(self.animations):
+            if not isinstance(item, Animation):
                 raise ValueError(
-                    f"scene.animations[{number}] must be an Animation, got {check.in_short(one)}"
+                    f"scene.animations[{number}] must be an Animation, got {check.brief(item)}"
                 )
         if not self.animations:
             raise ValueError("animation must be one of the scene's, which has none")
-        own = set(map(id, self._all_nodes()))
+        node_ids = set(map(id, self._all_nodes()))
         if animation is None:
-            return [_first_moving(self.animations, own)]
+            return [_first_moving(self.animations, node_ids)]
         if isinstance(animation, list | tuple):
-            return [_first_moving(self._animations_of(one), own) for one in animation]
-        return [_first_moving(self._animations_of(animation), own)]
+            return [_first_moving(self._animations_of(item), node_ids) for item in animation]
+        return [_first_moving(self._animations_of(animation), node_ids)]
 
     def _animations_of(self, which: Any) -> list[Animation]:
-        """Return the animations of a name or number, or one itself, or raise ``ValueError``."""
+        """Return the animations of a name, a number or an `Animation`, or raise ``ValueError``."""
         names = [one.name for one in self.animations]
         if isinstance(which, str):
-            found = [one for one in self.animations if one.name == which]
-            if not found:
-                listed = ", ".join(map(repr, names))
+            matches = [one for one in self.animations if one.name == which]
+            if not matches:
+                known = ", ".join(map(repr, names))
                 raise ValueError(
-                    f"animation must be one of {listed}, "
-                    f"got {which!r}{check.question(which, names)}"
+                    f"animation must be one of {known}, got {which!r}{check.suggest(which, names)}"
                 )
-            return found
+            return matches
         if isinstance(which, Animation):
             if not any(one is which for one in self.animations):
                 raise ValueError(f"animation must be one of the scene's, got {which!r}")
             return [which]
         return [self.animations[check.index_below("animation", which, len(names))]]
 
-    def _own_animations(self) -> list[Animation]:
-        """Return the animations without what they move of nodes that are not in the scene."""
+    def _animations_in_scene(self) -> list[Animation]:
+        """Return the animations without channels of nodes that are not in the scene."""
         if not self.animations:
             return []
-        own = set(map(id, self._all_nodes()))
-        found = []
-        for one in self.animations:
-            channels = [channel for channel in one.channels if id(channel.node) in own]
-            if len(channels) == len(one.channels):
-                found.append(one)
+        node_ids = set(map(id, self._all_nodes()))
+        animations = []
+        for animation in self.animations:
+            channels = [channel for channel in animation.channels if id(channel.node) in node_ids]
+            if len(channels) == len(animation.channels):
+                animations.append(animation)
             elif channels:
-                found.append(Animation(one.name, channels))
-        return found
+                animations.append(Animation(animation.name, channels))
+        return animations
 
     def posed(self) -> Scene:
         """
@@ -530,44 +527,44 @@ class Scene(Guarded, Previewed):
             The same objects, as they are drawn: nodes of their own, without skins, in the order of
             ``nodes``, each with its mesh as it is posed. The scene itself where nothing is posed.
         """
-        return call_above("posed_scene", self) if Posable.was_made else self
+        return call_above("posed_scene", self) if Deformable.exists else self
 
-    def _copied(self, moved: dict[int, dict[str, Any]]) -> Scene:
-        """Return a copy with nodes of its own, some moved: by their ids what is new of each."""
+    def _copied(self, changes: dict[int, dict[str, Any]]) -> Scene:
+        """Return a copy that owns its nodes, with changed values by the ids of the old ones."""
         copies: dict[int, Node] = {}
         for node in self._all_nodes():
-            above = None if node.parent is None else copies[id(node.parent)]
-            copies[id(node)] = _moved_copy(node, above, moved.get(id(node), {}))
+            parent = None if node.parent is None else copies[id(node.parent)]
+            copies[id(node)] = _moved_copy(node, parent, changes.get(id(node), {}))
         _set_skins(copies)
-        other = copy.copy(self)
-        other.nodes = [copies[id(node)] for node in self.nodes]
-        other.lights = list(self.lights)
-        other.animations = [one._with_nodes(copies) for one in self.animations]
-        other._groups = {copies[id(node)]: None for node in self._groups}
-        other._labelled = {copies[id(node)]: None for node in self._labelled}
-        for node in other.every_node():
-            node._scene = weakref.ref(other)
-        return other
+        copied = copy.copy(self)
+        copied.nodes = [copies[id(node)] for node in self.nodes]
+        copied.lights = list(self.lights)
+        copied.animations = [animation._with_nodes(copies) for animation in self.animations]
+        copied._groups = {copies[id(node)]: None for node in self._groups}
+        copied._labelled = {copies[id(node)]: None for node in self._labelled}
+        for node in copied.every_node():
+            node._scene = weakref.ref(copied)
+        return copied
 
-    def _all_tops(self, others: Iterable[Node] = ()) -> list[Node]:
-        """Return the topmost nodes of all trees, of joints besides and of other nodes too."""
-        found = dict.fromkeys(tops_of((*self.nodes, *self._groups, *others)))
-        waiting = list(found) if Posable.was_made else []
-        while waiting:
-            skins = [node._skin for top in waiting for node in with_all_below(top)]
+    def _all_roots(self, others: Iterable[Node] = ()) -> list[Node]:
+        """Return the roots of all trees, also those of joints and of other nodes."""
+        roots = dict.fromkeys(roots_of((*self.nodes, *self._groups, *others)))
+        pending = list(roots) if Deformable.exists else []
+        while pending:
+            skins = [node._skin for root in pending for node in subtree(root)]
             joints = [one.joints for one in dict.fromkeys(skins) if one is not None]
-            waiting = [top for top in tops_of(itertools.chain(*joints)) if top not in found]
-            found.update(dict.fromkeys(waiting))
-        return list(found)
+            pending = [root for root in roots_of(itertools.chain(*joints)) if root not in roots]
+            roots.update(dict.fromkeys(pending))
+        return list(roots)
 
     def _all_nodes(self) -> Iterator[Node]:
         """Yield all nodes of these trees, each before those below it."""
-        return itertools.chain.from_iterable(map(with_all_below, self._all_tops()))
+        return itertools.chain.from_iterable(map(subtree, self._all_roots()))
 
     def every_node(self) -> list[Node]:
         """Return all nodes, with a mesh or without: tree by tree, each before those below it."""
-        tops = tops_of((*self.nodes, *self._groups))
-        return [node for top in tops for node in with_all_below(top)]
+        roots = roots_of((*self.nodes, *self._groups))
+        return [node for root in roots for node in subtree(root)]
 
     @property
     def labelled(self) -> list[Node]:
@@ -586,8 +583,8 @@ class Scene(Guarded, Previewed):
         Each is a set of materials, as a shoe has for its colours; ``variant`` says which is shown.
         """
         meshes = {id(node.mesh): node.mesh for node in self.nodes if node.mesh is not None}
-        own = (name for mesh in meshes.values() for name in mesh.variants)
-        return tuple(dict.fromkeys((*self._variants, *own)))
+        mesh_names = (name for mesh in meshes.values() for name in mesh.variants)
+        return tuple(dict.fromkeys((*self._variants, *mesh_names)))
 
     @property
     def variant(self) -> str | None:
@@ -612,8 +609,7 @@ class Scene(Guarded, Previewed):
             listed = ", ".join(map(repr, names))
             known = f"one of {listed}, or None" if names else "None, as the scene has no variants"
             raise ValueError(
-                f"variant must be {known}; "
-                f"got {check.in_short(value)}{check.question(value, names)}"
+                f"variant must be {known}; got {check.brief(value)}{check.suggest(value, names)}"
             )
         for mesh in {id(node.mesh): node.mesh for node in self.nodes}.values():
             if mesh is not None:
@@ -621,67 +617,67 @@ class Scene(Guarded, Previewed):
         self._variant = value
 
     def name_variants(self, names: Iterable[str]) -> None:
-        """List names among ``variants``, before those that only meshes have."""
-        self._variants = check.words("names", names)
+        """Put names first among ``variants``, before those that only meshes have."""
+        self._variants = check.strings("names", names)
 
-    def _know_label(self, node: Node) -> None:
-        """List a node that has got a label, and no longer one that has lost its."""
+    def _update_label(self, node: Node) -> None:
+        """Add a node to the labelled ones, or remove it, as its label says."""
         if node.label is None:
             self._labelled.pop(node, None)
         else:
             self._labelled[node] = None
 
     def _holds(self, node: Node) -> bool:
-        """Tell whether a node was added, or is in the list."""
+        """Tell whether a node was added to the scene, or is in ``nodes``."""
         if scene_of(node) is self:
             return True
         return node.mesh is not None and any(node is one for one in self.nodes)
 
-    def _adopt(self, parent: Any) -> None:
-        """Raise ``ValueError`` unless a node is in the scene; know it if it is only in the list."""
+    def _check_parent(self, parent: Any) -> None:
+        """Raise ``ValueError`` unless a node is in the scene; register one only ``nodes`` has."""
         if not isinstance(parent, Node):
-            raise ValueError(f"parent must be a Node or None, got {check.in_short(parent)}")
+            raise ValueError(f"parent must be a Node or None, got {check.brief(parent)}")
         if not self._holds(parent):
             raise ValueError(f"parent must be a node of the scene, got {parent!r}")
-        self._refuse_shared("parent", parent)
+        self._check_unshared("parent", parent)
         if scene_of(parent) is None:
-            self._take(parent)
+            self._register(parent)
 
-    def _refuse_shared(self, name: str, node: Node) -> None:
-        """Raise ``ValueError`` if a node in the list is another scene's, whose list was copied."""
+    def _check_unshared(self, name: str, node: Node) -> None:
+        """Raise ``ValueError`` if a node belongs to another scene, whose list was copied."""
         if scene_of(node) not in (None, self):
             raise ValueError(
                 f"{name} must be the scene's own, got {node!r}, which is another's as well; "
                 "copy.deepcopy copies a scene with its nodes"
             )
 
-    def _take(self, node: Node, is_new: bool = False) -> None:
+    def _register(self, node: Node, is_new: bool = False) -> None:
         """
-        Let a node and all it hangs together with be of this scene, and list those with a mesh.
+        Register a node's tree as this scene's, and list the nodes with a mesh.
 
-        What is new is in no list yet.
+        A new node is in no list yet.
         """
-        above = node.parent
-        if above is None or scene_of(above) is not self:
-            top = topmost(node)
-            if scene_of(top) is not self:
-                node = top
-            if top.mesh is None:
-                self._groups[top] = None
-        drawn = []
-        for one in with_all_below(node):
-            one._scene = weakref.ref(self)
-            if one.mesh is not None:
-                drawn.append(one)
-            if one.label is not None:
-                self._labelled[one] = None
-        held = set(map(id, self.nodes)) if drawn and not is_new else ()
-        self.nodes += [one for one in drawn if id(one) not in held]
+        parent = node.parent
+        if parent is None or scene_of(parent) is not self:
+            root = root_of(node)
+            if scene_of(root) is not self:
+                node = root
+            if root.mesh is None:
+                self._groups[root] = None
+        with_mesh = []
+        for member in subtree(node):
+            member._scene = weakref.ref(self)
+            if member.mesh is not None:
+                with_mesh.append(member)
+            if member.label is not None:
+                self._labelled[member] = None
+        listed = set(map(id, self.nodes)) if with_mesh and not is_new else ()
+        self.nodes += [member for member in with_mesh if id(member) not in listed]
 
-    def _drop(self, node: Node) -> None:
-        """List a node no more that has lost its mesh."""
+    def _unregister_mesh(self, node: Node) -> None:
+        """Remove a node that has lost its mesh from ``nodes``."""
         self.nodes[:] = [one for one in self.nodes if one is not node]
-        self._take(node)
+        self._register(node)
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """
@@ -739,59 +735,59 @@ class Scene(Guarded, Previewed):
             matrices_by_mesh.setdefault(node.mesh, []).append(node.world_from_model)
         for mesh, matrices in matrices_by_mesh.items():
             used, sizes = mesh.used_vertices(), _half_sizes(mesh)
-            places = np.concatenate(matrices).reshape(-1, 4, 4)
-            scales, is_whole = _most_scales(places), bool(used.all())
+            poses = np.concatenate(matrices).reshape(-1, 4, 4)
+            scales, is_whole = _max_scales(poses), bool(used.all())
             for start in range(0, len(used), _CHUNK):
                 chunk = slice(start, start + _CHUNK)
                 positions = mesh.vertices[chunk]
                 if not is_whole:
                     positions = positions[used[chunk]]
-                at_once = max(1, _CHUNK // max(1, len(positions)))
-                for first in range(0, len(places) if len(positions) else 0, at_once):
-                    some = places[first : first + at_once]
+                count = max(1, _CHUNK // max(1, len(positions)))
+                for first in range(0, len(poses) if len(positions) else 0, count):
+                    poses_chunk = poses[first : first + count]
                     halves = None
                     if sizes is not None:
                         row = sizes[chunk][used[chunk]]
-                        halves = np.outer(scales[first : first + at_once], row).reshape(-1, 1)
-                    yield transform_instances(some, positions).reshape(-1, 3), halves
+                        halves = np.outer(scales[first : first + count], row).reshape(-1, 1)
+                    yield transform_instances(poses_chunk, positions).reshape(-1, 3), halves
 
 
 def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
-    """Return half the size of what is drawn at each vertex, (V,) float64; None if in pixels."""
+    """Return half the size of points or lines at each vertex, (V,) float64; None if in pixels."""
     if not isinstance(mesh, Points | Lines) or mesh.unit != "world":
         return None
     sizes = mesh.sizes if isinstance(mesh, Points) else mesh.widths
     if len(sizes) == 1 or isinstance(mesh, Points):
         return np.broadcast_to(0.5 * sizes, len(mesh.vertices))
     # At a joint, that of the widest segment.
-    widest = np.zeros(len(mesh.vertices))
+    max_sizes = np.zeros(len(mesh.vertices))
     for end in mesh.segments.T:
-        np.maximum.at(widest, end, 0.5 * sizes)
-    return widest
+        np.maximum.at(max_sizes, end, 0.5 * sizes)
+    return max_sizes
 
 
-def _most_scales(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much transforms (N, 4, 4) scale along the axis where they do most, (N,)."""
-    x, y, z = places[:, :3, :3].swapaxes(0, 1)
+def _max_scales(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest scale along an axis of each transform, (N, 4, 4), as (N,)."""
+    x, y, z = matrices[:, :3, :3].swapaxes(0, 1)
     with np.errstate(over="ignore"):
         return np.sqrt((x * x + y * y) + z * z).max(axis=1)
 
 
-def with_labelled(scene: Scene, nodes: Iterable[Node]) -> Scene:
+def with_labels(scene: Scene, nodes: Iterable[Node]) -> Scene:
     """Return a copy of a scene that shows the labels of these nodes alone."""
-    changed = copy.copy(scene)
-    changed._labelled = dict.fromkeys(nodes)
-    return changed
+    result = copy.copy(scene)
+    result._labelled = dict.fromkeys(nodes)
+    return result
 
 
-def _moved_copy(node: Node, above: Node | None, values: dict[str, Any]) -> Node:
-    """Return a copy of a node below another one, with parts of its transform, or weights, new."""
+def _moved_copy(node: Node, parent: Node | None, values: dict[str, Any]) -> Node:
+    """Return a copy of a node below a new parent, with changed transform parts or weights."""
     transform, trs = node._transform, node._trs
     parts = {path: value for path, value in values.items() if path != "weights"}
     if parts:
         trs = node.trs.with_(**parts)
-        transform = matrix_of(trs)
-    copied = Node(node._mesh, transform, node.name, parent=above, label=node._label)
+        transform = compose_trs(trs)
+    copied = Node(node._mesh, transform, node.name, parent=parent, label=node._label)
     if trs is not None:
         copied._trs = TRS(*trs)
     if node._skin is not None:
@@ -802,50 +798,50 @@ def _moved_copy(node: Node, above: Node | None, values: dict[str, Any]) -> Node:
     return copied
 
 
-def _is_plain(scene: Scene) -> bool:
+def _is_single_mesh(scene: Scene) -> bool:
     """Tell whether a scene is one mesh, at the origin."""
     if len(scene.nodes) != 1 or scene.labelled:
         return False
     (node,) = scene.nodes
-    is_alone = node.parent is None and not node.children and not scene.animations
-    is_alone = is_alone and node._skin is None and node._weights is None
-    return is_alone and np.array_equal(node.transform, np.eye(4))
+    is_single = node.parent is None and not node.children and not scene.animations
+    is_single = is_single and node._skin is None and node._weights is None
+    return is_single and np.array_equal(node.transform, np.eye(4))
 
 
-def _copied(
+def _copy_group(
     scene: Scene, transform: ArrayLike | None, name: str
 ) -> tuple[Node, list[Node], list[Animation]]:
     """
-    Return a group of copies of a scene's nodes, which hang together, and are numbered, alike.
+    Copy a scene's nodes into a group, in the same tree and order.
 
-    And those that are drawn, and the animations of all.
+    Returns the group, the copies with a mesh, and the animations of all.
     """
     group = Node(None, transform, name)
-    drawn = set(map(id, scene.nodes))
+    drawn_ids = set(map(id, scene.nodes))
     copies: dict[int, Node] = {}
     for node in scene._all_nodes():
-        above = group if node.parent is None else copies[id(node.parent)]
-        copied = copies[id(node)] = _moved_copy(node, above, {})
-        if id(node) not in drawn:
+        parent = group if node.parent is None else copies[id(node.parent)]
+        copied = copies[id(node)] = _moved_copy(node, parent, {})
+        if id(node) not in drawn_ids:
             copied._skin = copied._weights = copied._mesh = None
     _set_skins(copies)
     order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
-    animations = [one._with_nodes(copies) for one in scene._own_animations()]
+    animations = [animation._with_nodes(copies) for animation in scene._animations_in_scene()]
     return group, [node for node in order if node.mesh is not None], animations
 
 
-def _first_moving(animations: Sequence[Animation], own: set[int]) -> Animation:
-    """Return the first that moves one of some nodes, by their ids, or raise."""
-    for one in animations:
-        if any(id(channel.node) in own for channel in one.channels):
-            return one
+def _first_moving(animations: Sequence[Animation], node_ids: set[int]) -> Animation:
+    """Return the first animation that moves one of the nodes, given their ids, or raise."""
+    for animation in animations:
+        if any(id(channel.node) in node_ids for channel in animation.channels):
+            return animation
     raise ValueError(
         f"animation must move a node of the scene, got {animations[0]!r}, whose nodes are not in it"
     )
 
 
 def _set_skins(copies: dict[int, Node]) -> None:
-    """Let copied nodes, by the ids of those they are copies of, have skins of copied joints."""
+    """Give copied nodes, by the ids of the old ones, skins with copied joints."""
     skins: dict[int, Skin] = {}
     for node in copies.values():
         skin = node._skin

@@ -1,4 +1,4 @@
-"""Sections: planes that cut a scene open, as a cutaway drawing of a machine."""
+"""Sections: planes that cut a scene open, as in cutaway drawings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from rasterjit.scene import validation as check
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.vectors import length
@@ -17,15 +17,15 @@ from rasterjit.scene.vectors import length
 MAX_PLANES = 16
 """Most planes of a section."""
 
-WIDEST_LINE = 64
-"""Widest section lines, pixels."""
+MAX_LINE_WIDTH = 64
+"""Largest width of section lines, pixels."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class SectionPlane:
     """
-    A plane that cuts a scene open: what lies in front of it is not there.
+    A plane that cuts a scene open: it removes everything in front of it.
 
     ``scene.section = SectionPlane(point, normal)``, or a list of planes, cuts all meshes, points
     and lines of a scene; what lies in front of *any* of the planes is cut away. Faces are cut
@@ -99,22 +99,22 @@ class SectionPlane:
         size = length((x, y, z))
         store(self, normal=(x / size, y / size, z / size))
         for name in ("cap", "lines"):
-            store(self, **{name: check.true_or_false(name, getattr(self, name))})
+            store(self, **{name: check.boolean(name, getattr(self, name))})
         if self.cap_color is not None:
             store(self, cap_color=rgba("cap_color", self.cap_color))
         store(self, line_color=rgba("line_color", self.line_color))
         width = self.line_width
         is_whole = isinstance(width, (int, np.integer)) and not isinstance(width, bool)
-        if not (is_whole and 1 <= width <= WIDEST_LINE):
+        if not (is_whole and 1 <= width <= MAX_LINE_WIDTH):
             raise ValueError(
-                f"line_width must be a whole number of pixels in 1..{WIDEST_LINE}, got "
-                f"{check.in_short(width)}"
+                f"line_width must be a whole number of pixels in 1..{MAX_LINE_WIDTH}, got "
+                f"{check.brief(width)}"
             )
         store(self, line_width=int(width))
 
 
 Section: TypeAlias = SectionPlane | Sequence[SectionPlane]
-"""What a scene may be cut by."""
+"""One or several section planes."""
 
 
 def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, ...] | None:
@@ -123,19 +123,17 @@ def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, .
         return value
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise ValueError(
-            f"{name} must be a SectionPlane, several or None, got {check.in_short(value)}"
+            f"{name} must be a SectionPlane, several or None, got {check.brief(value)}"
         )
     for number, plane in enumerate(value):
         if not isinstance(plane, SectionPlane):
-            raise ValueError(
-                f"{name}[{number}] must be a SectionPlane, got {check.in_short(plane)}"
-            )
+            raise ValueError(f"{name}[{number}] must be a SectionPlane, got {check.brief(plane)}")
     if len(value) > MAX_PLANES:
         raise ValueError(f"{name} must have at most {MAX_PLANES} planes, got {len(value)}")
     return tuple(value) or None
 
 
-def planes_of(section: SectionPlane | tuple[SectionPlane, ...] | None) -> tuple[SectionPlane, ...]:
+def planes_in(section: SectionPlane | tuple[SectionPlane, ...] | None) -> tuple[SectionPlane, ...]:
     """Return the planes of a section."""
     if section is None:
         return ()

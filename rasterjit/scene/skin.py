@@ -1,5 +1,5 @@
 """
-Skins and morph targets: what bends a mesh.
+Skins and morph targets: deform a mesh by joints and by weighted shapes.
 
 A mesh says for each vertex which joints it follows and how much, and where morph targets take it; a
 node says which nodes the joints are (`Skin`) and how strong the targets are. Targets move vertices
@@ -26,23 +26,23 @@ from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.transforms import inverse, product_of_each
 
 WEIGHT_ROUNDING = 1e-5
-"""How far the weights of a vertex may be from 1 in all: what files round them by."""
+"""Largest distance of the sum of a vertex's weights from 1: the rounding in files."""
 
 AFFINE_ROUNDING = 1e-6
-"""How far the last row of an inverse bind matrix may be from 0, 0, 0, 1: rounding of float32."""
+"""Largest distance of an inverse bind matrix's last row from 0, 0, 0, 1: rounding of float32."""
 
 _MIN_DETERMINANT = 1e-30
-"""Of a matrix whose rows are scaled to 1: below, it has no inverse."""
+"""Least determinant of a matrix with an inverse, its rows scaled to 1."""
 
 
-class Posable:
-    """Whether this process has had any mesh that can be posed: if not, nobody looks for one."""
+class Deformable:
+    """Note whether this process has made a mesh with joints or morph targets: else skip posing."""
 
-    was_made = False
+    exists = False
 
 
-class Placed:
-    """Something that stands somewhere in the world, such as a node."""
+class WorldObject:
+    """Base class of nodes: an object with a world matrix."""
 
     _world_from_model: Float64
 
@@ -61,8 +61,8 @@ class Skin(HoldsArrays, Guarded):
     joints : sequence of Node
         Any nodes, in the scene or not. `Mesh.joints` numbers them in this order.
     inverse_binds : (J, 4, 4) array_like, optional
-        ``joint_from_model`` of each joint when the mesh is as it was made; affine. Default: the
-        inverses of the joints' ``world_matrix`` now, so that the mesh is as it was made where it
+        ``joint_from_model`` of each joint in the bind pose; affine. Default: the
+        inverses of the joints' ``world_matrix`` now, so that the mesh is in its bind pose where it
         stands in model space.
     name : str, optional
 
@@ -91,7 +91,7 @@ class Skin(HoldsArrays, Guarded):
     """
 
     _FIELDS = ("name",)
-    _INSTEAD = "make another Skin"
+    _ADVICE = "make another Skin"
 
     def __init__(
         self, joints: Sequence[Any], inverse_binds: ArrayLike | None = None, name: str = ""
@@ -102,7 +102,7 @@ class Skin(HoldsArrays, Guarded):
             self._inverse_binds = _inverses(self._joints)
         else:
             self._inverse_binds = check.read_only(_checked_binds(inverse_binds, len(self._joints)))
-        self._known: tuple[list[Float64], Float64] | None = None
+        self._cached_matrices: tuple[list[Float64], Float64] | None = None
 
     @property
     def joints(self) -> tuple[Any, ...]:
@@ -116,29 +116,29 @@ class Skin(HoldsArrays, Guarded):
 
     def joint_matrices(self) -> Float64:
         """
-        Return what each joint does to the mesh now, ``world_from_model``.
+        Return each joint's world matrix times its inverse bind matrix, ``world_from_model``.
 
         Returns
         -------
         (J, 4, 4) float64, read-only
             The same array as long as no joint moves. Not finite where the product overflows.
         """
-        places = [joint._world_from_model for joint in self._joints]
-        known = self._known
-        if known is not None and all(map(operator.is_, known[0], places)):
-            return known[1]
+        poses = [joint._world_from_model for joint in self._joints]
+        cached = self._cached_matrices
+        if cached is not None and all(map(operator.is_, cached[0], poses)):
+            return cached[1]
         with np.errstate(over="ignore", invalid="ignore"):
-            matrices = check.read_only(product_of_each(np.array(places), self._inverse_binds))
-        self._known = places, matrices
+            matrices = check.read_only(product_of_each(np.array(poses), self._inverse_binds))
+        self._cached_matrices = poses, matrices
         return matrices
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled."""
-        return {**self.__dict__, "_known": None}
+        return {**self.__dict__, "_cached_matrices": None}
 
     def _with_joints(self, joints: Sequence[Any]) -> Skin:
-        """Return the same skin of other joints, as many."""
-        return self._with(_joints=tuple(joints), _known=None)
+        """Return a copy of the skin with other joints, as many."""
+        return self._with(_joints=tuple(joints), _cached_matrices=None)
 
     def __repr__(self) -> str:
         return f"Skin({len(self._joints)} joints{f', {self.name!r}' if self.name else ''})"
@@ -174,7 +174,7 @@ class MorphTargets(HoldsArrays, Guarded):
         If anything is assigned.
     """
 
-    _INSTEAD = "make another MorphTargets"
+    _ADVICE = "make another MorphTargets"
 
     def __init__(
         self,
@@ -194,15 +194,15 @@ class MorphTargets(HoldsArrays, Guarded):
         self._weights: Float64 | None = None
         if weights is not None:
             self._weights = morph_weights(weights, self._shape[0])
-        self._names: tuple[str, ...] = check.words("names", names)
+        self._names: tuple[str, ...] = check.strings("names", names)
         if len(self._names) not in (0, self._shape[0]):
             raise ValueError(
                 f"names must have one for each of {self._shape[0]} targets, "
-                f"got {check.in_short(names)}"
+                f"got {check.brief(names)}"
             )
 
     def _checked(self, name: str, value: ArrayLike | None) -> NDArray[Any] | None:
-        """Return an array of all targets, of a shape with the others, or raise ``ValueError``."""
+        """Return an array of all targets, of the others' shape, or raise ``ValueError``."""
         if value is None:
             return None
         given = check.unmasked_array(name, value)
@@ -231,17 +231,17 @@ class MorphTargets(HoldsArrays, Guarded):
 
     @property
     def weights(self) -> Float64 | None:
-        """(T,) float64, read-only: how strong they are where a node says nothing; None: 0."""
+        """(T,) float64, read-only: weights for nodes that give none; None: 0."""
         return self._weights
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the targets are called; empty if nobody said."""
+        """Names of the targets; empty if none were given."""
         return self._names
 
     @property
     def vertex_count(self) -> int:
-        """V."""
+        """Number of vertices that the targets move."""
         assert self._shape is not None
         return self._shape[1]
 
@@ -251,20 +251,20 @@ class MorphTargets(HoldsArrays, Guarded):
 
     def of_vertices(self, rows: NDArray[np.integer]) -> MorphTargets:
         """Return the targets of some vertices, (W,) numbers, in their order."""
-        numbers = check.unmasked_array("rows", rows)
-        if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
-            raise ValueError(f"rows must be (W,) numbers of vertices, got {check.in_short(rows)}")
-        numbers = numbers.astype(np.int64, copy=False)
-        check.index_below("rows", max(numbers.tolist(), default=0), self.vertex_count)
-        check.index_below("rows", min(numbers.tolist(), default=0), self.vertex_count)
-        held = ((name, self.__dict__[name]) for name in ("_positions", "_normals", "_tangents"))
-        kept = {name: check.read_only(one[:, numbers]) for name, one in held if one is not None}
-        return self._with(_shape=(len(self), len(numbers)), **kept)
+        indices = check.unmasked_array("rows", rows)
+        if indices.ndim != 1 or (indices.size and indices.dtype.kind not in "iu"):
+            raise ValueError(f"rows must be (W,) numbers of vertices, got {check.brief(rows)}")
+        indices = indices.astype(np.int64, copy=False)
+        check.index_below("rows", max(indices.tolist(), default=0), self.vertex_count)
+        check.index_below("rows", min(indices.tolist(), default=0), self.vertex_count)
+        arrays = ((name, self.__dict__[name]) for name in ("_positions", "_normals", "_tangents"))
+        parts = {name: check.read_only(one[:, indices]) for name, one in arrays if one is not None}
+        return self._with(_shape=(len(self), len(indices)), **parts)
 
-    def named(self, weights: ArrayLike | None, names: Sequence[str]) -> MorphTargets:
+    def with_weights(self, weights: ArrayLike | None, names: Sequence[str]) -> MorphTargets:
         """Return the same targets with other weights and names."""
         checked = None if weights is None else morph_weights(weights, len(self))
-        return self._with(_weights=checked, _names=check.words("names", names))
+        return self._with(_weights=checked, _names=check.strings("names", names))
 
     def __repr__(self) -> str:
         return f"MorphTargets({len(self)} targets, {self.vertex_count} vertices)"
@@ -288,30 +288,30 @@ def skin_arrays(joints: Any, weights: Any, vertex_count: int) -> tuple[Int32, Fl
         no whole number, a weight is NaN, infinite or negative, or all of a vertex are 0.
     """
     if joints is None or weights is None:
-        given, lacking = ("joints", "weights") if weights is None else ("weights", "joints")
-        raise ValueError(f"{lacking} must be given where {given} are, got None")
-    shares = check.number_array("weights", weights)
-    if shares.ndim != 2 or len(shares) != vertex_count or not shares.shape[1]:
-        raise ValueError(f"weights must have shape ({vertex_count}, K), got {shares.shape}")
+        given, missing = ("joints", "weights") if weights is None else ("weights", "joints")
+        raise ValueError(f"{missing} must be given where {given} are, got None")
+    values = check.number_array("weights", weights)
+    if values.ndim != 2 or len(values) != vertex_count or not values.shape[1]:
+        raise ValueError(f"weights must have shape ({vertex_count}, K), got {values.shape}")
     numbers = check.number_array("joints", joints)
-    if numbers.shape != shares.shape:
+    if numbers.shape != values.shape:
         raise ValueError(
-            f"joints must have the shape of weights, {shares.shape}, got {numbers.shape}"
+            f"joints must have the shape of weights, {values.shape}, got {numbers.shape}"
         )
-    if not (np.isfinite(shares).all() and (shares >= 0.0).all()):
-        wrong = shares[~(np.isfinite(shares) & (shares >= 0.0))][0]
-        raise ValueError(f"weights must be finite and at least 0, got {float(wrong)!r}")
-    is_used = shares > 0.0
+    if not (np.isfinite(values).all() and (values >= 0.0).all()):
+        example = values[~(np.isfinite(values) & (values >= 0.0))][0]
+        raise ValueError(f"weights must be finite and at least 0, got {float(example)!r}")
+    is_used = values > 0.0
     if not is_used.any(axis=1).all():
         first = int(np.argmin(is_used.any(axis=1)))
         raise ValueError(f"weights must not all be 0 for a vertex, got so for vertex {first}")
     numbers = np.where(is_used, numbers, 0.0)
     largest = float(np.iinfo(np.int32).max)
-    is_whole = (numbers >= 0.0) & (numbers <= largest) & (numbers == np.floor(numbers))
-    if not is_whole.all():
-        wrong = numbers[~is_whole][0]
-        raise ValueError(f"joints must be whole numbers from 0, got {float(wrong)!r}")
-    return check.read_only(numbers.astype(np.int32)), check.read_only(unit_sums(shares))
+    is_integer = (numbers >= 0.0) & (numbers <= largest) & (numbers == np.floor(numbers))
+    if not is_integer.all():
+        example = numbers[~is_integer][0]
+        raise ValueError(f"joints must be whole numbers from 0, got {float(example)!r}")
+    return check.read_only(numbers.astype(np.int32)), check.read_only(unit_sums(values))
 
 
 def unit_sums(weights: Float64) -> Float64:
@@ -342,18 +342,18 @@ def check_skin(value: Any, mesh: Any) -> Skin | None:
     if value is None:
         return None
     if not isinstance(value, Skin):
-        raise ValueError(f"skin must be a Skin or None, got {check.in_short(value)}")
+        raise ValueError(f"skin must be a Skin or None, got {check.brief(value)}")
     if mesh is not None:
         if mesh.joints is None:
             raise ValueError(
                 f"skin must be None for a mesh without joints and weights, got {value!r} for "
                 f"{mesh!r}"
             )
-        most = int(mesh.joints.max())
-        if most >= len(value.joints):
+        max_joint = int(mesh.joints.max())
+        if max_joint >= len(value.joints):
             raise ValueError(
-                f"skin must have a joint {most}, which the mesh follows, got {len(value.joints)} "
-                "joints"
+                f"skin must have a joint {max_joint}, which the mesh follows, got "
+                f"{len(value.joints)} joints"
             )
     return value
 
@@ -364,7 +364,7 @@ def check_morph_weights(value: Any, mesh: Any) -> Float64 | None:
         return None
     if mesh is not None and mesh.morph_targets is None:
         raise ValueError(
-            f"weights must be None for a mesh without morph targets, got {check.in_short(value)}"
+            f"weights must be None for a mesh without morph targets, got {check.brief(value)}"
         )
     count = check.unmasked_array("weights", value).size if mesh is None else len(mesh.morph_targets)
     return morph_weights(value, count)
@@ -373,12 +373,12 @@ def check_morph_weights(value: Any, mesh: Any) -> Float64 | None:
 def _checked_joints(joints: Any) -> tuple[Any, ...]:
     """Return joints, or raise ``ValueError``."""
     if isinstance(joints, (str, bytes)) or not isinstance(joints, Sequence):
-        raise ValueError(f"joints must be a sequence of nodes, got {check.in_short(joints)}")
+        raise ValueError(f"joints must be a sequence of nodes, got {check.brief(joints)}")
     if not joints:
         raise ValueError("joints must have a node, got none")
     for number, joint in enumerate(joints):
-        if not isinstance(joint, Placed):
-            raise ValueError(f"joints[{number}] must be a Node, got {check.in_short(joint)}")
+        if not isinstance(joint, WorldObject):
+            raise ValueError(f"joints[{number}] must be a Node, got {check.brief(joint)}")
     return tuple(joints)
 
 
@@ -413,14 +413,14 @@ def is_singular(matrix: Float64) -> bool:
 
 
 def _inverses(joints: Sequence[Any]) -> Float64:
-    """Return the inverses of where joints stand, or raise ``ValueError``."""
-    found = []
+    """Return the inverse world matrices of joints, or raise ``ValueError``."""
+    inverses = []
     for number, joint in enumerate(joints):
         try:
-            found.append(inverse(joint._world_from_model))
+            inverses.append(inverse(joint._world_from_model))
         except ValueError as error:
             raise ValueError(
                 f"joints[{number}] must have a world_matrix with an inverse where inverse_binds is "
                 f"None: {error}"
             ) from None
-    return check.read_only(np.array(found))
+    return check.read_only(np.array(inverses))

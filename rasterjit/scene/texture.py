@@ -17,18 +17,18 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import (
+    allocate,
     bands,
     fill_levels,
     level_sizes,
     mask_levels,
-    room_for,
     split_levels,
     weighted_levels,
 )
-from rasterjit.scene.picture_codes import picture_codes
+from rasterjit.scene.picture_codes import read_codes
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.warning import warn_caller
 
@@ -37,39 +37,39 @@ if TYPE_CHECKING:
 
 Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
 WRAPS: tuple[Wrap, ...] = get_args(Wrap)
-"""What lies outside 0..1: the picture again; its border texels; the picture, turned every time."""
+"""Wrap modes outside 0..1: repeat the picture; its border texels; repeat it, mirrored each time."""
 
 Filter: TypeAlias = Literal["nearest", "bilinear", "trilinear"]
 FILTERS: tuple[Filter, ...] = get_args(Filter)
-"""One texel; four texels, mixed by distance; the same from the two levels around the footprint."""
+"""Filters: one texel; four texels, mixed by distance; the same on the two nearest mip levels."""
 
 ColorSpace: TypeAlias = Literal["srgb", "linear"]
 COLOR_SPACES: tuple[ColorSpace, ...] = get_args(ColorSpace)
-"""What the integers of a picture are: codes of colours; shares of 1, as in a map of normals."""
+"""Meaning of a picture's integers: sRGB codes of colours; linear values, as in normal maps."""
 
 Anisotropy: TypeAlias = Literal[1, 2, 4, 8, 16]
 ANISOTROPIES: tuple[Anisotropy, ...] = get_args(Anisotropy)
-"""Into how many parts, at most, the footprint of a pixel is divided."""
+"""Largest numbers of parts that the footprint of a pixel is divided into."""
 
 WEIGHTED = "weighted"
 AlphaUse: TypeAlias = Literal["weighted"] | float | None
 """
-What the alpha of a texture does to its texels, as ``mip_levels`` has it.
+How alpha changes the stored texels of a texture; see ``mip_levels``.
 
 None: nothing; "weighted"; or a number, of a mask: texels of less alpha are holes.
 """
 
-MAX_PREPARED = 4
-"""Ways, each with another use of alpha, in which the texels of a picture are kept."""
+MAX_CACHED_CHAINS = 4
+"""Most chains of texels that a picture caches, one for each use of alpha."""
 
 UV_NAMES = ("uv", "uv1")
-"""What a mesh calls its sets of texture coordinates."""
+"""Names of a mesh's sets of texture coordinates."""
 
 UVSet: TypeAlias = Literal[0, 1]
 UV_SETS: tuple[UVSet, ...] = get_args(UVSet)
-"""Their numbers."""
+"""Numbers of a mesh's sets of texture coordinates."""
 
-FARTHEST_MOVE = 1e6
+MAX_UV_OFFSET = 1e6
 """Largest offset or scale of a texture: float64 keeps a position on it to 1/1000 texel."""
 
 MAX_LIGHT = 1e6
@@ -88,15 +88,15 @@ Pictures of 8-bit codes of up to so many texels are kept as floats, larger ones 
 Floats take 16 bytes a texel, and codes 1 to 4, but a pixel that mixes four of them takes 4 ns more.
 """
 
-_MAX_LEVELS = 16
-"""Different whole numbers up to 254 that a picture of light may have without a warning."""
+_MAX_DISTINCT_VALUES = 16
+"""Most different whole numbers up to 254 that a picture of floats has without a warning."""
 
 _NEWTON_STEPS = 12
 """From ``base**2``, at most 3.3 times too large, 8 reach the last bit of float32; 12 leave room."""
 
 PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")
 """
-What is opened as a picture, by Pillow's names, told by its content.
+Formats of pictures that are opened, by Pillow's names; the content decides.
 
 Others are refused: Pillow knows fifty, among them some that start programs, such as PostScript.
 """
@@ -106,7 +106,7 @@ NO_TEXELS = check.read_only(np.empty((0, 4), np.float32))
 
 
 class PictureSizeError(ValueError):
-    """A picture is empty, or larger than what is taken."""
+    """Raised for a picture that is empty or too large."""
 
 
 class Pyramid:
@@ -192,7 +192,7 @@ class Pyramid:
         if len(self._texels) < count:
             room = self._room
             if room is None:
-                room = room_for(kept)
+                room = allocate(kept)
                 room[: len(self._texels)] = self._texels
             levels = split_levels(room, kept)
             # A picture of linear light is kept once: at the head of its levels.
@@ -200,7 +200,7 @@ class Pyramid:
             self._texels, self._room = check.read_only(room), None
         return self._texels
 
-    def prepared(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
+    def prepared_chain(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
         """
         Return the texels that are read as linear light, (N, 4) float32, read-only, row by row.
 
@@ -213,22 +213,22 @@ class Pyramid:
         """
         if alpha is None:
             return self._floats(has_levels)
-        known = self._prepared.pop((alpha, has_levels), None)
-        if known is None:
-            weighted = alpha == WEIGHTED
-            known = (
+        chain = self._prepared.pop((alpha, has_levels), None)
+        if chain is None:
+            is_weighted = alpha == WEIGHTED
+            chain = (
                 weighted_levels(self.image, has_levels)
-                if weighted
+                if is_weighted
                 else mask_levels(self.image, float(alpha), has_levels)
             )
         # The last ones are kept: an animated alpha asks for ever new cutoffs.
-        self._prepared[alpha, has_levels] = known
-        while len(self._prepared) > MAX_PREPARED:
+        self._prepared[alpha, has_levels] = chain
+        while len(self._prepared) > MAX_CACHED_CHAINS:
             self._prepared.pop(next(iter(self._prepared)))
-        return known
+        return chain
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True, eq=False)
 class Texture(HoldsArrays):
     """
@@ -412,7 +412,7 @@ class Texture(HoldsArrays):
         scale: tuple[float, float] = (1.0, 1.0),
     ) -> Texture:
         """
-        Return the texture laid otherwise; texels and mip levels are shared, not copied.
+        Return the texture with another transform; texels and mip levels are shared, not copied.
 
         Takes offset, rotation and scale as `Texture` does, in place of its own.
         """
@@ -422,7 +422,7 @@ class Texture(HoldsArrays):
 
     def with_filter(self, filter: Filter, anisotropy: Anisotropy = 1) -> Texture:
         """
-        Return the texture filtered otherwise; texels and mip levels are shared, not copied.
+        Return the texture with another filter; texels and mip levels are shared, not copied.
 
         Takes filter and anisotropy as `Texture` does, in place of its own.
         """
@@ -432,7 +432,7 @@ class Texture(HoldsArrays):
 
     def with_uv_set(self, uv_set: UVSet) -> Texture:
         """
-        Return the texture laid by other coordinates; texels and mip levels are shared, not copied.
+        Return the texture with another uv set; texels and mip levels are shared, not copied.
 
         Takes the number of the set as `Texture` does, in place of its own.
         """
@@ -477,7 +477,7 @@ class Texture(HoldsArrays):
 
 
 @contextmanager
-def opened_picture(name: str, source: Any, further: tuple[str, ...] = ()) -> Iterator[Image.Image]:
+def open_picture(name: str, source: Any, formats: tuple[str, ...] = ()) -> Iterator[Image.Image]:
     """
     Open a picture's file with Pillow, if it is no larger than `Texture` takes.
 
@@ -486,7 +486,7 @@ def opened_picture(name: str, source: Any, further: tuple[str, ...] = ()) -> Ite
     name : str
         What a message calls it.
     source : Path or binary file
-    further : tuple of str
+    formats : tuple of str
         Formats that are opened besides ``PICTURE_FORMATS``, where Pillow knows them.
 
     Raises
@@ -498,24 +498,24 @@ def opened_picture(name: str, source: Any, further: tuple[str, ...] = ()) -> Ite
     """
     from PIL import Image
 
-    if further:
+    if formats:
         Image.init()
-    known = tuple(name for name in further if name in Image.OPEN)
+    extra_formats = tuple(name for name in formats if name in Image.OPEN)
     with warnings.catch_warnings():
         # Pillow warns of half as many texels as it refuses: the limit here lies in between.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
-            image = Image.open(source, formats=PICTURE_FORMATS + known)
+            image = Image.open(source, formats=PICTURE_FORMATS + extra_formats)
         except Image.DecompressionBombError as error:
             raise PictureSizeError(
                 f"{name} must have at most {MAX_TEXELS:,} texels; Pillow says: {error}"
             ) from error
         with image:
-            check_extent(name, *image.size)
+            check_texels(name, *image.size)
             yield image
 
 
-def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[Any]:
+def read_picture(name: str, file: Path, *, apply_exif: bool = False) -> NDArray[Any]:
     """
     Decode the first picture of a file, or raise ``ValueError`` naming the file.
 
@@ -524,12 +524,12 @@ def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[A
     name : str
         What the message calls the argument.
     file : Path
-    is_turned : bool
+    apply_exif : bool
         Whether it is turned upright, as EXIF data say, with which cameras write what they held.
     """
     try:
-        with opened_picture(f"the picture {str(file)!r}", file) as image:
-            return picture_codes(image, is_turned)
+        with open_picture(f"the picture {str(file)!r}", file) as image:
+            return read_codes(image, apply_exif)
     except PictureSizeError:
         raise
     except Exception as error:
@@ -540,7 +540,7 @@ def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[A
         raise ValueError(f"{name} must be a picture, but {str(file)!r} is not: {reason}") from error
 
 
-def turned_over(
+def flip_v(
     offset: tuple[float, float], rotation: float, scale: tuple[float, float]
 ) -> tuple[tuple[float, float], float, tuple[float, float]]:
     """
@@ -565,24 +565,24 @@ def turned_over(
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:
-    """Return two numbers that move a texture no farther than it is meant to, or raise."""
+    """Return two numbers, each at most ``MAX_UV_OFFSET`` in size, or raise."""
     u, v = check.finite_array(name, value, (2,)).tolist()
     return (
-        check.bounded_number(name, u, -FARTHEST_MOVE, FARTHEST_MOVE),
-        check.bounded_number(name, v, -FARTHEST_MOVE, FARTHEST_MOVE),
+        check.bounded_number(name, u, -MAX_UV_OFFSET, MAX_UV_OFFSET),
+        check.bounded_number(name, v, -MAX_UV_OFFSET, MAX_UV_OFFSET),
     )
 
 
 def _checked_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
     """Return a copy of an image, without its levels, or raise ``ValueError``."""
     # An array of a type that says what its numbers are.
-    wanted = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
+    expected = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
     if isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{wanted}, got {check.in_short(value)}; Texture.from_file reads pictures")
-    image = check.unmasked_array("image", value, *check.ROWS)
+        raise ValueError(f"{expected}, got {check.brief(value)}; Texture.from_file reads pictures")
+    image = check.unmasked_array("image", value, *check.ROWS_WORDING)
     if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
-        got = check.in_short(value) if image.dtype == object else f"one of {image.dtype}"
-        raise ValueError(f"{wanted}, got {got}")
+        got = check.brief(value) if image.dtype == object else f"one of {image.dtype}"
+        raise ValueError(f"{expected}, got {got}")
     # Its shape: grey or colours, with or without alpha.
     shape = image.shape
     if len(shape) == 2:
@@ -590,20 +590,20 @@ def _checked_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
         raise ValueError(f"image must have shape (H, W) or (H, W, 1..4), got {shape}")
     height, width, channels = image.shape
-    check_extent("image", width, height)
+    check_texels("image", width, height)
     if image.dtype == np.uint8 and width * height > MAX_FLOAT_TEXELS:
         is_opaque = has_alpha(image) and bool((image[:, :, -1] == 255).all())
         codes = image[:, :, :-1] if is_opaque else image
         return Pyramid(check.read_only(np.array(codes, order="C")), color_space)
     # What no one reads or writes of the room for levels takes no memory.
-    room = room_for(level_sizes(width, height))
+    room = allocate(level_sizes(width, height))
     texels = room[:]
     linear = texels[: height * width].reshape(height, width, 4)
     if image.dtype.kind == "f":
         colors = channels - 1 if has_alpha(image) else channels
         _check_light(image[:, :, :colors], "linear light", MAX_LIGHT)
         _check_light(image[:, :, colors:], "alpha", 1.0)
-        if _are_codes(image[:, :, :colors]):
+        if _look_like_bytes(image[:, :, :colors]):
             warn_caller(
                 f"image holds floats that are whole numbers up to {float(image.max()):g}: floats "
                 "are linear light, of which 1 is white; codes from 0 to 255 must be uint8, as "
@@ -634,15 +634,15 @@ def decode_texels(codes: NDArray[Any], color_space: ColorSpace) -> NDArray[np.fl
     return linear
 
 
-def _are_codes(colors: NDArray[Any]) -> bool:
-    """Tell floats, (H, W, C), that look like bytes; light of a few even levels does not."""
+def _look_like_bytes(colors: NDArray[Any]) -> bool:
+    """Tell whether floats, (H, W, C), look like bytes: many whole numbers up to 255."""
     highest = float(colors.max())
     if not 1.0 < highest <= 255.0 or not all((row == np.rint(row)).all() for row in colors):
         return False
-    return highest == 255.0 or len(np.unique(colors)) > _MAX_LEVELS
+    return highest == 255.0 or len(np.unique(colors)) > _MAX_DISTINCT_VALUES
 
 
-def check_extent(name: str, width: int, height: int) -> None:
+def check_texels(name: str, width: int, height: int) -> None:
     """Raise `PictureSizeError` if a picture of that size is empty or too large."""
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
         raise PictureSizeError(
@@ -655,7 +655,7 @@ def check_extent(name: str, width: int, height: int) -> None:
         )
 
 
-def _check_light(values: NDArray[Any], what: str, most: float) -> None:
+def _check_light(values: NDArray[Any], label: str, limit: float) -> None:
     """Raise ``ValueError`` unless all values lie in 0..most; NaN lies nowhere."""
     if values.size == 0:
         return
@@ -663,12 +663,12 @@ def _check_light(values: NDArray[Any], what: str, most: float) -> None:
     if lowest != lowest:
         count = int(np.isnan(values).sum())
         raise ValueError(
-            f"image must hold {what} in 0..{most:g}, got {count} NaN among its numbers"
+            f"image must hold {label} in 0..{limit:g}, got {count} NaN among its numbers"
         )
-    if not (lowest >= 0.0 and highest <= most):
+    if not (lowest >= 0.0 and highest <= limit):
         raise ValueError(
-            f"image must hold {what} in 0..{most:g}, got numbers from {lowest} to {highest}; 8-bit "
-            "codes need the dtype uint8"
+            f"image must hold {label} in 0..{limit:g}, got numbers from {lowest} to {highest}; "
+            "8-bit codes need the dtype uint8"
         )
 
 

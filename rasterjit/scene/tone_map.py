@@ -1,4 +1,4 @@
-"""Tone mapping: how light without an upper bound becomes what a screen shows."""
+"""Tone mapping: curves from unbounded linear light to the range of a screen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.validation import bounded_number, one_of
 
 Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]
@@ -16,15 +16,15 @@ CURVES: tuple[Curve, ...] = get_args(Curve)
 MAX_STOPS = 126.0
 """Largest exposure either way: float32 holds its power of two, and one over it."""
 
-WHITES = 1e-6, 1e12
+WHITE_RANGE = 1e-6, 1e12
 """Least and largest white, if it is not infinite: one over its square is finite in float32."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class ToneMap:
     """
-    How linear colour is brought into 0..1 before it is encoded as sRGB.
+    Map linear colour into 0..1 before it is encoded as sRGB.
 
     It acts on the output ``"color"`` of surfaces and of an environment seen as background. A
     background that is given as a colour is shown as given, and the output ``"linear"`` stays
@@ -71,7 +71,7 @@ class ToneMap:
         if not (isinstance(self.white, float) and self.white == math.inf):
             if self.curve != "reinhard":
                 raise ValueError(f"white must be inf for curve {self.curve!r}, got {self.white!r}")
-            store(self, white=bounded_number("white", self.white, *WHITES))
+            store(self, white=bounded_number("white", self.white, *WHITE_RANGE))
 
     @property
     def is_neutral(self) -> bool:

@@ -50,17 +50,17 @@ _PARALLEL_SINE = 1e-10
 carries a rounding error of about 2e-16, so its direction keeps six digits down to here."""
 
 MIN_NEAR = 1e-13
-"""Least share of the far distance for the near one at which float64 cuts at the far plane: to
+"""Least ratio of near to far distance at which float64 still clips at the far plane: to
 about 1/1000 of its distance."""
 
 _ROUND_UP = 1.01
-"""Factor on a least value, so that its first three digits are not too small."""
+"""Factor on a lower limit, so that its first three digits are not too small."""
 
 _MIN_FOV = 1e-300
-"""Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
+"""Least field of view, degrees: below it the focal length 1/tan(fov/2) overflows float64."""
 
 _MAX_EXPONENT = 1000
-"""Of the powers of two that rows are scaled by: larger ones overflow float64."""
+"""Largest exponent of the powers of two that rows are scaled by: larger ones overflow."""
 
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 
@@ -92,9 +92,9 @@ def sine_cosine(degrees: float) -> tuple[float, float]:
     128-bit fixed point. The sine is the angle times the series of sin(x)/x, so it keeps its
     relative precision for tiny angles.
     """
-    turn = math.remainder(check.finite_number("degrees", degrees), 360.0)
-    quarter = round(turn / 90.0)
-    numerator, denominator = (turn - 90.0 * quarter).as_integer_ratio()
+    reduced = math.remainder(check.finite_number("degrees", degrees), 360.0)
+    quadrant = round(reduced / 90.0)
+    numerator, denominator = (reduced - 90.0 * quadrant).as_integer_ratio()
     radians = numerator * _PI // (180 * denominator)
     square = radians * radians >> _BITS
     one = 1 << _BITS
@@ -104,8 +104,8 @@ def sine_cosine(degrees: float) -> tuple[float, float]:
         cosine_sum = one - (square * cosine_sum // (k * (k - 1)) >> _BITS)
     sine = numerator * _PI * sine_ratio / (180 * denominator << 2 * _BITS)
     cosine = cosine_sum / one
-    turned = ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))[quarter % 4]
-    return turned[0] + 0.0, turned[1] + 0.0
+    by_quadrant = ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))[quadrant % 4]
+    return by_quadrant[0] + 0.0, by_quadrant[1] + 0.0
 
 
 def arc_tangent(y: float, x: float) -> float:
@@ -248,8 +248,8 @@ def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
     ValueError
         If either is zero, not finite or not three numbers.
     """
-    side = cross(_unit_triple("a", a), _unit_triple("b", b))
-    return math.sqrt(dot(side, side)) <= _PARALLEL_SINE
+    normal = cross(_unit_triple("a", a), _unit_triple("b", b))
+    return math.sqrt(dot(normal, normal)) <= _PARALLEL_SINE
 
 
 def identity() -> Matrix:
@@ -466,9 +466,9 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
         raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
     side = _unit_triple("up", cross(upward, back))
     # Remove what cancellation in the cross product left along the line of sight.
-    lean = dot(side, back)
+    tilt = dot(side, back)
     side = _unit_triple(
-        "up", (side[0] - lean * back[0], side[1] - lean * back[1], side[2] - lean * back[2])
+        "up", (side[0] - tilt * back[0], side[1] - tilt * back[1], side[2] - tilt * back[2])
     )
     rows = [(*row, -dot(row, origin)) for row in (side, cross(back, side), back)]
     return np.array([*rows, _LAST_ROW]) + 0.0
@@ -538,9 +538,9 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
     return row
 
 
-def rounded_up(least: float) -> str:
-    """Return a least value for people: three digits, none of them too small."""
-    return f"{least * _ROUND_UP:.3g}"
+def rounded_up(limit: float) -> str:
+    """Format a lower limit for messages: three digits, rounded up."""
+    return f"{limit * _ROUND_UP:.3g}"
 
 
 def _depth_row(near: float, far: float) -> tuple[float, float]:
@@ -709,9 +709,9 @@ def normal_matrices(matrices: Float64) -> Float64:
     determinants = dot(columns[0], list(cofactors[:, 0]))
     with np.errstate(all="ignore"):
         inverses = np.ldexp(cofactors / determinants, exponents[:, 0, 0])
-    usable = np.isfinite(inverses).all(axis=(0, 1))
+    is_finite = np.isfinite(inverses).all(axis=(0, 1))
     fallback = np.where(determinants < 0.0, -cofactors, cofactors)
-    return np.ascontiguousarray((np.where(usable, inverses, fallback) + 0.0).transpose(2, 0, 1))
+    return np.ascontiguousarray((np.where(is_finite, inverses, fallback) + 0.0).transpose(2, 0, 1))
 
 
 def inverse(matrix: ArrayLike) -> Matrix:
@@ -744,18 +744,18 @@ def inverse(matrix: ArrayLike) -> Matrix:
     for k in range(4):
         pivot = max(range(k, 4), key=lambda n: abs(work[n][k]))
         work[k], work[pivot] = work[pivot], work[k]
-        head = work[k][k]
-        if head == 0.0:
+        pivot_value = work[k][k]
+        if pivot_value == 0.0:
             raise ValueError(f"matrix must have an inverse, got {rows}")
-        work[k] = [entry / head for entry in work[k]]
+        work[k] = [entry / pivot_value for entry in work[k]]
         for n in range(4):
             if n != k:
                 factor = work[n][k]
                 work[n] = [a - factor * b for a, b in zip(work[n], work[k], strict=True)]
-    found = np.array([row[4:] for row in work]) + 0.0
-    if not np.isfinite(found).all():
+    result = np.array([row[4:] for row in work]) + 0.0
+    if not np.isfinite(result).all():
         raise ValueError(f"matrix must have a finite inverse, got {rows}")
-    return found
+    return result
 
 
 def apply(matrix: ArrayLike, points: ArrayLike) -> Float64:

@@ -1,4 +1,4 @@
-"""Clear errors at the border: every check names the argument, its value and what was expected."""
+"""Check arguments: errors name the argument, its value and what was expected."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.attribute_guard import similar
+from rasterjit.scene.attribute_guard import similar_names
 
 MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""
 
 MAX_WHOLE_SIZE = 1 << 17
-"""Largest side of an image that is drawn in parts, pixels."""
+"""Largest side of an image that is drawn in tiles, pixels."""
 
 MAX_UNITS = 1 << 27
 """Most units of the sub-pixel grid from one side of the guard bands to the other; see ``setup``."""
 
-MATRIX_SIZE = 16
+_MATRIX_SIZE = 16
 """Entries of a 4x4 matrix."""
 
 _FLOAT64 = np.dtype(np.float64)
-"""As nearly all arrays of numbers have it: the same object, which is found at once."""
+"""The dtype of most arrays of numbers, which compares fast as it is the same object."""
 
-_NO_ARRAY = (TypeError, ValueError, OverflowError, MemoryError)
-"""What NumPy raises about what it can make no array of."""
+_ARRAY_ERRORS = (TypeError, ValueError, OverflowError, MemoryError)
+"""Exceptions that NumPy raises for values that it cannot make an array of."""
 
-ROWS = "an array of numbers", "rows of unequal length"
-"""What an argument of rows must be, and what it is if NumPy makes no array of it."""
+ROWS_WORDING = "an array of numbers", "rows of unequal length"
+"""Wording of errors for an argument of rows: what was expected, and what was given."""
 
-LONGEST_VALUE = 80
-"""Characters of a value that a message shows."""
+MAX_SHOWN_LENGTH = 80
+"""Most characters of a value that a message shows."""
 
 MAX_THREADS = 1024
 """Most threads a render takes: more than processors in one machine, and few enough to start."""
@@ -47,17 +47,18 @@ def finite_number(name: str, value: Any) -> float:
     """Return ``value`` as a float, or raise ``ValueError`` naming the argument."""
     try:
         is_plain = type(value) in (int, float)
-        if not is_plain and (isinstance(value, (str, bytes)) or _hides_number(value)):
+        if not is_plain and (isinstance(value, (str, bytes)) or _has_masked(value)):
             raise TypeError
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be a number, got {cut_short(value)}") from None
+        raise ValueError(f"{name} must be a number, got {short_repr(value)}") from None
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number!r}")
     return number
 
 
-def _hides_number(value: Any) -> bool:
+def _has_masked(value: Any) -> bool:
+    """Tell whether an array has masked entries."""
     return _is_masked_array(value) and bool(value.mask.any())
 
 
@@ -65,7 +66,7 @@ def bounded_number(name: str, value: Any, low: float, high: float) -> float:
     """Return ``value`` as a float in [low, high], or raise ``ValueError``."""
     number = finite_number(name, value)
     if not low <= number <= high:
-        raise ValueError(f"{name} must be in {low:g}..{high:g}, got {_as_given(value, number)!r}")
+        raise ValueError(f"{name} must be in {low:g}..{high:g}, got {_as_written(value, number)!r}")
     return number
 
 
@@ -73,22 +74,22 @@ def positive_number(name: str, value: Any) -> float:
     """Return ``value`` as a finite float above zero, or raise ``ValueError``."""
     number = finite_number(name, value)
     if number <= 0.0:
-        raise ValueError(f"{name} must be above 0, got {_as_given(value, number)!r}")
+        raise ValueError(f"{name} must be above 0, got {_as_written(value, number)!r}")
     return number
 
 
-def _as_given(value: Any, number: float) -> int | float:
-    """Return a number as it was written: 10, not 10.0."""
+def _as_written(value: Any, number: float) -> int | float:
+    """Return a number as the caller wrote it: 10, not 10.0."""
     return value if type(value) is int else number
 
 
 def unmasked_array(
-    name: str, value: Any, wanted: str = "an array", got: str | None = None
+    name: str, value: Any, expected: str = "an array", got: str | None = None
 ) -> NDArray[Any]:
     """
     Return ``value`` as a NumPy array, of no subclass.
 
-    Errors say what it should be, ``wanted``, and what was given instead: the value, or ``got``.
+    Errors say what was ``expected``, and what was given instead: the value, or ``got``.
 
     Raises
     ------
@@ -97,30 +98,30 @@ def unmasked_array(
         no array, such as rows of several lengths, or says that it is longer than memory.
     """
     if _is_masked_array(value):
-        hidden = int(np.count_nonzero(value.mask))
-        if hidden:
+        masked = int(np.count_nonzero(value.mask))
+        if masked:
             raise MaskedError(
-                f"{name} must have no masked entries, got {hidden} of {value.size}; its method "
+                f"{name} must have no masked entries, got {masked} of {value.size}; its method "
                 "filled() gives them a value"
             )
     try:
         return np.asarray(value)
-    except _NO_ARRAY:
+    except _ARRAY_ERRORS:
         if isinstance(value, np.ndarray):
             raise
-        shown = in_short(value) if got is None else got
-        raise ValueError(f"{name} must be {wanted}, got {shown}") from None
+        text = brief(value) if got is None else got
+        raise ValueError(f"{name} must be {expected}, got {text}") from None
 
 
-def with_nan(value: Any) -> Any:
-    """Return a masked array of real numbers as float64, NaN where it is masked; others as given."""
+def fill_masked(value: Any) -> Any:
+    """Fill a masked array of real numbers with NaN where it is masked; return others as given."""
     if not _is_masked_array(value) or value.dtype.kind not in "buif":
         return value
     return value.astype(np.float64).filled(np.nan)
 
 
 def _is_masked_array(value: Any) -> bool:
-    """Tell masked arrays, which only exist if somebody has imported them."""
+    """Tell whether a value is a masked array, without importing `numpy.ma`."""
     # Another thread may be importing it.
     kind = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
     return kind is not None and isinstance(value, kind)
@@ -135,14 +136,14 @@ def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np
     try:
         given = value if type(value) is np.ndarray else unmasked_array(name, value)
         if given.dtype is _FLOAT64:
-            return aligned(given)
+            return align(given)
         if given.size and given.dtype.kind not in kinds:
             raise TypeError
-        return aligned(given.astype(np.float64))
+        return align(given.astype(np.float64))
     except MaskedError:
         raise
-    except _NO_ARRAY:
-        raise ValueError(f"{name} must be an array of numbers, got {cut_short(value)}") from None
+    except _ARRAY_ERRORS:
+        raise ValueError(f"{name} must be an array of numbers, got {short_repr(value)}") from None
 
 
 def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> NDArray[np.float64]:
@@ -166,28 +167,28 @@ def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> ND
     expected = tuple(shape)
     if array.shape != expected and (
         array.ndim != len(expected)
-        or any(n is not None and have != n for have, n in zip(array.shape, expected, strict=True))
+        or any(n is not None and size != n for size, n in zip(array.shape, expected, strict=True))
     ):
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in expected) + ")"
         raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
     if not _is_finite(array):
         count = int((~np.isfinite(array)).sum())
-        shown = f": {array.tolist()}" if array.size <= 16 else ""
-        raise ValueError(f"{name} must be finite, got {count} NaN or infinite entries{shown}")
+        text = f": {array.tolist()}" if array.size <= 16 else ""
+        raise ValueError(f"{name} must be finite, got {count} NaN or infinite entries{text}")
     return array
 
 
 def _is_finite(array: NDArray[np.float64]) -> bool:
-    """Tell whether all entries are; a matrix takes 1 microsecond here, and 3 in NumPy."""
-    if array.size <= MATRIX_SIZE:
+    """Tell whether all entries are finite; a matrix takes 1 microsecond here, and 3 in NumPy."""
+    if array.size <= _MATRIX_SIZE:
         numbers = array.ravel().tolist()
         # The sum of what is not finite is not; that of large numbers may overflow.
         return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
     return bool(np.isfinite(array).all())
 
 
-def aligned(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array as kernels take it: itself, or a copy if its address suits no number."""
+def align(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array at an aligned address, as kernels need it: itself or a copy."""
     return array if array.flags.aligned else array.copy()
 
 
@@ -195,15 +196,15 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     """
     Return a view of an array that nothing can write to, nor be made to.
 
-    What was pickled may lie at any address: see `aligned`.
+    What was pickled may lie at any address: see `align`.
     """
-    array = aligned(array)
+    array = align(array)
     array.setflags(write=False)
     return array.view()
 
 
 VectorLike: TypeAlias = Sequence[float] | NDArray[Any]
-"""Three numbers; of fields that keep a tuple of them, so that one can be read by its index."""
+"""Three numbers, as a field takes them that stores a tuple."""
 
 
 def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
@@ -221,38 +222,38 @@ def triple(name: str, value: ArrayLike) -> tuple[float, float, float]:
     return x, y, z
 
 
-def true_or_false(name: str, value: Any) -> bool:
+def boolean(name: str, value: Any) -> bool:
     """Return ``value`` as a bool, or raise ``ValueError``: 1 and 0 are none."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f"{name} must be True or False, got {in_short(value)}")
+        raise ValueError(f"{name} must be True or False, got {brief(value)}")
     return bool(value)
 
 
-def word(name: str, value: Any) -> str:
-    """Return ``value`` if it is a text, or raise ``ValueError``."""
+def string(name: str, value: Any) -> str:
+    """Return ``value`` if it is a string, or raise ``ValueError``."""
     if not isinstance(value, str):
-        raise ValueError(f"{name} must be a text, got {in_short(value)}")
+        raise ValueError(f"{name} must be a text, got {brief(value)}")
     return value
 
 
-def words(name: str, value: Any) -> tuple[str, ...]:
-    """Return texts, however many, or raise ``ValueError``; one text alone is none."""
-    return tuple(word(f"each of {name}", one) for one in items(name, value))
+def strings(name: str, value: Any) -> tuple[str, ...]:
+    """Return strings as a tuple, or raise ``ValueError``, also for one string alone."""
+    return tuple(string(f"each of {name}", one) for one in sequence(name, value))
 
 
-def items(name: str, value: Any) -> tuple[Any, ...]:
-    """Return what a sequence or an iterator holds, or raise ``ValueError``; of a text nothing."""
+def sequence(name: str, value: Any) -> tuple[Any, ...]:
+    """Return the items of a sequence or iterator, but no string, or raise ``ValueError``."""
     try:
         if isinstance(value, (str, bytes)):
             raise TypeError
         return tuple(value)
     except (TypeError, MemoryError):
         # One may say that it is longer than memory.
-        raise ValueError(f"{name} must be a sequence, got {in_short(value)}") from None
+        raise ValueError(f"{name} must be a sequence, got {brief(value)}") from None
 
 
 def is_infinite(value: Any) -> bool:
-    """Tell whether ``value``, which may be anything, is the number of no limit."""
+    """Tell whether ``value``, of any type, is positive infinity."""
     return isinstance(value, (float, np.floating)) and value == math.inf
 
 
@@ -261,42 +262,42 @@ def one_of(name: str, value: Any, choices: Collection[Any]) -> Any:
     if type(value) is str and value in choices:
         return value
     # A value of another type may equal a choice (True, 8.0), or not compare at all (an array).
-    alike = [
+    candidates = [
         choice
         for choice in choices
         if isinstance(value, type(choice) if not isinstance(choice, int) else (int, np.integer))
     ]
-    if isinstance(value, bool) or not alike or value not in alike:
-        listed = ", ".join(repr(choice) for choice in choices)
+    if isinstance(value, bool) or not candidates or value not in candidates:
+        options = ", ".join(repr(choice) for choice in choices)
         raise ValueError(
-            f"{name} must be one of {listed}; got {cut_short(value)}{question(value, choices)}"
+            f"{name} must be one of {options}; got {short_repr(value)}{suggest(value, choices)}"
         )
     return value
 
 
-def question(word: Any, known: Iterable[Any]) -> str:
-    """Return what a message asks about a word that is nearly a known one; empty: none is near."""
-    names = [name for name in known if isinstance(name, str)]
-    near = similar(word, names) if isinstance(word, str) else []
-    return f"; did you mean {near[0]!r}?" if near else ""
+def suggest(text: Any, choices: Iterable[Any]) -> str:
+    """Return "; did you mean 'x'?" for text that is similar to a choice, else an empty string."""
+    names = [name for name in choices if isinstance(name, str)]
+    guesses = similar_names(text, names) if isinstance(text, str) else []
+    return f"; did you mean {guesses[0]!r}?" if guesses else ""
 
 
-def in_short(value: Any) -> str:
-    """Return what a message says of a value: itself if it is short and plain, else its type."""
+def brief(value: Any) -> str:
+    """Describe a value for a message: itself if it is short and plain, else its type."""
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype} with shape {value.shape}"
     if value is not None and not isinstance(value, (str, bytes, int, float, os.PathLike)):
         return type(value).__name__
-    return cut_short(value)
+    return short_repr(value)
 
 
-def cut_short(value: Any) -> str:
-    """Return how a value is written, no more of it than a message shows."""
+def short_repr(value: Any) -> str:
+    """Return the ``repr`` of a value, cut to the length that a message shows."""
     try:
-        shown = repr(value)
+        text = repr(value)
     except RecursionError:
         return type(value).__name__
-    return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
+    return text if len(text) <= MAX_SHOWN_LENGTH else text[:MAX_SHOWN_LENGTH] + "..."
 
 
 def index_below(name: str, value: Any, count: int) -> int:
@@ -311,7 +312,7 @@ def whole_number(name: str, value: Any, low: int, high: int) -> int:
     except TypeError:
         number = low - 1
     if not low <= number <= high:
-        raise ValueError(f"{name} must be a whole number in {low}..{high}, got {in_short(value)}")
+        raise ValueError(f"{name} must be a whole number in {low}..{high}, got {brief(value)}")
     return number
 
 
@@ -320,15 +321,15 @@ def thread_count(name: str, value: Any) -> int | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"{name} must be a whole number or None, got {cut_short(value)}")
+        raise ValueError(f"{name} must be a whole number or None, got {short_repr(value)}")
     if not 1 <= value <= MAX_THREADS:
         raise ValueError(f"{name} must be in 1..{MAX_THREADS}, got {value!r}")
     return int(value)
 
 
-def whole_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
+def tiled_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
     """
-    Return ``(width, height)`` of a picture that is drawn in parts, or raise ``ValueError``.
+    Return ``(width, height)`` of a picture that is drawn in tiles, or raise ``ValueError``.
 
     Each is in 1..131072, or less on a grid of more than 9 sub-pixel bits: what is exact of a
     picture of 16384 pixels on the finest grid is exact of a larger one on a coarser grid.
@@ -345,15 +346,15 @@ def whole_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
 
 def picture_size(name: str, value: Any) -> tuple[int, int]:
     """Return ``(width, height)`` of any picture, each in 1..131072, or raise ``ValueError``."""
-    return _two_sides(name, value, MAX_WHOLE_SIZE)
+    return _size_within(name, value, MAX_WHOLE_SIZE)
 
 
 def image_size(name: str, value: Any) -> tuple[int, int]:
     """Return ``(width, height)`` in pixels, each in 1..16384, or raise ``ValueError``."""
-    return _two_sides(name, value, MAX_SIZE)
+    return _size_within(name, value, MAX_SIZE)
 
 
-def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
+def _size_within(name: str, value: Any, largest: int) -> tuple[int, int]:
     """Return two whole numbers of pixels, each in 1..largest, or raise ``ValueError``."""
     if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
         width, height = value
@@ -361,18 +362,18 @@ def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
             return value
     try:
         width, height = value
-        if _hides_number(width) or _hides_number(height):
+        if _has_masked(width) or _has_masked(height):
             raise TypeError
         sides = (int(width), int(height))
-        whole = sides[0] == width and sides[1] == height
+        is_whole = sides[0] == width and sides[1] == height
         if isinstance(value, (set, frozenset, dict)):
             raise TypeError
     except (TypeError, ValueError, OverflowError):
-        shown = cut_short(value)
-        raise ValueError(f"{name} must be (width, height) in pixels, got {shown}") from None
-    if not whole or not all(1 <= side <= largest for side in sides):
+        text = short_repr(value)
+        raise ValueError(f"{name} must be (width, height) in pixels, got {text}") from None
+    if not is_whole or not all(1 <= side <= largest for side in sides):
         raise ValueError(
-            f"{name} must be two whole numbers in 1..{largest}, got {cut_short(value)}"
+            f"{name} must be two whole numbers in 1..{largest}, got {short_repr(value)}"
         )
     return sides
 
@@ -380,32 +381,32 @@ def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
 def existing_file(name: str, value: Any) -> Path:
     """Return the path of a file that exists and is not empty, or raise ``ValueError``."""
     if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be a file name, got {cut_short(value)}")
-    shown = os.fspath(value)
+        raise ValueError(f"{name} must be a file name, got {short_repr(value)}")
+    path_name = os.fspath(value)
     try:
         file = Path(value).expanduser()
         if file.is_dir():
-            raise ValueError(f"{name} must be a file, but {shown!r} is a folder")
+            raise ValueError(f"{name} must be a file, but {path_name!r} is a folder")
         if not file.exists():
-            raise ValueError(f"{name} must be a file, but {shown!r} does not exist")
+            raise ValueError(f"{name} must be a file, but {path_name!r} does not exist")
         if not file.is_file():
-            raise ValueError(f"{name} must be a file, but {shown!r} is a pipe or a device")
+            raise ValueError(f"{name} must be a file, but {path_name!r} is a pipe or a device")
         if file.stat().st_size == 0:
-            raise ValueError(f"{name} must be a file with content, but {shown!r} is empty")
+            raise ValueError(f"{name} must be a file with content, but {path_name!r} is empty")
     except (OSError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{name} must be a file, but {shown!r} cannot be: {error}") from None
+        raise ValueError(f"{name} must be a file, but {path_name!r} cannot be: {error}") from None
     return file
 
 
 def existing_folder(name: str, value: Any) -> Path:
     """Return the path of a folder that exists, or raise ``ValueError``."""
     if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be the name of a folder, got {cut_short(value)}")
-    shown = os.fspath(value)
+        raise ValueError(f"{name} must be the name of a folder, got {short_repr(value)}")
+    path_name = os.fspath(value)
     try:
         folder = Path(value).expanduser()
         if not folder.is_dir():
-            raise ValueError(f"{name} must be a folder, but {shown!r} is none")
+            raise ValueError(f"{name} must be a folder, but {path_name!r} is none")
     except (OSError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{name} must be a folder, but {shown!r} cannot be: {error}") from None
+        raise ValueError(f"{name} must be a folder, but {path_name!r} cannot be: {error}") from None
     return folder

@@ -1,4 +1,4 @@
-"""Products and lengths of vectors of three plain floats, summed left to right on every CPU."""
+"""Dot and cross products and lengths of vectors of three plain floats, summed left to right."""
 
 from __future__ import annotations
 
@@ -7,17 +7,13 @@ from collections.abc import Sequence
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the scalar product."""
+    """Return the dot product."""
     return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 
 
 def cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    """Return the vector product."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+    """Return the cross product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def length(a: Sequence[float]) -> float:

@@ -1,18 +1,18 @@
-"""Vignette: the corners of a picture are darker than its middle, as a lens makes them."""
+"""Vignette: darken the corners of a picture."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.attribute_guard import says_replace, store
+from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.validation import bounded_number
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Vignette:
     """
-    How much darker the corners of a picture are than its middle.
+    Darken a picture towards its corners.
 
     It acts on the output ``"color"``, surfaces and background alike, below outlines and wireframe.
     The output ``"linear"`` stays the light of the scene. Light at distance r from the middle of

@@ -1,4 +1,4 @@
-"""Warn at the line of a program that called this package."""
+"""Warn at the line of the user's program that called this package."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from types import FrameType
 _PACKAGE = __name__.partition(".")[0]
 
 
-EACH_FRAME = "what is said of each frame anew"
-"""A kind of warnings: another frame of the same says it again."""
+REPEATED = "what is said of each frame anew"
+"""Kind of warnings that are repeated for each frame."""
 
-MADE_NORMALS = "normals of length 0 of a mesh"
-"""A kind of warnings: said once, when they are made."""
+REPAIRED_NORMALS = "normals of length 0 of a mesh"
+"""Kind of warnings about repaired normals, issued once for each mesh."""
 
 _SILENT: ContextVar[frozenset[str]] = ContextVar("_SILENT", default=frozenset())
 
 
 @contextmanager
-def told_elsewhere(kind: str) -> Iterator[None]:
-    """Keep back warnings of a kind in a block whose caller says the same, in its own words."""
+def silence_warnings(kind: str) -> Iterator[None]:
+    """Suppress warnings of a kind inside a block, whose caller reports the same itself."""
     token = _SILENT.set(_SILENT.get() | {kind})
     try:
         yield
@@ -43,7 +43,7 @@ def warn_caller(
         Ends without a full stop. A warning that is made already is issued as it is.
     category : type of Warning
     kind : str
-        What `told_elsewhere` may keep back. Default: nothing does.
+        What `silence_warnings` may keep back. Default: nothing does.
     """
     if kind in _SILENT.get():
         return

@@ -1,11 +1,11 @@
-"""Wireframes: the edges of every face, drawn over the faces or alone."""
+"""Wireframes: the edges of all faces, drawn over the faces or alone."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.attribute_guard import Converted, says_replace, store
+from rasterjit.scene.attribute_guard import Converted, store, suggests_replace
 from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import one_of
 
@@ -14,7 +14,7 @@ WIREFRAME_MODES: tuple[WireframeMode, ...] = get_args(WireframeMode)
 """Lines over the faces, or lines alone."""
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Wireframe:
     """

@@ -26,7 +26,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera, check_camera
-from rasterjit.scene.camera_fitting import fit_upright
+from rasterjit.scene.camera_fitting import default_camera
 from rasterjit.scene.environment import Environment, Panorama
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.light import DirectionalLight, Shadow
@@ -257,7 +257,7 @@ def _view_camera(scene: Scene, camera: Camera | None) -> Camera:
     """Return the camera, the scene's, or one that looks from where a fitted one does."""
     if camera is not None:
         return check_camera("camera", camera)
-    return scene.camera or fit_upright(scene, (1, 1))
+    return scene.camera or default_camera(scene, (1, 1))
 
 
 def _is_bare_cloud(scene: Scene) -> bool:

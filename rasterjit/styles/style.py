@@ -18,7 +18,7 @@ from rasterjit.rendering.renderer import explain, render
 from rasterjit.rendering.view_warnings import STRONG
 from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.camera_fitting import fit_upright
+from rasterjit.scene.camera_fitting import default_camera
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.lines import Lines
@@ -33,7 +33,7 @@ from rasterjit.scene.texture import Anisotropy, Texture
 from rasterjit.scene.tone_map import MAX_STOPS
 from rasterjit.scene.validation import image_size
 from rasterjit.scene.vectors import dot
-from rasterjit.scene.warning import EACH_FRAME, told_elsewhere
+from rasterjit.scene.warning import REPEATED, silence_warnings
 from rasterjit.styles.shadow_catcher import (
     Ground,
     Vector,
@@ -44,7 +44,7 @@ from rasterjit.styles.shadow_catcher import (
     is_above,
 )
 from rasterjit.survey.deformation import posed_scene
-from rasterjit.survey.light_culling import most_light
+from rasterjit.survey.light_culling import max_reflected_light
 from rasterjit.survey.plan import RenderPlan
 
 EXPOSURE_SIZE = (96, 96)
@@ -69,9 +69,9 @@ def choose_exposure(scene: Scene, camera: Camera | None) -> float:
     camera : Camera, optional
         Default: as `rasterjit.render` has it.
     """
-    if most_light(scene.lights, scene.environment) <= STRONG:
+    if max_reflected_light(scene.lights, scene.environment) <= STRONG:
         return 0.0
-    with told_elsewhere(EACH_FRAME):
+    with silence_warnings(REPEATED):
         frame = render(
             scene, camera, size=EXPOSURE_SIZE, outputs=("linear",), background="transparent"
         )
@@ -406,7 +406,7 @@ class Style:
             background, ground = self._backdrop(size, arguments, camera)
             arguments["background"] = background
             if ground is not None:
-                camera = camera or self.scene.camera or fit_upright(self.scene, size)
+                camera = camera or self.scene.camera or default_camera(self.scene, size)
                 arguments["camera"], codes = camera, _codes(background, size)
                 image = self._darken(ground, camera, codes, arguments, casts)
                 if image is not None:

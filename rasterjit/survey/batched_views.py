@@ -77,11 +77,11 @@ class Group:
 
     @cached_property
     def is_unsure(self) -> NDArray[np.bool_]:
-        """Whether it is not known how far an object reaches, though it may be seen, (N, O)."""
+        """Whether each object may be visible but has no known bounds, (N, O)."""
         return self.in_view & ~np.isfinite(self.corners).all(axis=(2, 3))
 
     def lenses(self, units: Sequence[float]) -> NDArray[np.float32]:
-        """Return `lens_of` each view, (N, 4, 4), in its unit or the one of all; 0: nothing seen."""
+        """Return `lens_of` each view, (N, 4, 4), in its own unit or a common one; 0 if empty."""
         count = len(self.cameras)
         lenses, is_asked = np.zeros((count, 4, 4), np.float32), self.in_view.any(axis=1)
         for n in np.flatnonzero(is_asked & self.views.is_finite).tolist():
@@ -89,7 +89,7 @@ class Group:
         return lenses
 
     def farthest(self) -> Float64:
-        """Return distances from the eyes, (N,), scene units, that nothing in view is beyond."""
+        """Return the distance from each eye, (N,), scene units, of the farthest point in view."""
         with np.errstate(over="ignore", invalid="ignore"):
             x, y, z = np.moveaxis(self.corners, 3, 0)
             squares = (x * x + y * y) + z * z
@@ -99,7 +99,7 @@ class Group:
 
 
 def place_many(world_from_model: Float64) -> Places:
-    """Return where objects stand in N views, (N, O, 4, 4): `place_objects`, (N, O, ...) each."""
+    """Return the transforms of objects in N views: `place_objects`, (N, O, ...) each."""
     shape = world_from_model.shape[:2]
     places = place_objects(world_from_model.reshape(-1, 4, 4)) if 0 not in shape else Places(
         world_from_model, np.empty((*shape, 3, 3)), np.empty(shape)
@@ -134,7 +134,7 @@ def view_many(
         along = -((parts[:, 0] + parts[:, 1]) + parts[:, 2])
     toward_viewer[is_parallel, :3], toward_viewer[is_parallel, 3] = along[is_parallel], 0.0
     screen = np.concatenate((clip_from_view[:, :2, :3], away[:, np.newaxis]), axis=1)
-    handedness = _turns(screen) * _turns(view_from_relative[:, :3, :3])
+    handedness = _handedness(screen) * _handedness(view_from_relative[:, :3, :3])
     clip_from_relative = transforms.product_of_each(clip_from_view, view_from_relative)
     finite = (view_from_relative, clip_from_relative)
     return BatchedViews(
@@ -143,7 +143,7 @@ def view_many(
     )  # fmt: skip
 
 
-def _turns(rows: Float64) -> Float64:
+def _handedness(rows: Float64) -> Float64:
     """Return the sign of each 3x3 determinant, (N,): `object_transforms._turn`."""
     largest = np.abs(rows).max(axis=2, keepdims=True)
     with np.errstate(all="ignore"):
@@ -152,7 +152,7 @@ def _turns(rows: Float64) -> Float64:
         return np.sign(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
-def boxes_around(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:
+def scene_bounds(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:
     """
     Return the corners of a box around all objects in each view, (N, 3) each, world space.
 
@@ -168,7 +168,7 @@ def boxes_around(bounds: Float64, world_from_model: Float64) -> tuple[Float64, F
     )
 
 
-def are_between(
+def are_boxes_between(
     low: Float64, high: Float64, view_from_world: Float64, near: Float64, far: Float64
 ) -> NDArray[np.bool_]:
     """
@@ -183,14 +183,14 @@ def are_between(
     """
     rows = -view_from_world[:, 2]
     with np.errstate(all="ignore"):
-        ends = np.stack((rows[:, :3] * low, rows[:, :3] * high))
-        nearest = rows[:, 3] + _added(ends.min(axis=0))
-        farthest = rows[:, 3] + _added(ends.max(axis=0))
-        doubt = SURE * (np.abs(rows[:, 3]) + _added(np.abs(ends).max(axis=0)))
+        corners = np.stack((rows[:, :3] * low, rows[:, :3] * high))
+        nearest = rows[:, 3] + _row_sums(corners.min(axis=0))
+        farthest = rows[:, 3] + _row_sums(corners.max(axis=0))
+        error = SURE * (np.abs(rows[:, 3]) + _row_sums(np.abs(corners).max(axis=0)))
         # NaN counts as unsure.
-        return (nearest >= near + doubt) & (farthest <= far - doubt)
+        return (nearest >= near + error) & (farthest <= far - error)
 
 
-def _added(terms: Float64) -> Float64:
-    """Return the sum of each row of (N, 3), from the left."""
+def _row_sums(terms: Float64) -> Float64:
+    """Sum each row of (N, 3), from the left."""
     return (terms[:, 0] + terms[:, 1]) + terms[:, 2]

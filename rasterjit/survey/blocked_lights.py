@@ -23,18 +23,18 @@ MAX_FACES = 1 << 14
 """Most faces of an object that is tested, which takes 5 ms a frame; larger ones are left to shadow
 maps."""
 
-SURE = 2.0**-30
+MIN_VOLUME_RATIO = 2.0**-30
 """Least volume, relative to its terms, for a reliable sign: far above float64's rounding error."""
 
 CLIP_ROUNDING = 2.0**-18
 """Relative error of clip coordinates where kernels clip in float32."""
 
-STARTS = ((0.0, 0.0), (0.31, 0.17), (-0.23, 0.41), (-0.37, -0.29))
+SEGMENT_STARTS = ((0.0, 0.0), (0.31, 0.17), (-0.23, 0.41), (-0.37, -0.29))
 """Positions on the near plane, in -1..1, where segments to a light begin: if one hits an edge of a
 mesh, the next is tried."""
 
 
-CORNERS = [(x, y, -1.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+NEAR_CORNERS = [(x, y, -1.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
 """Corners of the near plane. If any is behind the eye, part of it is not in view."""
 
 
@@ -63,7 +63,7 @@ class Enclosures:
         self._clip_from_relative = clip_from_relative
         self._shells: dict[int, Float64 | None] = {}
 
-    def between(self, light: Float64, has_place: bool, low: Float64, high: Float64) -> int | None:
+    def separating(self, light: Float64, has_end: bool, low: Float64, high: Float64) -> int | None:
         """
         Return the first closed object that separates everything visible from a light, if any.
 
@@ -71,18 +71,18 @@ class Enclosures:
         ----------
         light : (3,) float64
             Where the light is, relative to the eye, or the direction to a light without a place.
-        has_place : bool
+        has_end : bool
         low, high : (O, 3) float64
             Corners of the boxes around the objects, relative to the eye.
         """
         if self.starts is None:
             return None
-        is_around = (low <= self.starts.min(axis=0)) & (high >= self.starts.max(axis=0))
-        for k in np.flatnonzero(self._is_wall & is_around.all(axis=1)).tolist():
+        is_enclosing = (low <= self.starts.min(axis=0)) & (high >= self.starts.max(axis=0))
+        for k in np.flatnonzero(self._is_wall & is_enclosing.all(axis=1)).tolist():
             if k not in self._shells:
-                self._shells[k] = self._shell(k)
-            shell = self._shells[k]
-            if shell is not None and _is_apart(shell, self.starts, light, has_place):
+                self._shells[k] = self._closed_corners(k)
+            corners = self._shells[k]
+            if corners is not None and _separates(corners, self.starts, light, has_end):
                 return k
         return None
 
@@ -93,86 +93,86 @@ class Enclosures:
             relative_from_clip = transforms.inverse(self._clip_from_relative)
         except ValueError:
             return None
-        corners = transforms.transform_points(relative_from_clip, CORNERS)
-        points = transforms.apply(relative_from_clip, [(x, y, -1.0) for x, y in STARTS])
+        corners = transforms.transform_points(relative_from_clip, NEAR_CORNERS)
+        points = transforms.apply(relative_from_clip, [(x, y, -1.0) for x, y in SEGMENT_STARTS])
         is_in_view = (corners[:, 3] > 0.0).all() and np.isfinite(points).all()
         return points if is_in_view else None
 
-    def _shell(self, k: int) -> Float64 | None:
+    def _closed_corners(self, k: int) -> Float64 | None:
         """Return the corners, (3, F, 3), of an object if it is closed and not clipped."""
         mesh, matrix = self._meshes[k], self._relative_from_model[k]
         if len(mesh.faces) > MAX_FACES or not mesh.is_closed():
             return None
-        places = transforms.transform_points(matrix, mesh.vertices)[:, :3]
-        clip = transforms.transform_points(self._clip_from_relative, places)
+        positions = transforms.transform_points(matrix, mesh.vertices)[:, :3]
+        clip = transforms.transform_points(self._clip_from_relative, positions)
         if _meets_near_plane(clip[mesh.faces.T]):
             return None
-        return places[mesh.faces.T]
+        return positions[mesh.faces.T]
 
 
 def _meets_near_plane(corners: Float64) -> bool:
     """Tell whether faces, corners (3, F, 4) in clip space, may cross the near plane in view."""
     with np.errstate(all="ignore"):
         height = corners[..., 3] + corners[..., 2]
-        slack = CLIP_ROUNDING * np.abs(corners).max(axis=2)
+        error = CLIP_ROUNDING * np.abs(corners).max(axis=2)
         # NaN counts as unsure.
-        is_apart = (height > slack).all(axis=0) | (height < -slack).all(axis=0)
-        corners, height, slack = (each[:, ~is_apart] for each in (corners, height, slack))
+        is_apart = (height > error).all(axis=0) | (height < -error).all(axis=0)
+        corners, height, error = (side[:, ~is_apart] for side in (corners, height, error))
         # These are positive inside each side of the view.
-        inside = [corners[..., 3] + sign * corners[..., n] for n in (0, 1) for sign in (1.0, -1.0)]
-        most = np.full((4, corners.shape[1]), -np.inf)
+        sides = [corners[..., 3] + sign * corners[..., n] for n in (0, 1) for sign in (1.0, -1.0)]
+        largest = np.full((4, corners.shape[1]), -np.inf)
         for i, j in ((0, 1), (1, 2), (2, 0)):
             # At the end of an edge, where it lies in the plane, or where the edge passes through.
             passes = (height[i] < 0.0) != (height[j] < 0.0)
-            share = np.where(passes, height[i] / (height[i] - height[j]), 0.0)
-            is_met = passes | ~(np.abs(height[i]) > slack[i])
-            for side, values in zip(most, inside, strict=True):
-                value = values[i] + share * (values[j] - values[i])
-                np.maximum(side, value, out=side, where=is_met)
-        is_beside = (most < -slack.max(axis=0)).any(axis=0)
+            t = np.where(passes, height[i] / (height[i] - height[j]), 0.0)
+            on_plane = passes | ~(np.abs(height[i]) > error[i])
+            for side, values in zip(largest, sides, strict=True):
+                value = values[i] + t * (values[j] - values[i])
+                np.maximum(side, value, out=side, where=on_plane)
+        is_beside = (largest < -error.max(axis=0)).any(axis=0)
     return not is_beside.all()
 
 
-def _is_apart(corners: Float64, starts: Float64, light: Float64, has_place: bool) -> bool:
+def _separates(corners: Float64, starts: Float64, light: Float64, has_end: bool) -> bool:
     """Tell whether segments to a light surely cross an odd number of faces, corners (3, F, 3)."""
     for start in starts:
-        way = light - start if has_place else light
+        ray = light - start if has_end else light
         with np.errstate(all="ignore"):
-            crossed = crossings(corners - start, way, has_place)
-        if crossed is not None:
-            return crossed % 2 == 1
+            count = count_crossings(corners - start, ray, has_end)
+        if count is not None:
+            return count % 2 == 1
     return False
 
 
-def crossings(corners: Float64, way: Float64, ends: bool) -> int | None:
+def count_crossings(corners: Float64, ray: Float64, ends: bool) -> int | None:
     """
     Count the triangles that the segment from the origin along a vector crosses; None if unsure.
 
     Parameters
     ----------
     corners : (3, F, 3) float64
-    way : (3,) float64
+    ray : (3,) float64
     ends : bool
-        Whether the way ends where the vector does.
+        Whether it ends where the vector does, or goes on.
     """
     a, b, c = corners
-    is_nothing = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
+    is_degenerate = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
     # The sign of a volume tells on which side of an edge the segment passes,
-    over, terms = zip(*(_volume(*edge, way) for edge in ((a, b), (b, c), (c, a))), strict=True)
-    left = [(v > SURE * t) for v, t in zip(over, terms, strict=True)]
-    right = [(v < -SURE * t) for v, t in zip(over, terms, strict=True)]
+    volumes, terms = zip(*(_volume(*edge, ray) for edge in ((a, b), (b, c), (c, a))), strict=True)
+    left = [(v > MIN_VOLUME_RATIO * t) for v, t in zip(volumes, terms, strict=True)]
+    right = [(v < -MIN_VOLUME_RATIO * t) for v, t in zip(volumes, terms, strict=True)]
     is_left, is_right = left[0] & left[1] & left[2], right[0] & right[1] & right[2]
     is_beside = (left[0] | left[1] | left[2]) & (right[0] | right[1] | right[2])
     # and on which side of the face's plane it begins and ends.
-    here, spread = _volume(a, b, c)
-    rise = over[0] + over[1] + over[2]
-    there = here - rise if ends else -rise
-    spread = SURE * (spread + terms[0] + terms[1] + terms[2])
-    is_sure = (abs(here) > spread) & (abs(there) > spread)
+    start_side, bound = _volume(a, b, c)
+    total = volumes[0] + volumes[1] + volumes[2]
+    end_side = start_side - total if ends else -total
+    bound = MIN_VOLUME_RATIO * (bound + terms[0] + terms[1] + terms[2])
+    is_reliable = (abs(start_side) > bound) & (abs(end_side) > bound)
     passes = is_left | is_right
-    if not (is_nothing | is_beside | (passes & is_sure)).all():
+    if not (is_degenerate | is_beside | (passes & is_reliable)).all():
         return None
-    return int(np.count_nonzero(passes & ~is_nothing & ((here > 0.0) != (there > 0.0))))
+    return int(np.count_nonzero(passes & ~is_degenerate & ((start_side > 0.0) != (end_side > 0.0))))
 
 
 def _volume(a: Float64, b: Float64, c: Float64) -> tuple[Float64, Float64]:

@@ -22,9 +22,9 @@ from rasterjit.pipeline.records import (
     Through,
 )
 from rasterjit.pipeline.visibility.primitive_expansion import runs_between
-from rasterjit.scene.first_corners import listed_places
+from rasterjit.scene.first_corners import corner_offsets
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
+from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
 from rasterjit.survey import object_transforms
 from rasterjit.survey import packed_scene as plan_arrays
@@ -39,7 +39,7 @@ from rasterjit.survey.packed_scene import (
     join_microfacets,
     join_textures,
 )
-from rasterjit.survey.quality_overrides import look_of, meshes_under
+from rasterjit.survey.quality_overrides import override_key, override_meshes
 
 if TYPE_CHECKING:
     from rasterjit.survey.cross_sections import Cut
@@ -82,19 +82,19 @@ class Shapes:
         return plan_arrays.join_geometry(self.meshes)
 
     @cached_property
-    def listed_places(self) -> NDArray[np.uint8]:
+    def corner_offsets(self) -> NDArray[np.uint8]:
         """Index of each face's first corner in its mesh's order, (F,): 0, 1, 2."""
         listed = np.concatenate([mesh.faces for mesh in self.meshes])
         starts = np.repeat(self.arrays.vertex_starts[:-1], np.diff(self.arrays.face_starts))
-        return listed_places(listed + starts[:, np.newaxis], self.arrays.faces)
+        return corner_offsets(listed + starts[:, np.newaxis], self.arrays.faces)
 
-    def faces_as(self, other: Shapes) -> NDArray[np.int32]:
+    def rotate_like(self, other: Shapes) -> NDArray[np.int32]:
         """Return the faces, (F, 3), rotated to begin at the same corners as in other shapes."""
         faces = self.arrays.faces
         both = zip(self.meshes, other.meshes, strict=True)
         if all(one._faces_to_draw() is another._faces_to_draw() for one, another in both):
             return faces
-        ways = (other.listed_places.astype(np.int64) - self.listed_places)[:, np.newaxis]
+        ways = (other.corner_offsets.astype(np.int64) - self.corner_offsets)[:, np.newaxis]
         return np.take_along_axis(faces, (ways + np.arange(3)) % 3, axis=1)
 
     @cached_property
@@ -126,7 +126,7 @@ class Shapes:
 
     @cached_property
     def has_face_scalars(self) -> NDArray[np.bool_]:
-        """Whether each face is of a mesh with scalars of its faces, (F+1,); face -1 is of none."""
+        """Whether the mesh of each face has scalars of faces, (F+1,); False for face -1."""
         return np.append(
             np.repeat(
                 [mesh.field is not None and mesh.field.of_faces for mesh in self.meshes],
@@ -148,17 +148,17 @@ class Shapes:
     @cached_property
     def is_posed(self) -> bool:
         """Whether any mesh is posed."""
-        return any(mesh._rest is not None for mesh in self.distinct)
+        return any(mesh._rest_mesh is not None for mesh in self.distinct)
 
     @cached_property
-    def _as_made(self) -> list[Mesh]:
+    def _rest_meshes(self) -> list[Mesh]:
         """The mesh of each object in its rest pose."""
-        return [mesh if mesh._rest is None else mesh._rest for mesh in self.meshes]
+        return [mesh if mesh._rest_mesh is None else mesh._rest_mesh for mesh in self.meshes]
 
     @cached_property
     def rest_boxes(self) -> NDArray[np.float64]:
         """The boxes of all objects in their rest pose."""
-        return mesh_boxes(self._as_made) if self.is_posed else self.boxes
+        return mesh_boxes(self._rest_meshes) if self.is_posed else self.boxes
 
     def at_rest(self, placement: Placement) -> Placement:
         """Return a record with the vertices of all objects in their rest pose."""
@@ -169,7 +169,7 @@ class Shapes:
     @cached_property
     def _rest_positions(self) -> NDArray[np.float64]:
         """(V, 3), model space."""
-        return np.concatenate([mesh.vertices for mesh in self._as_made])
+        return np.concatenate([mesh.vertices for mesh in self._rest_meshes])
 
     @cached_property
     def edges(self) -> NDArray[np.int32]:
@@ -182,7 +182,7 @@ class Shapes:
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:
-        """Object of each face, (F+1,); the last entry, which face -1 finds, is -1."""
+        """Object of each face, (F+1,); the last, of face -1, is -1."""
         counts = np.append(np.diff(self.arrays.face_starts), 1)
         numbers = np.arange(len(counts), dtype=np.int32)
         numbers[-1] = -1
@@ -199,7 +199,7 @@ class Shapes:
         numbers = []
         for mesh in self.meshes:
             # A posed mesh counts as its rest mesh.
-            shared = mesh if mesh._rest is None else mesh._rest
+            shared = mesh if mesh._rest_mesh is None else mesh._rest_mesh
             numbers.append(counts.get(shared, 0))
             counts[shared] = numbers[-1] + 1
         return np.array([*numbers, -1], np.int32)
@@ -224,7 +224,7 @@ class MaterialTables:
     ) -> None:
         self._shapes = shapes
         self.materials = materials
-        self.meshes = meshes_under(shapes.meshes, quality, has_environment)
+        self.meshes = override_meshes(shapes.meshes, quality, has_environment)
         self._alpha_tests: dict[bool, AlphaTests] = {}
 
     @cached_property
@@ -303,7 +303,7 @@ class SceneCache(NamedTuple):
     all_tables: dict[Any, MaterialTables]
     """Tables by the settings of a quality that they depend on."""
     cut: Cut | None = None
-    """Mapping to the original scene, if this is one cut by a section."""
+    """Mapping to the original scene, if a section cut this one."""
 
     @property
     def inventory(self) -> tuple[Inventory, Extents]:
@@ -327,10 +327,7 @@ class SceneCache(NamedTuple):
 
 
 def prepare(
-    nodes: Sequence[Node],
-    known: SceneCache | None,
-    quality: Quality,
-    has_environment: bool = False,
+    nodes: Sequence[Node], old: SceneCache | None, quality: Quality, has_environment: bool = False
 ) -> SceneCache:
     """
     Analyse the nodes of a scene, reusing what still holds.
@@ -338,7 +335,7 @@ def prepare(
     Parameters
     ----------
     nodes : sequence of Node
-    known : SceneCache or None
+    old : SceneCache or None
         Of an earlier frame: what has not changed since is taken from there. Meshes, materials and
         transforms are immutable, so each is the same if it is the same object.
     quality : Quality
@@ -346,33 +343,33 @@ def prepare(
         Whether the scene has one, which some materials depend on.
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
-    if known is None or not are_same(known.shapes.meshes, meshes):
-        check_drawn(nodes)
+    if old is None or not are_identical(old.shapes.meshes, meshes):
+        check_no_groups(nodes)
         shapes, all_tables = Shapes(meshes), {}
     else:
-        shapes, all_tables = known.shapes, known.all_tables
+        shapes, all_tables = old.shapes, old.all_tables
     materials = [mesh.material for mesh in shapes.distinct]
-    look = look_of(quality, has_environment)
-    if look not in all_tables or not are_same(all_tables[look].materials, materials):
-        all_tables[look] = MaterialTables(shapes, materials, quality, has_environment)
-    places = _place(known, matrices)
-    if known is None or shapes is not known.shapes:
-        extents = Extents(shapes.boxes, places.world_from_model)
+    key = override_key(quality, has_environment)
+    if key not in all_tables or not are_identical(all_tables[key].materials, materials):
+        all_tables[key] = MaterialTables(shapes, materials, quality, has_environment)
+    transforms = _update_transforms(old, matrices)
+    if old is None or shapes is not old.shapes:
+        extents = Extents(shapes.boxes, transforms.world_from_model)
     else:
-        extents = known.extents.moved(known.places, places)
+        extents = old.extents.moved(old.places, transforms)
     cut = getattr(nodes, "cut", None)
-    return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables, cut)
+    return SceneCache(shapes, all_tables[key], matrices, transforms, extents, all_tables, cut)
 
 
-def _place(known: SceneCache | None, matrices: Sequence[NDArray[np.float64]]) -> Places:
-    """Return where objects stand, with what still holds of where they stood."""
-    if known is None or len(known.matrices) != len(matrices):
+def _update_transforms(last: SceneCache | None, matrices: Sequence[NDArray[np.float64]]) -> Places:
+    """Return the transforms of objects, reusing those that have not changed."""
+    if last is None or len(last.matrices) != len(matrices):
         return object_transforms.place_objects(matrices)
-    pairs = zip(known.matrices, matrices, strict=True)
+    pairs = zip(last.matrices, matrices, strict=True)
     moved = [n for n, (old, new) in enumerate(pairs) if old is not new]
-    return object_transforms.move_objects(known.places, matrices, moved) if moved else known.places
+    return object_transforms.move_objects(last.places, matrices, moved) if moved else last.places
 
 
-def are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:
+def are_identical(old: Sequence[Any], new: Sequence[Any]) -> bool:
     """Tell whether two sequences hold the same objects in the same order."""
-    return len(known) == len(wanted) and all(map(operator.is_, known, wanted))
+    return len(old) == len(new) and all(map(operator.is_, old, new))

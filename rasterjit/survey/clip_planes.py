@@ -23,14 +23,14 @@ from rasterjit.pipeline.geometry import depth_range
 from rasterjit.pipeline.geometry.depth_range import DEPTH, SURE
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import MAX_STEPS, Camera, OrthographicCamera, Planes, planes_of
+from rasterjit.scene.camera import MAX_STEPS, Camera, NearFar, OrthographicCamera, near_far
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.vectors import cross, dot, length
-from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
+from rasterjit.survey.depth_format import REVERSED_TYPES, min_resolved_depth
 from rasterjit.survey.object_transforms import Boxes, along, is_between
 from rasterjit.survey.packed_scene import writable
 
@@ -40,34 +40,34 @@ CLEARANCE = 2.0**-7
 """Relative margin of an open near plane before all that is visible, and of a far plane beyond it:
 more than float32 rounding of vertices."""
 
-WIDENING = 1.0 + 2.0**-10
+VIEW_MARGIN = 1.0 + 2.0**-10
 """Factor by which the view is widened, since snapping moves vertices."""
 
-UNBOXED = 1 << 13
+MAX_UNBOXED = 1 << 13
 """Most faces of a mesh that are tested without boxes: it takes no longer."""
 
-MAX_KNOWN = 256
+MAX_CACHED = 256
 """Most cached results of a mesh: one for each of its objects and cameras."""
 
 CHUNK = 1 << 16
 """Vertices processed together, so that they stay in the cache."""
 
-_ROUND_OFF = 1.01
+_SAFETY = 1.01
 """Factor that makes a bound safe when printed with three digits."""
 
 
 class PlaneCut(NamedTuple):
-    """Objects in view that a given near or far plane clips, whole or in part."""
+    """Faces in view that a given near or far plane clips, whole or in part."""
 
     name: str
     """``"near"`` or ``"far"``."""
     faces: int
     plane: float
-    """Its distance, scene units."""
+    """Distance of the plane, scene units."""
     needed: float
     """The distance at which it would clip nothing."""
 
-    def beside(self, other: PlaneCut) -> PlaneCut:
+    def merge(self, other: PlaneCut) -> PlaneCut:
         """Merge the clipping of two parts of a picture."""
         choose = min if self.name == "near" else max
         return self._replace(
@@ -77,57 +77,57 @@ class PlaneCut(NamedTuple):
     def __str__(self) -> str:
         faces = f"{self.faces} face{'s' if self.faces != 1 else ''}"
         if self.name == "near":
-            enough = f"at most {self.needed / _ROUND_OFF:.3g}" if self.needed > 0.0 else "no plane"
+            enough = f"at most {self.needed / _SAFETY:.3g}" if self.needed > 0.0 else "no plane"
         else:
-            enough = f"at least {self.needed * _ROUND_OFF:.3g}"
+            enough = f"at least {self.needed * _SAFETY:.3g}"
         return f"cuts {faces} in view, whole or in part; {enough} cuts nothing"
 
 
-class BesidePlanes(NamedTuple):
-    """Depths in view that lie outside a camera's near and far planes."""
+class PlaneNeeds(NamedTuple):
+    """Steps that open near and far planes need for depths in view, and clipping by given ones."""
 
     near_steps: int = 0
     """How often an open near plane must be halved to clip nothing."""
-    most_near_steps: int = MAX_STEPS
-    """How often it may be."""
+    max_near_steps: int = MAX_STEPS
+    """Most times that it may be halved."""
     far_steps: int = 0
     """How often an open far plane must be doubled to clip nothing."""
     cut: tuple[PlaneCut, ...] = ()
-    """What given planes clip."""
+    """Clipping by given planes."""
 
     @property
     def steps(self) -> tuple[int, int]:
         """Arguments of `settled`."""
-        return min(self.near_steps, self.most_near_steps), self.far_steps
+        return min(self.near_steps, self.max_near_steps), self.far_steps
 
-    def beside(self, other: BesidePlanes) -> BesidePlanes:
+    def merge(self, other: PlaneNeeds) -> PlaneNeeds:
         """Merge the needs of two views, or parts of one, that share near and far planes."""
         cuts: dict[str, PlaneCut] = {}
         for one in (*self.cut, *other.cut):
-            cuts[one.name] = one.beside(cuts[one.name]) if one.name in cuts else one
-        return BesidePlanes(
+            cuts[one.name] = one.merge(cuts[one.name]) if one.name in cuts else one
+        return PlaneNeeds(
             max(self.near_steps, other.near_steps),
-            min(self.most_near_steps, other.most_near_steps),
+            min(self.max_near_steps, other.max_near_steps),
             max(self.far_steps, other.far_steps),
             tuple(cuts.values()),
         )
 
 
-NO_LOOK = BesidePlanes()
+NO_PLANE_NEEDS = PlaneNeeds()
 
 
-def join(looks: Sequence[BesidePlanes]) -> BesidePlanes:
+def merge_needs(looks: Sequence[PlaneNeeds]) -> PlaneNeeds:
     """Merge the needs of views that share near and far planes."""
-    return reduce(BesidePlanes.beside, looks, NO_LOOK)
+    return reduce(PlaneNeeds.merge, looks, NO_PLANE_NEEDS)
 
 
-def look_at_planes(
+def find_plane_needs(
     camera: Camera,
     boxes: Boxes,
     nodes: Sequence[Node],
     clip_from_relative: Float64,
     quality: Quality,
-) -> BesidePlanes:
+) -> PlaneNeeds:
     """
     Find the depths in view outside a camera's planes.
 
@@ -143,56 +143,56 @@ def look_at_planes(
     quality : Quality
         Its depth format says how near the near plane may come.
     """
-    margins = margins_of(camera, clip_from_relative)
+    margins = plane_margins(camera, clip_from_relative)
     if margins is None:
-        return NO_LOOK
+        return NO_PLANE_NEEDS
     planes, row, (near, far) = margins.planes, margins.row, margins.ends
-    most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
+    max_steps = _max_near_steps(planes, boxes, quality) if planes.is_near_open else 0
     # Test the box around all objects.
     is_open = planes.is_near_open or planes.is_far_open
-    beyond = spheres_beyond(nodes, boxes.relative_from_model) if is_open else []
+    uneven = uneven_spheres(nodes, boxes.relative_from_model) if is_open else []
     depths = np.negative(camera.view_matrix()[2]).tolist()
-    if not beyond and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
-        return BesidePlanes(most_near_steps=most_steps)
+    if not uneven and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
+        return PlaneNeeds(max_near_steps=max_steps)
     # Test the box of each.
     crosses = boxes.may_cross(*margins.inside)
     if crosses.any() and not isinstance(camera, OrthographicCamera):
         # Where the far plane is many times as far as the near one, w is more precise than z.
         lows, highs, _ = boxes.w_ranges(row, crosses)
         crosses[crosses] = ~((lows >= near) & (highs <= far))
-    crosses[beyond] = True
+    crosses[uneven] = True
     if not crosses.any():
-        return BesidePlanes(most_near_steps=most_steps)
+        return PlaneNeeds(max_near_steps=max_steps)
     # Test the boxes of faces, and the faces.
     rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
-    found = [NOTHING]
+    ranges = [EMPTY_RANGE]
     for k in np.flatnonzero(crosses).tolist():
         mesh, matrix = nodes[k].mesh, boxes.relative_from_model[k]
         if mesh.primitive == "triangles":
-            found.append(_look_at_mesh(mesh, rows, matrix, (near, far)))
+            ranges.append(_mesh_depths(mesh, rows, matrix, (near, far)))
         elif is_open and isinstance(mesh, Points | Lines):
             wide = np.concatenate((_sides(boxes.widened(clip_from_relative)), row[np.newaxis]))
-            found.append(_look_at_primitives(mesh, wide, matrix, (near, far)))
-    least, most, before, behind = (
+            ranges.append(_primitive_depths(mesh, wide, matrix, (near, far)))
+    nearest, farthest, before, beyond = (
         combine(values)
-        for combine, values in zip((min, max, sum, sum), zip(*found, strict=True), strict=True)
+        for combine, values in zip((min, max, sum, sum), zip(*ranges, strict=True), strict=True)
     )
-    return BesidePlanes(
-        _halvings(planes, least) if planes.is_near_open else 0,
-        most_steps,
-        _doublings(planes, most) if planes.is_far_open else 0,
+    return PlaneNeeds(
+        _near_steps(planes, nearest) if planes.is_near_open else 0,
+        max_steps,
+        _far_steps(planes, farthest) if planes.is_far_open else 0,
         tuple(
             PlaneCut(name, int(count), *ends)
             for name, count, is_open, *ends in (
-                ("near", before, planes.is_near_open, planes.near, least),
-                ("far", behind, planes.is_far_open, planes.far, most),
+                ("near", before, planes.is_near_open, planes.near, nearest),
+                ("far", beyond, planes.is_far_open, planes.far, farthest),
             )
             if count and not is_open
         ),
     )
 
 
-def spheres_beyond(nodes: Sequence[Node], matrices: Float64) -> list[int]:
+def uneven_spheres(nodes: Sequence[Node], matrices: Float64) -> list[int]:
     """
     Return the numbers of objects that are spheres and may reach beyond their boxes.
 
@@ -211,33 +211,33 @@ def _is_uneven(columns: list[list[float]]) -> bool:
     """Tell whether axes, (3, 3), differ in length, or are not orthogonal."""
     x, y, z = columns
     a, b, c = dot(x, x), dot(y, y), dot(z, z)
-    most = max(a, b, c)
-    apart = max(most - min(a, b, c), abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)))
+    longest = max(a, b, c)
+    skew = max(longest - min(a, b, c), abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)))
     # NaN counts as unsure.
-    return not apart <= CLEARANCE * CLEARANCE * most
+    return not skew <= CLEARANCE * CLEARANCE * longest
 
 
 class Margins(NamedTuple):
     """The depth range within which near and far planes clip nothing."""
 
-    planes: Planes
+    planes: NearFar
     row: Float64
     """(4,): its product with a point relative to the eye is the depth, scene units."""
     ends: tuple[float, float]
-    """The least depth and the greatest."""
+    """Least and greatest depth."""
     inside: tuple[float, float]
     """Their distance inside the near and the far plane, clip space; -inf -> anywhere."""
 
 
-def margins_of(camera: Camera, clip_from_relative: Float64) -> Margins | None:
-    """Return the depths between which a camera's planes clip nothing; ``None`` if not needed."""
-    planes = planes_of(camera)
+def plane_margins(camera: Camera, clip_from_relative: Float64) -> Margins | None:
+    """Return the depths between which a camera's planes clip nothing; ``None`` without planes."""
+    planes = near_far(camera)
     # Planes chosen by rendering clip only what they must.
     if planes is None or planes.near_steps is not None or planes.far_steps is not None:
         return None
     near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else max(planes.near, 0.0)
     far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
-    row, distances = _depths(camera, planes, clip_from_relative)
+    row, distances = _depth_row(camera, planes, clip_from_relative)
     inside = (
         -math.inf if near <= 0.0 else distances[0] * (near / planes.near - 1.0),
         -math.inf if far == math.inf else distances[1] * (1.0 - far / planes.far),
@@ -245,9 +245,9 @@ def margins_of(camera: Camera, clip_from_relative: Float64) -> Margins | None:
     return Margins(planes, row, (near, far), inside)
 
 
-def is_surely_between(low: Float64, high: Float64, camera: Camera) -> bool:
+def is_box_between(low: Float64, high: Float64, camera: Camera) -> bool:
     """Tell whether a box, corners (3,) in world space, lies between the open planes of a camera."""
-    planes = planes_of(camera)
+    planes = near_far(camera)
     if planes is None or not (planes.is_near_open or planes.is_far_open):
         return True
     near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else -math.inf
@@ -256,8 +256,8 @@ def is_surely_between(low: Float64, high: Float64, camera: Camera) -> bool:
     return is_between(low.tolist(), high.tolist(), depths, near, far)
 
 
-def _depths(
-    camera: Camera, planes: Planes, clip_from_relative: Float64
+def _depth_row(
+    camera: Camera, planes: NearFar, clip_from_relative: Float64
 ) -> tuple[Float64, tuple[float, float]]:
     """
     Return the row that gives a point's depth, and the planes' distances in clip space.
@@ -281,26 +281,26 @@ def _depths(
 
 def _sides(clip_from_relative: Float64) -> Float64:
     """Return planes that are >= 0 inside each side of the frustum: right, top, left, bottom."""
-    x, y, w = clip_from_relative[0], clip_from_relative[1], WIDENING * clip_from_relative[3]
+    x, y, w = clip_from_relative[0], clip_from_relative[1], VIEW_MARGIN * clip_from_relative[3]
     return np.stack((w - x, w - y, w + x, w + y))
 
 
-def _halvings(planes: Planes, least: float) -> int:
+def _near_steps(planes: NearFar, least: float) -> int:
     """Return how often the near plane must be halved not to clip a depth."""
-    allowed, steps = least * (1.0 - CLEARANCE), 0
-    while steps < MAX_STEPS and planes.near / (1 << steps) > allowed:
+    ratio, steps = least * (1.0 - CLEARANCE), 0
+    while steps < MAX_STEPS and planes.near / (1 << steps) > ratio:
         steps += 1
     return steps
 
 
-def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
-    """Return how often it may be halved, limited by float64 and by the depth format."""
+def _max_near_steps(planes: NearFar, boxes: Boxes, quality: Quality) -> int:
+    """Return how often the near plane may be halved, limited by float64 and the depth format."""
     is_reversed = quality.depth_format in REVERSED_TYPES
     if is_reversed and planes.far == math.inf:
         return MAX_STEPS
     least = 2.0 * transforms.MIN_NEAR * planes.far if planes.far < math.inf else 0.0
     if not is_reversed:
-        held = least_held(quality.depth_format, quality.precision)
+        held = min_resolved_depth(quality.depth_format, quality.precision)
         least = max(least, 2.0 * held * min(boxes.largest_w(), planes.far))
     steps = 0
     while steps < MAX_STEPS and planes.near / (2 << steps) >= least:
@@ -308,7 +308,7 @@ def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
     return steps
 
 
-def _doublings(planes: Planes, most: float) -> int:
+def _far_steps(planes: NearFar, most: float) -> int:
     """Return how often the far plane must be doubled not to clip a depth."""
     steps = 0
     while steps < MAX_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
@@ -316,80 +316,80 @@ def _doublings(planes: Planes, most: float) -> int:
     return steps
 
 
-Found = tuple[float, float, float, float]
+DepthRange = tuple[float, float, float, float]
 """Least and greatest visible depth of faces that reach a plane, inf and -inf for none; numbers of
 those before the near plane and beyond the far one."""
 
-NOTHING = (math.inf, -math.inf, 0.0, 0.0)
+EMPTY_RANGE = (math.inf, -math.inf, 0.0, 0.0)
 
 CORNERS = {"triangles": 3, "lines": 2, "points": 1}
 """Corners of a face, by kind of object."""
 
 
-def _look_at_primitives(
+def _primitive_depths(
     mesh: Points | Lines, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
-) -> Found:
+) -> DepthRange:
     """
     Find the depth range of visible points or lines that reach a plane; counts none.
 
-    Takes what `_look_at_mesh` does, for a view widened by sizes in pixels.
+    Takes what `_mesh_depths` does, for a view widened by sizes in pixels.
     """
     if isinstance(mesh, Points) and mesh.shape == "sphere":
-        return _look_at_spheres(mesh, rows, relative_from_model, planes)
+        return _sphere_depths(mesh, rows, relative_from_model, planes)
     # All but spheres have the depth of their centre.
-    radius = _reach_of(mesh, relative_from_model)
+    radius = _max_half_size(mesh, relative_from_model)
     rows = rows.copy()
     rows[:DEPTH, 3] += radius * _lengths(rows[:DEPTH])
-    least, most, *_ = _look_at_mesh(mesh, rows, relative_from_model, planes)
-    return least, most, 0.0, 0.0
+    nearest, farthest, *_ = _mesh_depths(mesh, rows, relative_from_model, planes)
+    return nearest, farthest, 0.0, 0.0
 
 
-def _look_at_spheres(
+def _sphere_depths(
     mesh: Points, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
-) -> Found:
+) -> DepthRange:
     """Find the depth range of visible spheres that reach a plane; counts none."""
-    radius = _reach_of(mesh, relative_from_model)
+    radius = _max_half_size(mesh, relative_from_model)
     sides = _lengths(rows)
-    deep = float(radius * sides[DEPTH])
+    reach = float(radius * sides[DEPTH])
     if _is_between(
-        _ball(mesh), rows[DEPTH], relative_from_model, (planes[0] + deep, planes[1] - deep)
+        _sphere(mesh), rows[DEPTH], relative_from_model, (planes[0] + reach, planes[1] - reach)
     ):
-        return NOTHING
-    place = np.ascontiguousarray(relative_from_model[:3])
-    known, key = _known.setdefault(mesh, {}), (rows.tobytes() + place.tobytes(), planes)
-    found = known.get(key)
-    if found is None:
+        return EMPTY_RANGE
+    matrix = np.ascontiguousarray(relative_from_model[:3])
+    cache, key = _range_cache.setdefault(mesh, {}), (rows.tobytes() + matrix.tobytes(), planes)
+    cached = cache.get(key)
+    if cached is None:
         # All inside the sides, and before the near or beyond the far depth, may reach a plane.
-        wide = rows.copy()
-        wide[:, 3] += radius * sides
-        ends = planes[0] + 2.0 * deep, planes[1]
+        widened = rows.copy()
+        widened[:, 3] += radius * sides
+        limits = planes[0] + 2.0 * reach, planes[1]
         with np.errstate(all="ignore"):
-            wide = along(wide, place) + wide[:, 3:] * (0.0, 0.0, 0.0, 1.0)
-            least, most = math.inf, -math.inf
-            cosine = _least_cosine(rows)
-            blocks = _blocks_reaching(mesh, wide, ends)
-            at_once = CHUNK // depth_range.BLOCK
-            for first in range(0, len(blocks), at_once):
-                starts = blocks[first : first + at_once, np.newaxis] * depth_range.BLOCK
-                some = (starts + np.arange(depth_range.BLOCK)).ravel()
-                some = some[some < len(mesh)]
-                inside = along(wide, mesh.vertices[some].T) + wide[:, 3:]
-                depths = inside[DEPTH]
-                may_reach = (inside[:DEPTH] >= 0.0).all(axis=0) & (depths > 0.0)
-                numbers = some[may_reach & ((depths < ends[0]) | (depths > ends[1]))]
+            widened = along(widened, matrix) + widened[:, 3:] * (0.0, 0.0, 0.0, 1.0)
+            nearest, farthest = math.inf, -math.inf
+            cosine = _min_cosine(rows)
+            blocks = _blocks_outside(mesh, widened, limits)
+            count = CHUNK // depth_range.BLOCK
+            for first in range(0, len(blocks), count):
+                starts = blocks[first : first + count, np.newaxis] * depth_range.BLOCK
+                indices = (starts + np.arange(depth_range.BLOCK)).ravel()
+                indices = indices[indices < len(mesh)]
+                distances = along(widened, mesh.vertices[indices].T) + widened[:, 3:]
+                depths = distances[DEPTH]
+                may_reach = (distances[:DEPTH] >= 0.0).all(axis=0) & (depths > 0.0)
+                numbers = indices[may_reach & ((depths < limits[0]) | (depths > limits[1]))]
                 if len(numbers):
-                    low, high = _ends_of_spheres(mesh, numbers, rows, place, radius, cosine)
-                    is_told = (low < planes[0]) | (high > planes[1])
-                    least = min(least, float(low.min(where=is_told, initial=np.inf)))
-                    most = max(most, float(high.max(where=is_told, initial=-np.inf)))
-        if len(known) >= MAX_KNOWN:
-            known.clear()
-        found = known[key] = least, most, 0.0, 0.0
-    return found
+                    low, high = _visible_depths(mesh, numbers, rows, matrix, radius, cosine)
+                    is_outside = (low < planes[0]) | (high > planes[1])
+                    nearest = min(nearest, float(low.min(where=is_outside, initial=np.inf)))
+                    farthest = max(farthest, float(high.max(where=is_outside, initial=-np.inf)))
+        if len(cache) >= MAX_CACHED:
+            cache.clear()
+        cached = cache[key] = nearest, farthest, 0.0, 0.0
+    return cached
 
 
-def _ends_of_spheres(
-    mesh: Points, numbers: NDArray[np.int64], rows: Float64, place: Float64, radius: float,
+def _visible_depths(
+    mesh: Points, numbers: NDArray[np.int64], rows: Float64, matrix: Float64, radius: float,
     cosine: float,
 ) -> tuple[Float64, Float64]:  # fmt: skip
     """
@@ -401,42 +401,42 @@ def _ends_of_spheres(
     numbers : (N,) int64
         Of the spheres.
     rows : (5, 4) float64
-        As `_look_at_mesh` takes them.
+        As `_mesh_depths` takes them.
     place : (3, 4) float64
         From model space, relative to the eye.
     radius : float
         Of the largest sphere of the mesh, scene units.
     cosine : float
-        What `_least_cosine` returns.
+        What `_min_cosine` returns.
     """
     sizes = mesh.sizes if len(mesh.sizes) == 1 else mesh.sizes[numbers]
     radii = sizes / mesh.sizes.max() * radius
-    middles = along(place, mesh.vertices[numbers].T) + place[:, 3:]
-    inside = along(rows, middles) + rows[:, 3:]
+    middles = along(matrix, mesh.vertices[numbers].T) + matrix[:, 3:]
+    distances = along(rows, middles) + rows[:, 3:]
     reaches = _lengths(rows)[:, np.newaxis] * radii
-    depths, deep = inside[DEPTH], reaches[DEPTH]
-    is_seen = (inside[:DEPTH] + reaches[:DEPTH] >= 0.0).all(axis=0) & (depths + deep > 0.0)
-    low = np.maximum(depths - deep, 0.0)
+    depths, reach = distances[DEPTH], reaches[DEPTH]
+    is_seen = (distances[:DEPTH] + reaches[:DEPTH] >= 0.0).all(axis=0) & (depths + reach > 0.0)
+    low = np.maximum(depths - reach, 0.0)
     if cosine > 0.0:
         x, y, z = middles
-        away = np.sqrt((x * x + y * y) + z * z)
+        distance = np.sqrt((x * x + y * y) + z * z)
         # No ray hits a sphere nearer than its surface is to the eye.
-        low = np.maximum(low, cosine * (np.abs(away - radii) - SURE * away))
+        low = np.maximum(low, cosine * (np.abs(distance - radii) - SURE * distance))
         # Spheres outside a cone around the view are not visible.
-        sine = np.minimum(radii / away, 1.0)
+        sine = np.minimum(radii / distance, 1.0)
         widest = cosine * np.sqrt(1.0 - sine * sine) - math.sqrt(1.0 - cosine * cosine) * sine
-        is_seen &= (away <= radii) | (depths >= (widest - SURE) * away)
-    return np.where(is_seen, low, np.inf), np.where(is_seen, depths + deep, -np.inf)
+        is_seen &= (distance <= radii) | (depths >= (widest - SURE) * distance)
+    return np.where(is_seen, low, np.inf), np.where(is_seen, depths + reach, -np.inf)
 
 
-def _least_cosine(rows: Float64) -> float:
+def _min_cosine(rows: Float64) -> float:
     """Return the least depth per distance along rays in view; 0 if rays do not meet."""
     # Depth is 0, and all sides meet, at the eye.
     if (np.abs(rows[:, 3]) > SURE * _lengths(rows)).any():
         return 0.0
     normals, depth, cosines = rows[:DEPTH, :3].tolist(), rows[DEPTH, :3].tolist(), []
-    for one in range(DEPTH):
-        edge = cross(normals[one], normals[(one + 1) % DEPTH])
+    for k in range(DEPTH):
+        edge = cross(normals[k], normals[(k + 1) % DEPTH])
         cosines.append(abs(dot(edge, depth)) / (length(edge) or 1.0))
     return min(1.0, *cosines)
 
@@ -447,7 +447,7 @@ def _lengths(rows: Float64) -> Float64:
     return np.sqrt((x * x + y * y) + z * z)
 
 
-def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
+def _max_half_size(mesh: Points | Lines, relative_from_model: Float64) -> float:
     """Return half the largest size of points or lines, scene units; 0 if sizes are in pixels."""
     if mesh.unit != "world":
         return 0.0
@@ -458,9 +458,9 @@ def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
     return 0.5 * float(sizes.max(initial=0.0)) * math.sqrt(square)
 
 
-def _look_at_mesh(
+def _mesh_depths(
     mesh: Mesh, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
-) -> Found:
+) -> DepthRange:
     """
     Find the depth range of visible faces of an object that reach a plane.
 
@@ -473,42 +473,42 @@ def _look_at_mesh(
     planes : (float, float)
         Depths of the near and the far plane.
     """
-    if _is_between(_ball(mesh), rows[DEPTH], relative_from_model, planes):
-        return NOTHING
+    if _is_between(_sphere(mesh), rows[DEPTH], relative_from_model, planes):
+        return EMPTY_RANGE
     with np.errstate(all="ignore"):
         rows = along(rows, relative_from_model[:3]) + rows[:, 3:] * (0.0, 0.0, 0.0, 1.0)
-    known, key = _known.setdefault(mesh, {}), (rows.tobytes(), planes)
-    found = known.get(key)
-    if found is None:
-        told = np.array(NOTHING)
-        blocks = _blocks_reaching(mesh, rows, planes)
+    cache, key = _range_cache.setdefault(mesh, {}), (rows.tobytes(), planes)
+    cached = cache.get(key)
+    if cached is None:
+        depth_range_out = np.array(EMPTY_RANGE)
+        blocks = _blocks_outside(mesh, rows, planes)
         if len(blocks):
             depth_range.find_seen_depths(
                 writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
-                CORNERS[mesh.primitive], told, np.empty((8, 4)),
+                CORNERS[mesh.primitive], depth_range_out, np.empty((8, 4)),
             )  # fmt: skip
-        if len(known) >= MAX_KNOWN:
-            known.clear()
-        found = known[key] = tuple(told.tolist())
-    return found
+        if len(cache) >= MAX_CACHED:
+            cache.clear()
+        cached = cache[key] = tuple(depth_range_out.tolist())
+    return cached
 
 
 def _is_between(
-    ball: _Ball, row: Float64, relative_from_model: Float64, planes: tuple[float, float]
+    sphere: _MeshSphere, row: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> bool:
     """Tell whether a sphere lies between two planes, given the row of a point's depth."""
     a, b, c, d = row.tolist()
-    across = [a * x + b * y + c * z for x, y, z, _ in relative_from_model.T.tolist()]
-    x, y, z, rest = across
-    middle = x * ball.x + y * ball.y + z * ball.z + (rest + d)
-    terms = abs(x * ball.x) + abs(y * ball.y) + abs(z * ball.z) + (abs(rest) + abs(d))
-    reach = ball.radius * math.sqrt(x * x + y * y + z * z) + SURE * terms
+    columns = [a * x + b * y + c * z for x, y, z, _ in relative_from_model.T.tolist()]
+    x, y, z, rest = columns
+    middle = x * sphere.x + y * sphere.y + z * sphere.z + (rest + d)
+    terms = abs(x * sphere.x) + abs(y * sphere.y) + abs(z * sphere.z) + (abs(rest) + abs(d))
+    reach = sphere.radius * math.sqrt(x * x + y * y + z * z) + SURE * terms
     return middle - reach >= planes[0] and middle + reach <= planes[1]
 
 
-def _blocks_reaching(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> NDArray[np.int64]:
-    """Return the boxes of faces that may be visible outside the planes; rows are of model space."""
-    if len(mesh.faces) <= UNBOXED:
+def _blocks_outside(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> NDArray[np.int64]:
+    """Return the blocks of faces that may be visible outside the planes, by rows in model space."""
+    if len(mesh.faces) <= MAX_UNBOXED:
         return np.arange(-(-len(mesh.faces) // depth_range.BLOCK))
     boxes = _boxes(mesh)
     with np.errstate(all="ignore"):
@@ -522,8 +522,8 @@ def _blocks_reaching(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> 
     return np.flatnonzero(~is_out)
 
 
-class _Ball(NamedTuple):
-    """A sphere around a mesh, model space."""
+class _MeshSphere(NamedTuple):
+    """Bounding sphere of a mesh, model space."""
 
     x: float
     y: float
@@ -540,55 +540,55 @@ class _Boxes(NamedTuple):
     """Half the size of each, (3, B)."""
 
 
-_known: WeakKeyDictionary[Mesh, dict[tuple[bytes, tuple[float, float]], Found]] = (
+_range_cache: WeakKeyDictionary[Mesh, dict[tuple[bytes, tuple[float, float]], DepthRange]] = (
     WeakKeyDictionary()
 )
-_balls: WeakKeyDictionary[Mesh, _Ball] = WeakKeyDictionary()
+_spheres: WeakKeyDictionary[Mesh, _MeshSphere] = WeakKeyDictionary()
 _face_boxes: WeakKeyDictionary[Mesh, _Boxes] = WeakKeyDictionary()
 
 
-def _ball(mesh: Mesh) -> _Ball:
+def _sphere(mesh: Mesh) -> _MeshSphere:
     """Return the bounding sphere of a mesh, centred on its box, cached."""
-    found = _balls.get(mesh)
-    if found is None:
+    sphere = _spheres.get(mesh)
+    if sphere is None:
         low, high = mesh.bounds()
         middle, largest = low / 2.0 + high / 2.0, 0.0
         vertices, used = mesh.vertices, mesh.used_vertices()
         for first in range(0, len(vertices), CHUNK):
-            some = slice(first, first + CHUNK)
+            chunk = slice(first, first + CHUNK)
             with np.errstate(over="ignore"):
-                x, y, z = (vertices[some][used[some]] - middle).T
+                x, y, z = (vertices[chunk][used[chunk]] - middle).T
                 squares = (x * x + y * y) + z * z
             largest = max(largest, float(squares.max(initial=0.0)))
-        found = _balls[mesh] = _Ball(*middle.tolist(), math.sqrt(largest))
-    return found
+        sphere = _spheres[mesh] = _MeshSphere(*middle.tolist(), math.sqrt(largest))
+    return sphere
 
 
 def _boxes(mesh: Mesh) -> _Boxes:
     """Return the boxes around blocks of faces of a mesh, cached."""
-    found = _face_boxes.get(mesh)
-    if found is None:
+    boxes = _face_boxes.get(mesh)
+    if boxes is None:
         low, high = np.empty((2, 3, -(-len(mesh.faces) // depth_range.BLOCK)))
         depth_range.box_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
-        found = _Boxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
-        _face_boxes[mesh] = found
-    return found
+        boxes = _Boxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
+        _face_boxes[mesh] = boxes
+    return boxes
 
 
 def kernels_of(camera: Camera) -> Rows:
     """Return the kernels that test faces against a camera's planes."""
-    if planes_of(camera) is None:
+    if near_far(camera) is None:
         return []
     reached = "an object may reach the near or far plane"
     return [
-        KernelRow(depth_range.box_faces, "", f"{reached} and has more than {UNBOXED} faces"),
+        KernelRow(depth_range.box_faces, "", f"{reached} and has more than {MAX_UNBOXED} faces"),
         KernelRow(depth_range.find_seen_depths, "", reached),
     ]
 
 
-def describe_planes(camera: Camera, cut: Sequence[PlaneCut]) -> list[tuple[str, str]]:
+def describe_planes(camera: Camera, clipped: Sequence[PlaneCut]) -> list[tuple[str, str]]:
     """Return rows of text about a camera's planes: where they are, why, and what they clip."""
-    planes = planes_of(camera)
+    planes = near_far(camera)
     if planes is None:
         return []
     rows = []
@@ -597,14 +597,14 @@ def describe_planes(camera: Camera, cut: Sequence[PlaneCut]) -> list[tuple[str, 
     if planes.far < math.inf:
         rows.append(("far", _describe_plane(planes.far, planes.far_steps, "*")))
     return [
-        (name, "; ".join([text, *(str(one) for one in cut if one.name == name)]))
+        (name, "; ".join([text, *(str(item) for item in clipped if item.name == name)]))
         for name, text in rows
     ]
 
 
 def _describe_plane(distance: float, steps: int | None, sign: str) -> str:
-    """Say where a plane is, and whether rendering chose it."""
+    """Describe the distance of a plane, and whether rendering chose it."""
     if steps is None:
         return f"{distance:.6g} (given)"
-    usual = distance * (1 << steps) if sign == "/" else distance / (1 << steps)
-    return f"{distance:.6g} (chosen: {usual:.6g} {sign} 2^k, k = {steps})"
+    default = distance * (1 << steps) if sign == "/" else distance / (1 << steps)
+    return f"{distance:.6g} (chosen: {default:.6g} {sign} 2^k, k = {steps})"

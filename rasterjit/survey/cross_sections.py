@@ -1,11 +1,11 @@
 """
-Cut the objects of a scene by the planes of its section, and cap what is cut open.
+Cut the objects of a scene by the planes of its section, and cap the cuts.
 
-The decision: sections are geometry, made once for all views. `cut` returns a scene in which each
-object that a plane crosses is another mesh, in the order of the old ones, and each cap is a mesh
-behind them all. So whatever draws a scene draws what is left of it: shadows, samples, transparency,
-motion and picking know nothing of planes. `Cut` says what each number of the new scene means in the
-old one. A scene without section never comes here.
+The decision: sections are geometry, made once for all views. `cut_scene` returns a scene in which
+each object that a plane crosses is another mesh, in the order of the old ones, and each cap is a
+mesh behind them all. So whatever draws a scene draws what is left of it: shadows, samples,
+transparency, motion and picking know nothing of planes. `Cut` says what each number of the new
+scene means in the old one. A scene without section never comes here.
 
 Distances to the planes are measured in world space, in float64; below 2**-46 of the coordinates'
 size they are 0, so that what lies in a plane is neither in front nor behind. Faces are cut by one
@@ -44,37 +44,37 @@ from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
-from rasterjit.scene.scene import Scene, with_labelled
-from rasterjit.scene.section import SectionPlane, planes_of
+from rasterjit.scene.scene import Scene, with_labels
+from rasterjit.scene.section import SectionPlane, planes_in
 from rasterjit.scene.texture import UVSet
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
-from rasterjit.scene.warning import EACH_FRAME, warn_caller
-from rasterjit.survey.cache import Shapes, are_same
+from rasterjit.scene.warning import REPEATED, warn_caller
+from rasterjit.survey.cache import Shapes, are_identical
 from rasterjit.survey.object_counts import base_color_of
 from rasterjit.survey.object_transforms import mesh_boxes, place_boxes, place_objects
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-FLAT = 2.0**-46
-"""Distance to a plane that counts as none, as a share of the coordinates' size."""
+ON_PLANE = 2.0**-46
+"""Largest distance from a plane of a point on it, relative to the coordinates."""
 
-SEAM = 2.0**-22
-"""Cells in which loose vertices are at one place, as a share of the mesh's largest coordinate."""
+SEAM_CELL = 2.0**-22
+"""Size of the cells in which loose vertices are merged, relative to the largest coordinate."""
 
 GRID = 2.0**28
 """Steps of the grid that outlines lie on, from the middle of a section to its farthest point."""
 
-DARKER = 0.5
-"""Share of the light of an object's own colour that its caps show."""
+CAP_SHADE = 0.5
+"""Factor on an object's colour for its caps."""
 
-NEAR_END = 4
-"""Steps of the grid from an end of an edge within which a crossing is that end."""
+END_STEPS = 4
+"""Most steps of the grid between a crossing and the end of an edge that it is merged with."""
 
-MAX_ROUNDS = 16
-"""How often outlines are split where they meet; rounding makes new contacts next to never."""
+MAX_SPLITS = 16
+"""Most times that outlines are split where they meet; rounding rarely makes new contacts."""
 
 NO_WEIGHTS = np.zeros((0, 3, 3))
 
@@ -132,7 +132,7 @@ class Cut(NamedTuple):
     """Of each new object the numbers of its vertices in the old mesh, -1 of new ones; ``None``:
     they are the same."""
 
-    def numbered(self, face: int, new: int) -> tuple[int, int]:
+    def original_numbers(self, face: int, new: int) -> tuple[int, int]:
         """Return the numbers of a face and its object, given those in the cut scene."""
         return int(self.face_numbers[face]), int(self.owners[new])
 
@@ -176,7 +176,7 @@ class CutScene(Scene):
 
 
 class Parts(NamedTuple):
-    """What is left of one object."""
+    """The parts of one object that are left."""
 
     node: Node | None
     caps: tuple[Node | None, ...]
@@ -218,96 +218,96 @@ class CutRecipe(NamedTuple):
         return of(self.used).astype(values.dtype)
 
 
-_CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
-"""Whether meshes are closed, and the places of their vertices."""
+_CLOSED_MESHES: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
+"""Cache: whether meshes are closed, and the positions of their vertices."""
 
-_OUTWARD: weakref.WeakKeyDictionary[Mesh, float] = weakref.WeakKeyDictionary()
-"""Which way faces of meshes turn that have the solid behind them: 1, or -1 if inside out."""
+_WINDINGS: weakref.WeakKeyDictionary[Mesh, float] = weakref.WeakKeyDictionary()
+"""Cache: winding of the faces of meshes: 1, or -1 if inside out."""
 
-_TOLD: weakref.WeakSet[Mesh] = weakref.WeakSet()
+_WARNED: weakref.WeakSet[Mesh] = weakref.WeakSet()
 """Open meshes that were warned of."""
 
 
-def cut(scene: Scene) -> Scene:
+def cut_scene(scene: Scene) -> Scene:
     """
-    Return what is left of a scene when its section has cut it; the scene itself without section.
+    Cut a scene by its section; return the scene itself without one.
 
     Warns
     -----
     UserWarning
         Once for each mesh that has no cap, for it is not closed.
     """
-    planes = planes_of(scene.section)
+    planes = planes_in(scene.section)
     if not planes or isinstance(scene, CutScene):
         return scene
-    found = []
+    objects = []
     for node in scene.nodes:
         key = node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name
         # Other threads may cut it by other planes meanwhile.
-        known = node._cut
-        if known is None or not all(map(operator.is_, known[0], key)):
-            known = node._cut = key, _cut_object(node, planes)
-        found.append(known[1])
+        cached = node._section_cache
+        if cached is None or not all(map(operator.is_, cached[0], key)):
+            cached = node._section_cache = key, _cut_object(node, planes)
+        objects.append(cached[1])
     # The first node keeps what all are together.
     first = scene.nodes[0]
-    joined = first._cut_scene
-    if joined is None or not are_same(joined[0], found):
-        joined = first._cut_scene = found, _assembled(scene, found, planes)
+    joined = first._scene_section_cache
+    if joined is None or not are_identical(joined[0], objects):
+        joined = first._scene_section_cache = objects, _assemble(scene, objects, planes)
     kept = [
         node
         for node in scene.labelled
-        if all((_distances(plane, _anchor(node)) <= 0.0).all() for plane in planes)
+        if all((_distances(plane, _anchor_of(node)) <= 0.0).all() for plane in planes)
     ]
-    result = _copy_of(scene if len(kept) == len(scene.labelled) else with_labelled(scene, kept))
+    result = _copy_scene(scene if len(kept) == len(scene.labelled) else with_labels(scene, kept))
     result._whole, result.nodes = scene, joined[1]
     return result
 
 
-def cut_alike(scene: Scene, now: Scene) -> Scene:
+def cut_like(scene: Scene, now: Scene) -> Scene:
     """
-    Return what is left of an earlier scene if it is cut where a later one is.
+    Cut an earlier scene where a later one is cut.
 
     Parameters
     ----------
     scene : Scene
         Of as many objects, with as many faces, as the one that was cut.
     now : Scene
-        What `cut` returned of that.
+        What `cut_scene` returned of that.
     """
     if not isinstance(now, CutScene):
         return scene
-    found: CutNodes = now.nodes
-    result = _copy_of(scene)
+    mapping: CutNodes = now.nodes
+    result = _copy_scene(scene)
     nodes = CutNodes()
-    for new, owner in zip(found, found.cut.owners[:-1].tolist(), strict=True):
-        old, mesh, whole = scene.nodes[owner], new.mesh, found.cut.meshes[owner]
-        if mesh is whole:
+    for new, owner in zip(mapping, mapping.cut.owners[:-1].tolist(), strict=True):
+        old, mesh, original = scene.nodes[owner], new.mesh, mapping.cut.meshes[owner]
+        if mesh is original:
             mesh = old.mesh
-        elif old.mesh is not whole and hasattr(mesh, "_recipe"):
+        elif old.mesh is not original and hasattr(mesh, "_recipe"):
             # The same points of another shape.
             recipe, mesh = mesh._recipe, copy.copy(mesh)
             mesh._vertices = read_only(recipe.rows(old.mesh.vertices))
             mesh._bounds = None
         nodes.append(Node(mesh, name=new.name, world_from_model=old.world_from_model))
-    nodes.cut = found.cut
+    nodes.cut = mapping.cut
     result.nodes = nodes
     return result
 
 
-def _copy_of(scene: Scene) -> CutScene:
-    """Return a scene of the same lists that is cut."""
+def _copy_scene(scene: Scene) -> CutScene:
+    """Return a `CutScene` with the same lists."""
     result = object.__new__(CutScene)
     result.__dict__.update(scene.__dict__)
     result._whole = scene
     return result
 
 
-def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[SectionPlane]) -> CutNodes:
-    """Return what is left of all objects, given what is of each."""
+def _assemble(scene: Scene, objects: Sequence[Parts], planes: Sequence[SectionPlane]) -> CutNodes:
+    """Join the parts that are left of all objects."""
     counts = [len(node.mesh.faces) for node in scene.nodes]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     nodes, owners, numbers, weights, edges, vertices = CutNodes(), [], [], [], [], 0
-    every: list[list[NDArray[np.int32]]] = [[] for _ in planes]
+    all_parts: list[list[NDArray[np.int32]]] = [[] for _ in planes]
     sides: list[list[NDArray[np.int32]]] = [[] for _ in planes]
 
     def add(node: Node, owner: int, faces: Int64, inner: Float64) -> None:
@@ -316,32 +316,32 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[SectionPla
         numbers.append(faces)
         weights.append((len(faces) - len(inner), inner))
 
-    for owner, parts in enumerate(found):
+    for owner, parts in enumerate(objects):
         if parts.node is None:
             continue
         own = np.arange(counts[owner]) if parts.numbers is None else parts.numbers
         add(parts.node, owner, own + starts[owner], parts.weights)
         for plane, lines in enumerate(parts.edges):
-            every[plane].append(lines + np.int32(vertices))
+            all_parts[plane].append(lines + np.int32(vertices))
         for plane, (third, turn) in enumerate(rows.T for rows in parts.sides):
             moved = np.where(third < 0, -1, third + vertices)
             own = np.full(len(third), len(nodes) - 1)
             sides[plane].append(np.stack([moved, own, turn], axis=1).astype(np.int32))
         vertices += len(parts.node.mesh.vertices)
-    for owner, parts in enumerate(found):
+    for owner, parts in enumerate(objects):
         for plane, node in enumerate(parts.caps):
             if node is not None:
                 number = starts[-1] + len(planes) * owner + plane
                 count = len(node.mesh.faces)
                 add(node, owner, np.full(count, number), np.zeros((count, 3, 3)))
-    known = {name for node in nodes for name in _told_by(node.mesh)}
-    for owner, parts in enumerate(found):
+    known = {name for node in nodes for name in _custom_outputs(node.mesh)}
+    for owner, parts in enumerate(objects):
         whole = scene.nodes[owner]
-        told = _told_by(whole.mesh)
+        told = _custom_outputs(whole.mesh)
         # Scenes have an object, and outputs that a mesh is asked for remain.
         if parts.node is None and (not nodes or told - known):
             known |= told
-            node = Node(_nothing(whole.mesh), name=whole.name)
+            node = Node(_empty_mesh(whole.mesh), name=whole.name)
             add(node, owner, starts[owner : owner + 1], NO_WEIGHTS)
     is_piece = [np.repeat([False, True], [whole, len(inner)]) for whole, inner in weights]
     joined = np.zeros((0, 3, 3), np.float32)
@@ -352,7 +352,7 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[SectionPla
             for part in (np.broadcast_to(np.eye(3), (whole, 3, 3)), inner)
         ]
         joined = np.concatenate([*rows, np.zeros((1, 3, 3))]).astype(np.float32)
-    edges = [np.concatenate(rows) if rows else np.zeros((0, 2), np.int32) for rows in every]
+    edges = [np.concatenate(rows) if rows else np.zeros((0, 2), np.int32) for rows in all_parts]
     nodes.cut = Cut(
         tuple(planes),
         starts,
@@ -372,8 +372,8 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[SectionPla
     return nodes
 
 
-def _anchor(node: Node) -> Float64:
-    """Return where the label of a node is, (1, 3), world space."""
+def _anchor_of(node: Node) -> Float64:
+    """Return the position of a node's label, (1, 3), world space."""
     point = np.array([node.label.position])
     return transform_points(node.world_matrix, point)[:, :3]
 
@@ -386,15 +386,15 @@ def _old_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
     return np.where(used < len(whole.vertices), used, -1)
 
 
-def _told_by(mesh: Mesh) -> set[str]:
-    """Return the outputs that follow from what a mesh was given."""
-    given = {"uv": mesh.uv, "scalar": mesh.field}
+def _custom_outputs(mesh: Mesh) -> set[str]:
+    """Return the outputs that depend on a mesh's attributes and scalars."""
+    arrays = {"uv": mesh.uv, "scalar": mesh.field}
     names = {f"{ATTRIBUTE}{name}" for name in (*mesh.vertex_attributes, *mesh.face_attributes)}
-    return names | {name for name, values in given.items() if values is not None}
+    return names | {name for name, values in arrays.items() if values is not None}
 
 
-def _nothing(mesh: Mesh) -> Mesh:
-    """Return a face without area, nowhere to be seen, with what outputs tell of another mesh."""
+def _empty_mesh(mesh: Mesh) -> Mesh:
+    """Return a mesh of one face without area, with the attributes and scalars of another."""
     is_there = mesh.used_vertices() & np.isfinite(mesh.vertices).all(axis=1)
     first = int(np.argmax(is_there))
     corners = [first] * 3
@@ -411,63 +411,63 @@ def _nothing(mesh: Mesh) -> Mesh:
 
 
 def _distances(plane: SectionPlane, points: Float64) -> Float64:
-    """Return how far points, (N, 3), lie in front of a plane, (N,)."""
+    """Return the signed distances of points, (N, 3), from a plane, (N,)."""
     (a, b, c), (x, y, z) = plane.normal, plane.point
     with np.errstate(invalid="ignore", over="ignore"):
         return (a * (points[:, 0] - x) + b * (points[:, 1] - y)) + c * (points[:, 2] - z)
 
 
 def _all_distances(world: Float64, planes: Sequence[SectionPlane]) -> Float64:
-    """Return how far points lie in front of planes, (V, P), exactly 0 where it is rounding."""
+    """Return the signed distances of points from planes, (V, P), exactly 0 on them."""
     finite = np.abs(world[np.isfinite(world).all(axis=1)])
     size = float(finite.max(initial=0.0))
     columns = []
     for plane in planes:
-        found = _distances(plane, world)
-        slack = FLAT * (size + max(map(abs, plane.point)))
-        columns.append(np.where(np.abs(found) <= slack, 0.0, found))
+        distances = _distances(plane, world)
+        tolerance = ON_PLANE * (size + max(map(abs, plane.point)))
+        columns.append(np.where(np.abs(distances) <= tolerance, 0.0, distances))
     return np.stack(columns, axis=1)
 
 
 def _cut_object(node: Node, planes: Sequence[SectionPlane]) -> Parts:
-    """Return what is left of an object."""
+    """Cut an object by planes."""
     mesh = node.mesh
-    nothing = (np.zeros((0, 2), np.int32),) * len(planes)
+    empty = (np.zeros((0, 2), np.int32),) * len(planes)
     corners = place_boxes(mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
-    ahead = _all_distances(corners, planes)
-    if (ahead <= 0.0).all():
+    corner_distances = _all_distances(corners, planes)
+    if (corner_distances <= 0.0).all():
         # Nothing of the box around it is cut away.
-        return Parts(node, (), None, None, NO_WEIGHTS, nothing)
-    if (ahead > 0.0).all(axis=0).any():
-        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
+        return Parts(node, (), None, None, NO_WEIGHTS, empty)
+    if (corner_distances > 0.0).all(axis=0).any():
+        return Parts(None, (), None, None, NO_WEIGHTS, empty)
     world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
     distances = _all_distances(world, planes)
     used = distances[mesh.used_vertices()]
     if not (used > 0.0).any():
-        return Parts(node, (), None, None, NO_WEIGHTS, nothing)
+        return Parts(node, (), None, None, NO_WEIGHTS, empty)
     if len(used) and (used.min(axis=0) > 0.0).any():
-        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
+        return Parts(None, (), None, None, NO_WEIGHTS, empty)
     if isinstance(mesh, Points):
-        return _cut_points(node, mesh, distances, nothing)
+        return _cut_points(node, mesh, distances, empty)
     if isinstance(mesh, Lines):
-        return _cut_lines(node, mesh, distances, nothing)
+        return _cut_lines(node, mesh, distances, empty)
     return _Cutter(node, world, distances, planes).parts()
 
 
-def _cut_points(node: Node, mesh: Points, distances: Float64, nothing: Any) -> Parts:
-    """Return those points whose centres are left."""
+def _cut_points(node: Node, mesh: Points, distances: Float64, empty: Any) -> Parts:
+    """Remove the points whose centres a plane cuts off."""
     with np.errstate(invalid="ignore"):
         kept = np.flatnonzero(~(distances > 0.0).any(axis=1))
     if not len(kept):
-        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
-    changed = _with_rows(mesh, CutRecipe((), kept), np.arange(len(kept))[:, np.newaxis], kept)
+        return Parts(None, (), None, None, NO_WEIGHTS, empty)
+    copied = _with_rows(mesh, CutRecipe((), kept), np.arange(len(kept))[:, np.newaxis], kept)
     if len(mesh.sizes) > 1:
-        changed._sizes = read_only(mesh.sizes[kept])
-    return Parts(_moved(node, changed), (), changed._recipe, kept, NO_WEIGHTS, nothing)
+        copied._sizes = read_only(mesh.sizes[kept])
+    return Parts(_with_mesh(node, copied), (), copied._recipe, kept, NO_WEIGHTS, empty)
 
 
-def _cut_lines(node: Node, mesh: Lines, distances: Float64, nothing: Any) -> Parts:
-    """Return what is left of segments."""
+def _cut_lines(node: Node, mesh: Lines, distances: Float64, empty: Any) -> Parts:
+    """Cut segments by planes."""
     ends, numbers = mesh.segments.astype(np.int64), np.arange(len(mesh))
     steps, count = [], len(mesh.vertices)
     for plane in range(distances.shape[1]):
@@ -479,33 +479,33 @@ def _cut_lines(node: Node, mesh: Lines, distances: Float64, nothing: Any) -> Par
         if not len(rows):
             continue
         start, end = ends[rows, 1 - outer], ends[rows, outer]
-        distances, along = _crossed(distances, start, end, plane)
+        distances, along = _crossings(distances, start, end, plane)
         ends[rows, outer] = np.arange(count, count + len(rows))
         steps.append((start, end, along))
         count += len(rows)
     if not len(ends):
-        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
+        return Parts(None, (), None, None, NO_WEIGHTS, empty)
     used, places = np.unique(ends, return_inverse=True)
     faces = places.reshape(-1, 2)[:, [0, 1, 1]]
-    changed = _with_rows(mesh, CutRecipe(tuple(steps), used), faces, numbers)
+    copied = _with_rows(mesh, CutRecipe(tuple(steps), used), faces, numbers)
     if len(mesh.widths) > 1:
-        changed._widths = read_only(mesh.widths[numbers])
-    changed._links = None
-    return Parts(_moved(node, changed), (), changed._recipe, numbers, NO_WEIGHTS, nothing)
+        copied._widths = read_only(mesh.widths[numbers])
+    copied._links = None
+    return Parts(_with_mesh(node, copied), (), copied._recipe, numbers, NO_WEIGHTS, empty)
 
 
-def _crossed(distances: Float64, start: Int64, end: Int64, plane: int) -> tuple[Float64, Float64]:
+def _crossings(distances: Float64, start: Int64, end: Int64, plane: int) -> tuple[Float64, Float64]:
     """Return the distances with those of new vertices, and how far these lie along their edges."""
     first, last = distances[start], distances[end]
-    along = first[:, plane] / (first[:, plane] - last[:, plane])
-    new = first + along[:, np.newaxis] * (last - first)
-    slack = FLAT * np.abs(distances[np.isfinite(distances)]).max(initial=0.0)
-    new = np.where(np.abs(new) <= slack, 0.0, new)
+    t = first[:, plane] / (first[:, plane] - last[:, plane])
+    new = first + t[:, np.newaxis] * (last - first)
+    tolerance = ON_PLANE * np.abs(distances[np.isfinite(distances)]).max(initial=0.0)
+    new = np.where(np.abs(new) <= tolerance, 0.0, new)
     new[:, plane] = 0.0
-    return np.concatenate([distances, new]), along
+    return np.concatenate([distances, new]), t
 
 
-def _moved(node: Node, mesh: Mesh) -> Node:
+def _with_mesh(node: Node, mesh: Mesh) -> Node:
     """Return a node with another mesh at the same place."""
     return Node(mesh, name=node.name, world_from_model=node.world_from_model)
 
@@ -551,20 +551,20 @@ def _with_rows(mesh: Any, recipe: CutRecipe, faces: NDArray[Any], numbers: Int64
     }
     result._invalid_vertices = int(np.count_nonzero(~np.isfinite(result.vertices).all(axis=1)))
     result._bounds = result._is_closed = result._drawn_faces = None
-    if mesh._rest is not None:
-        result._rest = rest = copy.copy(result)
-        rest._vertices, rest._rest = rows(mesh._rest.vertices), None
+    if mesh._rest_mesh is not None:
+        result._rest_mesh = rest = copy.copy(result)
+        rest._vertices, rest._rest_mesh = rows(mesh._rest_mesh.vertices), None
     return result
 
 
-def _closed(mesh: Mesh) -> tuple[bool, Int64]:
+def _find_closed(mesh: Mesh) -> tuple[bool, Int64]:
     """
     Tell whether faces close: each edge goes one way as often as the other; return places.
 
     Vertices at one place, (V,) int64, have one number; as at the seam of a sphere, whose sines are
-    rounded, vertices at edges that do not close are at one place within ``SEAM`` of the mesh.
+    rounded, vertices at edges that do not close are at one place within ``SEAM_CELL`` of the mesh.
     """
-    if mesh not in _CLOSED:
+    if mesh not in _CLOSED_MESHES:
         points = mesh.vertices + 0.0
         order = np.lexsort(points.T)
         sorted_points = points[order]
@@ -575,16 +575,16 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
         tails, heads, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
         if len(tails):
             loose = np.isin(places, np.concatenate([tails, heads]))
-            places = _sewn(points, places, np.flatnonzero(loose))
+            places = _merge_seams(points, places, np.flatnonzero(loose))
             ends = places[mesh.faces]
             tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
-        _CLOSED[mesh] = len(tails) == 0 and not mesh.invalid_vertices, read_only(places)
-    return _CLOSED[mesh]
+        _CLOSED_MESHES[mesh] = len(tails) == 0 and not mesh.invalid_vertices, read_only(places)
+    return _CLOSED_MESHES[mesh]
 
 
-def _why_open(mesh: Mesh) -> str:
-    """Say what keeps faces from closing: edges of single faces, or faces that turn another way."""
-    _, places = _closed(mesh)
+def _open_reason(mesh: Mesh) -> str:
+    """Say why a mesh is open: edges of single faces, or faces of opposite winding."""
+    _, places = _find_closed(mesh)
     ends = places[mesh.faces]
     edges = np.stack([ends.ravel(), np.roll(ends, -1, axis=1).ravel()], axis=1)
     edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
@@ -594,29 +594,29 @@ def _why_open(mesh: Mesh) -> str:
     return "its mesh's faces are not all wound one way"
 
 
-def _sewn(points: Float64, places: Int64, loose: Int64) -> Int64:
+def _merge_seams(points: Float64, places: Int64, loose: Int64) -> Int64:
     """Return places, (V,), where those of loose vertices that nearly touch are one."""
-    some = points[loose]
-    size = float(np.abs(some).max(initial=0.0))
+    loose_points = points[loose]
+    size = float(np.abs(loose_points).max(initial=0.0))
     if not 0.0 < size < np.inf:
         return places
     # Two points nearer than a quarter of a cell share one in one of the grids.
-    cells = some / (SEAM * size)
+    cells = loose_points / (SEAM_CELL * size)
     merged = np.arange(places.max() + 1)
     for shift in np.ndindex(2, 2, 2):
         own = np.floor(cells + 0.5 * np.array(shift)).astype(np.int64)
         _, groups = np.unique(own, axis=0, return_inverse=True)
-        least = np.full(groups.max() + 1, len(merged))
-        here = merged[places[loose]]
-        np.minimum.at(least, groups.ravel(), here)
-        target = np.arange(len(merged))
-        np.minimum.at(target, here, least[groups.ravel()])
-        merged = target[merged]
+        lowest = np.full(groups.max() + 1, len(merged))
+        source = merged[places[loose]]
+        np.minimum.at(lowest, groups.ravel(), source)
+        goal = np.arange(len(merged))
+        np.minimum.at(goal, source, lowest[groups.ravel()])
+        merged = goal[merged]
     return merged[places]
 
 
 def _net(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, Int64, Int64]:
-    """Return edges from lower to higher numbers, and how often more than back, where not 0."""
+    """Return edges from lower to higher numbers with their net counts, where not 0."""
     weights = np.where(tails < heads, weights, -weights)
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     count = np.int64(high.max(initial=0)) + 1
@@ -646,7 +646,7 @@ class _Cutter:
     ) -> None:
         self.node, self.planes, self.mesh = node, planes, node.mesh
         self.world, self.distances = world, distances
-        self.is_closed, self.places = _closed(self.mesh)
+        self.is_closed, self.places = _find_closed(self.mesh)
         self.steps: list[tuple[Int64, Int64, Float64]] = []
         self.whole = np.arange(len(self.mesh.faces))
         # Parts of faces, and caps: corners, face or -1 - plane, corners in the face, how often.
@@ -657,20 +657,20 @@ class _Cutter:
 
     @cached_property
     def _outward(self) -> float:
-        """Which way faces turn in the world that have the solid behind them: 1 or -1."""
+        """Winding of faces in the world: 1, or -1 if inside out."""
         turned = float(place_objects([self.node.world_from_model]).mirrored[0])
         mesh = self.mesh
-        if mesh not in _OUTWARD:
+        if mesh not in _WINDINGS:
             vertices = mesh.vertices / 2.0
             vertices = vertices - vertices[mesh.faces[0, 0]]
             # So that products neither overflow nor vanish.
             vertices /= np.abs(vertices).max() or 1.0
             volume = math.fsum(_triple(*(vertices[mesh.faces[:, k]] for k in range(3))))
-            _OUTWARD[mesh] = math.copysign(1.0, volume)
-        return turned * _OUTWARD[mesh]
+            _WINDINGS[mesh] = math.copysign(1.0, volume)
+        return turned * _WINDINGS[mesh]
 
     def parts(self) -> Parts:
-        """Return what is left."""
+        """Cut by all planes; return the parts that are left."""
         for plane in range(len(self.planes)):
             self._cut(plane)
         is_face = self.numbers >= 0
@@ -684,23 +684,23 @@ class _Cutter:
                 for number, plane in enumerate(self.planes)
             ]
             # Where caps meet, lines have ends that no face has.
-            used, renumbered = self._used([faces, *lines])
+            used, renumbered = self._renumber([faces, *lines])
             recipe = CutRecipe(tuple(self.steps), used)
             mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
-            node = _moved(self.node, mesh)
+            node = _with_mesh(self.node, mesh)
             edges = [renumbered[ends] for ends in lines]
             is_used = np.zeros(len(self.distances), bool)
             is_used[used] = True
             for number, ends in enumerate(lines):
-                third, turn = self._beside(number, ends)
+                third, turn = self._adjacent(number, ends)
                 third = np.where((third >= 0) & is_used[third], renumbered[third], -1)
                 sides.append(np.stack([third, turn], axis=1).astype(np.int32))
         elif not len(self.corners):
             return Parts(None, (), None, None, NO_WEIGHTS, tuple(edges))
-        caps = tuple(self._cap(number) for number in range(len(self.planes)))
+        caps = tuple(self._make_cap(number) for number in range(len(self.planes)))
         return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides))
 
-    def _used(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
+    def _renumber(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
         """Return the vertices of faces or lines, and the new number of each vertex."""
         is_used = np.zeros(len(self.distances), bool)
         for rows in faces:
@@ -708,20 +708,20 @@ class _Cutter:
         return np.flatnonzero(is_used), (np.cumsum(is_used) - 1).astype(np.int32)
 
     def _cut(self, plane: int) -> None:
-        """Cut what is left by one more plane."""
+        """Cut the remaining faces by one more plane."""
         signs = np.sign(self.distances[:, plane])
         faces = self.mesh.faces[self.whole].astype(np.int64)
-        kept, crossed = self._sorted(plane, faces, signs)
+        kept, crossed = self._classify(plane, faces, signs)
         eye = np.broadcast_to(np.eye(3), (np.count_nonzero(crossed), 3, 3))
         cut_faces, cut_numbers = faces[crossed], self.whole[crossed]
-        kept_pieces, crossed_pieces = self._sorted(plane, self.corners, signs)
+        kept_pieces, crossed_pieces = self._classify(plane, self.corners, signs)
         self.whole = self.whole[kept]
         corners = np.concatenate([cut_faces, self.corners[crossed_pieces]])
         numbers = np.concatenate([cut_numbers, self.numbers[crossed_pieces]])
         weights = np.concatenate([eye, self.weights[crossed_pieces]])
         counts = np.concatenate([np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]])
         touches = not self.is_closed and (
-            len(corners) or self._parts_along(plane, faces, kept, signs)
+            len(corners) or self._splits_along_edges(plane, faces, kept, signs)
         )
         corners, parents, weights = self._split(plane, corners, signs[corners], weights)
         self.corners = np.concatenate([self.corners[kept_pieces], corners])
@@ -730,20 +730,20 @@ class _Cutter:
         self.counts = np.concatenate([self.counts[kept_pieces], counts[parents]])
         if not self.is_closed:
             # One shape has many poses.
-            shape = getattr(self.mesh, "_rest", None) or self.mesh
-            if touches and self.planes[plane].cap and shape not in _TOLD:
-                _TOLD.add(shape)
+            shape = getattr(self.mesh, "_rest_mesh", None) or self.mesh
+            if touches and self.planes[plane].cap and shape not in _WARNED:
+                _WARNED.add(shape)
                 warn_caller(
-                    f"{self.node.name!r} is cut by a section, but {_why_open(shape)}: it is drawn "
-                    "without a cap"
+                    f"{self.node.name!r} is cut by a section, but {_open_reason(shape)}: it is "
+                    "drawn without a cap"
                 )
             return
-        tails, heads, sums = self._sides(plane)
+        tails, heads, sums = self._plane_sides(plane)
         if len(tails):
             # A cap goes around the other way.
-            self._fill(plane, heads, tails, sums)
+            self._add_caps(plane, heads, tails, sums)
 
-    def _parts_along(
+    def _splits_along_edges(
         self, plane: int, faces: Int64, kept: NDArray[np.bool_], signs: Float64
     ) -> bool:
         """Tell whether a plane parts faces along their edges: some stay and others go."""
@@ -759,7 +759,7 @@ class _Cutter:
             keys.append(ends[:, 0] << 32 | ends[:, 1])
         return bool(np.isin(*keys).any())
 
-    def _sorted(
+    def _classify(
         self, plane: int, corners: Int64, signs: Float64
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Tell which triangles stay as they are, and which a plane crosses."""
@@ -778,7 +778,7 @@ class _Cutter:
         self, plane: int, corners: Int64, at: Float64, weights: Float64
     ) -> tuple[Int64, Int64, Float64]:
         """
-        Return what is left of triangles that a plane crosses.
+        Split triangles that a plane crosses; return the remaining pieces.
 
         Returns
         -------
@@ -826,7 +826,7 @@ class _Cutter:
     def _add_vertices(
         self, plane: int, start: Int64, end: Int64, along: Float64 | None = None
     ) -> None:
-        """Add vertices in a plane, between others: at the plane, or so far along."""
+        """Add vertices in a plane, interpolated between others."""
         first, last = self.distances[start], self.distances[end]
         if along is None:
             along = first[:, plane] / (first[:, plane] - last[:, plane])
@@ -834,7 +834,7 @@ class _Cutter:
         new = first + share * (last - first)
         size = np.abs(self.world[np.isfinite(self.world)]).max(initial=0.0)
         for number, other in enumerate(self.planes):
-            slack = FLAT * (size + max(map(abs, other.point)))
+            slack = ON_PLANE * (size + max(map(abs, other.point)))
             new[np.abs(new[:, number]) <= slack, number] = 0.0
         new[:, plane] = 0.0
         self.distances = np.concatenate([self.distances, new])
@@ -846,7 +846,7 @@ class _Cutter:
         self.places = np.concatenate([self.places, own])
         self.steps.append((start, end, along))
 
-    def _sides(self, plane: int, without: int | None = None) -> tuple[Int64, Int64, Int64]:
+    def _plane_sides(self, plane: int, without: int | None = None) -> tuple[Int64, Int64, Int64]:
         """
         Return the sides of what is left that lie in a plane, but for those that go back as well.
 
@@ -882,13 +882,13 @@ class _Cutter:
         return vertices[low], vertices[high], sums
 
     def _outline(self, plane: int) -> Int64:
-        """Return the lines along which a plane cuts what is left, (E, 2), vertices."""
-        tails, heads, _ = self._sides(plane, -1 - plane)
+        """Return the outline of a plane's cut, (E, 2), vertices."""
+        tails, heads, _ = self._plane_sides(plane, -1 - plane)
         return np.stack([tails, heads], axis=1)
 
-    def _beside(self, plane: int, ends: Int64) -> tuple[Int64, Int64]:
+    def _adjacent(self, plane: int, ends: Int64) -> tuple[Int64, Int64]:
         """
-        Return a vertex that makes a face of each line of a cut, and which way that turns.
+        Return a vertex that makes a face of each line of a cut, and the winding of that face.
 
         Takes the lines, (E, 2). The vertex is -1 where a solid need not hide the line from behind:
         it is not closed, light comes through it, or another plane lets one look into it.
@@ -922,15 +922,15 @@ class _Cutter:
         turn = np.where(tails[found] == own[:, 0], 1, -1) * int(self._outward)
         return np.where(is_known, thirds[found], -1), turn
 
-    def _fill(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
-        """Add what outlines in a plane wind around to the pieces, as caps."""
+    def _add_caps(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
+        """Fill the outlines in a plane with caps."""
         outlines = _Outlines(self, plane)
-        triangles = outlines.filled(tails, heads, sums)
+        triangles = outlines.fill(tails, heads, sums)
         if triangles is None:
             warn_caller(
                 f"{self.node.name!r} is cut by a section, but the outline of the cut does not "
                 "close: it is drawn without a cap",
-                kind=EACH_FRAME,
+                kind=REPEATED,
             )
             return
         count = len(triangles)
@@ -939,8 +939,8 @@ class _Cutter:
         self.weights = np.concatenate([self.weights, np.zeros((count, 3, 3))])
         self.counts = np.concatenate([self.counts, triangles[:, 3]])
 
-    def _cap(self, plane: int) -> Node | None:
-        """Return what fills the cut of a plane."""
+    def _make_cap(self, plane: int) -> Node | None:
+        """Return the cap of a plane as a mesh."""
         corners = self.corners[self.numbers == -1 - plane]
         if not len(corners) or not self.planes[plane].cap:
             return None
@@ -950,7 +950,7 @@ class _Cutter:
         if turned * math.fsum(_triple(normal, b - a, c - a)) < 0.0:
             # Caps face what is cut away, whichever way the mesh is wound.
             corners = corners[:, ::-1]
-        used, renumbered = self._used([corners])
+        used, renumbered = self._renumber([corners])
         recipe = CutRecipe(tuple(self.steps), used)
         result: Any = CutMesh.__new__(CutMesh)
         mesh = Mesh(
@@ -965,11 +965,11 @@ class _Cutter:
         model = (x * rows[0] + y * rows[1]) + z * rows[2]
         normals = np.tile(unit_rows(model[np.newaxis]), (len(used), 1))
         result._normals = result._vertex_normals = read_only(normals)
-        return _moved(self.node, result)
+        return _with_mesh(self.node, result)
 
 
 def _triple(a: Float64, b: Float64, c: Float64) -> Float64:
-    """Return the volumes that rows of three vectors span, (N,)."""
+    """Return the triple products of rows of vectors, (N,)."""
     with np.errstate(invalid="ignore", over="ignore"):
         return (
             a[:, 0] * (b[:, 1] * c[:, 2] - b[:, 2] * c[:, 1])
@@ -979,7 +979,7 @@ def _triple(a: Float64, b: Float64, c: Float64) -> Float64:
 
 
 def _cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
-    """Return what the caps of a mesh are made of."""
+    """Return the material of a mesh's caps."""
     own = mesh.material
     if plane.cap_color is not None:
         color = np.array(plane.cap_color)
@@ -988,7 +988,7 @@ def _cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
         for colors in (mesh.shown_vertex_colors(), mesh.face_colors):
             if colors is not None:
                 color[:3] *= [math.fsum(column) / len(colors) for column in colors[:, :3].T]
-        color = np.append(np.clip(DARKER * color[:3], 0.0, 1.0), 1.0)
+        color = np.append(np.clip(CAP_SHADE * color[:3], 0.0, 1.0), 1.0)
     return Material(
         own.shading, tuple(color.tolist()), specular=own.specular, shininess=own.shininess,
         metallic=own.metallic, roughness=own.roughness, double_sided=own.double_sided,
@@ -1011,26 +1011,26 @@ class _Outlines:
         self.cutter, self.plane = cutter, plane
         self.slivers: list[tuple[int, int, int, int]] = []
 
-    def filled(self, tails: Int64, heads: Int64, sums: Int64) -> Int64 | None:
+    def fill(self, tails: Int64, heads: Int64, sums: Int64) -> Int64 | None:
         """Return triangles of vertices, with how often each counts, (T, 4); None: not closed."""
         vertices, places = np.unique(np.concatenate([tails, heads]), return_inverse=True)
-        grid = self._on_grid(vertices)
+        grid = self._snap(vertices)
         low, high = places.ravel().reshape(2, -1)
-        for _ in range(MAX_ROUNDS):
-            grid, vertices, low, high, sums = self._in_order(grid, vertices, low, high, sums)
+        for _ in range(MAX_SPLITS):
+            grid, vertices, low, high, sums = self._sort_points(grid, vertices, low, high, sums)
             edges = np.ascontiguousarray(np.stack([low, high, sums], axis=1))
-            contacts = _contacts(grid, edges)
+            contacts = _edge_contacts(grid, edges)
             if not len(contacts):
                 break
             grid, vertices, low, high, sums = self._split(contacts, grid, vertices, edges)
-        triangles = _triangles(grid, edges)
+        triangles = _triangulate(grid, edges)
         if triangles is None:
             return None
         triangles[:, :3] = vertices[triangles[:, :3]]
         return np.concatenate([triangles, np.array(self.slivers, np.int64).reshape(-1, 4)])
 
-    def _on_grid(self, vertices: Int64) -> Int64:
-        """Return where vertices lie on the grid, (N, 2)."""
+    def _snap(self, vertices: Int64) -> Int64:
+        """Snap vertices to the grid, (N, 2)."""
         x, y, z = self.cutter.planes[self.plane].normal
         # The axis farthest from the normal makes the first of the plane's.
         least = min(range(3), key=lambda k: abs((x, y, z)[k]))
@@ -1046,10 +1046,10 @@ class _Outlines:
         size = float(np.abs(flat).max(initial=0.0)) or 1.0
         return np.rint(flat / size * GRID).astype(np.int64)
 
-    def _in_order(
+    def _sort_points(
         self, grid: Int64, vertices: Int64, low: Int64, high: Int64, sums: Int64
     ) -> tuple[Int64, ...]:
-        """Return points by height, one for each place of the grid, and edges upward, by start."""
+        """Sort points by height, merging equal ones, and edges upward, by their start."""
         order = np.lexsort(grid.T)
         is_new = np.append(True, (grid[order][1:] != grid[order][:-1]).any(axis=1))
         numbers = np.empty(len(grid), np.int64)
@@ -1066,7 +1066,7 @@ class _Outlines:
     def _split(
         self, contacts: Int64, grid: Int64, vertices: Int64, edges: Int64
     ) -> tuple[Int64, ...]:
-        """Return points and edges that are split where edges meet."""
+        """Split edges where they meet; return points and edges."""
         known = {place: number for number, place in enumerate(map(tuple, grid.tolist()))}
         points, inside = grid.tolist(), {}
         made: list[tuple[int, int, float]] = []
@@ -1076,14 +1076,14 @@ class _Outlines:
                 continue
             a, b = edges[edge, :2].tolist()
             c, d = edges[other, :2].tolist()
-            here, there = _turn(points, c, d, a), _turn(points, c, d, b)
+            here, there = _signed_area(points, c, d, a), _signed_area(points, c, d, b)
             share = here / (here - there)
             x, y = (round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2))
             # Next to an end they meet there, or rounding would make new contacts for ever.
             near = (
                 end
                 for end in (a, b, c, d)
-                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= NEAR_END
+                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= END_STEPS
             )
             number = next(near, known.get((x, y), -1))
             if number < 0:
@@ -1103,7 +1103,7 @@ class _Outlines:
         rows = [row for n, row in enumerate(edges.tolist()) if n not in inside]
         for edge, through in inside.items():
             a, b, count = edges[edge].tolist()
-            along = {n: _along(points, a, b, n) for n in through}
+            along = {n: _edge_order(points, a, b, n) for n in through}
             chain = [a, *sorted(through, key=along.__getitem__), b]
             rows += [(one, other, count) for one, other in pairwise(chain)]
             for one, other in pairwise(chain[1:]):
@@ -1114,19 +1114,19 @@ class _Outlines:
         return np.array(points, np.int64), vertices, low, high, sums
 
 
-def _turn(points: Sequence[Sequence[int]], a: int, b: int, c: int) -> int:
+def _signed_area(points: Sequence[Sequence[int]], a: int, b: int, c: int) -> int:
     """Return twice the area of a triangle, above 0 if it is counter-clockwise."""
     (x, y), (right, up), (other, top) = points[a], points[b], points[c]
     return (right - x) * (top - y) - (up - y) * (other - x)
 
 
-def _along(points: Sequence[Sequence[int]], a: int, b: int, n: int) -> int:
-    """Return a number that grows along an edge from a to b."""
+def _edge_order(points: Sequence[Sequence[int]], a: int, b: int, n: int) -> int:
+    """Return a sort key that grows along an edge from a to b."""
     (x, y), (right, up), (here, height) = points[a], points[b], points[n]
     return (right - x) * (here - x) + (up - y) * (height - y)
 
 
-def _contacts(grid: Int64, edges: Int64) -> Int64:
+def _edge_contacts(grid: Int64, edges: Int64) -> Int64:
     """Return where edges meet elsewhere than at their ends, (C, 3)."""
     room = 64
     while True:
@@ -1137,8 +1137,8 @@ def _contacts(grid: Int64, edges: Int64) -> Int64:
         room = count
 
 
-def _triangles(grid: Int64, edges: Int64) -> Int64 | None:
-    """Return what edges wind around as triangles, (T, 4), or None."""
+def _triangulate(grid: Int64, edges: Int64) -> Int64 | None:
+    """Triangulate the area that edges enclose, (T, 4); None if they are not closed."""
     room = len(edges) + 4 * len(grid)
     triangles = np.empty((room, 4), np.int64)
     count = fill_outlines(

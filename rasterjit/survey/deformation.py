@@ -25,46 +25,46 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.skin import Posable, Skin
+from rasterjit.scene.skin import Deformable, Skin
 from rasterjit.scene.validation import read_only
 from rasterjit.survey.packed_scene import writable
 
-FAR = 64.0
-"""Distance from the origin, in extents of the mesh, from which on it is stored from its middle on:
+FAR_EXTENTS = 64.0
+"""Distance from the origin, in extents of the mesh, beyond which it is stored from its centre:
 six of the 24 bits of float32."""
 
 
-_SCENES: WeakKeyDictionary[Mesh, Scene] = WeakKeyDictionary()
-"""Scenes of meshes that were drawn alone: of twins, which do not keep them."""
+_SCENE_BY_MESH: WeakKeyDictionary[Mesh, Scene] = WeakKeyDictionary()
+"""Scenes of meshes that were drawn alone: of aliases, which do not keep them alive."""
 
 
 class Pose(NamedTuple):
-    """What a node is drawn as, and what that follows from."""
+    """A posed node, and the mesh, matrices and weights that it depends on."""
 
     mesh: Mesh
     matrices: NDArray[np.float64] | None
     """(J, 4, 4): the same array as long as no joint moves; None without a skin."""
     weights: bytes
-    """Of morph targets."""
+    """Weights of morph targets."""
     node: Node
 
 
-def kernel_rows() -> Rows:
-    """Return the kernels that move vertices by joints."""
+def skinning_kernels() -> Rows:
+    """Return the kernels of skinning, for `list_kernels`."""
     from rasterjit.pipeline.geometry import skinning
 
     return rows_where("a joint has moved", skinning.skin_vertices)
 
 
-def scene_to_draw(what: Any) -> Scene:
+def posed_input(source: Any) -> Scene:
     """
     Return anything that can be drawn as a scene, posed; raise ``ValueError`` if it cannot.
 
     That of a mesh is kept as long as the mesh, so that what is known of it is found again.
     """
-    scene = _SCENES.get(what) if isinstance(what, Mesh) else as_scene(what)
+    scene = _SCENE_BY_MESH.get(source) if isinstance(source, Mesh) else as_scene(source)
     if scene is None:
-        scene = _SCENES[what] = as_scene(what._twin())
+        scene = _SCENE_BY_MESH[source] = as_scene(source._alias())
     _check_lists(scene)
     return posed_scene(scene)
 
@@ -91,57 +91,57 @@ def _check_lists(scene: Scene) -> None:
 
 def posed_scene(scene: Scene) -> Scene:
     """Return a scene with all skins and morph weights applied; itself where nothing is posed."""
-    if not Posable.was_made:
+    if not Deformable.exists:
         return scene
     # Of thousands of nodes, few can be posed.
-    posable = [
+    has_poses = [
         number
         for number, node in enumerate(scene.nodes)
         if (mesh := getattr(node, "_mesh", None)) is not None
         and (mesh._joints is not None or mesh._morph_targets is not None)
     ]
-    posed = {number: posed_node(scene.nodes[number]) for number in posable}
+    posed = {number: posed_node(scene.nodes[number]) for number in has_poses}
     if all(node is scene.nodes[number] for number, node in posed.items()):
         return scene
-    changed = copy.copy(scene)
-    changed.nodes = list(scene.nodes)
+    copied = copy.copy(scene)
+    copied.nodes = list(scene.nodes)
     for number, node in posed.items():
-        changed.nodes[number] = node
-    return changed
+        copied.nodes[number] = node
+    return copied
 
 
 def posed_node(node: Node) -> Node:
-    """Return a node, whose mesh can be posed, as it is drawn; itself where nothing poses it."""
+    """Return a node with its mesh posed; the node itself where nothing poses it."""
     mesh = node.mesh
-    skin, weights = node._skin, _weights_of(node, mesh)
+    skin, weights = node._skin, _active_weights(node, mesh)
     if skin is None and weights is None:
         return node
     matrices = None if skin is None else skin.joint_matrices()
     key = b"" if weights is None else weights.tobytes()
-    known = node._posed
+    cached = node._pose_cache
     if (
-        known is None
-        or known.mesh is not mesh
-        or known.weights != key
-        or not _are_same(known.matrices, matrices)
+        cached is None
+        or cached.mesh is not mesh
+        or cached.weights != key
+        or not _same_joints(cached.matrices, matrices)
     ):
-        made, place = _posed_mesh(mesh, skin, matrices, weights)
-        known = Pose(mesh, matrices, key, Node(made, place, node.name))
-    own = known.node
-    if own._mesh._material is not mesh._material:
-        own._mesh.material = mesh._material
-    place = node._world_from_model if skin is None else own._world_from_model
-    if own._world_from_model is not place or own.name != node.name:
+        posed, matrix = _posed_mesh(mesh, skin, matrices, weights)
+        cached = Pose(mesh, matrices, key, Node(posed, matrix, node.name))
+    copied = cached.node
+    if copied._mesh._material is not mesh._material:
+        copied._mesh.material = mesh._material
+    matrix = node._world_from_model if skin is None else copied._world_from_model
+    if copied._world_from_model is not matrix or copied.name != node.name:
         # What was drawn before may still be asked about.
-        own = Node(own._mesh, None, node.name)
-        own._place(place, None)
-        known = known._replace(node=own)
-    if node._posed is not known:
-        node._posed = known
-    return own
+        copied = Node(copied._mesh, None, node.name)
+        copied._move(matrix, None)
+        cached = cached._replace(node=copied)
+    if node._pose_cache is not cached:
+        node._pose_cache = cached
+    return copied
 
 
-def _weights_of(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
+def _active_weights(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
     """Return the weights of a node's morph targets; None if all are 0."""
     targets = mesh._morph_targets
     if targets is None:
@@ -150,38 +150,38 @@ def _weights_of(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
     return None if weights is None or not weights.any() else weights
 
 
-def _are_same(known: NDArray[np.float64] | None, asked: NDArray[np.float64] | None) -> bool:
-    """Tell whether joints stand where they stood."""
-    if known is asked:
+def _same_joints(cached: NDArray[np.float64] | None, matrices: NDArray[np.float64] | None) -> bool:
+    """Tell whether the matrices of joints are the same arrays as before."""
+    if cached is matrices:
         return True
-    return known is not None and asked is not None and known.tobytes() == asked.tobytes()
+    return cached is not None and matrices is not None and cached.tobytes() == matrices.tobytes()
 
 
 def _posed_mesh(
     mesh: Mesh, skin: Skin | None, matrices: NDArray[np.float64] | None,
     weights: NDArray[np.float64] | None,
 ) -> tuple[Mesh, NDArray[np.float64] | None]:  # fmt: skip
-    """Return a mesh as it is posed, and where it stands in the world, None for the node's place."""
+    """Return a posed mesh, and its world matrix, None for the node's own."""
     from rasterjit.pipeline.geometry import skinning
 
     positions = np.array(mesh.vertices)
     # Normals that follow from faces do so after posing.
-    normals = None if mesh._makes_normals else np.array(mesh.normals)
+    normals = None if mesh._derives_normals else np.array(mesh.normals)
     tangents = None if mesh.tangents is None else np.array(mesh.tangents)
     if weights is not None and mesh._morph_targets is not None:
         targets = mesh._morph_targets
         positions = skinning.morph(positions, targets.positions, weights)
         if normals is not None and targets.normals is not None:
-            moved = skinning.morph(normals.astype(np.float64), targets.normals, weights)
-            normals = unit_rows(moved).astype(np.float32)
+            morphed = skinning.morph(normals.astype(np.float64), targets.normals, weights)
+            normals = unit_rows(morphed).astype(np.float32)
         if tangents is not None and targets.tangents is not None:
-            moved = skinning.morph(tangents[:, :3].astype(np.float64), targets.tangents, weights)
-            tangents[:, :3] = unit_rows(moved)
-    place = None
+            morphed = skinning.morph(tangents[:, :3].astype(np.float64), targets.tangents, weights)
+            tangents[:, :3] = unit_rows(morphed)
+    matrix = None
     if skin is not None and matrices is not None:
-        place = np.eye(4)
+        matrix = np.eye(4)
         if _all_mirror(matrices):
-            place[0, 0] = -1.0
+            matrix[0, 0] = -1.0
             matrices = matrices.copy()
             matrices[:, 0] = -matrices[:, 0]
         skinning.skin_vertices(
@@ -190,54 +190,54 @@ def _posed_mesh(
             np.empty((0, 3), np.float32) if normals is None else normals,
             np.empty((0, 4), np.float32) if tangents is None else tangents,
         )  # fmt: skip
-    made = copy.copy(mesh)
-    made._rest, made._joints, made._joint_weights, made._morph_targets = mesh, None, None, None
-    made._is_closed, made._uses_all = None, None
-    made._tangents = None if tangents is None else read_only(tangents)
-    _store_positions(made, mesh, positions)
+    posed = copy.copy(mesh)
+    posed._rest_mesh, posed._joints, posed._joint_weights = mesh, None, None
+    posed._morph_targets = posed._is_closed = posed._all_used = None
+    posed._tangents = None if tangents is None else read_only(tangents)
+    _store_positions(posed, mesh, positions)
     if normals is not None and not normals.any(axis=1).all():
         # Targets may take a normal away, and joints flatten what it stands on.
-        normals = made._with_repaired(normals, mesh, f"{mesh!r} as it is posed")
-    made._normals = made._vertex_normals = None if normals is None else read_only(normals)
-    if place is not None:
-        made._is_in_world, made._skinned = True, (mesh, matrices)
-        center = _far_middle(made)
+        normals = posed._repair_normals(normals, mesh, f"{mesh!r} as it is posed")
+    posed._normals = posed._vertex_normals = None if normals is None else read_only(normals)
+    if matrix is not None:
+        posed._is_in_world, posed._skin_source = True, (mesh, matrices)
+        center = _offset_center(posed)
         if center is not None:
-            _store_positions(made, mesh, positions - center)
-            place[:3, 3] = center
-            place[0, 3] *= place[0, 0]
-    return made, place
+            _store_positions(posed, mesh, positions - center)
+            matrix[:3, 3] = center
+            matrix[0, 3] *= matrix[0, 0]
+    return posed, matrix
 
 
 def _store_positions(mesh: Mesh, rest: Mesh, positions: NDArray[np.float64]) -> None:
-    """Let a posed mesh have other positions, and find its bounds."""
+    """Store the positions of a posed mesh, and compute its bounds."""
     mesh._vertices, mesh._bounds, mesh._invalid_vertices = read_only(positions), None, 0
-    if rest._uses_all is None:
-        rest._uses_all = bool(rest.used_vertices().all())
+    if rest._all_used is None:
+        rest._all_used = bool(rest.used_vertices().all())
     # Long rows are looked through many times as fast as columns.
     rows = np.ascontiguousarray(positions.T)
     low, high = rows.min(axis=1), rows.max(axis=1)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         mesh._invalid_vertices = int(np.count_nonzero(~np.isfinite(positions).all(axis=1)))
-    elif rest._uses_all:
+    elif rest._all_used:
         mesh._bounds = low + 0.0, high + 0.0
 
 
 def _all_mirror(matrices: NDArray[np.float64]) -> bool:
-    """Tell whether all joints, (J, 4, 4), turn faces inside out."""
+    """Tell whether all joints, (J, 4, 4), mirror."""
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices[:, :3, :3], 0, 2)
     with np.errstate(over="ignore", invalid="ignore"):
         determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return bool((determinants < 0.0).all())
 
 
-def _far_middle(mesh: Mesh) -> NDArray[np.float64] | None:
-    """Return the middle of a mesh that is far from the origin beside its size, (3,), else None."""
+def _offset_center(mesh: Mesh) -> NDArray[np.float64] | None:
+    """Return the centre of a mesh that is far from the origin for its size, (3,), else None."""
     try:
         low, high = mesh.bounds()
     except ValueError:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
-        middle, extent = low / 2.0 + high / 2.0, float((high - low).max())
-        is_far = float(np.abs(middle).max()) > FAR * extent
-    return middle if is_far and np.isfinite(middle).all() else None
+        center, extent = low / 2.0 + high / 2.0, float((high - low).max())
+        is_far = float(np.abs(center).max()) > FAR_EXTENTS * extent
+    return center if is_far and np.isfinite(center).all() else None

@@ -29,9 +29,9 @@ Float64 = NDArray[np.float64]
 UNORM_BITS = {"unorm16": 16, "unorm24": 24}
 
 REVERSED_TYPES = {"float32-reversed": np.float32, "float64": np.float64}
-"""Formats that hold the reversed depth of the camera as it is."""
+"""Formats that store the reversed depth of the camera unchanged."""
 
-INFINITE = 1e-12
+MIN_FAR_DEPTH = 1e-12
 """Reversed depth of the far plane, relative to the near plane's, below which it counts as infinite:
 rounding error."""
 
@@ -46,13 +46,13 @@ class DepthFormat(NamedTuple):
     kind: Any
     """Type of the arrays: float32, float64, or int32, which truncates."""
     coefficients: tuple[float, float, float]
-    """Of the stored depth."""
+    """Coefficients of the stored depth."""
     largest: int
     """Integer that stands for the near plane; 0 if depths are floats."""
     ends: tuple[float, float] | None
     """Reversed depth on the near and on the far plane; ``None`` if stored depth is reversed."""
     tilt: tuple[float, float]
-    """Its derivatives by NDC x and y: zero unless the near plane is tilted."""
+    """Derivatives of the reversed depth by NDC x and y: zero unless the near plane is tilted."""
 
     @property
     def is_reversed(self) -> bool:
@@ -78,10 +78,10 @@ class DepthFormat(NamedTuple):
             return np.asarray(stored, np.float64)
         stored = np.asarray(stored, np.float64)
         # 1 at the near plane and 0 at the far one.
-        nearness = stored / self.largest if self.largest else 1.0 + stored
-        farness = 1.0 - nearness if self.largest else -stored
-        across, up = self.tilt
-        return (self.ends[0] * nearness + self.ends[1] * farness) + (across * x + up * y)
+        near_share = stored / self.largest if self.largest else 1.0 + stored
+        far_share = 1.0 - near_share if self.largest else -stored
+        x_tilt, y_tilt = self.tilt
+        return (self.ends[0] * near_share + self.ends[1] * far_share) + (x_tilt * x + y_tilt * y)
 
 
 def depth_format(name: str, camera: Camera, size: tuple[int, int]) -> DepthFormat:
@@ -104,18 +104,18 @@ def depth_format(name: str, camera: Camera, size: tuple[int, int]) -> DepthForma
     if name in REVERSED_TYPES:
         return _reversed_format(name, camera.depth_coefficients())
     c0, c1, c2 = camera.depth_coefficients()
-    per_w = np.zeros(4)
+    scale = np.zeros(4)
     if c0 != 0.0:
         try:
             # One over w, from NDC x, y, z and 1.
-            per_w = transforms.inverse(camera.projection_matrix(size))[3]
+            scale = transforms.inverse(camera.projection_matrix(size))[3]
         except ValueError:
-            raise ValueError(_refusal(name)) from None
-    across, up, deeper, rest = (c0 * per_w + (0.0, 0.0, c1, c2)).tolist()
-    near, far = rest - deeper, rest + deeper
-    if not deeper < 0.0:
-        raise ValueError(_refusal(name))
-    if c0 != 0.0 and abs(far) < INFINITE * abs(near):
+            raise ValueError(_refusal_reason(name)) from None
+    across, up, depth_rows, constant = (c0 * scale + (0.0, 0.0, c1, c2)).tolist()
+    near, far = constant - depth_rows, constant + depth_rows
+    if not depth_rows < 0.0:
+        raise ValueError(_refusal_reason(name))
+    if c0 != 0.0 and abs(far) < MIN_FAR_DEPTH * abs(near):
         far = 0.0
     return _ranged_format(name, -1.0, (near, far), (across, up))
 
@@ -147,35 +147,35 @@ def check_near(
         (reversed formats) or nearest (the others, which always lose what is far) is not held.
     """
     name, near = quality.depth_format, camera.depth_coefficients()[0]
-    held = least_held(name, quality.precision)
+    limit = min_resolved_depth(name, quality.precision)
     has_planes = isinstance(camera, PerspectiveCamera)
     far = camera.far if has_planes else math.inf
-    least = transforms.MIN_NEAR * far if far < math.inf else 0.0
+    min_near = transforms.MIN_NEAR * far if far < math.inf else 0.0
     if not near > 0.0:
         return
-    if near >= least and (near >= held * boxes.most_w() or near >= held * boxes.largest_w()):
+    if near >= min_near and (near >= limit * boxes.most_w() or near >= limit * boxes.largest_w()):
         return
     for nearest, farthest in _spans(boxes, nodes, clip_from_relative[3]):
         if nearest == math.inf:
             return
-        reach = min(farthest, far) if name in REVERSED_TYPES else nearest
-        if near >= held * reach and (near >= least or farthest <= far):
+        depth = min(farthest, far) if name in REVERSED_TYPES else nearest
+        if near >= limit * depth and (near >= min_near or farthest <= far):
             return
-    if near < least and farthest > far:
+    if near < min_near and farthest > far:
         raise ValueError(
-            f"camera.near must be at least {transforms.rounded_up(least)}, or camera.far math.inf: "
-            f"float64 cannot cut at camera.far = {far!r}, beyond which something lies; got "
-            f"{near!r}"
+            f"camera.near must be at least {transforms.rounded_up(min_near)}, or camera.far "
+            f"math.inf: float64 cannot cut at camera.far = {far!r}, beyond which something lies; "
+            f"got {near!r}"
         )
     raise ValueError(
         f"{'camera.near' if has_planes else 'w on the near plane of camera'} must be at least "
-        f"{transforms.rounded_up(held * reach)}, so that quality.depth_format {name!r} holds the "
-        f"depth of what lies {reach:.3g} away; got {near!r}"
+        f"{transforms.rounded_up(limit * depth)}, so that quality.depth_format {name!r} holds the "
+        f"depth of what lies {depth:.3g} away; got {near!r}"
     )
 
 
 @cache
-def least_held(name: str, precision: str) -> float:
+def min_resolved_depth(name: str, precision: str) -> float:
     """Return the least reversed depth (1 at the near plane, 0 far away) that a format resolves."""
     if name in REVERSED_TYPES:
         # The depths of vertices are found by their precision before they are rounded.
@@ -192,17 +192,16 @@ def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[
     Each pair takes longer to find, and the last is exact: inf and -inf for none.
     """
     # Bounds by boxes. Vertices beyond the range are not drawn, and need the exact test.
-    lows, highs, within = boxes.w_ranges(row)
+    lows, highs, is_inside = boxes.w_ranges(row)
     is_drawn = (lows >= -MAX_COORDINATE) & (highs <= MAX_COORDINATE)
     lows, highs = np.where(is_drawn, lows, -np.inf), np.where(is_drawn, highs, np.inf)
-    above = float(highs.max(initial=-math.inf))
-    yield float(np.where(is_drawn, within, MAX_COORDINATE).min(initial=math.inf)), above
+    upper = float(highs.max(initial=-math.inf))
+    yield float(np.where(is_drawn, is_inside, MAX_COORDINATE).min(initial=math.inf)), upper
     # Bounds by the vertices that were nearest before.
     objects = [
-        (nodes[number].mesh, _factors(boxes, number, row))
-        for number in np.flatnonzero(boxes.in_view)
+        (nodes[number].mesh, _w_row(boxes, number, row)) for number in np.flatnonzero(boxes.in_view)
     ]
-    yield min(_nearest_before(*one) for one in objects), above
+    yield min(_last_nearest(*span) for span in objects), upper
     # All vertices of the objects whose boxes are undecided.
     nearest, farthest = math.inf, -math.inf
     for k in np.argsort(lows):
@@ -216,11 +215,11 @@ def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[
     yield nearest, farthest
 
 
-Factors = tuple[float, ...]
-"""The row that gives w from x, y, z and 1 in model space."""
+WRow = tuple[float, ...]
+"""Row of a matrix: w from x, y, z and 1 in model space."""
 
 
-class Span(NamedTuple):
+class DepthSpan(NamedTuple):
     """Range of w of a mesh's vertices that are drawn."""
 
     nearest: float
@@ -228,45 +227,45 @@ class Span(NamedTuple):
     farthest: float
     """-inf if there are none."""
     point: Float64
-    """A nearest one, (3,)."""
+    """A nearest vertex, (3,)."""
 
 
-_known: WeakKeyDictionary[Mesh, dict[Factors, Span]] = WeakKeyDictionary()
+_span_cache: WeakKeyDictionary[Mesh, dict[WRow, DepthSpan]] = WeakKeyDictionary()
 
-MAX_KNOWN = 256
+MAX_CACHED = 256
 """Most cached spans of a mesh: one for each of its objects and cameras."""
 
 
-def _factors(boxes: Boxes, number: int, row: Float64) -> Factors:
-    """Return those of an object."""
+def _w_row(boxes: Boxes, number: int, row: Float64) -> WRow:
+    """Return the row of an object."""
     m = boxes.relative_from_model[number]
     with np.errstate(all="ignore"):
         *factors, rest = ((row[0] * m[0] + row[1] * m[1]) + row[2] * m[2]).tolist()
     return (*factors, rest + float(row[3]))
 
 
-def _nearest_before(mesh: Mesh, factors: Factors) -> float:
+def _last_nearest(mesh: Mesh, factors: WRow) -> float:
     """Return the w of the vertex that was nearest in the last search."""
-    for last in tuple(_known.get(mesh, {}).values())[-1:]:
+    for last in tuple(_span_cache.get(mesh, {}).values())[-1:]:
         w = float(_w(last.point, factors))
         if abs(w) <= MAX_COORDINATE and last.nearest < math.inf:
             return w
     return MAX_COORDINATE
 
 
-def _span(mesh: Mesh, factors: Factors) -> Span:
+def _span(mesh: Mesh, factors: WRow) -> DepthSpan:
     """Return the span of an object, cached."""
-    known = _known.setdefault(mesh, {})
-    span = known.get(factors)
+    cache = _span_cache.setdefault(mesh, {})
+    span = cache.get(factors)
     if span is None:
         span = _find_span(mesh, factors)
-        if len(known) >= MAX_KNOWN:
-            known.clear()
-        known[factors] = span
+        if len(cache) >= MAX_CACHED:
+            cache.clear()
+        cache[factors] = span
     return span
 
 
-def _find_span(mesh: Mesh, factors: Factors) -> Span:
+def _find_span(mesh: Mesh, factors: WRow) -> DepthSpan:
     """Compute the span from all vertices of an object."""
     vertices, ends = mesh.vertices, []
     for first in range(0, len(vertices), BLOCK):
@@ -276,17 +275,17 @@ def _find_span(mesh: Mesh, factors: Factors) -> Span:
     if all(abs(w) <= MAX_COORDINATE for w, _ in ends):
         least, greatest = min(ends), max(ends)
         if all((mesh.faces == n).any() for _, n in (least, greatest)):
-            return Span(least[0], greatest[0], vertices[least[1]].copy())
+            return DepthSpan(least[0], greatest[0], vertices[least[1]].copy())
     # Leave out vertices that are too far, NaN, or in no face.
     w = _w(vertices, factors)
     numbers = np.flatnonzero(mesh.used_vertices() & (np.abs(w) <= MAX_COORDINATE))
     if not len(numbers):
-        return Span(math.inf, -math.inf, vertices[0].copy())
+        return DepthSpan(math.inf, -math.inf, vertices[0].copy())
     vertex = int(numbers[w[numbers].argmin()])
-    return Span(float(w[vertex]), float(w[numbers].max()), vertices[vertex].copy())
+    return DepthSpan(float(w[vertex]), float(w[numbers].max()), vertices[vertex].copy())
 
 
-def _w(points: Float64, factors: Factors) -> Float64:
+def _w(points: Float64, factors: WRow) -> Float64:
     """Return w of points, (..., 3) in model space."""
     a, b, c, d = factors
     with np.errstate(all="ignore"):
@@ -326,7 +325,7 @@ def _ranged_format(
     return DepthFormat(name, np.float32, (0.0, sign * 0.5, -0.5), 0, ends, tilt)
 
 
-def _refusal(name: str) -> str:
+def _refusal_reason(name: str) -> str:
     """Say why a camera has no depths in a format."""
     return (
         "quality.depth_format must be float32-reversed or float64 for a camera whose clip-space z "

@@ -95,7 +95,7 @@ class FrameContext(NamedTuple):
         return self.picture
 
     def own(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of this picture, or, for recorded calls, where each view's will be."""
+        """Return the values of this picture, or, for recorded calls, an array for each view's."""
         return values if self.field is None else self.field(name, values.shape, values.dtype)
 
 
@@ -114,7 +114,7 @@ class Absent:
 
     @property
     def name(self) -> str:
-        """Name of its row."""
+        """Name of its row in ``explain``."""
         return self.effect.name
 
     @property
@@ -188,14 +188,14 @@ class Effect:
                 )
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether a frame needs it, and with what data."""
-        if (self.field and facts.asked[self.field] is None) or self.why_not(facts):
+        """Decide whether a frame needs it, and with what data."""
+        if (self.field and facts.fields[self.field] is None) or self.why_not(facts):
             return Absent(self, facts)
         return Planned(self, facts, self.decide(facts, planning))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say why a frame needs it or not."""
-        if self.field and facts.asked[self.field] is None:
+        if self.field and facts.fields[self.field] is None:
             return f"scene.{self.field} is None"
         return self.why_not(facts) or self.describe(facts)
 
@@ -204,12 +204,12 @@ class Effect:
         raise NotImplementedError
 
     def describe(self, facts: Facts) -> str:
-        """Say how a frame has it."""
+        """Describe how a frame uses it."""
         raise NotImplementedError
 
     def decide(self, facts: Facts, planning: Planning) -> Any:
-        """Return what the plan knows of it."""
-        return facts.asked[self.field] if self.field else None
+        """Return the plan's data for it."""
+        return facts.fields[self.field] if self.field else None
 
     def prepare(self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]) -> Any:
         """
@@ -373,7 +373,7 @@ class SeesThrough(LooksAround):
         raise NotImplementedError
 
 
-class OfQuality(Effect):
+class QualityEffect(Effect):
     """An effect that the quality asks for, not the scene."""
 
     def quality_without(self, quality: Quality) -> Quality:
@@ -385,7 +385,7 @@ class OfQuality(Effect):
         raise NotImplementedError
 
 
-class Backdrop(Effect):
+class BackdropEffect(Effect):
     """An effect that draws behind all faces, without tone mapping."""
 
 
@@ -408,7 +408,7 @@ class Bends(Effect):
         return data
 
 
-def look_around(planned: Iterable[Planned]) -> list[tuple[LooksAround, Any]]:
+def neighbourhood_effects(planned: Iterable[Planned]) -> list[tuple[LooksAround, Any]]:
     """Return the effects that are `LooksAround`, each with the plan's data for it."""
     return [(one.effect, one.data) for one in planned if isinstance(one.effect, LooksAround)]
 
@@ -420,18 +420,18 @@ class Active(NamedTuple):
     record: Any
 
     def at(self, place: str, *arguments: Any) -> Any:
-        """Call its function for a place."""
+        """Call its function for one of `PLACES`."""
         return self.effect.places[place](self.record, *arguments)
 
 
 def acting(effects: Sequence[Active], place: str) -> list[Active]:
-    """Return those effects that act at a place."""
+    """Return the effects that act at one of `PLACES`."""
     return [active for active in effects if place in active.effect.places]
 
 
 def shown_as_given(effect: Effect) -> bool:
     """Tell whether an effect draws behind all faces, without tone mapping."""
-    return isinstance(effect, Backdrop)
+    return isinstance(effect, BackdropEffect)
 
 
 def with_field(scene: Scene, name: str, value: Any) -> Scene:
@@ -443,12 +443,12 @@ def with_field(scene: Scene, name: str, value: Any) -> Scene:
 
 def add_to_field(scene: Scene, name: str, value: Any) -> Scene | None:
     """Return a copy of a scene with a value added to a field; None if one there has an effect."""
-    held = getattr(scene, name)
-    if held is not None and not _does_nothing(held):
+    value_there = getattr(scene, name)
+    if value_there is not None and not _is_neutral(value_there):
         return None
     return with_field(scene, name, value)
 
 
-def _does_nothing(value: Any) -> bool:
+def _is_neutral(value: Any) -> bool:
     """Tell whether an effect's settings change nothing."""
     return getattr(value, "strength", 1.0) == 0.0 or getattr(value, "is_neutral", False)

@@ -17,17 +17,13 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import STANDARD, SUPERSAMPLED, Quality
-from rasterjit.scene.reference_shader import Imitation
+from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.batched_views import Group
 from rasterjit.survey.blocked_lights import Enclosures
-from rasterjit.survey.light_culling import (
-    NO_LIGHTS,
-    PlannedLights,
-    plan_lights,
-)
+from rasterjit.survey.light_culling import NO_LIGHTS, PlannedLights, plan_lights
 from rasterjit.survey.object_counts import (
     SMOOTH,
     Attribute,
@@ -36,7 +32,7 @@ from rasterjit.survey.object_counts import (
     find_attribute,
 )
 from rasterjit.survey.object_transforms import Boxes, Views, are_even
-from rasterjit.survey.quality_overrides import lights_under
+from rasterjit.survey.quality_overrides import override_lights
 from rasterjit.survey.transparency import NO_TRANSPARENCY, Transparency, find_transparency
 
 DISTANCE_ROUNDING = 1.0 + 2.0**-20
@@ -51,24 +47,24 @@ class Facts:
     """
     Properties of a scene and the outputs that planning depends on.
 
-    What a scene asks for is kept as it was asked, used or not. A picture that the frame is made of
+    Settings of a scene are kept as given, used or not. A picture that the frame is made of
     has its own outputs; the transparency and lights found for the whole frame are those of it too.
     """
 
     outputs: tuple[str, ...]
     """Names of what the frame is to hold, as ``outputs.output_table`` has them, without repeats."""
     inventory: Inventory
-    """What the objects are."""
+    """Properties of the objects."""
     in_view: NDArray[np.bool_]
-    """Which objects may be seen, (O,)."""
-    contents: ObjectCounts
-    """Of all objects."""
-    seen: ObjectCounts
-    """Of those in view."""
+    """Whether each object may be visible, (O,)."""
+    counts: ObjectCounts
+    """Counts of all objects."""
+    visible: ObjectCounts
+    """Counts of the objects in view."""
     has_lights: bool
     """Whether the scene has any light, but for its environment."""
-    asked: dict[str, Any]
-    """The fields of the scene that ask for effects, by name; ``None`` where one does not."""
+    fields: dict[str, Any]
+    """Fields of the scene for effects, by name; ``None`` for an effect that is off."""
     diagnose: bool
     """Whether the fates of faces are found."""
     quality: Quality
@@ -76,9 +72,9 @@ class Facts:
     has_background: bool
     """Whether the render was given a background."""
     background_image: BackgroundImage | None
-    """The picture that it was given as background."""
+    """The picture given as background, if any."""
     lights: PlannedLights
-    """Those of the scene's that reach what is seen."""
+    """The scene's lights that reach visible objects."""
     is_uneven: bool
     """Whether any object in view with interpolated normals has a non-uniform scale, beyond
     rounding."""
@@ -86,29 +82,29 @@ class Facts:
     """The attributes of meshes that are outputs, by the output's name."""
     fog: Fog | None
     """The fog, if it may cover anything in view."""
-    whole_outputs: tuple[str, ...]
-    """Names of what the frame holds of which this is a picture, or which it is."""
-    imitation: Imitation | None = None
-    """As which other program's shader the scene is lit and shown; ``None`` -> as none."""
+    frame_outputs: tuple[str, ...]
+    """Names of the outputs of the whole frame, of which this may be one of several pictures."""
+    reference: ReferenceShading | None = None
+    """Another program's shading to reproduce; ``None`` -> none."""
 
     def __repr__(self) -> str:
-        seen, count = int(self.in_view.sum()), len(self.in_view)
-        return f"Facts({seen} of {count} objects in view: {', '.join(self.outputs)})"
+        visible, count = int(self.in_view.sum()), len(self.in_view)
+        return f"Facts({visible} of {count} objects in view: {', '.join(self.outputs)})"
 
     @property
     def encoding(self) -> Encoding:
-        """What codes of colours show."""
-        return "srgb" if self.imitation is None else self.imitation.encoding
+        """Encoding of 8-bit colours."""
+        return "srgb" if self.reference is None else self.reference.encoding
 
     @cached_property
     def wireframe(self) -> Wireframe | None:
         """The edges that the scene asks for."""
-        return self.asked["wireframe"]
+        return self.fields["wireframe"]
 
     @cached_property
     def environment(self) -> Environment | None:
-        """What is around the scene."""
-        return self.asked["environment"]
+        """The scene's environment, if any."""
+        return self.fields["environment"]
 
     @cached_property
     def is_colored(self) -> bool:
@@ -116,8 +112,8 @@ class Facts:
         return "color" in self.outputs or "linear" in self.outputs
 
     @cached_property
-    def fills_nothing(self) -> bool:
-        """Whether no output is a buffer of its own, beside the faces."""
+    def needs_no_buffers(self) -> bool:
+        """Whether no output needs a buffer besides colours and face numbers."""
         return {"color", "linear", "coverage", "face_id"}.issuperset(self.outputs)
 
     @cached_property
@@ -127,23 +123,23 @@ class Facts:
 
     @cached_property
     def colors_faces(self) -> bool:
-        """Whether the colour of faces is asked for."""
+        """Whether the colour of faces is an output."""
         return self.is_colored and self.draws_faces
 
     @cached_property
     def shades(self) -> bool:
-        """Whether the colour of a face is asked for that may be seen."""
-        return self.colors_faces and self.seen.objects > 0
+        """Whether the colour of any face in view is an output."""
+        return self.colors_faces and self.visible.objects > 0
 
     @cached_property
     def is_lit(self) -> bool:
-        """Whether that colour depends on light."""
-        return self.shades and self.seen.unlit < self.seen.objects
+        """Whether the colour of any face in view depends on light."""
+        return self.shades and self.visible.unlit < self.visible.objects
 
     @cached_property
     def shades_points(self) -> bool:
-        """Whether that of a point is asked for."""
-        return self.shades and self.seen.points > 0
+        """Whether the colour of any point in view is an output."""
+        return self.shades and self.visible.points > 0
 
     @cached_property
     def has_headlight(self) -> bool:
@@ -161,13 +157,13 @@ class Facts:
 
     @cached_property
     def shades_smoothly(self) -> bool:
-        """Whether that colour depends on vertex normals."""
-        return self.is_lit and not SMOOTH.isdisjoint(self.seen.shadings)
+        """Whether the colour of any face in view depends on vertex normals."""
+        return self.is_lit and not SMOOTH.isdisjoint(self.visible.shadings)
 
     @cached_property
     def shows_normals(self) -> bool:
         """Whether vertex normals are an output: of all objects, whatever they are shaded by."""
-        return self.seen.objects > 0 and not set(NORMAL_OUTPUTS).isdisjoint(self.outputs)
+        return self.visible.objects > 0 and not set(NORMAL_OUTPUTS).isdisjoint(self.outputs)
 
     @cached_property
     def needs_normals(self) -> bool:
@@ -180,60 +176,60 @@ class Facts:
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @cached_property
-    def shown_in_float32(self) -> NDArray[np.uint8] | None:
+    def float32_objects(self) -> NDArray[np.uint8] | None:
         """
-        Which objects show colours of their vertices that are mixed in float32, (O,).
+        Whether vertex colours of each object are interpolated in float32, (O,).
 
         That follows from each object alone; where all in view may, all objects count as such. None
         where no object in view may.
         """
-        quality, seen, is_bare = self.quality, self.seen, self.inventory.is_bare
+        quality, seen, is_bare = self.quality, self.visible, self.inventory.is_bare
         if (
             quality.interpolation_precision == "float64"
-            or (quality.samples != 1 and self.picture_samples is None)
+            or (quality.samples != 1 and self.supersamples is None)
             or not (seen.unlit and seen.vertex_colored and is_bare.any())
         ):
             return None
-        others = (seen.objects - seen.unlit, seen.blended, seen.has_textures, seen.with_field)
-        return (is_bare if any(others) else np.ones_like(is_bare)).astype(np.uint8)
+        excluded = (seen.objects - seen.unlit, seen.blended, seen.has_textures, seen.with_field)
+        return (is_bare if any(excluded) else np.ones_like(is_bare)).astype(np.uint8)
 
     @cached_property
-    def tones(self) -> ToneMap | None:
+    def tone_map(self) -> ToneMap | None:
         """The tone map; None where it changes nothing, or no 8-bit codes are made."""
-        tones = self.asked["tone_map"]
-        has_codes = "color" in self.whole_outputs or self.mixes_codes
-        return None if tones is None or tones.is_neutral or not has_codes else tones
+        tone_map = self.fields["tone_map"]
+        has_codes = "color" in self.frame_outputs or self.mixes_codes
+        return None if tone_map is None or tone_map.is_neutral or not has_codes else tone_map
 
     @cached_property
     def needs_gouraud(self) -> bool:
         """Whether vertices are lit."""
-        return self.is_lit and self.seen.gouraud > 0
+        return self.is_lit and self.visible.gouraud > 0
 
     @cached_property
     def needs_diffuse_light(self) -> bool:
         """Whether vertices are lit without highlights too: these lie on textures, face colours."""
-        return self.is_lit and self.seen.tinted_highlights > 0
+        return self.is_lit and self.visible.tinted_highlights > 0
 
     @cached_property
     def needs_alpha_tests(self) -> bool:
         """Whether faces are alpha-tested."""
-        return self.finds_faces and self.seen.cut_out > 0
+        return self.finds_faces and self.visible.cut_out > 0
 
     @cached_property
-    def hits_are_visible(self) -> bool:
-        """Whether faces are drawn without what of them is too faint to be hit."""
-        seen = self.inventory.is_see_through & self.in_view
-        return self.finds_faces and self.quality.visible_alpha > 0.0 and bool(seen.any())
+    def discards_faint(self) -> bool:
+        """Whether fragments below ``quality.visible_alpha`` are discarded."""
+        is_see_through = self.inventory.is_see_through & self.in_view
+        return self.finds_faces and self.quality.visible_alpha > 0.0 and bool(is_see_through.any())
 
     @cached_property
-    def tests_hits(self) -> bool:
-        """Whether the alpha of faces is looked at to find the nearest."""
-        return self.needs_alpha_tests or self.hits_are_visible
+    def tests_alpha(self) -> bool:
+        """Whether the alpha of faces is tested to find the nearest."""
+        return self.needs_alpha_tests or self.discards_faint
 
     @cached_property
     def has_textured_holes(self) -> bool:
-        """Whether a texture decides where those holes are."""
-        return self.seen.textured_holes > 0
+        """Whether a texture decides where faces have holes."""
+        return self.visible.textured_holes > 0
 
     @cached_property
     def casts_shadows(self) -> bool:
@@ -243,27 +239,27 @@ class Facts:
     @cached_property
     def shades_through_holes(self) -> bool:
         """Whether shadow maps are alpha-tested: objects out of view cast shadows as well."""
-        return self.casts_shadows and self.contents.cut_out > 0
+        return self.casts_shadows and self.counts.cut_out > 0
 
     @cached_property
     def needs_textures(self) -> bool:
         """Whether textures are read."""
-        return self.shades and self.seen.has_textures
+        return self.shades and self.visible.has_textures
 
     @cached_property
     def needs_fields(self) -> bool:
         """Whether colours are looked up for scalars of vertices."""
-        return self.shades and self.seen.with_field > 0
+        return self.shades and self.visible.with_field > 0
 
     @cached_property
     def has_round_points(self) -> bool:
         """Whether any object is of discs or spheres, in view or not."""
-        return self.contents.discs + self.contents.spheres > 0
+        return self.counts.discs + self.counts.spheres > 0
 
     @cached_property
-    def picture_samples(self) -> int | None:
+    def supersamples(self) -> int | None:
         """
-        Of how many whole pictures the samples of a pixel are; ``None``: of one.
+        Number of whole pictures that supersampling averages; ``None``: no supersampling.
 
         Discs and spheres have no triangles to find several samples or areas of: then there are as
         many pictures as the next square grid of samples has.
@@ -271,7 +267,7 @@ class Facts:
         samples = self.quality.samples
         if samples in SUPERSAMPLED:
             return int(samples)
-        if samples == 1 or self.seen.discs + self.seen.spheres == 0:
+        if samples == 1 or self.visible.discs + self.visible.spheres == 0:
             return None
         return 4 if samples in (2, 4) else 16
 
@@ -279,13 +275,13 @@ class Facts:
     def pictures(self) -> int:
         """How many whole pictures are averaged, of faces or of what lies behind them all."""
         has_edges = self.shades or self.shows_environment
-        samples = self.picture_samples
+        samples = self.supersamples
         return samples if has_edges and samples is not None else 1
 
     @cached_property
     def mixes_samples(self) -> bool:
         """Whether a pixel of one picture shows several samples, or areas."""
-        return self.shades and self.quality.samples != 1 and self.picture_samples is None
+        return self.shades and self.quality.samples != 1 and self.supersamples is None
 
     @cached_property
     def antialiases(self) -> bool:
@@ -295,27 +291,27 @@ class Facts:
     @cached_property
     def needs_microfacets(self) -> bool:
         """Whether light falls on metallic-roughness materials."""
-        return self.is_lit and self.seen.pbr > 0
+        return self.is_lit and self.visible.pbr > 0
 
     @cached_property
     def transmits(self) -> bool:
         """Whether light that falls on anything goes through it, refracted."""
-        return self.is_lit and self.seen.transmitting > 0
+        return self.is_lit and self.visible.transmitting > 0
 
     @cached_property
     def blurs_behind(self) -> bool:
         """Whether any object, in view or not, blurs its background."""
-        return self.contents.rough_glass > 0
+        return self.counts.rough_glass > 0
 
     @cached_property
     def needs_layers(self) -> bool:
         """Whether anything lit has a clearcoat, sheen or custom specular."""
-        return self.is_lit and self.seen.has_layers
+        return self.is_lit and self.visible.has_layers
 
     @cached_property
     def needs_maps(self) -> bool:
         """Whether material maps besides base colour are read."""
-        return self.shades and self.seen.has_maps
+        return self.shades and self.visible.has_maps
 
     @cached_property
     def renormalizes(self) -> bool:
@@ -325,8 +321,8 @@ class Facts:
         If not, they are of that length at the vertices all the same. Under normal maps, and where
         an object is scaled unevenly, that takes scaling at every pixel.
         """
-        is_bent = self.seen.textured["normal_texture"] > 0
-        return self.quality.renormalize or is_bent or self.is_uneven
+        has_normal_map = self.visible.textured["normal_texture"] > 0
+        return self.quality.renormalize or has_normal_map or self.is_uneven
 
     @cached_property
     def has_environment_light(self) -> bool:
@@ -336,12 +332,12 @@ class Facts:
     @cached_property
     def shows_environment(self) -> bool:
         """Whether the environment is seen where no face is."""
-        is_wanted = self.environment is not None and self.environment.background
-        return is_wanted and self.is_colored and not self.has_background
+        is_background = self.environment is not None and self.environment.background
+        return is_background and self.is_colored and not self.has_background
 
     @cached_property
     def mixes_codes(self) -> bool:
-        """Whether what a pixel shows is mixed as 8-bit sRGB codes, which all colour then is."""
+        """Whether colours are blended as 8-bit sRGB codes, which all colours then are."""
         is_mixed = self.transparency.used or self.antialiases
         return is_mixed and self.quality.blending == "srgb8"
 
@@ -359,7 +355,7 @@ def is_fog_in_reach(fog: Fog | None, views: Boxes | Group) -> Any:
     return views.farthest() * DISTANCE_ROUNDING > fog.start
 
 
-def look(
+def collect_facts(
     scene: Scene,
     boxes: Boxes,
     views: Views,
@@ -372,26 +368,26 @@ def look(
     last: Facts | None = None,
 ) -> Facts:
     """
-    Look at a scene, seen from a camera, once; lights only if light reaches what is seen.
+    Collect the facts about a scene from a camera; about lights only if anything is lit.
 
     ``last`` are facts of an earlier frame: they themselves are returned where they still hold.
     """
     in_view = boxes.in_view
-    is_uneven = not quality.renormalize and _any_uneven(views, in_view, inventory)
-    asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
-    fog = asked["fog"] if is_fog_in_reach(asked["fog"], boxes) else None
-    picture = background if isinstance(background, BackgroundImage) else None
+    is_uneven = not quality.renormalize and _has_uneven_scale(views, in_view, inventory)
+    fields = {name: getattr(scene, name) for name in EFFECT_FIELDS}
+    fog = fields["fog"] if is_fog_in_reach(fields["fog"], boxes) else None
+    image = background if isinstance(background, BackgroundImage) else None
     if (
         last is not None
         # Objects, meshes and materials in force are the same as long as their inventory is.
         and last.inventory is inventory
         and last.quality is quality
-        and last.background_image is picture
-        and all(map(operator.is_, last.asked.values(), asked.values()))
+        and last.background_image is image
+        and all(map(operator.is_, last.fields.values(), fields.values()))
         and (last.outputs, last.diagnose, last.is_uneven) == (outputs, diagnose, is_uneven)
         and last.has_lights == bool(scene.lights)
         and last.fog is fog
-        and _are_same(last.imitation, scene._imitation)
+        and _is_same_shading(last.reference, scene._reference)
         and last.has_background == (background is not None)
         and last.in_view.tobytes() == in_view.tobytes()
     ):
@@ -401,15 +397,15 @@ def look(
             outputs=outputs,
             inventory=inventory,
             in_view=in_view,
-            contents=inventory.contents,
-            seen=inventory.contents_of(in_view),
+            counts=inventory.contents,
+            visible=inventory.counts_of(in_view),
             has_lights=bool(scene.lights),
-            asked=asked,
+            fields=fields,
             diagnose=diagnose,
             quality=quality,
             transparency=NO_TRANSPARENCY,
             has_background=background is not None,
-            background_image=picture,
+            background_image=image,
             lights=NO_LIGHTS,
             is_uneven=is_uneven,
             attributes={
@@ -418,17 +414,17 @@ def look(
                 if output.startswith(ATTRIBUTE)
             },
             fog=fog,
-            whole_outputs=outputs,
-            imitation=scene._imitation,
+            frame_outputs=outputs,
+            reference=scene._reference,
         )
     transparency = facts.transparency
-    if facts is not last or facts.contents.blended > 0:
+    if facts is not last or facts.counts.blended > 0:
         transparency = find_transparency(
-            scene.nodes, facts.colors_faces, facts.contents.blended > 0, inventory.is_see_through,
+            scene.nodes, facts.colors_faces, facts.counts.blended > 0, inventory.is_see_through,
             in_view,
         )  # fmt: skip
     lights = NO_LIGHTS
-    if facts.is_lit and scene.lights and facts.lights.are_all_of(scene.lights):
+    if facts.is_lit and scene.lights and facts.lights.keep_all(scene.lights):
         lights = facts.lights
     elif facts.is_lit and scene.lights:
         casts = inventory.casts_shadows
@@ -437,19 +433,19 @@ def look(
         enclosures = Enclosures(
             meshes, is_wall, views.relative_from_model, views.clip_from_relative
         )
-        lights = plan_lights(lights_under(scene.lights, quality), boxes, casts, enclosures)
-    is_same = transparency is facts.transparency or transparency.same(facts.transparency)
+        lights = plan_lights(override_lights(scene.lights, quality), boxes, casts, enclosures)
+    is_same = transparency is facts.transparency or transparency.equals(facts.transparency)
     if is_same and (lights is facts.lights or lights == facts.lights):
         return facts
     return replace(facts, transparency=transparency, lights=lights)
 
 
-def _are_same(one: Imitation | None, other: Imitation | None) -> bool:
-    """Tell whether the same is imitated, or nothing each time."""
-    return one is other or (one is not None and one.same(other))
+def _is_same_shading(one: ReferenceShading | None, other: ReferenceShading | None) -> bool:
+    """Tell whether two reference shadings are the same, or both None."""
+    return one is other or (one is not None and one.equals(other))
 
 
-def _any_uneven(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:
+def _has_uneven_scale(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:
     """Tell whether any object in view with interpolated normals has a non-uniform scale."""
     chosen = in_view & inventory.interpolates_normals
     return not are_even(views.relative_from_model[chosen]).all()
@@ -467,8 +463,8 @@ UNKNOWN_REASON = "not all that is drawn allows float32"
 
 def float64_reason(facts: Facts) -> str | None:
     """Say why colours are interpolated in float64; None where they are in float32."""
-    quality, seen = facts.quality, facts.seen
-    if facts.shown_in_float32 is not None:
+    quality, visible = facts.quality, facts.visible
+    if facts.float32_objects is not None:
         return None
     reasons = (
         (
@@ -476,33 +472,33 @@ def float64_reason(facts: Facts) -> str | None:
             "quality.interpolation_precision is 'float64'",
         ),
         (
-            quality.samples != 1 and facts.picture_samples is None,
+            quality.samples != 1 and facts.supersamples is None,
             f"quality.samples is {quality.samples!r}",
         ),
-        (seen.blended > 0, "an object is blended"),
-        (seen.unlit < seen.objects, "an object is lit"),
-        (seen.has_textures, "an object has a texture"),
-        (seen.with_field > 0, "an object has scalars of its vertices"),
-        (seen.vertex_colored == 0, "no mesh in view has colours of its vertices"),
+        (visible.blended > 0, "an object is blended"),
+        (visible.unlit < visible.objects, "an object is lit"),
+        (visible.has_textures, "an object has a texture"),
+        (visible.with_field > 0, "an object has scalars of its vertices"),
+        (visible.vertex_colored == 0, "no mesh in view has colours of its vertices"),
     )
-    return next((reason for is_so, reason in reasons if is_so), UNKNOWN_REASON)
+    return next((reason for holds, reason in reasons if holds), UNKNOWN_REASON)
 
 
-def others_reason(facts: Facts) -> str | None:
+def other_float64_reason(facts: Facts) -> str | None:
     """Say why others in view take float64 where some take float32; None where none do."""
-    shown, seen = facts.shown_in_float32, facts.seen
-    if shown is None or shown.all():
+    in_float32, visible = facts.float32_objects, facts.visible
+    if in_float32 is None or in_float32.all():
         return None
     reasons = (
-        (seen.blended > 0, "an object is blended"),
-        (seen.has_textures, "an object has a texture"),
-        (seen.with_field > 0, "an object has scalars of its vertices"),
+        (visible.blended > 0, "an object is blended"),
+        (visible.has_textures, "an object has a texture"),
+        (visible.with_field > 0, "an object has scalars of its vertices"),
         (True, "an object is lit"),
     )
-    return next(reason for is_so, reason in reasons if is_so)
+    return next(reason for holds, reason in reasons if holds)
 
 
-def settings_asked(facts: Facts, *names: str) -> str:
+def changed_settings(facts: Facts, *names: str) -> str:
     """Say which of some settings the quality changes from the standard, and to what."""
     values = {name: getattr(facts.quality, name) for name in names}
     return "".join(

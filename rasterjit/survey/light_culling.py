@@ -25,7 +25,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import (
-    MAX_TEXELS,
+    MAX_MAP_TEXELS,
     AmbientLight,
     DirectionalLight,
     Light,
@@ -34,52 +34,52 @@ from rasterjit.scene.light import (
     SpotLight,
     unit_vector,
 )
-from rasterjit.scene.reference_shader import DepthMap, Imitation
+from rasterjit.scene.reference_shader import DepthMap, ReferenceShading
 from rasterjit.survey.batched_views import Group
 from rasterjit.survey.blocked_lights import Enclosures
 from rasterjit.survey.object_transforms import Boxes
 
 CastingLight: TypeAlias = DirectionalLight | PointLight | SpotLight
-"""Lights that come from somewhere: they have a row each, and may cast shadows."""
+"""Lights with a direction or position: each has a row, and may cast shadows."""
 
-FARTHEST_LIGHT = 1e18
+MAX_LIGHT_DISTANCE = 1e18
 """Coordinates of a light relative to the eye are clamped to this: their squares stay finite in
 float32, and no light of an allowed intensity is seen from there."""
 
-NARROWEST_CONE = 2.0**-41
+MIN_CONE = 2.0**-41
 """Cones end no nearer to their axis, as one less the cosine: 9.5e-7 radians, a few roundings of a
 direction in float32, so that there is light on the axis whatever the angle."""
 
-NARROWEST_RAMP = 2.0**-21
+MIN_CONE_RAMP = 2.0**-21
 """Where the angles of a cone are the same its light ends over so much of one less the cosine: what
 float32 tells, and less than what a light reaches is widened by."""
 
-WIDEST_MAP = 60.0
+MAX_ONE_MAP_ANGLE = 60.0
 """Spot lights wider than so many degrees from their axis get six maps, as point lights do."""
 
 FILTER_TEXELS = 6.0
-"""Texels that a filter looks aside at most, of a map that is fitted to more than is seen."""
+"""Largest reach of a shadow filter, texels, if the map covers more than is visible."""
 
 MAX_PAIRS = 1 << 20
-"""Pairs of objects that are looked at: in scenes of more, something always lies between."""
+"""Most pairs of objects that are tested; with more, a caster is assumed."""
 
-FIRST_ROWS, MORE_ROWS = 4, 8
+FIRST_ROWS, ROW_GROWTH = 4, 8
 """Objects compared with all others at first, and the factor for each next try. Mostly the first
 finds something."""
 
 LIGHT_ROUNDING = 2.0**-16
-"""Widening of what a light reaches, as a share of coordinates and of cosines: above that of the
+"""Margin of a light's reach, relative to coordinates and cosines: above the rounding of the
 light that kernels see, which is float32."""
 
 DIAGONAL = math.sqrt(0.5)
 
 TEXEL_BYTES = 4
 
-ALONG = 0.1
-"""Sine of the angle to the direction below which an axis says too little about what is aside."""
+MIN_SIDE_SINE = 0.1
+"""Least sine of the angle between a direction and an axis that the basis is built from."""
 
 NO_CONE = (0.0, 0.0, 0.0, 0.0, 1.0)
-"""Axis, scale and offset of light that goes all ways."""
+"""Axis, scale and offset of light without a cone."""
 
 HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
 """Direction of the default light in view space: over the viewer's right shoulder."""
@@ -92,9 +92,9 @@ class PlannedLights(NamedTuple):
     """The lights that reach visible objects."""
 
     lights: tuple[Light, ...]
-    """As the scene has them; one that casts no shadow there has none."""
+    """The lights; one that casts no visible shadow has none."""
     numbers: tuple[int, ...]
-    """Which of the scene's lights each is; empty for the headlight."""
+    """Number of each in the scene; empty for the headlight."""
     notes: tuple[str, ...]
     """Why others were left out."""
     shadow_notes: tuple[str, ...]
@@ -105,8 +105,8 @@ class PlannedLights(NamedTuple):
         """Whether any of them casts shadows."""
         return any(getattr(light, "shadow", None) is not None for light in self.lights)
 
-    def are_all_of(self, lights: Sequence[Light]) -> bool:
-        """Tell whether these are some lights, none left out, and reach all whatever is seen."""
+    def keep_all(self, lights: Sequence[Light]) -> bool:
+        """Tell whether these are all given lights, and would be for any camera."""
         return (
             len(self.lights) == len(lights)
             and all(map(operator.is_, self.lights, lights))
@@ -115,7 +115,7 @@ class PlannedLights(NamedTuple):
 
 
 def _depends_on_view(light: Any) -> bool:
-    """Tell whether what a light reaches, and its shadows, depend on what is seen."""
+    """Tell whether culling a light or its shadow depends on the visible objects."""
     if isinstance(light, SpotLight) or getattr(light, "range", None) is not None:
         return True
     return getattr(light, "shadow", None) is not None
@@ -128,7 +128,7 @@ def plan_lights(
     lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_], enclosures: Enclosures
 ) -> PlannedLights:
     """
-    Return the lights that reach what is seen, and what became of the others.
+    Cull the lights: return those that reach visible objects, and why others do not.
 
     Parameters
     ----------
@@ -146,71 +146,71 @@ def plan_lights(
         If the shadow maps have too many texels together; the message names the lights.
     """
     kept, numbers, notes, shadow_notes = [], [], [], []
-    scenery = _Scenery(boxes, casts, enclosures)
+    light_scene = _LightScene(boxes, casts, enclosures)
     for n, light in enumerate(lights):
-        reason, reached = _reason_against(light, scenery)
+        reason, lit = _culling_reason(light, light_scene)
         if reason:
             notes.append(f"light {n}: {reason}")
             continue
         if isinstance(light, AmbientLight) or light.shadow is None:
             pass
-        elif not scenery.is_shaded(light, light.shadow, reached):
+        elif not light_scene.is_shaded(light, light.shadow, lit):
             shadow_notes.append(f"light {n}: nothing lies between it and what is seen")
             light = replace(light, shadow=None)
         kept.append(light)
         numbers.append(n)
     planned = PlannedLights(tuple(kept), tuple(numbers), tuple(notes), tuple(shadow_notes))
-    _check_maps(planned)
+    _check_map_texels(planned)
     return planned
 
 
-def _reason_against(light: Any, scenery: _Scenery) -> tuple[str, NDArray[np.bool_] | None]:
-    """Return why a light reaches nothing that is seen, or "" and what it reaches if not all."""
+def _culling_reason(light: Any, light_scene: _LightScene) -> tuple[str, NDArray[np.bool_] | None]:
+    """Return why a light is culled, or "" and the objects that it reaches, None for all."""
     if light.intensity == 0.0:
         return "its intensity is 0", None
     if not any(light.color):
         return "it is black", None
-    reached = None
+    lit = None
     if getattr(light, "range", None) is not None:
-        reached = scenery.in_range(light)
-        if not reached.any():
+        lit = light_scene.in_range(light)
+        if not lit.any():
             return f"its range of {light.range:g} ends before all that is seen", None
     if isinstance(light, SpotLight):
-        reached = scenery.in_cone(light) if reached is None else reached & scenery.in_cone(light)
-        if not reached.any():
+        lit = light_scene.in_cone(light) if lit is None else lit & light_scene.in_cone(light)
+        if not lit.any():
             return "nothing in view is in its cone", None
     if getattr(light, "shadow", None) is not None:
-        wall = scenery.wall_against(light)
-        if wall is not None:
-            return f"object {wall} is closed around the camera, and keeps it out", None
-    return "", reached
+        blocker = light_scene.blocking_object(light)
+        if blocker is not None:
+            return f"object {blocker} is closed around the camera, and keeps it out", None
+    return "", lit
 
 
-def _check_maps(planned: PlannedLights) -> None:
+def _check_map_texels(planned: PlannedLights) -> None:
     """Raise ``ValueError`` if the shadow maps have too many texels together."""
-    total, listed = 0, []
+    total, maps = 0, []
     for n, light in zip(planned.numbers, planned.lights, strict=True):
         shadow = getattr(light, "shadow", None)
         if shadow is not None:
             count = 6 if has_cube(light) else 1
             total += count * shadow.size * shadow.size
-            listed.append(f"light {n} ({count} of {shadow.size} x {shadow.size})")
-    if total > MAX_TEXELS:
+            maps.append(f"light {n} ({count} of {shadow.size} x {shadow.size})")
+    if total > MAX_MAP_TEXELS:
         raise ValueError(
-            f"the shadow maps of all lights must have at most {MAX_TEXELS:,} texels together "
-            f"({MAX_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
-            f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(listed)}; take a smaller "
+            f"the shadow maps of all lights must have at most {MAX_MAP_TEXELS:,} texels together "
+            f"({MAX_MAP_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
+            f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(maps)}; take a smaller "
             "shadow.size or quality.shadow_size, or fewer shadows"
         )
 
 
 def has_cube(light: Light) -> bool:
-    """Tell whether a light that casts shadows has six maps."""
-    wide = isinstance(light, SpotLight) and light.outer_angle > WIDEST_MAP
-    return wide or isinstance(light, PointLight)
+    """Tell whether the shadow map of a light is a cube map."""
+    is_wide = isinstance(light, SpotLight) and light.outer_angle > MAX_ONE_MAP_ANGLE
+    return is_wide or isinstance(light, PointLight)
 
 
-class _Scenery:
+class _LightScene:
     """Receivers and casters of light, as boxes relative to the eye."""
 
     def __init__(self, boxes: Boxes, casts: NDArray[np.bool_], enclosures: Enclosures) -> None:
@@ -221,13 +221,13 @@ class _Scenery:
 
     @cached_property
     def is_unsure(self) -> NDArray[np.bool_]:
-        """Whether it is not known how far an object reaches, though it may be seen, (O,)."""
+        """Whether each object may be visible but has no known bounds, (O,)."""
         return self._boxes.in_view & ~self._boxes.is_known
 
     @cached_property
     def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Low and high corner along the world's axes, (O, 3) each."""
-        return ends_of(self._boxes.corners)
+        return corner_bounds(self._boxes.corners)
 
     def in_range(self, light: Any) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it may be seen and a light's range reaches it."""
@@ -238,16 +238,16 @@ class _Scenery:
         in_cone = _is_in_cone(light, self.eye, self._boxes.corners)
         return self._boxes.in_view & in_cone | self.is_unsure
 
-    def wall_against(self, light: Any) -> int | None:
-        """Return the object that is closed between what is seen and a light, if any."""
+    def blocking_object(self, light: Any) -> int | None:
+        """Return the closed object that blocks a light from all that is visible, if any."""
         low, high = self.ends
         if isinstance(light, DirectionalLight):
-            return self._enclosures.between(-np.array(light.direction), False, low, high)
-        return self._enclosures.between(np.array(light.position) - self.eye, True, low, high)
+            return self._enclosures.separating(-np.array(light.direction), False, low, high)
+        return self._enclosures.separating(np.array(light.position) - self.eye, True, low, high)
 
-    def is_shaded(self, light: Any, shadow: Shadow, reached: NDArray[np.bool_] | None) -> bool:
-        """Tell whether anything may lie between a light and what it reaches, (O,) or all."""
-        receives = self._boxes.in_view if reached is None else reached
+    def is_shaded(self, light: Any, shadow: Shadow, lit: NDArray[np.bool_] | None) -> bool:
+        """Tell whether any object may cast a shadow on those that a light reaches, (O,) or all."""
+        receives = self._boxes.in_view if lit is None else lit
         is_solid = self.casts & ~self._boxes.is_flat
         if self.is_unsure.any() or (receives & is_solid).any():
             # What has an inside may shade itself.
@@ -258,30 +258,30 @@ class _Scenery:
             return True
         low, high = self.ends
         if isinstance(light, DirectionalLight):
-            corners = along(axes_of(light.direction), self._boxes.corners)
+            corners = project_on(basis(light.direction), self._boxes.corners)
             low, high = corners.min(axis=1), corners.max(axis=1)
         # What lies between a surface and the light meets the box around both.
         first, last = low[receivers], high[receivers]
         if isinstance(light, DirectionalLight):
             nearest = low[casters, 2].min(initial=np.inf)
-            room = _room_aside(shadow, first[:, :2], last[:, :2])
-            room += half_tangent(shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
+            reach = _filter_reach(shadow, first[:, :2], last[:, :2])
+            reach += half_tangent(shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
             first[:, 2] = -np.inf
         else:
-            place = np.array(light.position) - self.eye
-            first, last = np.minimum(first, place), np.maximum(last, place)
-            room = _room_aside(shadow, first, last) + (shadow.light_size or 0.0) / 2.0
-        first, last = first - room, last + room
-        return _meets_another(first, last, receivers, low[casters], high[casters], casters)
+            position = np.array(light.position) - self.eye
+            first, last = np.minimum(first, position), np.maximum(last, position)
+            reach = _filter_reach(shadow, first, last) + (shadow.light_size or 0.0) / 2.0
+        first, last = first - reach, last + reach
+        return _overlaps_another(first, last, receivers, low[casters], high[casters], casters)
 
 
-def ends_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def corner_bounds(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return low and high corner along the world's axes, (..., 3) each, of boxes, (..., 8, 3)."""
     return corners.min(axis=-2), corners.max(axis=-2)
 
 
-def _slack(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far off the corners of boxes, (..., 3), may be as kernels see them, (...)."""
+def _box_error(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the error of box corners, (..., 3), in the float32 of kernels, (...)."""
     return LIGHT_ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(axis=-1)
 
 
@@ -293,17 +293,15 @@ def _is_in_range(
 
     Takes the eye, (..., 3), and the corners of the boxes relative to it, (..., O, 3) each.
     """
-    place = (np.array(light.position) - eye)[..., np.newaxis, :]
-    slack = _slack(low, high) + LIGHT_ROUNDING * (np.abs(place).max(axis=-1) + light.range)
+    position = (np.array(light.position) - eye)[..., np.newaxis, :]
+    error = _box_error(low, high) + LIGHT_ROUNDING * (np.abs(position).max(axis=-1) + light.range)
     with np.errstate(invalid="ignore", over="ignore"):
-        gaps = np.maximum(low - place, place - high) - slack[..., np.newaxis]
+        gaps = np.maximum(low - position, position - high) - error[..., np.newaxis]
         x, y, z = np.moveaxis(np.maximum(gaps, 0.0), -1, 0) / light.range
         return x * x + y * y + z * z < 1.0
 
 
-def pyramid_of(
-    light: SpotLight,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def cone_pyramid(light: SpotLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
     Return a pyramid of eight sides around a light's cone.
 
@@ -317,7 +315,7 @@ def pyramid_of(
     """
     _, cosine = transforms.sine_cosine(light.outer_angle)
     cosine = max(cosine - LIGHT_ROUNDING, 0.0)
-    return axes_of(light.direction), np.array([math.sqrt(1.0 - cosine * cosine), cosine])
+    return basis(light.direction), np.array([math.sqrt(1.0 - cosine * cosine), cosine])
 
 
 def _is_in_cone(
@@ -331,41 +329,41 @@ def _is_in_cone(
 
     Takes the eye, (..., 3), and the corners of the boxes relative to it, (..., O, 8, 3).
     """
-    place = (np.array(light.position) - eye)[..., np.newaxis, np.newaxis, :]
-    axes, (sine, cosine) = pyramid_of(light)
+    position = (np.array(light.position) - eye)[..., np.newaxis, np.newaxis, :]
+    axes, (sine, cosine) = cone_pyramid(light)
     with np.errstate(invalid="ignore", over="ignore"):
-        right, down, ahead = np.moveaxis(along(axes, corners - place), -1, 0)
-        slack = np.maximum(np.abs(corners).max(axis=(-2, -1)), np.abs(place).max(axis=(-2, -1)))
-        slack *= 2.0 * LIGHT_ROUNDING
-        is_out = ahead.max(axis=-1) < -slack
+        right, down, ahead = np.moveaxis(project_on(axes, corners - position), -1, 0)
+        error = np.maximum(np.abs(corners).max(axis=(-2, -1)), np.abs(position).max(axis=(-2, -1)))
+        error *= 2.0 * LIGHT_ROUNDING
+        is_out = ahead.max(axis=-1) < -error
         between = DIAGONAL * (right + down), DIAGONAL * (right - down)
         for aside in (right, down, *between):
             for turn in (1.0, -1.0):
-                is_out |= (cosine * turn * aside - sine * ahead).min(axis=-1) > slack
+                is_out |= (cosine * turn * aside - sine * ahead).min(axis=-1) > error
     return ~is_out
 
 
-def reach(lights: Sequence[Light], group: Group) -> NDArray[np.bool_]:
-    """Tell of lights without shadows, (N, L), whether they reach what is seen: `plan_lights`."""
-    reached = np.zeros((len(group.in_view), len(lights)), np.bool_)
+def reaching_lights(lights: Sequence[Light], group: Group) -> NDArray[np.bool_]:
+    """Tell whether lights without shadows reach visible objects, (N, L): as `plan_lights` does."""
+    is_lit = np.zeros((len(group.in_view), len(lights)), np.bool_)
     for n, light in enumerate(lights):
         if light.intensity == 0.0 or not any(light.color):
             continue
         is_reached = np.ones_like(group.in_view)
         if getattr(light, "range", None) is not None:
-            is_reached &= _is_in_range(light, group.eyes, *ends_of(group.corners))
+            is_reached &= _is_in_range(light, group.eyes, *corner_bounds(group.corners))
         if isinstance(light, SpotLight):
             is_reached &= _is_in_cone(light, group.eyes, group.corners)
         if is_reached.all():
-            reached[:, n] = True
+            is_lit[:, n] = True
             continue
         lit = group.in_view & is_reached | group.is_unsure
-        reached[:, n] = lit.any(axis=1)
-    return reached
+        is_lit[:, n] = lit.any(axis=1)
+    return is_lit
 
 
-def _room_aside(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:
-    """Return how far beside what it falls on a filter may find a shadow, scene units."""
+def _filter_reach(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:
+    """Return the reach of a shadow filter to the side, scene units."""
     if shadow.filter == "hard" or not len(first):
         return 0.0
     return FILTER_TEXELS / shadow.size * float((last.max(axis=0) - first.min(axis=0)).max())
@@ -379,7 +377,7 @@ def half_tangent(shadow: Shadow) -> float:
     return sine / cosine
 
 
-def _meets_another(
+def _overlaps_another(
     first: NDArray[np.float64],
     last: NDArray[np.float64],
     owners: NDArray[np.int64],
@@ -387,7 +385,7 @@ def _meets_another(
     high: NDArray[np.float64],
     numbers: NDArray[np.int64],
 ) -> bool:
-    """Tell whether any of N boxes (first, last) meets one of M (low, high) that is not its own."""
+    """Tell whether any of N boxes (first, last) overlaps one of M (low, high) of another object."""
     start, rows = 0, FIRST_ROWS
     while start < len(first):
         part = slice(start, start + rows)
@@ -397,11 +395,11 @@ def _meets_another(
             meets &= high[:, k] >= first[part, k, np.newaxis]
         if meets.any():
             return True
-        start, rows = start + rows, rows * MORE_ROWS
+        start, rows = start + rows, rows * ROW_GROWTH
     return False
 
 
-def axes_of(
+def basis(
     direction: Sequence[float], right: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
     """
@@ -411,12 +409,12 @@ def axes_of(
     """
     x, y, z = direction
     a, b, c = right
-    part = a * x + b * y + c * z
-    a, b, c = a - part * x, b - part * y, c - part * z
-    if max(abs(a), abs(b), abs(c)) < ALONG:
+    values = a * x + b * y + c * z
+    a, b, c = a - values * x, b - values * y, c - values * z
+    if max(abs(a), abs(b), abs(c)) < MIN_SIDE_SINE:
         # Take what is at right angles to the direction and to the axis farthest from it.
-        least = min(abs(x), abs(y), abs(z))
-        p, q, r = (float(abs(part) == least) for part in direction)
+        axis = min(abs(x), abs(y), abs(z))
+        p, q, r = (float(abs(values) == axis) for values in direction)
         if p == q == r:
             # All three are as far: their sum may be along it.
             p, q, r = 1.0, 0.0, 0.0
@@ -426,17 +424,14 @@ def axes_of(
     return np.array([across, [y * r - z * q, z * p - x * r, x * q - y * p], [x, y, z]])
 
 
-def along(axes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def project_on(axes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the coordinates of points, (..., 3), along three axes."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([x * a + y * b + z * c for a, b, c in axes.tolist()], axis=-1)
 
 
-def lighting_of(
-    lights: Sequence[Light],
-    camera: Camera,
-    highlights: int,
-    renormalizes: int = 1,
+def pack_lights(
+    lights: Sequence[Light], camera: Camera, highlights: int, renormalizes: int = 1
 ) -> Lighting:
     """
     Return the lights as rows, relative to the eye.
@@ -457,7 +452,7 @@ def lighting_of(
             red, green, blue = (part * light.intensity for part in light.color)
             ambient = ambient[0] + red, ambient[1] + green, ambient[2] + blue
         else:
-            rows.append(_row(light, eye))
+            rows.append(_light_row(light, eye))
     return Lighting(
         np.array(rows, np.float32).reshape(-1, LIGHT_COLUMNS),
         np.array(ambient, np.float32),
@@ -466,10 +461,10 @@ def lighting_of(
     )
 
 
-def imitated_lighting(
-    lighting: Lighting, imitation: Imitation, planned: PlannedLights, camera: Camera
+def reference_lighting(
+    lighting: Lighting, imitation: ReferenceShading, planned: PlannedLights, camera: Camera
 ) -> Lighting:
-    """Return lights as rows with the brightness that they have in another program's shader."""
+    """Return lights as rows with the brightness of a reference shading."""
     eye = np.asarray(camera.eye_position(), np.float64).tolist()
     # Light from all around has no row.
     numbers = [
@@ -482,17 +477,17 @@ def imitated_lighting(
         flags if flags.any() else None for flags in (imitation.faces_viewer, imitation.are_squares)
     )
     gains = imitation.gains if (imitation.gains != 1.0).any() else None
-    taken = np.ascontiguousarray(imitation.taken[:, numbers])
+    taken = np.ascontiguousarray(imitation.light_mask[:, numbers])
     maps = tuple(
-        (numbers.index(one.light), view_of_light(one, eye), one.depths)
-        for one in imitation.maps
-        if one.light in numbers
+        (numbers.index(map.light), light_view(map, eye), map.depths)
+        for map in imitation.maps
+        if map.light in numbers
     )
     imitated = Imitated(taken, faces_viewer, are_squares, gains, maps)
     return lighting._replace(ambient=imitation.ambient, highlights=None, imitated=imitated)
 
 
-def view_of_light(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
+def light_view(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
     """
     Return how a light sees points relative to the eye, (20,) float32: its matrix, row by row.
 
@@ -505,44 +500,44 @@ def view_of_light(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
     return np.array([*matrix.ravel(), z_offset, w_offset, z_scale, w_scale], np.float32)
 
 
-def _row(light: CastingLight, eye: Sequence[float]) -> list[float]:
+def _light_row(light: CastingLight, eye: Sequence[float]) -> list[float]:
     """Return one row of ``Lighting.lights``."""
     color = [part * light.intensity for part in light.color]
     if isinstance(light, DirectionalLight):
         x, y, z = light.direction
         return [-x, -y, -z, 0.0, *color, *NO_CONE, 0.0]
-    place = [
-        max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, at - origin))
-        for at, origin in zip(light.position, eye, strict=True)
+    position = [
+        max(-MAX_LIGHT_DISTANCE, min(MAX_LIGHT_DISTANCE, end - origin))
+        for end, origin in zip(light.position, eye, strict=True)
     ]
-    return [*place, 1.0, *color, *_cone(light), _ending(light.range)]
+    return [*position, 1.0, *color, *_cone_row(light), _range_falloff(light.range)]
 
 
-def _cone(light: Light) -> tuple[float, float, float, float, float]:
+def _cone_row(light: Light) -> tuple[float, float, float, float, float]:
     """Return axis, scale and offset of a light's cone: full light inside, whatever the angles."""
     if not isinstance(light, SpotLight):
         return NO_CONE
-    inner, outer = _versine(light.inner_angle), max(_versine(light.outer_angle), NARROWEST_CONE)
-    outer = max(outer, inner * (1.0 + NARROWEST_RAMP))
+    inner, outer = _versine(light.inner_angle), max(_versine(light.outer_angle), MIN_CONE)
+    outer = max(outer, inner * (1.0 + MIN_CONE_RAMP))
     scale = 1.0 / (outer - inner)
     return (*light.direction, scale, outer * scale)
 
 
 def _versine(angle: float) -> float:
-    """Return one less the cosine of an angle in degrees, of which small ones lose nothing."""
+    """Return 1 - cos of an angle in degrees, without cancellation for small ones."""
     sine, _ = transforms.sine_cosine(angle / 2.0)
     return 2.0 * sine * sine
 
 
-def _ending(end: float | None) -> float:
-    """Return one over the square of a range, 0 for none."""
+def _range_falloff(end: float | None) -> float:
+    """Return 1 / range², or 0 without a range."""
     if end is None:
         return 0.0
-    inverse = min(1.0 / end, FARTHEST_LIGHT)
+    inverse = min(1.0 / end, MAX_LIGHT_DISTANCE)
     return inverse * inverse
 
 
-def most_light(lights: Sequence[Light], environment: Environment | None) -> float:
+def max_reflected_light(lights: Sequence[Light], environment: Environment | None) -> float:
     """Return the largest light a white surface reflects; infinite with positional lights."""
     total = 0.0 if environment is None else environment.brightest
     for light in lights:
@@ -556,10 +551,10 @@ def most_light(lights: Sequence[Light], environment: Environment | None) -> floa
 def headlight(camera: Camera) -> list[Light]:
     """Return the lights of a scene that has none."""
     ambient = AmbientLight(intensity=HEADLIGHT_AMBIENT)
-    return [DirectionalLight(_headlight_way(camera), intensity=HEADLIGHT_INTENSITY), ambient]
+    return [DirectionalLight(_headlight_direction(camera), intensity=HEADLIGHT_INTENSITY), ambient]
 
 
-def _headlight_way(camera: Camera) -> tuple[float, ...]:
+def _headlight_direction(camera: Camera) -> tuple[float, ...]:
     """Return the direction of the light of a scene that has none, of any length."""
     # The rows of the inverse transpose are the columns of the inverse.
     columns = transforms.normal_rows(np.asarray(camera.view_matrix(), np.float64).tolist())
@@ -568,18 +563,18 @@ def _headlight_way(camera: Camera) -> tuple[float, ...]:
 
 
 def headlight_row(camera: Camera, highlights: int, renormalizes: int = 1) -> Lighting:
-    """Return `lighting_of` the `headlight` of a camera, without creating its lights again."""
-    made = _any_headlight()
-    rows = made.lights.copy()
-    rows[0, :3] = [-x for x in unit_vector("direction", _headlight_way(camera))]
+    """Return `pack_lights` the `headlight` of a camera, without creating its lights again."""
+    row = _default_headlight()
+    rows = row.lights.copy()
+    rows[0, :3] = [-x for x in unit_vector("direction", _headlight_direction(camera))]
     count = np.int64(highlights) if highlights else None
-    return made._replace(lights=rows, highlights=count, renormalizes=renormalizes)
+    return row._replace(lights=rows, highlights=count, renormalizes=renormalizes)
 
 
 @cache
-def _any_headlight() -> Lighting:
+def _default_headlight() -> Lighting:
     camera = PerspectiveCamera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-    lighting = lighting_of(headlight(camera), camera, 0)
+    lighting = pack_lights(headlight(camera), camera, 0)
     # All frames share it.
     lighting.ambient.setflags(write=False)
     return lighting

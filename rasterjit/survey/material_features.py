@@ -22,12 +22,12 @@ from rasterjit.survey.effect import Absent, Effect, Planned, Planning
 from rasterjit.survey.facts import (
     NORMAL_OUTPUTS,
     Facts,
+    changed_settings,
     float64_reason,
-    others_reason,
-    settings_asked,
+    other_float64_reason,
     unlit_reason,
 )
-from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, in_words
+from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, describe_count
 
 
 class MaterialRow(Effect):
@@ -63,17 +63,17 @@ class ShadingRow(MaterialRow):
             return "no output shows colour"
         if not facts.draws_faces:
             return "only the wireframe is drawn"
-        shadings = ", ".join(sorted(facts.seen.shadings))
+        shadings = ", ".join(sorted(facts.visible.shadings))
         if not shadings:
             return "no object is in view"
         why = float64_reason(facts)
         colors = "colours in float32" if why is None else f"colours in float64: {why}"
-        others = others_reason(facts)
+        others = other_float64_reason(facts)
         if others is not None:
             colors += f", others in float64: {others}"
-        if facts.imitation is not None:
+        if facts.reference is not None:
             colors += f"; as pyrender's shader does, in codes of {facts.encoding!r}"
-        return f"{shadings}{settings_asked(facts, 'shading')}; {colors}"
+        return f"{shadings}{changed_settings(facts, 'shading')}; {colors}"
 
 
 class Lights(MaterialRow):
@@ -94,7 +94,7 @@ class Lights(MaterialRow):
             return "a headlight, for the scene has no lights"
         if not facts.has_lights:
             return "no headlight, for the scene has an environment"
-        kinds = counted([type(light).__name__ for light in facts.lights.lights])
+        kinds = count_kinds([type(light).__name__ for light in facts.lights.lights])
         return "; ".join(filter(None, (kinds, *facts.lights.notes)))
 
 
@@ -110,7 +110,7 @@ class SmoothNormals(MaterialRow):
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say which objects are smooth, if any, and whether all show their normals."""
-        smooth = sorted(SMOOTH & facts.seen.shadings)
+        smooth = sorted(SMOOTH & facts.visible.shadings)
         if facts.shows_normals:
             is_shaded = facts.shades_smoothly
             shading = f"shading {', '.join(smooth)}{_scaling(facts)}; " if is_shaded else ""
@@ -118,15 +118,15 @@ class SmoothNormals(MaterialRow):
             return f"{shading}output {shown}, of every object"
         if smooth:
             return "shading " + ", ".join(smooth) + _scaling(facts)
-        hidden = not SMOOTH.isdisjoint(facts.contents.shadings)
+        hidden = not SMOOTH.isdisjoint(facts.counts.shadings)
         return "no object in view is smooth" if hidden else "no object is smooth"
 
 
 def _scaling(facts: Facts) -> str:
-    """Say, where the quality asks not to scale interpolated normals, what becomes of them."""
-    if facts.quality.renormalize or {"phong", "pbr"}.isdisjoint(facts.seen.shadings):
+    """Describe the scaling of interpolated normals, if the quality turns it off."""
+    if facts.quality.renormalize or {"phong", "pbr"}.isdisjoint(facts.visible.shadings):
         return ""
-    if facts.seen.textured["normal_texture"]:
+    if facts.visible.textured["normal_texture"]:
         return "; quality.renormalize is False, but not under normal maps"
     if facts.is_uneven:
         return "; quality.renormalize is False, but not where an object is scaled unevenly"
@@ -147,14 +147,14 @@ class TextureRow(MaterialRow):
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say what the textures are, or why none is read."""
-        if not facts.contents.has_textures:
+        if not facts.counts.has_textures:
             return "no material has a texture that is read"
         if not facts.colors_faces:
             return "nothing is shaded"
-        if not facts.seen.has_textures:
+        if not facts.visible.has_textures:
             return "no object in view has a texture that is read"
-        described = counted(facts.inventory.describe_textures(facts.in_view))
-        return described + settings_asked(facts, *self.settings)
+        described = count_kinds(facts.inventory.describe_textures(facts.in_view))
+        return described + changed_settings(facts, *self.settings)
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with no texture."""
@@ -194,7 +194,7 @@ class AlphaMasks(MaterialRow):
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say what has holes, or why nothing has."""
-        contents, seen = facts.contents, facts.seen
+        contents, seen = facts.counts, facts.visible
         if contents.masked == 0:
             return "no material has the alpha_mode 'mask'"
         if contents.cut_out == 0:
@@ -203,12 +203,12 @@ class AlphaMasks(MaterialRow):
             return "only the wireframe is drawn"
         if seen.cut_out > 0:
             return f"{seen.cut_out} of {seen.masked} objects with a mask can have holes"
-        outside = in_words(0, contents.cut_out)
+        outside = describe_count(0, contents.cut_out)
         return f"{outside}, in shadows alone" if facts.shades_through_holes else outside
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with opaque materials."""
-        return made_opaque(scene)
+        return with_opaque_materials(scene)
 
 
 class CountedRow(MaterialRow):
@@ -226,14 +226,14 @@ class CountedRow(MaterialRow):
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether a frame shows it."""
-        return bool(self.count(facts.seen)) and self.is_needed(facts)
+        return bool(self.count(facts.visible)) and self.is_needed(facts)
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say how many objects have it, and how many of them are in view."""
-        seen, count = self.count(facts.seen), self.count(facts.contents)
+        seen, count = self.count(facts.visible), self.count(facts.counts)
         if not count:
             return self.none
-        return in_words(seen, count) if is_used or not seen else "nothing is shaded"
+        return describe_count(seen, count) if is_used or not seen else "nothing is shaded"
 
 
 class ScalarFields(CountedRow):
@@ -270,7 +270,7 @@ class MicrofacetRow(CountedRow):
 
 class Map(CountedRow):
     """
-    Textures of one kind.
+    Textures of one kind, such as normal maps.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ class Emission(CountedRow):
 
 class LayerRow(CountedRow):
     """
-    What an extension of glTF lays over metallic-roughness materials.
+    A layer of metallic-roughness materials from a glTF extension.
 
     Parameters
     ----------
@@ -348,14 +348,14 @@ LAYERS = (
     ),
     LayerRow(
         "specular and ior", "no pbr material has an ior or specular_ field of its own",
-        "own_mirrors",
+        "custom_specular",
         {
             "ior": IOR, "specular_factor": 1.0, "specular_factor_texture": None,
             "specular_color": None, "specular_color_texture": None,
         },
     ),
 )  # fmt: skip
-"""Rows of what lies over metallic-roughness materials."""
+"""Rows of the layers of metallic-roughness materials."""
 
 
 class SingleSided(CountedRow):
@@ -374,7 +374,7 @@ class SingleSided(CountedRow):
 
 
 class DiagnosticsRow(MaterialRow):
-    """What became of every face."""
+    """Fates of all faces."""
 
     name = "diagnostics"
     is_explained = True
@@ -388,7 +388,7 @@ class DiagnosticsRow(MaterialRow):
         return f"diagnose={facts.diagnose}"
 
 
-def counted(kinds: Sequence[str]) -> str:
+def count_kinds(kinds: Sequence[str]) -> str:
     """Return how many there are of each kind."""
     return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).items())
 
@@ -425,6 +425,6 @@ def without_transmission(scene: Scene) -> Scene:
     return with_fields(scene, {"transmission": 0.0})
 
 
-def made_opaque(scene: Scene) -> Scene:
+def with_opaque_materials(scene: Scene) -> Scene:
     """Return a scene in which nothing is cut out or blended."""
     return with_fields(scene, {"alpha_mode": "opaque"})

@@ -1,4 +1,4 @@
-"""Count the objects of a scene by property, in all and in view; check its lists."""
+"""Count the objects of a scene by property; check its lists."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rasterjit.forks import cached_property
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
-from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
+from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
 from rasterjit.survey.object_transforms import Extents, mesh_boxes
-from rasterjit.survey.quality_overrides import meshes_under
+from rasterjit.survey.quality_overrides import override_meshes
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Shading models that read vertex normals."""
@@ -66,7 +66,7 @@ class ObjectCounts(NamedTuple):
     """With a clearcoat."""
     with_sheen: int
     """With a sheen."""
-    own_mirrors: int
+    custom_specular: int
     """Microfacet materials whose dielectric F0 is not 4 % white."""
     single_sided: int
     """Whose back faces are not drawn."""
@@ -132,7 +132,7 @@ class ObjectCounts(NamedTuple):
     @property
     def has_layers(self) -> bool:
         """Whether any object has a clearcoat, sheen or custom specular."""
-        return self.coated + self.with_sheen + self.own_mirrors > 0
+        return self.coated + self.with_sheen + self.custom_specular > 0
 
     @property
     def has_maps(self) -> bool:
@@ -142,7 +142,7 @@ class ObjectCounts(NamedTuple):
 
 
 class Attribute(NamedTuple):
-    """Where the meshes of a scene have a custom attribute."""
+    """Columns of a custom attribute, and whether it belongs to vertices or faces."""
 
     columns: int
     of_vertices: bool
@@ -165,60 +165,60 @@ class Inventory:
         numbers: dict[Mesh, int] = {}
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._textures = [textures_read(mesh.material) for mesh in numbers]
-        counted = map(_contents_of, numbers, self._textures)
+        counted = map(_count_mesh, numbers, self._textures)
         self._rows = np.array([one.row for one in counted], np.int64)
         self._alpha_uses = [alpha_use_of(mesh) for mesh in numbers]
-        self._pixels = max(map(_pixels_of, numbers), default=0.0)
+        self._pixels = max(map(_pixel_size, numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
     def contents(self) -> ObjectCounts:
         """Counts over all objects."""
-        return self._counted(self._numbers)
+        return self._sum_counts(self._numbers)
 
-    def contents_of(self, chosen: NDArray[np.bool_]) -> ObjectCounts:
+    def counts_of(self, chosen: NDArray[np.bool_]) -> ObjectCounts:
         """Return the counts over some objects, (O,) bool."""
-        return self.contents if chosen.all() else self._counted(self._numbers[chosen])
+        return self.contents if chosen.all() else self._sum_counts(self._numbers[chosen])
 
-    def _counted(self, numbers: NDArray[np.int64]) -> ObjectCounts:
+    def _sum_counts(self, numbers: NDArray[np.int64]) -> ObjectCounts:
         """Add up the rows of some meshes."""
         counts = np.bincount(numbers, minlength=len(self._rows))
         return ObjectCounts.from_row((counts[:, np.newaxis] * self._rows).sum(axis=0).tolist())
 
-    def _having(self, field: str) -> NDArray[np.bool_]:
-        """Tell of each object, (O,), whether it counts in a field of `ObjectCounts`."""
+    def _has(self, field: str) -> NDArray[np.bool_]:
+        """Tell whether each object, (O,), counts in a field of `ObjectCounts`."""
         return self._rows[self._numbers, ObjectCounts._fields.index(field)] > 0
 
     @cached_property
     def is_bare(self) -> NDArray[np.bool_]:
         """Whether each object shows only vertex colours, (O,)."""
         textured = [len(read) > 0 for read in self._textures]
-        is_more = self._having("blended") | self._having("with_field")
+        is_more = self._has("blended") | self._has("with_field")
         is_more |= np.array(textured, np.bool_)[self._numbers]
-        return self._having("unlit") & self._having("vertex_colored") & ~is_more
+        return self._has("unlit") & self._has("vertex_colored") & ~is_more
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:
         """Whether each object is transparent, (O,)."""
-        return self._having("see_through")
+        return self._has("see_through")
 
     @cached_property
     def shows_light(self) -> NDArray[np.bool_]:
         """Whether each object is lit and opaque, (O,)."""
-        return ~(self._having("unlit") | self.is_see_through | self.is_transmitting)
+        return ~(self._has("unlit") | self.is_see_through | self.is_transmitting)
 
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
         """Whether each object is opaque from both sides, (O,)."""
         return ~(
-            self.is_see_through | self.is_transmitting | self._having("cut_out")
-            | self._having("single_sided") | self.is_primitive
+            self.is_see_through | self.is_transmitting | self._has("cut_out")
+            | self._has("single_sided") | self.is_primitive
         )  # fmt: skip
 
     @cached_property
     def is_primitive(self) -> NDArray[np.bool_]:
         """Whether the faces of each object are segments or points, (O,)."""
-        return self._having("lines") | self._having("points")
+        return self._has("lines") | self._has("points")
 
     @cached_property
     def casts_shadows(self) -> NDArray[np.bool_]:
@@ -227,30 +227,30 @@ class Inventory:
 
         Transparent objects, clear panes, and objects sized in pixels cast none.
         """
-        clear = self._having("clear_panes")
-        return ~(self.is_see_through | clear | self._having("pixel_sized"))
+        clear = self._has("clear_panes")
+        return ~(self.is_see_through | clear | self._has("pixel_sized"))
 
     def beyond(self, size: tuple[int, int]) -> tuple[NDArray[np.bool_], float, float] | None:
-        """Return which objects reach beyond their boxes in a picture, as `Boxes` takes it."""
+        """Return which objects exceed their boxes by sizes in pixels, as `Boxes` takes it."""
         if self.contents.pixel_sized == 0:
             return None
-        across, down = (self._pixels / length for length in size)
-        return self._having("pixel_sized"), across, down
+        width, height = (self._pixels / length for length in size)
+        return self._has("pixel_sized"), width, height
 
     @cached_property
     def is_transmitting(self) -> NDArray[np.bool_]:
         """Whether each object transmits light, refracted, (O,)."""
-        return self._having("transmitting")
+        return self._has("transmitting")
 
     @cached_property
     def is_gouraud(self) -> NDArray[np.bool_]:
         """Whether each object is lit at its vertices, (O,)."""
-        return self._having("gouraud")
+        return self._has("gouraud")
 
     @cached_property
     def interpolates_normals(self) -> NDArray[np.bool_]:
         """Whether each object is lit per pixel with interpolated normals, (O,)."""
-        return self._having("phong") | self._having("pbr")
+        return self._has("phong") | self._has("pbr")
 
     @cached_property
     def kinds_apart(self) -> tuple[bool, ...]:
@@ -266,16 +266,16 @@ class Inventory:
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
         """Say of each texture that some objects, (O,) bool, have what it is for."""
         meshes = dict.fromkeys(self._numbers[chosen].tolist())
-        each = dict.fromkeys(
+        textures = dict.fromkeys(
             (name, texture, self._alpha_uses[mesh] if name == TEXTURE_FIELDS[0] else None)
             for mesh in meshes
             for name, texture in self._textures[mesh].items()
         )
-        return [_described(*one) for one in each]
+        return [_describe_texture(*one) for one in textures]
 
 
-def _contents_of(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
-    """Return the counts for one object with a mesh, of which some textures are read."""
+def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
+    """Count the properties of one object, given the textures that are read."""
     material = mesh.material
     without_uv = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
     is_painted, has_hole, field = (
@@ -283,18 +283,18 @@ def _contents_of(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
         may_have_holes(mesh),
         mesh.vertex_field,
     )
-    shines = material.shading in BLINN_PHONG and material.specular > 0.0
+    is_lit = material.shading in BLINN_PHONG and material.specular > 0.0
     return ObjectCounts(
         # Shading and textures.
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
         with_uv=mesh.uv is not None,
         without_uv=bool(without_uv),
-        highlights=shines,
+        highlights=is_lit,
         tinted_highlights=(
             (is_painted or mesh.face_colors is not None or field is not None)
             and material.shading == "gouraud"
-            and shines
+            and is_lit
         ),
         # Transparency and transmission.
         masked=material.alpha_mode == "mask",
@@ -306,7 +306,7 @@ def _contents_of(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
         emitting=material.emits,
         coated=material.has_clearcoat,
         with_sheen=material.has_sheen,
-        own_mirrors=material.has_own_specular,
+        custom_specular=material.has_custom_specular,
         single_sided=not material.double_sided,
         # Attributes of the mesh.
         vertex_colored=mesh.vertex_colors is not None,
@@ -319,17 +319,17 @@ def _contents_of(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
         spheres=getattr(mesh, "shape", None) == "sphere",
         discs=getattr(mesh, "shape", None) == "disc",
         pixel_sized=getattr(mesh, "unit", None) == "pixel",
-        transmitting=lets_through(mesh),
-        clear_panes=lets_through(mesh) and material.is_clear_pane,
-        rough_glass=lets_through(mesh) and material.roughness > 0.0 and material.ior != 1.0,
+        transmitting=is_transmissive(mesh),
+        clear_panes=is_transmissive(mesh) and material.is_clear_pane,
+        rough_glass=is_transmissive(mesh) and material.roughness > 0.0 and material.ior != 1.0,
         skinned=mesh._is_in_world,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )
 
 
-def _pixels_of(mesh: Mesh) -> float:
-    """Return the largest size of points, or width of lines, in pixels; 0 if they are in others."""
+def _pixel_size(mesh: Mesh) -> float:
+    """Return the largest size of points, or width of lines, in pixels; 0 for world units."""
     if getattr(mesh, "unit", None) != "pixel":
         return 0.0
     sizes = mesh.sizes if isinstance(mesh, Points) else getattr(mesh, "widths", np.zeros(1))
@@ -366,7 +366,7 @@ def is_see_through(mesh: Mesh) -> bool:
     return mesh.material.alpha_mode == "blend" and bool(_least_alpha(mesh) < np.float32(1.0))
 
 
-def lets_through(mesh: Mesh) -> bool:
+def is_transmissive(mesh: Mesh) -> bool:
     """Tell whether a mesh transmits light, refracted: never points and lines."""
     return mesh.material.transmits and mesh.primitive == "triangles"
 
@@ -401,14 +401,14 @@ def has_masked_field(mesh: Mesh) -> bool:
     """Tell whether a mesh with an alpha mask has a colormap with alphas below the cutoff."""
     field = mesh.vertex_field
     is_masked = mesh.material.alpha_mode == "mask" and field is not None
-    return is_masked and bool(field.least_alpha < np.float32(1.0))
+    return is_masked and bool(field.min_alpha < np.float32(1.0))
 
 
 def _least_alpha(mesh: Mesh) -> np.float32:
     """Return a lower bound of a mesh's alpha: the product of the least of all factors."""
     least = np.float32(base_color_of(mesh)[3])
     if mesh.vertex_field is not None:
-        least = least * mesh.vertex_field.least_alpha
+        least = least * mesh.vertex_field.min_alpha
     for colors in (mesh.vertex_colors, mesh.face_colors):
         if colors is not None and len(colors) > 0:
             least = least * colors[:, 3].min()
@@ -416,8 +416,8 @@ def _least_alpha(mesh: Mesh) -> np.float32:
     return least if texture is None else least * np.float32(texture.lowest_alpha)
 
 
-def _described(name: str, texture: Texture, use: AlphaUse) -> str:
-    """Say what a texture is for, and how it is filtered."""
+def _describe_texture(name: str, texture: Texture, use: AlphaUse) -> str:
+    """Describe the use of a texture, and its filter."""
     parts = f", {texture.anisotropy} times along" if texture.anisotropy > 1 else ""
     if use == WEIGHTED:
         parts += ", weighted by alpha"
@@ -427,20 +427,20 @@ def _described(name: str, texture: Texture, use: AlphaUse) -> str:
     return f"{texture.filter}{parts} ({kind})"
 
 
-def in_words(seen: int, count: int, kind: str = "object") -> str:
-    """Say how many objects of a kind are in view, given how many there are."""
+def describe_count(seen: int, count: int, kind: str = "object") -> str:
+    """Describe how many objects of a kind are in view, given how many there are."""
     if seen == 0:
-        return f"{_several(count, kind)} outside the view"
+        return f"{_count_noun(count, kind)} outside the view"
     rest = count - seen
-    return _several(seen, kind) + (f", {rest} more outside the view" if rest else "")
+    return _count_noun(seen, kind) + (f", {rest} more outside the view" if rest else "")
 
 
-def _several(count: int, kind: str) -> str:
-    """Return a number of things in words."""
+def _count_noun(count: int, kind: str) -> str:
+    """Return a number with its noun, plural if needed."""
     return f"{count} {kind}{'s' if count != 1 else ''}"
 
 
-def inventory_of(
+def take_inventory(
     nodes: Sequence[Node], quality: Quality, has_environment: bool = False
 ) -> tuple[Inventory, Extents]:
     """
@@ -452,15 +452,15 @@ def inventory_of(
     extents : Extents
         How far they reach.
     """
-    check_drawn(nodes)
-    meshes = meshes_under(meshes_of(nodes), quality, has_environment)
+    check_no_groups(nodes)
+    meshes = override_meshes(meshes_of(nodes), quality, has_environment)
     world_from_model = np.array(matrices_of(nodes)).reshape(-1, 4, 4)
     return Inventory(meshes), Extents(mesh_boxes(meshes), world_from_model)
 
 
-def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
-    """Raise ``ValueError`` naming the object that has a texture and nothing to lay it by."""
-    for node, mesh in zip(nodes, meshes_under(meshes_of(nodes), quality), strict=True):
+def check_textures(nodes: Sequence[Node], quality: Quality) -> None:
+    """Raise ``ValueError`` naming an object with a texture but no texture coordinates."""
+    for node, mesh in zip(nodes, override_meshes(meshes_of(nodes), quality), strict=True):
         for name, texture in textures_read(mesh.material).items():
             if mesh.uv_sets[texture.uv_set] is None:
                 raise ValueError(
@@ -469,8 +469,8 @@ def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
                 )
 
 
-def refuse_masked_field(nodes: Sequence[Node]) -> None:
-    """Raise ``ValueError`` naming the object that a colour map would make holes in."""
+def check_masked_fields(nodes: Sequence[Node]) -> None:
+    """Raise ``ValueError`` naming a masked object whose colour map would make holes."""
     for node in nodes:
         if has_masked_field(node.mesh):
             raise ValueError(
@@ -509,13 +509,13 @@ def find_attribute(nodes: Sequence[Node], name: str) -> Attribute:
     if first is None:
         raise ValueError(
             f"outputs has {ATTRIBUTE + name!r}, but no mesh of the scene has such an attribute; "
-            f"{_known_attributes(nodes)}"
+            f"{_list_attributes(nodes)}"
         )
     return Attribute(first[1], of_vertices, of_faces)
 
 
-def _known_attributes(nodes: Sequence[Node]) -> str:
-    """Say which attributes the meshes have."""
+def _list_attributes(nodes: Sequence[Node]) -> str:
+    """List the attributes of the meshes for a message."""
     meshes = dict.fromkeys(node.mesh for node in nodes)
     names = {name for mesh in meshes for name in (*mesh.vertex_attributes, *mesh.face_attributes)}
     return f"its meshes have {', '.join(sorted(names))}" if names else "its meshes have none"

@@ -43,7 +43,7 @@ from rasterjit.survey.object_counts import (
     alpha_use_of,
     base_color_of,
     contours_of,
-    lets_through,
+    is_transmissive,
     may_have_holes,
     sets_of,
     textures_read,
@@ -58,13 +58,13 @@ MODELS = {
     "pbr": records.PBR,
 }
 
-MANY_VERTICES = 1 << 16
+MIN_VERTICES = 1 << 16
 """Fewest vertices of a mesh that is searched for unused ones."""
 
 VERTEX_BLOCK = 1 << 12
 """Consecutive vertices that are skipped together, if no face uses any of them."""
 
-_WHITE, _DARK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
+_WHITE, _BLACK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
 
 NORMAL = 1
 """Index of normal maps among the textures of a material."""
@@ -79,7 +79,7 @@ FILTERS = {
 
 CURVES = {"srgb": texturing.SRGB, "linear": texturing.SHARES}
 
-ABSENT = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
+NO_TEXTURE_ROW = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
 """Row of the table for an object without a texture of a kind."""
 
 _Picture: TypeAlias = tuple[Pyramid, AlphaUse]
@@ -91,7 +91,7 @@ _Place: TypeAlias = tuple[int, int]
 _Codes: TypeAlias = tuple[int, int, int]
 """Channels of a picture of codes, its first code and their curve; 0 channels: it has none."""
 
-UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """The identity transform."""
 
 
@@ -112,8 +112,8 @@ class SceneArrays(NamedTuple):
     """Runs of vertices that no face uses, ascending: the first, and one past the last."""
 
     @property
-    def sideless(self) -> tuple[int, ...]:
-        """The numbers of those objects."""
+    def primitive_numbers(self) -> tuple[int, ...]:
+        """Numbers of the objects whose faces are segments or points."""
         return tuple([one.number for one in self.primitives])
 
 
@@ -133,7 +133,7 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         primitives = _join_primitives(meshes, vertex_starts, face_starts)
         unused = _unused_runs(meshes, vertex_starts)
         return SceneArrays(positions, faces, vertex_starts, face_starts, primitives, unused)
-    positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
+    positions = _concatenate([(mesh.vertices, count) for mesh, count in runs])
     faces = np.empty((face_starts[-1], 3), np.int32)
     place = 0
     for mesh, count in runs:
@@ -154,7 +154,7 @@ def _unused_runs(
     masks: dict[Mesh, list[tuple[int, int]]] = {}
     for mesh, start in zip(meshes, vertex_starts.tolist(), strict=False):
         count = len(mesh.vertices)
-        if count < MANY_VERTICES or count <= len(mesh.faces):
+        if count < MIN_VERTICES or count <= len(mesh.faces):
             continue
         if mesh not in masks:
             blocks = np.arange(0, count, VERTEX_BLOCK)
@@ -168,13 +168,13 @@ def _unused_runs(
 def _join_primitives(
     meshes: Sequence[Mesh], vertex_starts: NDArray[np.int64], face_starts: NDArray[np.int64]
 ) -> tuple[Primitive, ...]:
-    """Return what draws the objects whose faces are not triangles."""
+    """Return the records of objects whose faces are segments or points."""
     found = []
     for number, mesh in enumerate(meshes):
         rule: LineRule | PointRule
         if isinstance(mesh, Lines):
             sizes = mesh.widths
-            rule = LineRule(mesh.links, mesh.dashes, mesh.caps == "round", mesh.depth_place)
+            rule = LineRule(mesh.links, mesh.dashes, mesh.caps == "round", mesh.depth_offset)
         elif isinstance(mesh, Points):
             sizes, rule = mesh.sizes, PointRule(mesh.shape)
         else:
@@ -202,7 +202,7 @@ def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
     return starts
 
 
-def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
+def _concatenate(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
     """Concatenate arrays (n, k) along rows, each repeated as given."""
     total = sum(len(array) * count for array, count in parts)
     first = parts[0][0]
@@ -305,7 +305,7 @@ def _join(
     array, _, count = parts[0]
     if len(parts) == 1 and count == 1 and array is not None:
         return writable(array)
-    return _repeated(
+    return _concatenate(
         [
             (np.broadcast_to(fill, (rows, len(fill))) if array is None else array, count)
             for array, rows, count in parts
@@ -346,9 +346,9 @@ def join_through(meshes: Sequence[Mesh]) -> Through:
     rows, factors = [], []
     for mesh, _ in runs:
         own = mesh.material
-        mirrored = min(_head_on(own.ior) * max(own.specular_color), 1.0), own.specular_factor
+        mirrored = min(_dielectric_f0(own.ior) * max(own.specular_color), 1.0), own.specular_factor
         inside = *own.attenuation_color, 1.0 / own.attenuation_distance
-        rows.append((own.transmission * lets_through(mesh), own.thickness * _joint_scale(mesh)))
+        rows.append((own.transmission * is_transmissive(mesh), own.thickness * _joint_scale(mesh)))
         factors.append((own.ior, *mirrored, *inside))
     return Through(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
 
@@ -359,9 +359,9 @@ def _joint_scale(mesh: Mesh) -> float:
 
     Joints without vertices do not count. A mesh without joints has scale 1.
     """
-    if mesh._skinned is None:
+    if mesh._skin_source is None:
         return 1.0
-    rest, matrices = mesh._skinned
+    rest, matrices = mesh._skin_source
     followed = np.unique(rest.joints[rest.weights > 0.0])
     total = 0.0
     # Sum in a fixed order.
@@ -381,13 +381,13 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
         (one.clearcoat * one.has_clearcoat, *_WHITE, *_UNLIT, 1.0, one.clearcoat_roughness)
         for one in own
     ]
-    sheens = [(*(one.sheen_color if one.has_sheen else _DARK), one.sheen_roughness) for one in own]
+    sheens = [(*(one.sheen_color if one.has_sheen else _BLACK), one.sheen_roughness) for one in own]
     dielectrics = [
-        (*(_head_on(one.ior) * part for part in one.specular_color), one.specular_factor,
-         one.has_own_specular)
+        (*(_dielectric_f0(one.ior) * part for part in one.specular_color), one.specular_factor,
+         one.has_custom_specular)
         for one in own
     ]  # fmt: skip
-    stand_ins = [(*_WHITE, one.shading == "pbr", *_DARK, 1.0, 0.0) for one in own]
+    stand_ins = [(*_WHITE, one.shading == "pbr", *_BLACK, 1.0, 0.0) for one in own]
     has_maps = any(one.textures_read()[texturing.CLEARCOAT_NORMAL] is not None for one in own)
     none = np.zeros((0, GROUPS, 4), np.float32)
     return Layers(
@@ -401,7 +401,7 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
     )
 
 
-def _head_on(ior: float) -> float:
+def _dielectric_f0(ior: float) -> float:
     """Return F0 of a dielectric."""
     return ((ior - 1.0) / (ior + 1.0)) ** 2
 
@@ -412,7 +412,7 @@ def join_fields(meshes: Sequence[Mesh]) -> Fields:
     colors, rules, entries, first = [], [], [], 0
     for mesh, _ in runs:
         field = mesh.vertex_field
-        rules.append((0.0, 1.0) if field is None else field.rule)
+        rules.append((0.0, 1.0) if field is None else field.range_start_width)
         entries.append((first, 0 if field is None else len(field.colormap)))
         if field is not None:
             colors.append(field.table)
@@ -527,7 +527,7 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     textures = [texture for row in kinds for texture in row if texture is not None]
     # Only the alpha of base colours is used.
     others = (None,) * (len(kinds[0]) - 1)
-    uses = [(_least_use(mesh), *others) for mesh, _ in runs]
+    uses = [(_merge_alpha_use(mesh), *others) for mesh, _ in runs]
     pairs = [list(zip(*row, strict=True)) for row in zip(kinds, uses, strict=True)]
     texels, codes, levels, places = _join_texels(
         [(texture, use) for row in pairs for texture, use in row if texture is not None]
@@ -586,8 +586,8 @@ def join_alpha_tests(
     )
 
 
-def _least_use(mesh: Mesh) -> AlphaUse:
-    """Return `alpha_use_of`, with cutoffs merged between which no texel's alpha lies."""
+def _merge_alpha_use(mesh: Mesh) -> AlphaUse:
+    """Return `alpha_use_of`, merging cutoffs that select the same texels."""
     use, texture = alpha_use_of(mesh), mesh.material.base_color_texture
     if texture is None or not isinstance(use, float):
         return use
@@ -608,7 +608,7 @@ def _join_texels(
     texels, codes, places = [], [np.empty(0, np.uint8)], {}
     first_texel, first_code = 0, 0
     for (pyramid, use), wants in has_levels.items():
-        texels.append(pyramid.prepared(use, wants))
+        texels.append(pyramid.prepared_chain(use, wants))
         sizes = level_sizes(*pyramid.size) if wants else [pyramid.size]
         coded: _Codes = (0, 0, 0)
         if use is None and pyramid.codes is not None:
@@ -633,9 +633,9 @@ def _join_arrays(arrays: list[NDArray[Any]]) -> NDArray[Any]:
 def _table_row(
     texture: Texture | None, use: AlphaUse, places: dict[_Picture, tuple[_Place, _Codes]]
 ) -> tuple[int, ...]:
-    """Return what ``Textures.table`` holds of one texture of one object."""
+    """Return the row of ``Textures.table`` for one texture of one object."""
     if texture is None:
-        return ABSENT
+        return NO_TEXTURE_ROW
     wraps = (WRAPS[wrap] for wrap in texture.wrap)
     alpha = {None: texturing.PLAIN, WEIGHTED: texturing.WEIGHTED}.get(use, texturing.MASK)
     place, coded = places[texture.pyramid, use]
@@ -643,8 +643,8 @@ def _table_row(
 
 
 def _transform_row(texture: Texture | None) -> tuple[float, ...]:
-    """Return what ``Textures.transforms`` holds of one texture of one object."""
-    return UNMOVED if texture is None else texture.transform or UNMOVED
+    """Return the row of ``Textures.transforms`` for one texture of one object."""
+    return IDENTITY_TRANSFORM if texture is None else texture.transform or IDENTITY_TRANSFORM
 
 
 def front_turns_of(screen_turn: int, mirrored: NDArray[np.float64]) -> NDArray[np.float64]:

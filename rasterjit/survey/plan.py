@@ -14,13 +14,13 @@ from rasterjit.pipeline.passes import Rows, ShadingNeeds
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility.visibility_pass import Region, Wanted
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.notebook_preview import Printed
+from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.scene.quality import Quality, differences
-from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes, describe_planes
+from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds, describe_planes
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, LooksAround, Planned, look_around
+from rasterjit.survey.effect import Absent, LooksAround, Planned, neighbourhood_effects
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.object_counts import in_words
+from rasterjit.survey.object_counts import describe_count
 from rasterjit.survey.shading_needs import shading_needs
 from rasterjit.survey.transparency import PixelLayers
 from rasterjit.survey.view_summary import CameraView
@@ -28,10 +28,10 @@ from rasterjit.survey.view_summary import CameraView
 Cull: TypeAlias = Literal["none", "back", "front"]
 
 GEOMETRY = ("depth_format", "precision", "interpolation")
-"""Settings of the way from vertices to weights that a plan names where they are not standard."""
+"""Settings of geometry and interpolation that a plan prints where they are not standard."""
 
 
-FOLLOWING = (
+DERIVED_FIELDS = (
     "planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions", "keeps_faces",
     "shading",
 )  # fmt: skip
@@ -39,7 +39,7 @@ FOLLOWING = (
 
 
 @dataclass(frozen=True, repr=False)
-class RenderPlan(Printed):
+class RenderPlan(TextReport):
     """
     What one frame consists of; prints as a table.
 
@@ -64,23 +64,23 @@ class RenderPlan(Printed):
     lighting: Lighting | None
     """The lights that shine on what is seen; ``None`` -> no colour depends on where it is."""
     layers: PixelLayers | None
-    """What a pixel shows besides its nearest face; ``None`` -> nothing."""
+    """Layers and samples of a pixel besides its nearest face; ``None`` -> none."""
     depth_format: DepthFormat
-    """What depths are rounded to before they are compared."""
+    """Format of the depth buffer."""
     pictures: int = 1
     """How many pictures, each moved by a part of a pixel, the colours are the mean of; 1 -> the
     frame is the picture."""
     previous: RenderPlan | None = None
     """The plan of the earlier view, for motion; ``None`` -> not requested."""
     surfaces: int | None = None
-    """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
+    """Number of nearest surfaces to find at each pixel; ``None`` -> one, as always."""
     region: Region | None = None
     """The part of the picture that is drawn; ``None`` -> all of it."""
     drawn_behind: dict[str, Any] | None = None
-    """The same for the picture behind glass, of the step of pictures at hand."""
+    """Records of effects for the picture behind glass, of the current step of pictures."""
     hidden: NDArray[np.bool_] | None = None
     """The objects that this picture leaves out, (O,); ``None`` -> none."""
-    look: BesidePlanes = NO_LOOK
+    plane_needs: PlaneNeeds = NO_PLANE_NEEDS
     """Depths in view outside the near and the far plane."""
     view: CameraView | None = None
     """Description of the camera's view; ``None`` -> not requested."""
@@ -92,7 +92,7 @@ class RenderPlan(Printed):
     """The lens, and the pinhole pictures that it takes, in words; empty without. Then the other
     fields are those of the first of these pictures, but for the size and the camera."""
     added: Mapping[str, str] = field(default_factory=dict, compare=False)
-    """Who added an effect that is in, and what, in words, by its name; empty: the scene did."""
+    """Reasons of effects that were added by other means than the scene, by name."""
 
     def with_(
         self,
@@ -101,7 +101,7 @@ class RenderPlan(Printed):
         **changes: Any,
     ) -> RenderPlan:
         """
-        Return the plan of a picture that this frame is made of.
+        Return the plan of one picture of this frame.
 
         Parameters
         ----------
@@ -121,10 +121,10 @@ class RenderPlan(Printed):
             )
         return replace(self, **changes)
 
-    def follow(self, last: RenderPlan) -> None:
-        """Take what follows from effects and facts alone from a plan that has the same."""
+    def copy_derived(self, last: RenderPlan) -> None:
+        """Copy cached properties from a plan with the same effects and facts."""
         own, known = self.__dict__, last.__dict__
-        for name in FOLLOWING:
+        for name in DERIVED_FIELDS:
             if name in known:
                 own[name] = known[name]
 
@@ -135,7 +135,7 @@ class RenderPlan(Printed):
 
     @property
     def quality(self) -> Quality:
-        """How accurately it is drawn."""
+        """Quality of the frame."""
         return self.facts.quality
 
     @cached_property
@@ -148,7 +148,7 @@ class RenderPlan(Printed):
         return any(one.name == name for one in self.planned)
 
     def data(self, name: str) -> Any:
-        """Return what the plan knows of an effect that is in; None of others."""
+        """Return the data of an effect that is in; None of others."""
         return next((one.data for one in self.planned if one.name == name), None)
 
     def at(self, place: str) -> list[Planned]:
@@ -168,13 +168,13 @@ class RenderPlan(Printed):
     @property
     def whole(self) -> list[tuple[LooksAround, Any]]:
         """The effects that look at the whole picture before they are prepared, with their data."""
-        return [(effect, data) for effect, data in self._undone if effect.looks_first(data)]
+        return [(effect, data) for effect, data in self._unprepared if effect.looks_first(data)]
 
     @property
-    def _undone(self) -> list[tuple[LooksAround, Any]]:
-        """The effects that look around, and are not prepared."""
+    def _unprepared(self) -> list[tuple[LooksAround, Any]]:
+        """Effects that read neighbouring pixels and are not prepared."""
         done = {} if self.drawn is None else self.drawn[0]
-        return [one for one in look_around(self.planned) if one[0].name not in done]
+        return [one for one in neighbourhood_effects(self.planned) if one[0].name not in done]
 
     @property
     def corner(self) -> tuple[int, int]:
@@ -188,9 +188,9 @@ class RenderPlan(Printed):
 
     @cached_property
     def takes_first_depth(self) -> bool:
-        """Whether the output depth is that of the first of several samples: as in pyrender."""
+        """Whether the depth output is that of the first of several samples, as in pyrender."""
         return (
-            self.facts.imitation is not None
+            self.facts.reference is not None
             and self.layers is not None
             and self.layers.samples not in (1, "area")
             and "depth" in self.outputs
@@ -198,13 +198,13 @@ class RenderPlan(Printed):
 
     @cached_property
     def needs_centers(self) -> bool:
-        """Whether anything looks at what is seen at the centres of pixels; else samples do."""
+        """Whether any pass reads visibility at the centres of pixels, not at samples."""
         is_of_samples = (
             self.takes_first_depth
             and self.pictures == 1
             and self.surfaces is None
             and not self.facts.diagnose
-            and "points" not in self.facts.contents.primitives
+            and "points" not in self.facts.counts.primitives
             and not any(one.effect.places for one in self.planned)
             and {"color", "linear", "depth"}.issuperset(self.outputs)
         )
@@ -212,11 +212,11 @@ class RenderPlan(Printed):
 
     @cached_property
     def mixes_plain_codes(self) -> bool:
-        """Whether pixels show means of codes that follow from the object alone: as in pyrender."""
+        """Whether pixels are means of 8-bit colours, constant on each object, as in pyrender."""
         facts, layers = self.facts, self.layers
-        contents, seen = facts.contents, facts.seen
+        contents, seen = facts.counts, facts.visible
         return (
-            facts.imitation is not None
+            facts.reference is not None
             and layers is not None
             and layers.mixes_codes
             and layers.samples not in (1, "area")
@@ -230,19 +230,19 @@ class RenderPlan(Printed):
 
     @cached_property
     def reads_depth(self) -> bool:
-        """Whether a pass that follows visibility looks at the depth."""
-        return any(effect.reads_depth(self) for effect, _ in self._undone)
+        """Whether a pass after visibility reads the depth."""
+        return any(effect.reads_depth(self) for effect, _ in self._unprepared)
 
     @cached_property
     def keeps_lists(self) -> bool:
-        """Whether a pass that follows visibility draws the tiles once more."""
+        """Whether a pass after visibility draws the tiles again."""
         draws_again = self.layers is not None or "coverage" in self.outputs
         return self.facts.diagnose or draws_again or self.surfaces is not None
 
     @cached_property
     def keeps_clip_positions(self) -> bool:
-        """Whether what follows visibility reads where vertices lie before they are divided by w."""
-        around = look_around(self.planned)
+        """Whether a pass after visibility reads clip-space positions."""
+        around = neighbourhood_effects(self.planned)
         return self.facts.diagnose or any(effect.reads_clip_positions for effect, _ in around)
 
     @property
@@ -282,14 +282,14 @@ class RenderPlan(Printed):
         ]
         if self.lens:
             rows.append(("lens", self.lens))
-        rows += describe_planes(self.camera, self.look.cut)
+        rows += describe_planes(self.camera, self.plane_needs.cut)
         if self.pictures > 1:
-            rows.append(("pictures", f"{self.pictures} of {self.facts.picture_samples}"))
+            rows.append(("pictures", f"{self.pictures} of {self.facts.supersamples}"))
         if self.surfaces is not None:
             rows.append(("surfaces", f"the nearest {self.surfaces} of each pixel"))
-        seen, contents = self.facts.seen, self.facts.contents
+        seen, contents = self.facts.visible, self.facts.counts
         rows += [
-            (kind, in_words(getattr(seen, kind), getattr(contents, kind)))
+            (kind, describe_count(getattr(seen, kind), getattr(contents, kind)))
             for kind in contents.primitives
         ]
         if self.previous is not None:
@@ -309,7 +309,7 @@ class RenderPlan(Printed):
         return f"{effect.reason}; {added}" if added else effect.reason
 
     def _describe_previous(self, previous: RenderPlan) -> str:
-        """Say what motion is found against."""
+        """Describe the previous view of motion vectors."""
         camera = "the same camera" if previous.camera is self.camera else "another camera"
         looks = "motion_visible" in self.outputs
         return f"{camera}; " + ("its faces are found" if looks else "its faces are not looked at")

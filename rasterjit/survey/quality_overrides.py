@@ -7,23 +7,23 @@ from dataclasses import replace
 from typing import Any, cast
 
 from rasterjit.scene.light import AmbientLight, Light, Shadow
-from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial
+from rasterjit.scene.material import TEXTURE_FIELDS, DefaultMaterial, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.texture import Texture
 
-COARSER: dict[str, dict[str, str]] = {
+COARSER_SHADING: dict[str, dict[str, str]] = {
     "pixel": {},
     "vertex": {"phong": "gouraud"},
     "face": {"phong": "flat", "gouraud": "flat"},
 }
 """Replacements of finer shading models, by ``Quality.shading``."""
 
-TAPS = {1: "hard", 9: "pcf"}
-"""The filter of shadows with so many comparisons."""
+SHADOW_FILTERS = {1: "hard", 9: "pcf"}
+"""Shadow filters by their number of comparisons."""
 
-AS_MESHES_SAY = ("pixel", None, False)
-"""`look_of` what leaves all meshes as they are."""
+NO_OVERRIDES = ("pixel", None, False)
+"""`override_key` of qualities that leave all meshes as they are."""
 
 
 class OverriddenMesh:
@@ -34,83 +34,83 @@ class OverriddenMesh:
         self.material = material
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the mesh has."""
+        """Return an attribute of the mesh."""
         return getattr(self.mesh, name)
 
 
-def look_of(quality: Quality, has_environment: bool) -> tuple[str, str | None, bool]:
-    """Return all of a quality and of what is around that decides what meshes look like."""
+def override_key(quality: Quality, has_environment: bool) -> tuple[str, str | None, bool]:
+    """Return the settings of a quality that change meshes, as a key of caches."""
     return quality.shading, quality.texture_filter, has_environment
 
 
-def meshes_under(
+def override_meshes(
     meshes: Sequence[Mesh], quality: Quality, has_environment: bool = False
 ) -> list[Mesh]:
     """
-    Return the meshes as they look under a quality, each with the material in force.
+    Return the meshes with the materials that a quality and the environment give them.
 
     ``has_environment`` says whether the scene has one, which some materials depend on.
 
     A mesh whose material is not changed is returned itself; one that is there several times comes
     back several times.
     """
-    if look_of(quality, has_environment) == AS_MESHES_SAY:
+    if override_key(quality, has_environment) == NO_OVERRIDES:
         return list(meshes)
     textures: dict[Texture, Texture] = {}
-    found: dict[Mesh, Mesh] = {}
+    overridden: dict[Mesh, Mesh] = {}
     for mesh in dict.fromkeys(meshes):
         material = mesh.material
-        if has_environment and isinstance(material, UnsaidMaterial):
+        if has_environment and isinstance(material, DefaultMaterial):
             material = material.in_environment()
         # A point has one normal: there is no coarser way.
-        own = quality if mesh.primitive != "points" else replace(quality, shading="pixel")
-        material = _material_under(material, own, textures)
-        same = material is mesh.material
-        found[mesh] = mesh if same else cast(Mesh, OverriddenMesh(mesh, material))
-    return [found[mesh] for mesh in meshes]
+        original = quality if mesh.primitive != "points" else replace(quality, shading="pixel")
+        material = _override_material(material, original, textures)
+        is_same = material is mesh.material
+        overridden[mesh] = mesh if is_same else cast(Mesh, OverriddenMesh(mesh, material))
+    return [overridden[mesh] for mesh in meshes]
 
 
-def _material_under(
-    material: Material, quality: Quality, known: dict[Texture, Texture]
+def _override_material(
+    material: Material, quality: Quality, textures: dict[Texture, Texture]
 ) -> Material:
     """Return a material in force; ``known`` are the textures in force of those met before."""
     changes: dict[str, Any] = {}
-    if material.shading in COARSER[quality.shading]:
-        changes["shading"] = COARSER[quality.shading][material.shading]
+    if material.shading in COARSER_SHADING[quality.shading]:
+        changes["shading"] = COARSER_SHADING[quality.shading][material.shading]
     if quality.texture_filter is not None:
         for name in TEXTURE_FIELDS:
             texture = getattr(material, name)
             if texture is None:
                 continue
-            if texture not in known:
-                known[texture] = texture.with_filter(*filter_of(quality.texture_filter))
-            changes[name] = known[texture]
+            if texture not in textures:
+                textures[texture] = texture.with_filter(*parse_filter(quality.texture_filter))
+            changes[name] = textures[texture]
     return replace(material, **changes) if changes else material
 
 
-def filter_of(setting: str) -> tuple[str, int]:
-    """Return filter and anisotropy of a ``Quality.texture_filter``."""
+def parse_filter(setting: str) -> tuple[str, int]:
+    """Return filter and anisotropy of a ``Quality.parse_filter``."""
     parts = setting.removeprefix("anisotropic")
     return (setting, 1) if parts == setting else ("trilinear", int(parts))
 
 
-def lights_under(lights: Sequence[Light], quality: Quality) -> Sequence[Light]:
+def override_lights(lights: Sequence[Light], quality: Quality) -> Sequence[Light]:
     """Return the lights as they are under a quality, each with the shadow in force."""
     if quality.shadow_size is None and quality.shadow_taps is None:
         return lights
     return [
         light
         if isinstance(light, AmbientLight) or light.shadow is None
-        else replace(light, shadow=shadow_under(light.shadow, quality))
+        else replace(light, shadow=override_shadow(light.shadow, quality))
         for light in lights
     ]
 
 
-def shadow_under(shadow: Shadow, quality: Quality) -> Shadow:
+def override_shadow(shadow: Shadow, quality: Quality) -> Shadow:
     """Return a shadow in force."""
     changes: dict[str, Any] = {}
     if quality.shadow_size is not None:
         changes["size"] = quality.shadow_size
     if quality.shadow_taps is not None:
-        changes |= {"filter": TAPS[quality.shadow_taps], "light_size": None}
+        changes |= {"filter": SHADOW_FILTERS[quality.shadow_taps], "light_size": None}
     return replace(shadow, **changes)

@@ -13,8 +13,8 @@ SMOOTH_AT_PIXELS = frozenset(("phong", "pbr"))
 def shading_needs(
     facts: Facts, layers: PixelLayers | None, lighting: Lighting | None
 ) -> ShadingNeeds:
-    """Return what decides which passes shade a picture of a plan."""
-    contents, seen, in_float32 = facts.contents, facts.seen, facts.shown_in_float32
+    """Return the requirements that select the shading passes of a picture."""
+    contents, seen, in_float32 = facts.counts, facts.visible, facts.float32_objects
     samples_beside = layers is not None and layers.samples != 1 and not layers.at_centers
     return ShadingNeeds(
         lights=None if lighting is None else len(lighting.lights),
@@ -47,12 +47,12 @@ def shading_needs(
         layers=facts.needs_layers,
         coats=facts.needs_layers and seen.coated > 0,
         sheens=facts.needs_layers and seen.with_sheen > 0,
-        dielectrics=facts.needs_layers and seen.own_mirrors > 0,
+        dielectrics=facts.needs_layers and seen.custom_specular > 0,
     )
 
 
 def _imitated(imitated: Imitated | None) -> ImitatedNeeds | None:
-    """Return what pyrender's shader is given."""
+    """Return the requirements of pyrender's shader."""
     if imitated is None:
         return None
     return ImitatedNeeds(

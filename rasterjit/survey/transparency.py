@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.survey.object_counts import in_words
+from rasterjit.survey.object_counts import describe_count
 
 
 class PixelLayers(NamedTuple):
@@ -39,7 +39,7 @@ class Transparency(NamedTuple):
     used: bool
     reason: str
 
-    def same(self, other: Transparency) -> bool:
+    def equals(self, other: Transparency) -> bool:
         """Tell whether another has the same objects."""
         own = self.used, self.reason, self.is_blended.tobytes()
         return own == (other.used, other.reason, other.is_blended.tobytes())
@@ -68,24 +68,24 @@ def find_transparency(
     is_see_through, in_view : (O,) bool
         Which objects anything is seen through, wherever they are, and which may be seen.
     """
-    nothing = np.zeros(len(nodes), np.uint8)
+    is_blended = np.zeros(len(nodes), np.uint8)
     if not is_any_blended:
-        return Transparency(nothing, False, "no material is blended")
+        return Transparency(is_blended, False, "no material is blended")
     if not shades:
-        return Transparency(nothing, False, "nothing is shaded")
-    count = np.count_nonzero(is_see_through)
-    if count == 0:
-        return Transparency(nothing, False, "every blended surface has alpha 1")
+        return Transparency(is_blended, False, "nothing is shaded")
+    object_count = np.count_nonzero(is_see_through)
+    if object_count == 0:
+        return Transparency(is_blended, False, "every blended surface has alpha 1")
     seen = is_see_through & in_view
     if not seen.any():
         name = nodes[int(is_see_through.argmax())].name
-        others = f" and {count - 1} others lie" if count > 1 else " lies"
-        return Transparency(nothing, False, f"object {name!r}{others} outside the view")
-    reason = in_words(int(np.count_nonzero(seen)), int(count), "blended object")
+        others = f" and {object_count - 1} others lie" if object_count > 1 else " lies"
+        return Transparency(is_blended, False, f"object {name!r}{others} outside the view")
+    reason = describe_count(int(np.count_nonzero(seen)), int(object_count), "blended object")
     return Transparency(seen.astype(np.uint8), True, reason)
 
 
-def layers_of(
+def pixel_layers(
     transparency: Transparency,
     antialiases: bool,
     samples: int | str,
@@ -118,6 +118,6 @@ def layers_of(
     return PixelLayers(transparency.is_blended, transparency.used, own, most, mixes_codes)
 
 
-def mixing_note(quality: Quality) -> str:
-    """Say in which space colours are blended, if not in linear light."""
+def blending_note(quality: Quality) -> str:
+    """Describe the space in which colours are blended, if it is not linear light."""
     return ", mixed in 8-bit sRGB codes" if quality.blending == "srgb8" else ""

@@ -1,5 +1,5 @@
 """
-Describe in words what a camera sees: where it looks, what is up, how much is in view.
+Describe a camera's view in words: pose, up axis, and share of the scene in view.
 
 It helps find wrong poses: one in another program's convention, degrees for radians, a transposed
 rotation. All are valid matrices and cannot be refused. Points sampled on the surfaces are tested,
@@ -23,22 +23,22 @@ from rasterjit.scene.pixel_projection import clip_from_relative
 Float64 = NDArray[np.float64]
 Row = tuple[str, str]
 
-POINTS = 4096
+MAX_POINTS = 4096
 """Sample points in all, distributed over the surfaces by area."""
 
-FACES = 1 << 16
+MAX_FACES = 1 << 16
 """Most faces whose areas are measured; of larger scenes every n-th."""
 
-OBJECTS = 1024
+MAX_OBJECTS = 1024
 """Most objects sampled; of more every n-th."""
 
 MIN_FACES = 16
 """Fewest faces measured of each object, if it has as many."""
 
-STEPS = 0.7548776662466927, 0.5698402909980532
+R2_STEPS = 0.7548776662466927, 0.5698402909980532
 """Steps of the R2 low-discrepancy sequence, which places points on faces."""
 
-FORESHORTENED = 0.02
+MIN_AXIS_LENGTH = 0.02
 """Least projected length of a unit axis; shorter ones have no direction in the picture."""
 
 AXES = ("y", 1), ("z", 2), ("x", 0)
@@ -46,7 +46,7 @@ AXES = ("y", 1), ("z", 2), ("x", 0)
 
 
 class ThroughLens(NamedTuple):
-    """How a lens bends what a camera sees."""
+    """Projection functions of a lens."""
 
     pixels: Callable[[Float64], Float64]
     """Projects points relative to the eye, (N, 3), to pixels (N, 2); NaN if not visible."""
@@ -81,7 +81,7 @@ class CameraView(NamedTuple):
         return rows
 
     def _describe_place(self, clip: Float64, axes: Sequence[Float64]) -> str:
-        """Say where the camera is, where it looks and how much it takes in."""
+        """Describe the camera's position, direction and field of view."""
         place = f"at {_triple(self.camera.eye_position())}, looks along {_triple(axes[2])}"
         if not clip[3, :3].any():
             tall = 2.0 * clip[3, 3] / np.dot(clip[1, :3], axes[1])
@@ -99,7 +99,7 @@ class CameraView(NamedTuple):
         return f"perspective, {place}, {math.degrees(angle):.3g} degrees from top to bottom"
 
     def _describe_view(self, clip: Float64, points: Float64) -> str:
-        """Say which share of the surfaces is in view, how large it is, and where the rest is."""
+        """Describe the share of the surfaces in view, its size, and where the rest is."""
         width, height = self.size
         if self.through is None:
             x, y, z, w = transforms.transform_points(clip, points).T
@@ -156,13 +156,13 @@ class CameraView(NamedTuple):
 
 
 def _describe_up(axes: Sequence[Float64]) -> str:
-    """Say which axis of the world is up in the picture, and whether that is mirrored."""
+    """Describe the world axis that is up in the picture, and whether that is mirrored."""
     right, up, ahead = axes
     found = []
     for order, (name, axis) in enumerate(AXES):
         for sign in "+-":
             x, y = (float(f"{sign}1") * float(way[axis]) for way in (right, up))
-            if math.hypot(x, y) > FORESHORTENED:
+            if math.hypot(x, y) > MIN_AXIS_LENGTH:
                 tilt = round(abs(math.degrees(math.atan2(x, y))), 1)
                 found.append((tilt, order, f"{sign}{name}", "right" if x > 0.0 else "left"))
     tilt, _, name, side = min(found)
@@ -177,8 +177,8 @@ def spread_points(nodes: Sequence[Node], eye: Float64) -> Float64:
 
     The same for the same scene; none where no face is finite.
     """
-    nodes = nodes[:: -(-len(nodes) // OBJECTS) or 1]
-    most = max(MIN_FACES, FACES // max(1, len(nodes)))
+    nodes = nodes[:: -(-len(nodes) // MAX_OBJECTS) or 1]
+    most = max(MIN_FACES, MAX_FACES // max(1, len(nodes)))
     found, weights = [np.empty((0, 3, 3))], [np.empty(0)]
     for node in nodes:
         faces = node.mesh.faces
@@ -196,9 +196,9 @@ def spread_points(nodes: Sequence[Node], eye: Float64) -> Float64:
     largest = areas.max()
     # Lines and points have no area: all count alike.
     ends = np.cumsum(areas / largest if 0.0 < largest < math.inf else np.ones(len(areas)))
-    count = np.arange(POINTS)
-    chosen = np.searchsorted(ends, (count + 0.5) / POINTS * ends[-1]).clip(0, len(ends) - 1)
-    u, v = ((0.5 + step * count) % 1.0 for step in STEPS)
+    count = np.arange(MAX_POINTS)
+    chosen = np.searchsorted(ends, (count + 0.5) / MAX_POINTS * ends[-1]).clip(0, len(ends) - 1)
+    u, v = ((0.5 + step * count) % 1.0 for step in R2_STEPS)
     folded = u + v > 1.0
     u, v = np.where(folded, 1.0 - u, u)[:, np.newaxis], np.where(folded, 1.0 - v, v)[:, np.newaxis]
     a, b, c = corners[chosen].transpose(1, 0, 2)

@@ -27,7 +27,7 @@ from importlib import resources
 from typing import Any, cast
 
 from rasterjit.runtime.progress import told_besides
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 from rasterjit.viewer.browser_session import NUMBER_BYTES, Send, Tab
 from rasterjit.viewer.canvas import Worker
 from rasterjit.viewer.protocol import MAX_MESSAGE, read_message
@@ -145,8 +145,7 @@ def check_token(token: Any) -> str:
     if not is_one or len(set(token)) < MIN_UNIQUE:
         raise ValueError(
             "token must be 16 to 128 letters, digits, - and _, at least "
-            f"{MIN_UNIQUE} of them different (or not given, for a random one), got "
-            + in_short(token)
+            f"{MIN_UNIQUE} of them different (or not given, for a random one), got " + brief(token)
         )
     return token
 
@@ -327,7 +326,7 @@ async def _serve_socket(
                         tab.take(message)
                     elif not is_said:
                         is_said = True
-                        LOGGER.warning("passed over what a page may not say: %s", in_short(text))
+                        LOGGER.warning("passed over what a page may not say: %s", brief(text))
     finally:
         sending.cancel()
 

@@ -20,23 +20,23 @@ from typing import Any, NamedTuple
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
-from rasterjit.scene.attribute_guard import says_replace
+from rasterjit.scene.attribute_guard import suggests_replace
 from rasterjit.scene.camera import Bounded, Camera, PerspectiveCamera
 from rasterjit.scene.camera_fitting import (
     CLEARANCE,
-    COORDINATE_SHARE,
-    Ball,
+    MIN_DISTANCE_RATIO,
+    BoundingSphere,
     CameraPose,
     Vector,
-    along,
-    between,
     camera_at,
     fit_camera,
-    frame_of,
-    minus,
+    lerp,
+    move_by,
     orbit_direction,
     pixel_size,
-    triple_of,
+    subtract,
+    to_triple,
+    up_rotation,
 )
 from rasterjit.scene.validation import finite_number, positive_number
 from rasterjit.scene.vectors import cross, dot, length
@@ -105,14 +105,14 @@ class OrbitPose(NamedTuple):
     def toward(self, goal: OrbitPose, share: float) -> OrbitPose:
         """Interpolate from this pose towards another."""
         return OrbitPose(
-            between(self.target, goal.target, share),
+            lerp(self.target, goal.target, share),
             self.distance + share * (goal.distance - self.distance),
             self.azimuth + share * (goal.azimuth - self.azimuth),
             self.elevation + share * (goal.elevation - self.elevation),
         )
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Orbit:
     """
@@ -123,7 +123,7 @@ class Orbit:
 
     Parameters
     ----------
-    ball : Ball
+    ball : BoundingSphere
         What `fit` shows.
     pose, goal, home : OrbitPose
         Where it is, where it is going, and where it started.
@@ -140,7 +140,7 @@ class Orbit:
         Where the pointer was, pixels.
     """
 
-    ball: Ball
+    ball: BoundingSphere
     pose: OrbitPose
     goal: OrbitPose
     home: OrbitPose
@@ -177,17 +177,17 @@ class Orbit:
         ValueError
             If ``up`` is zero, or the scene has no bounds.
         """
-        ball = Ball.around(scene)
-        upward = triple_of(transforms.unit_vector("up", up))
+        ball = BoundingSphere.around(scene)
+        upward = to_triple(transforms.unit_vector("up", up))
         view = CameraPose.of(camera, size)
         distance = _pivot_distance(ball, view.eye, view.forward)
         if view.height is not None:
             distance = 0.5 * view.height * transforms.focal_length(view.fov_y)
         azimuth, elevation = view.angles(upward)
-        target = along(view.eye, view.forward, distance)
+        target = move_by(view.eye, view.forward, distance)
         if view.height is not None:
-            depth = dot(minus(ball.center, view.eye), view.forward)
-            target = along(view.eye, view.forward, depth)
+            depth = dot(subtract(ball.center, view.eye), view.forward)
+            target = move_by(view.eye, view.forward, depth)
         pose = OrbitPose(target, distance, azimuth, elevation)
         return cls(ball, pose, pose, pose, view.fov_y, upward)
 
@@ -236,18 +236,18 @@ class Orbit:
 
     def camera(self) -> PerspectiveCamera:
         """Return the current camera; its near plane is before the scene or near the eye."""
-        frame = frame_of(self.up)
+        frame = up_rotation(self.up)
         target, distance, azimuth, elevation = self.pose
-        toward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation)))
-        upward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
-        eye = along(target, toward, distance)
+        toward = to_triple(transforms.apply(frame, orbit_direction(azimuth, elevation)))
+        upward = to_triple(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
+        eye = move_by(target, toward, distance)
         return camera_at(eye, target, upward, self.fov_y, self.ball)
 
     @property
     def is_resting(self) -> bool:
         """Whether the camera visibly rests."""
         pose, goal = self.pose, self.goal
-        off = length(minus(pose.target, goal.target)) + abs(pose.distance - goal.distance)
+        off = length(subtract(pose.target, goal.target)) + abs(pose.distance - goal.distance)
         angle = abs(pose.azimuth - goal.azimuth) + abs(pose.elevation - goal.elevation)
         is_near = off <= REST * goal.distance and angle <= REST_ANGLE
         return is_near and not any(key in TURN_KEYS for key in self.held)
@@ -277,8 +277,8 @@ class Orbit:
         """Pan the goal: what is at the target's distance moves by (dx, dy) pixels."""
         unit = pixel_size(self.goal.distance, self.fov_y, size)
         right, upward, _ = self._axes()
-        target = along(self.goal.target, right, -unit * finite_number("dx", dx))
-        return self._with_goal(target=along(target, upward, unit * finite_number("dy", dy)))
+        target = move_by(self.goal.target, right, -unit * finite_number("dx", dx))
+        return self._with_goal(target=move_by(target, upward, unit * finite_number("dy", dy)))
 
     def zoom(
         self,
@@ -312,19 +312,19 @@ class Orbit:
         # The point under the cursor, as seen from the target.
         unit = pixel_size(away, self.fov_y, size)
         right, upward, toward = self._axes()
-        point = along(goal.target, toward, goal.distance - away)
-        point = along(point, right, unit * (cursor[0] - 0.5 * size[0]))
-        point = along(point, upward, unit * (0.5 * size[1] - cursor[1]))
+        point = move_by(goal.target, toward, goal.distance - away)
+        point = move_by(point, right, unit * (cursor[0] - 0.5 * size[0]))
+        point = move_by(point, upward, unit * (0.5 * size[1] - cursor[1]))
         # Eye and target both shrink towards it, so the direction to it stays.
-        return self._with_goal(target=between(point, goal.target, factor), distance=distance)
+        return self._with_goal(target=lerp(point, goal.target, factor), distance=distance)
 
     def fit(self, size: tuple[int, int]) -> Orbit:
         """Set the goal to show the whole scene from the same direction."""
         _, upward, toward = self._axes()
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
-        eye = triple_of(fitted.eye)
-        distance = _pivot_distance(self.ball, eye, minus((0.0, 0.0, 0.0), toward))
-        return self._with_goal(target=along(eye, toward, -distance), distance=distance)
+        eye = to_triple(fitted.eye)
+        distance = _pivot_distance(self.ball, eye, subtract((0.0, 0.0, 0.0), toward))
+        return self._with_goal(target=move_by(eye, toward, -distance), distance=distance)
 
     def reset(self) -> Orbit:
         """Set the goal to the first pose."""
@@ -369,10 +369,10 @@ class Orbit:
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
         """Return right, up and the direction from target to eye, at the goal, world space."""
-        frame = frame_of(self.up)
+        frame = up_rotation(self.up)
         azimuth, elevation = self.goal.azimuth, self.goal.elevation
         upward, toward = (
-            triple_of(transforms.apply(frame, orbit_direction(azimuth, angle)))
+            to_triple(transforms.apply(frame, orbit_direction(azimuth, angle)))
             for angle in (elevation + 90.0, elevation)
         )
         return cross(upward, toward), upward, toward
@@ -380,11 +380,11 @@ class Orbit:
     def _distances(self) -> tuple[float, float]:
         """Return the range of distances."""
         coordinate = max(map(abs, self.ball.center))
-        low = max(MIN_DISTANCE * self.ball.radius, COORDINATE_SHARE * coordinate)
+        low = max(MIN_DISTANCE * self.ball.radius, MIN_DISTANCE_RATIO * coordinate)
         return low, max(MAX_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
 
 
-@says_replace
+@suggests_replace
 @dataclass(frozen=True)
 class Fly:
     """
@@ -396,7 +396,7 @@ class Fly:
 
     Parameters
     ----------
-    ball : Ball
+    ball : BoundingSphere
         What `fit` shows.
     eye : (3,) tuple of float, world space
     azimuth, elevation : float, degrees
@@ -416,7 +416,7 @@ class Fly:
         As in `Orbit`; ``drag`` is ``"look"`` or ``""``.
     """
 
-    ball: Ball
+    ball: BoundingSphere
     eye: Vector
     azimuth: float
     elevation: float
@@ -441,8 +441,8 @@ class Fly:
         sight = CameraPose.of(camera)
         if sight.height is not None:
             sight = CameraPose.of(Orbit.from_camera(camera, scene, up).camera())
-        ball = Ball.around(scene)
-        upward = triple_of(transforms.unit_vector("up", up))
+        ball = BoundingSphere.around(scene)
+        upward = to_triple(transforms.unit_vector("up", up))
         azimuth, elevation = sight.angles(upward)
         elevation = _clamp(elevation, MAX_PITCH)
         speed = 2.0 * ball.radius / CROSSING_TIME
@@ -474,17 +474,17 @@ class Fly:
         target = self._steering()
         rest = math.exp(-seconds / self.smoothing)
         lag = self.smoothing * (1.0 - rest)
-        excess = minus(self.velocity, target)
+        excess = subtract(self.velocity, target)
         eye = self.eye
         for axis, velocity, more in zip(self._axes(), target, excess, strict=True):
-            eye = along(eye, axis, velocity * seconds + more * lag)
-        return replace(self, eye=eye, velocity=along(target, excess, rest))
+            eye = move_by(eye, axis, velocity * seconds + more * lag)
+        return replace(self, eye=eye, velocity=move_by(target, excess, rest))
 
     def camera(self) -> PerspectiveCamera:
         """Return the current camera; its near plane is before the scene or near the eye."""
         _, upward, forward = self._axes()
         return camera_at(
-            self.eye, along(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
+            self.eye, move_by(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
         )
 
     @property
@@ -507,7 +507,7 @@ class Fly:
         """Return the state when it has come to a stop; keys that are down stay down."""
         eye = self.eye
         for axis, velocity in zip(self._axes(), self.velocity, strict=True):
-            eye = along(eye, axis, velocity * self.smoothing)
+            eye = move_by(eye, axis, velocity * self.smoothing)
         return replace(self, eye=eye, velocity=(0.0, 0.0, 0.0))
 
     def look(self, azimuth: float, elevation: float) -> Fly:
@@ -556,9 +556,9 @@ class Fly:
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
         """Return right, up and forward, world space."""
-        frame = frame_of(self.up)
+        frame = up_rotation(self.up)
         upward, toward = (
-            triple_of(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
+            to_triple(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
             for angle in (self.elevation + 90.0, self.elevation)
         )
         return cross(upward, toward), upward, tuple(-part for part in toward)
@@ -589,9 +589,9 @@ def _sum(directions: dict[str, tuple[float, ...]], keys: frozenset[str]) -> tupl
     return tuple(math.fsum(one[axis] for one in held) for axis in range(size))
 
 
-def _pivot_distance(ball: Ball, eye: Vector, forward: Vector) -> float:
+def _pivot_distance(ball: BoundingSphere, eye: Vector, forward: Vector) -> float:
     """Return the distance from the eye to the pivot."""
-    distance = dot(minus(ball.center, eye), forward)
+    distance = dot(subtract(ball.center, eye), forward)
     # Behind or beside the scene: it turns around what is in front of the eye.
     return ball.radius if distance < CLEARANCE * ball.radius else distance
 

@@ -84,7 +84,7 @@ class SavedView:
         picture = Image.fromarray(viewer.picture()[:, :, :3])
         picture.save(data, "PNG", pnginfo=texts)
         width, height = (round(side / viewer.ratio) for side in picture.size)
-        bundle, metadata = notebook_preview.bundle(data.getvalue(), alt, (width, height))
+        bundle, metadata = notebook_preview.mime_bundle(data.getvalue(), alt, (width, height))
         return {**bundle, "text/plain": alt}, metadata
 
     def _code(self) -> dict[str, str]:

@@ -30,7 +30,7 @@ from rasterjit.rendering.planning import Cull, choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
-from rasterjit.scene.camera_fitting import Ball, fit_upright
+from rasterjit.scene.camera_fitting import BoundingSphere, default_camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -187,8 +187,8 @@ class Viewer:
         self._is_fitted = camera is None and self.scene.camera is None
         self._first = choose_camera(self.scene, camera, self.size)
         if up is not None and self._is_fitted:
-            self._first = fit_upright(self.scene, self.size, up)
-        self._ball = Ball.around(self.scene)
+            self._first = default_camera(self.scene, self.size, up)
+        self._ball = BoundingSphere.around(self.scene)
         upward = self.scene.up or (0.0, 1.0, 0.0) if up is None else up
         self.controls: Orbit | Fly = Orbit.from_camera(self._first, self._ball, upward, self.size)
         self._threads = threads
@@ -352,7 +352,7 @@ class Viewer:
         self._moving = _renderer(size, self._threads)
         self._times = self._new_times()
         if self._is_fitted:
-            self._first = fit_upright(self.scene, size, self.controls.up)
+            self._first = default_camera(self.scene, size, self.controls.up)
             at_home, home = self.controls.is_home, self._home_controls(type(self.controls)).home
             self.controls = replace(self.controls, home=home)
             if at_home:
@@ -729,9 +729,9 @@ class Viewer:
             nodes = [self.scene.nodes[number] for number in self.numbers]
             # A scene is of something: a face without area, which is never seen.
             scene.nodes = nodes or [Node(Mesh([self._ball.center] * 3, [[0, 1, 2]]))]
-            if scene._imitation is not None:
+            if scene._reference is not None:
                 # What is said of each object is said of those that are left.
-                scene._imitation = scene._imitation.of(self.numbers) if nodes else None
+                scene._reference = scene._reference.of(self.numbers) if nodes else None
         used = effect_switches.used_effects(scene, self.camera, self.size)
         for name in self._switched:
             changed = effect_switches.toggle(scene, name, used)

@@ -19,7 +19,7 @@ SMALL_LADDER = (Quality.draft(), Quality.standard(), Quality(samples=4), Quality
 def small(tmp_path, monkeypatch):
     monkeypatch.setattr(profiles, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(calibration, "LADDER", SMALL_LADDER)
-    monkeypatch.setattr(calibration, "SCENES_DRAWN", ("small",))
+    monkeypatch.setattr(calibration, "SCENES_USED", ("small",))
     monkeypatch.setattr(calibration, "ROUNDS", 1)
     monkeypatch.setattr(calibration, "make", lambda name: rj.accuracy.MadeScene(*made()))
 

@@ -5,7 +5,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.accuracy import results as errors_module
-from rasterjit.accuracy.results import PICTURE_OUTPUTS, buffers_of, compare, reference_of
+from rasterjit.accuracy.results import PICTURE_OUTPUTS, compare, compared_buffers, reference_of
 from rasterjit.rendering import quality_selection as measures
 
 SIZE = (40, 30)
@@ -32,7 +32,7 @@ CAMERA = rj.PerspectiveCamera((0, 0, 3), (0, 0, 0))
 def draw(made, camera=CAMERA, **quality):
     return rj.render(
         made, camera, size=SIZE, quality=rj.Quality(**quality), threads=1,
-        outputs=(*PICTURE_OUTPUTS, *buffers_of(made)),
+        outputs=(*PICTURE_OUTPUTS, *compared_buffers(made)),
     )  # fmt: skip
 
 
@@ -127,7 +127,7 @@ def test_a_scene_without_texture_coordinates_has_no_error_of_them():
     made = scene()
     del made.nodes[1]
     frame = draw(made)
-    assert buffers_of(made) == ("depth", "face_id")
+    assert compared_buffers(made) == ("depth", "face_id")
     assert compare(frame, reference(frame, made))[0].uv_texels is None
 
 

@@ -83,8 +83,8 @@ def test_a_level_that_is_useless_by_itself_is_in_no_combination():
 
 
 def test_as_many_as_wanted_are_taken_evenly():
-    assert settings_to_try.evenly(range(5), 9) == [0, 1, 2, 3, 4]
-    assert settings_to_try.evenly(range(10), 5) == [0, 2, 4, 6, 8]
+    assert settings_to_try.pick_evenly(range(5), 9) == [0, 1, 2, 3, 4]
+    assert settings_to_try.pick_evenly(range(10), 5) == [0, 2, 4, 6, 8]
 
 
 def test_knobs_come_in_the_order_of_the_settings():

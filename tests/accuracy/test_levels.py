@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.accuracy import test_scenes
-from rasterjit.accuracy.results import PICTURE_OUTPUTS, buffers_of, compare, reference_of
+from rasterjit.accuracy.results import PICTURE_OUTPUTS, compare, compared_buffers, reference_of
 from rasterjit.accuracy.test_scenes import MADE_FOR, make
 from rasterjit.scene.quality import LEVELS
 
@@ -41,7 +41,7 @@ def errors(setting):
 
         size = min(rj.Quality.reference().shadow_size, MAX_MAP)
         best = dataclasses.replace(rj.Quality.reference(), shadow_size=size)
-        buffers = buffers_of(made.scene)
+        buffers = compared_buffers(made.scene)
         reference = reference_of(
             made.scene,
             draw(best, PICTURE_OUTPUTS),

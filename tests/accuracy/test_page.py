@@ -20,16 +20,16 @@ from rasterjit.accuracy.report import picture_crops, plots
 from rasterjit.accuracy.report.page import NOTHING, PAGE_NAME, page, write_page
 from rasterjit.accuracy.results import (
     COMBINATIONS,
-    PROCESSOR,
+    CPU,
     STANDARD,
     EffectCost,
     front_trials,
-    with_standard,
+    insert_standard,
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
     alternatives,
-    how_sure,
+    certainty,
     options_of,
     recommendation,
 )
@@ -106,7 +106,7 @@ def test_everything_that_was_found_is_on_the_page(study, read):
         *study.machine, *study.machine.values(), *study.versions, *study.versions.values(),
         *study.without_effect, *study.without_effect.values(), *SENTENCES.values(), "3.21 s",
         *study.impossible, *study.impossible.values(), "No time was left for",
-        recommendation(study), how_sure(study), alternatives(study),
+        recommendation(study), certainty(study), alternatives(study),
     ):  # fmt: skip
         assert " ".join(words.split()) in read.text, words
 
@@ -141,11 +141,11 @@ def test_levels_stand_in_their_order_with_the_standard_among_them(study, read):
     assert [re.sub("dominated.*|^[0-9] ", "", n) for n in names[first + 1 : first + 8]] == [
         "2", "4", "8", "16", "area", "64", "256",
     ]  # fmt: skip
-    assert [t.level for t in with_standard(study, "subpixel_bits")] == ["0", "4", STANDARD, "12"]
+    assert [t.level for t in insert_standard(study, "subpixel_bits")] == ["0", "4", STANDARD, "12"]
 
 
 def test_the_answer_comes_first(study, read):
-    said = recommendation(study), how_sure(study), alternatives(study), "Error against time"
+    said = recommendation(study), certainty(study), alternatives(study), "Error against time"
     places = [read.text.index(text) for text in said]
     assert places == sorted(places)
     assert read.text.index("Error against time") < read.text.index("Worth choosing")
@@ -419,7 +419,7 @@ def test_what_to_ask_for_is_on_the_page(study, read):
 
 def test_processor_times_and_a_smaller_picture_are_said():
     busy = dataclasses.replace(
-        made_up_study(), clock=PROCESSOR, asked_size=(640, 400), reference_samples=16
+        made_up_study(), clock=CPU, asked_size=(640, 400), reference_samples=16
     )
     read = Read(page(busy, {}))
     assert "all threads together worked" in read.text

@@ -31,7 +31,7 @@ def test_scenes_are_of_one_kind_of_colour_each(script):
     scenes = script.precision_scenes()
     facts = [rj.explain(scene, size=SIZE).facts for scene in scenes.values()]
     assert [one.is_lit for one in facts] == [False, True, False]
-    assert [one.contents.vertex_colored for one in facts] == [1, 0, 0]
+    assert [one.counts.vertex_colored for one in facts] == [1, 0, 0]
     assert [one.needs_textures for one in facts] == [False, False, True]
     (texture,) = (
         node.mesh.material.base_color_texture

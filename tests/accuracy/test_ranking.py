@@ -6,15 +6,15 @@ from hypothesis import strategies as st
 from made_trials import trial
 
 from rasterjit.accuracy.choice import (
-    ALIKE,
     MAX_ON_FRONT,
+    SAME_ERROR,
     dominates,
     is_measured,
     is_slower,
     mark_dominated,
     noise,
     pareto_front,
-    thinned,
+    thin_front,
 )
 
 SAME = (1.0,) * 5
@@ -46,12 +46,12 @@ def test_each_on_the_front_is_told_faster_than_all_that_are_more_accurate(places
     assert len(front) <= MAX_ON_FRONT
     for before, after in itertools.pairwise(front):
         assert is_slower(after, before)
-        assert before.errors.rmse > ALIKE * after.errors.rmse
+        assert before.errors.rmse > SAME_ERROR * after.errors.rmse
     for one in trials:
         stands_for_it = [
             other
             for other in front
-            if not is_slower(other, one) and other.errors.rmse <= ALIKE * one.errors.rmse
+            if not is_slower(other, one) and other.errors.rmse <= SAME_ERROR * one.errors.rmse
         ]
         if is_measured(one):
             assert stands_for_it, "something as good is on the front"
@@ -87,15 +87,15 @@ def test_a_front_of_many_keeps_its_ends_the_standard_and_its_corners():
         trial(f"samples={n}", ratios(1.2**n), rmse=0.5 * 0.9 ** (n if n < 9 else 3 * n))
         for n in range(1, 15)
     ]
-    kept = thinned([trial(ratios=ratios(1.0), rmse=0.5), *steps])
+    kept = thin_front([trial(ratios=ratios(1.0), rmse=0.5), *steps])
     labels = [one.label for one in kept]
     assert len(kept) == MAX_ON_FRONT
     assert labels[0] == "standard"
     assert labels[-1] == "samples=14"
     assert {"samples=8", "samples=9"} <= set(labels), "where it bends"
-    middle = thinned([steps[0], steps[1], trial(ratios=ratios(1.5), rmse=0.41), *steps[2:]])
+    middle = thin_front([steps[0], steps[1], trial(ratios=ratios(1.5), rmse=0.41), *steps[2:]])
     assert "standard" in [one.label for one in middle]
-    assert thinned(steps[:5]) == steps[:5]
+    assert thin_front(steps[:5]) == steps[:5]
 
 
 def test_a_level_that_is_slower_and_less_accurate_is_dominated():

@@ -5,14 +5,14 @@ from made_trials import study, trial
 
 import rasterjit as rj
 from rasterjit.accuracy.choice import pareto_front
-from rasterjit.accuracy.results import PROCESSOR
+from rasterjit.accuracy.results import CPU
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
     alternatives,
     answer,
+    certainty,
     factor_in_words,
-    how_sure,
-    most_telling,
+    key_level,
     options_of,
     recommendation,
     sentences,
@@ -64,13 +64,13 @@ def test_the_level_that_buys_most_for_its_time_is_told():
         samples(2, 1.3, rmse=0.07), samples(8, 1.6, rmse=0.02), samples(16, 9.0, rmse=0.019),
         samples(256, 9.0, rmse=0.0),
     ]  # fmt: skip
-    assert most_telling(levels, trial()).level == "8"
+    assert key_level(levels, trial()).level == "8"
 
 
 def test_where_nothing_is_more_accurate_the_fastest_worthwhile_level_is_told():
     fast = trial("shading=face", (0.7,) * 5, rj.Quality(shading="face"), "standard", rmse=0.9)
     worth = trial("shading=vertex", (0.8,) * 5, rj.Quality(shading="vertex"), rmse=0.3)
-    assert most_telling([fast, worth], trial()) is worth
+    assert key_level([fast, worth], trial()) is worth
     assert said(fast).endswith("; not worth it here.")
 
 
@@ -89,7 +89,7 @@ def test_where_nothing_is_more_accurate_the_best_bargain_is_told():
         trial("transparency_layers=4", (0.54,) * 5, rmse=0.16),
         trial("transparency_layers=8", (0.76,) * 5, rmse=0.1001),
     ]
-    assert most_telling(levels, trial(rmse=0.1)).level == "8"
+    assert key_level(levels, trial(rmse=0.1)).level == "8"
 
 
 def test_a_time_of_one_round_is_no_claim():
@@ -170,13 +170,13 @@ def test_a_quality_is_named_however_badly_it_was_timed():
         once, trials=tuple(dataclasses.replace(one, ratios=(5.0,)) for one in once.trials)
     )
     assert recommendation(once).startswith("Take 16 samples: about 5.0× the time of standard")
-    assert how_sure(once).startswith("A guess: ")
+    assert certainty(once).startswith("A guess: ")
 
 
 def test_processor_times_are_called_so():
-    found = study([samples(4, 2.2, rmse=0.04)], clock=PROCESSOR, standard=trial(rmse=0.1))
+    found = study([samples(4, 2.2, rmse=0.04)], clock=CPU, standard=trial(rmse=0.1))
     assert "22 ms of processor time a frame" in recommendation(found)
-    assert "the machine is busy" in how_sure(found)
+    assert "the machine is busy" in certainty(found)
 
 
 def test_what_was_cut_is_said():
@@ -184,7 +184,7 @@ def test_what_was_cut_is_said():
         [samples(4, 2.2, rmse=0.04)], asked_size=(60, 40), reference_samples=64,
         reference_error=0.0012,
     )  # fmt: skip
-    said = how_sure(small)
+    said = certainty(small)
     assert "a reference of 64 samples, for which there was time and which errs by 0.0012" in said
     assert "1 quality was not tried: there was no time." in said
     assert "It was measured at 6 × 4 pixels, not at 60 × 40" in said

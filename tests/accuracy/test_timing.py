@@ -4,9 +4,9 @@ from made_trials import errors
 import rasterjit as rj
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.choice import is_timed
-from rasterjit.accuracy.results import PROCESSOR, WALL
+from rasterjit.accuracy.results import CPU, WALL
 from rasterjit.accuracy.settings_to_try import Attempt
-from rasterjit.accuracy.timing import Allowance, Contestant, fits, rounds_between, take_turns
+from rasterjit.accuracy.timing import Allowance, Contestant, has_time, round_interval, run_rounds
 
 
 class Clock:
@@ -48,7 +48,7 @@ def run(seconds, budget):
     painter = Painter(clock, seconds)
     standard, *others = (contestant(samples, cost) for samples, cost in seconds.items())
     told = []
-    take_turns(painter, standard, others, Allowance(budget, clock), told.append, clock)
+    run_rounds(painter, standard, others, Allowance(budget, clock), told.append, clock)
     return painter, standard, others, told
 
 
@@ -85,8 +85,8 @@ def test_one_round_is_drawn_whatever_the_budget():
 
 
 def test_slow_qualities_take_part_in_fewer_rounds():
-    _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 3 * timing.SLOW}, 1000.0)
-    assert rounds_between(slow, standard) == 3
+    _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 3 * timing.SLOW_RATIO}, 1000.0)
+    assert round_interval(slow, standard) == 3
     assert len(slow.frames) == timing.MAX_ROUNDS // 3
 
 
@@ -108,7 +108,7 @@ def test_ratios_are_over_the_standard_of_the_same_round():
             return super().seconds(attempt)
 
     painter = Slowing(clock, {1: 0.2, 4: 0.5})
-    take_turns(painter, standard, [other], Allowance(1000.0, clock), no_notice, clock)
+    run_rounds(painter, standard, [other], Allowance(1000.0, clock), no_notice, clock)
     trial = other.trial(standard)
     assert trial.ratios == pytest.approx([2.5] * timing.MAX_ROUNDS, rel=4e-3)
     assert trial.seconds[-1] > 1.03 * trial.seconds[0]
@@ -129,7 +129,7 @@ def test_an_interrupted_round_is_forgotten():
     painter.interrupt_after = 9
     standard, other = contestant(1, 0.2), contestant(4, 0.5)
     with pytest.raises(KeyboardInterrupt):
-        take_turns(painter, standard, [other], Allowance(1e3, clock), no_notice, clock)
+        run_rounds(painter, standard, [other], Allowance(1e3, clock), no_notice, clock)
     assert [len(one.frames) for one in (standard, other)] == [2, 2]
 
 
@@ -145,8 +145,8 @@ def test_what_would_leave_no_time_for_the_rounds_is_not_prepared():
     attempt = Attempt("samples", "64", rj.Quality(samples=64))
     # 2 drawings of 64 pictures, and 2 rounds of 2 (0.1 + 0.4 + 6.4).
     wanted = 2 * 6.4 + 2 * 2 * 6.9
-    assert fits(attempt, standard, prepared, Allowance(wanted + 0.01, clock))
-    assert not fits(attempt, standard, prepared, Allowance(wanted - 0.01, clock))
+    assert has_time(attempt, standard, prepared, Allowance(wanted + 0.01, clock))
+    assert not has_time(attempt, standard, prepared, Allowance(wanted - 0.01, clock))
 
 
 def test_an_allowance_keeps_what_was_promised_and_no_more():
@@ -163,7 +163,7 @@ def test_an_allowance_keeps_what_was_promised_and_no_more():
 @pytest.mark.parametrize(("others", "times"), [(0, 1), (1, 1), (2, 2), (3, 3), (9, 3), (40, 3)])
 def test_the_standard_is_drawn_up_to_three_times_in_a_round(others, times):
     standard, turn = contestant(1, 0.1), [contestant(4, 0.1) for _ in range(others)]
-    order = timing.with_standard(turn, standard)
+    order = timing.insert_standards(turn, standard)
     assert [one for one in order if one is not standard] == turn
     assert sum(one is standard for one in order) == times
     assert order[0] is standard
@@ -180,7 +180,7 @@ def test_one_disturbed_frame_of_the_standard_changes_no_ratio():
 
     painter = Disturbed(clock, {1: 0.2, 2: 0.3, 4: 0.5, 8: 0.7})
     standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
-    take_turns(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
+    run_rounds(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
     assert max(standard.frames[0].values()) > 1.0
     assert others[0].trial(standard).ratios == pytest.approx([1.5] * timing.MAX_ROUNDS)
 
@@ -190,7 +190,7 @@ def test_after_three_rounds_only_contenders_are_drawn():
     painter = Painter(clock, {1: 0.2, 4: 0.5, 8: 0.9, 16: 0.4})
     standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
     assert [one.attempt.level for one in timing.contenders(standard, others)] == ["4", "16"]
-    take_turns(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
+    run_rounds(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
     assert [len(one.frames) for one in others] == [21, timing.MIN_ROUNDS, 21]
 
 
@@ -216,8 +216,8 @@ def test_on_a_quiet_machine_the_clock_on_the_wall_counts():
 def test_on_a_busy_machine_processor_times_count():
     standard = timed(1, [0.1] * 6, [0.2] * 6)
     other = timed(4, [0.2, 0.9, 0.3, 0.5, 0.2, 0.7], [0.4, 0.6, 0.4, 0.41, 0.5, 0.4])
-    assert timing.best_clock(standard, [other]) == PROCESSOR
-    assert other.trial(standard, PROCESSOR).ratio == pytest.approx(2.0)
+    assert timing.best_clock(standard, [other]) == CPU
+    assert other.trial(standard, CPU).ratio == pytest.approx(2.0)
     assert other.trial(standard, WALL).ratio == pytest.approx(4.0)
 
 
@@ -229,4 +229,4 @@ def test_where_processor_times_are_unknown_the_clock_on_the_wall_counts():
 
 @pytest.mark.parametrize(("worked", "kept"), [([3.0], 1), ([3.0, 1.0, 2.0], 3), (range(8), 4)])
 def test_the_least_half_of_processor_times_is_undisturbed(worked, kept):
-    assert timing.undisturbed(list(worked)) == tuple(sorted(worked)[:kept])
+    assert timing.least_half(list(worked)) == tuple(sorted(worked)[:kept])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rasterjit.compat.golden import CHANGED, side_by_side
+from rasterjit.compat.golden import DIFFERENCE_COLOR, side_by_side
 
 CONFTEST = 'pytest_plugins = ["rasterjit.compat.golden"]\n'
 
@@ -89,7 +89,7 @@ def test_pictures_are_recorded_compared_and_shown_where_they_differ(tmp_path):
     with Image.open(tmp_path / "golden-failures" / "test_one-test_face.png") as image:
         sheet = np.array(image)
     assert sheet.shape == (16, 3 * 24 + 2 * 8, 4)
-    assert np.argwhere((sheet[:, 64:, :3] == CHANGED).all(axis=2)).tolist() == [[3, 4]]
+    assert np.argwhere((sheet[:, 64:, :3] == DIFFERENCE_COLOR).all(axis=2)).tolist() == [[3, 4]]
 
     said, status = run(tmp_path, "--golden-update")
     assert status == 0
@@ -138,7 +138,7 @@ def test_differences_of_other_sizes_and_of_floats_are_shown():
     sheet = side_by_side(depth, nearer)
     assert sheet[:, :2, 0].tolist() == [[0, 255], [0, 255]]
     assert sheet[:, 10:12, 0].tolist() == [[127, 255], [0, 255]]
-    assert (sheet[:, 20:, :3] == CHANGED).all(axis=2).tolist() == [[True, False], [False, False]]
+    assert (sheet[:, 20:, :3] == DIFFERENCE_COLOR).all(axis=2).tolist() == [[True, False], [False, False]]
 
 
 def test_signs_of_zero_and_bits_of_nan_count(tmp_path):

@@ -17,7 +17,7 @@ import trimesh
 import rasterjit as rj
 from rasterjit.effects.section import SECTION, SECTION_LINES
 from rasterjit.survey import cross_sections
-from rasterjit.survey.cross_sections import cut
+from rasterjit.survey.cross_sections import cut_scene
 
 SIZE = (64, 48)
 NEAR = 1e-9
@@ -87,7 +87,7 @@ def scene_with(*shapes, planes, **material):
 
 def caps_of(scene):
     """Return the caps of a scene by object."""
-    nodes = cut(scene).nodes
+    nodes = cut_scene(scene).nodes
     owners = nodes.cut.owners[:-1]
     numbers = nodes.cut.face_numbers
     starts = np.cumsum([0, *(len(node.mesh.faces) for node in nodes)])
@@ -107,7 +107,8 @@ def test_caps_have_the_area_that_closes_what_is_left(name, seed):
     place = turned(seed, mirrored=seed % 2 == 1)
     plane = rj.SectionPlane(rng.normal(size=3) * 0.1, rng.normal(size=3))
     scene = scene_with((vertices, faces, place), planes=plane)
-    left = areas(world_of(cut(scene).nodes[0])).sum(axis=0) * np.sign(np.linalg.det(place[:3, :3]))
+    kept = world_of(cut_scene(scene).nodes[0])
+    left = areas(kept).sum(axis=0) * np.sign(np.linalg.det(place[:3, :3]))
     ((cap,),) = caps_of(scene).values()
     found = areas(world_of(cap))
     assert np.linalg.norm(found, axis=1).sum() == pytest.approx(-left @ plane.normal, abs=NEAR)
@@ -169,7 +170,7 @@ def test_a_plane_that_touches_a_top_leaves_it_as_it_is():
         scene = scene_with(
             (vertices, faces, np.eye(4)), planes=rj.SectionPlane((0, 0, height), (0, 0, normal))
         )
-        assert cut(scene).nodes[0] is scene.nodes[0]
+        assert cut_scene(scene).nodes[0] is scene.nodes[0]
 
 
 def test_nothing_is_left_of_what_only_touches_from_before():
@@ -201,7 +202,7 @@ def test_several_planes_leave_a_closed_solid(name):
         rj.SectionPlane((0, 0, 0.05), (-0.3, 0, 1)),
     ]  # fmt: skip
     scene = scene_with((*solid(name), turned(3)), planes=planes)
-    nodes = cut(scene).nodes
+    nodes = cut_scene(scene).nodes
     assert len(nodes) == 4 - (name == "torus")
     total = sum(areas(world_of(node)).sum(axis=0) for node in nodes)
     if name != "crossing":
@@ -269,7 +270,7 @@ def seen_through(scene, eyes, ways):
 
     A cap is seen where a ray meets a plane inside of a solid.
     """
-    planes = cross_sections.planes_of(scene.section)
+    planes = cross_sections.planes_in(scene.section)
     nearest = np.full(len(eyes), np.inf)
     owners, faces = np.full(len(eyes), -1), np.full(len(eyes), -99)
 
@@ -326,7 +327,7 @@ def test_what_is_seen_through_the_cut_is_what_rays_find(name):
     eyes, ways = (part.reshape(-1, 3) for part in camera.rays(SIZE))
     owners, faces, far = seen_through(scene, eyes, ways)
     starts = np.cumsum([0, *(len(node.mesh.faces) for node in scene.nodes)])
-    count = len(cross_sections.planes_of(scene.section))
+    count = len(cross_sections.planes_in(scene.section))
     numbers = np.where(owners < 0, -1, np.where(faces >= 0, starts[owners] + faces, 0))
     is_cap = (owners >= 0) & (faces < 0)
     numbers[is_cap] = starts[-1] + count * owners[is_cap] - 1 - faces[is_cap]
@@ -345,7 +346,7 @@ def test_what_is_seen_through_the_cut_is_what_rays_find(name):
     assert (frame.object_id.ravel() == owners)[same.ravel()].all()
     points = (eyes + far[:, np.newaxis] * ways).reshape(*SIZE[::-1], 3)
     np.testing.assert_allclose(frame.position[same], points[same], atol=5e-3)
-    for number, plane in enumerate(cross_sections.planes_of(scene.section)):
+    for number, plane in enumerate(cross_sections.planes_in(scene.section)):
         cap = same & ((wanted - starts[-1]) % count == number) & (wanted >= starts[-1])
         facing = np.sign(-(ways.reshape(*SIZE[::-1], 3)[cap] @ plane.normal))
         np.testing.assert_allclose(
@@ -428,7 +429,7 @@ def test_faces_that_no_plane_crosses_have_the_bits_they_had():
     before = shown(scene, outputs=outputs)
     scene.section = rj.SectionPlane((0.0, 0.0, 0.9), (0.0, 0.0, 1.0))
     frame = shown(scene, outputs=outputs)
-    numbers = cut(scene).nodes.cut
+    numbers = cut_scene(scene).nodes.cut
     pieces = np.unique(numbers.face_numbers[numbers.is_piece])
     same = (frame.face_id == before.face_id) & ~np.isin(frame.face_id, pieces)
     assert (frame.face_id != before.face_id).any()
@@ -645,7 +646,7 @@ def test_points_and_lines_are_cut():
     scene.add(rj.Points(points, size=np.arange(1.0, 201.0) * 0.02, scalars=np.arange(200.0)))
     scene.add(ways)
     scene.section = rj.SectionPlane((0.25, 0.0, 0.0), (1.0, 0.0, 0.0))
-    left, line = cut(scene).nodes
+    left, line = cut_scene(scene).nodes
     kept = points[:, 0] <= 0.25
     np.testing.assert_array_equal(left.mesh.positions, points[kept])
     np.testing.assert_array_equal(left.mesh.sizes, (np.arange(1.0, 201.0) * 0.02)[kept])
@@ -682,14 +683,14 @@ def test_open_meshes_cut_along_their_edges_are_named_too(recwarn):
     ]
     plane = rj.SectionPlane((0, 0, 0), (0, 0, 1))
     scene = scene_with((steps, faces, np.eye(4)), planes=plane)
-    assert len(cut(scene).nodes[0].mesh.faces) == 4
+    assert len(cut_scene(scene).nodes[0].mesh.faces) == 4
     assert "its mesh is not closed" in str(recwarn.pop(UserWarning).message)
     # Nothing is cut where what goes does not touch what stays.
     apart = np.concatenate([steps[:6], steps[3:]])
     faces = [*faces[:4], *(np.array(faces[4:]) + 3).tolist()]
     apart[6:, 1] += 5.0
     scene = scene_with((apart, faces, np.eye(4)), planes=plane)
-    assert len(cut(scene).nodes[0].mesh.faces) == 4
+    assert len(cut_scene(scene).nodes[0].mesh.faces) == 4
     assert not recwarn.list
 
 
@@ -718,14 +719,14 @@ def test_faces_that_turn_another_way_make_a_mesh_open(recwarn):
     scene = rj.Scene()
     scene.add(rj.Mesh(box.vertices, faces, material=rj.Material("flat")), name="twisted")
     scene.section = rj.SectionPlane((0.0, 0.1, 0.0), (0.1, 1.0, 0.2))
-    assert len(cut(scene).nodes) == 1
+    assert len(cut_scene(scene).nodes) == 1
     message = str(recwarn.pop(UserWarning).message)
     assert message.startswith(
         "'twisted' is cut by a section, but its mesh's faces are not all wound"
     )
     # All of them inside out are closed.
     scene = scene_with((box.vertices, box.faces[:, ::-1], np.eye(4)), planes=scene.section)
-    assert len(cut(scene).nodes) == 2
+    assert len(cut_scene(scene).nodes) == 2
 
 
 def test_seams_of_textures_are_closed():
@@ -735,7 +736,7 @@ def test_seams_of_textures_are_closed():
     scene = scene_with(
         (vertices, faces, turned(4)), planes=rj.SectionPlane((0, 0, 0), (0.3, 0.2, 1.0))
     )
-    assert len(cut(scene).nodes) == 2
+    assert len(cut_scene(scene).nodes) == 2
 
 
 def test_seams_that_are_rounded_are_closed():

@@ -111,8 +111,8 @@ def test_specular_test_and_compare_ior_have_their_mirrors(tmp_path):
     plain, weak, tinted, textured, water, diamond, all_, thin, glass = materials_of(
         model, tmp_path / "a.glb"
     )
-    assert not plain.has_own_specular
-    assert not glass.has_own_specular
+    assert not plain.has_custom_specular
+    assert not glass.has_custom_specular
     assert weak.specular_factor == 0.25
     assert tinted.specular_color == (4.0, 0.5, 0.0)
     assert textured.specular_factor_texture.image[0, 0, 3] == pytest.approx(0.4)
@@ -204,4 +204,4 @@ def test_what_is_saved_comes_back(tmp_path):
         assert np.array_equal(found.image, wanted.image), name
         assert (found.offset, found.wrap) == (wanted.offset, wanted.wrap)
     assert not plain.has_clearcoat
-    assert not plain.has_own_specular
+    assert not plain.has_custom_specular

@@ -10,7 +10,7 @@ from moving_models import JOINTS, STRIP, STRIP_FACES, WEIGHTS, Gltf, animate, ar
 
 import rasterjit as rj
 from rasterjit.io.load_warnings import LoadWarning, SaveWarning
-from rasterjit.scene.node import topmost
+from rasterjit.scene.node import root_of
 
 TOLERANCE = 1e-12
 
@@ -651,7 +651,7 @@ def test_animations_of_what_was_removed_are_neither_played_nor_saved(tmp_path):
     assert [one.name for one in whole.animations] == names[count:]
     # Added again, it moves again, in copies too.
     copied = pickle.loads(pickle.dumps(scene))
-    for one, top in ((scene, figure), (copied, topmost(copied.animations[0].channels[0].node))):
+    for one, top in ((scene, figure), (copied, root_of(copied.animations[0].channels[0].node))):
         one.add(top)
         assert len(one.every_node()) == len(one.at(0.3, 0).every_node()) == 2 * left
     scene.remove(other)

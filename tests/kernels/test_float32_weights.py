@@ -274,7 +274,7 @@ def test_regions_rotated_faces_and_threads_change_no_bit():
 
 
 def is_quick(scene, quality=None, camera=CAMERAS[1]):
-    return rj.explain(scene, camera, quality, size=(64, 48)).facts.shown_in_float32 is not None
+    return rj.explain(scene, camera, quality, size=(64, 48)).facts.float32_objects is not None
 
 
 def test_who_takes_float32():
@@ -372,7 +372,7 @@ def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
     scene.add(rj.Mesh(mesh.vertices, mesh.faces, colors=colors, uv=uv, material=material))
     for quality in (None, FLOAT64, rj.Quality(samples=4), rj.Quality(samples=64)):
         facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
-        is_quick = facts.shown_in_float32 is not None
+        is_quick = facts.float32_objects is not None
         assert (float64_reason(facts) is None) == is_quick, quality
         assert float64_reason(facts) != UNKNOWN_REASON, quality
 

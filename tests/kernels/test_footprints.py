@@ -23,7 +23,7 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.scene.material import TEXTURE_FIELDS
-from rasterjit.scene.texture import ANISOTROPIES, FILTERS, turned_over
+from rasterjit.scene.texture import ANISOTROPIES, FILTERS, flip_v
 from rasterjit.survey.packed_scene import join_textures
 
 UV = np.array([(0.0, 0.25), (3.0, 0.5), (1.0, 4.0)])
@@ -89,7 +89,7 @@ def test_any_angle_turns_the_coordinates_counter_clockwise():
 @pytest.mark.parametrize("degrees", [0.0, 90.0, 22.5, -200.0])
 @pytest.mark.parametrize("scale", [(1.0, 1.0), (1.5, -0.5)])
 def test_transforms_of_gltf_are_turned_over(offset, degrees, scale):
-    texture = rj.Texture([[0.5]]).with_transform(*turned_over(offset, degrees, scale))
+    texture = rj.Texture([[0.5]]).with_transform(*flip_v(offset, degrees, scale))
     a, b, c, d, e, f = texture.transform or (1, 0, 0, 0, 1, 0)
     for u, down in ((0.0, 0.0), (1.0, 0.0), (0.25, 0.75), (-2.0, 1.5)):
         # As glTF's engines read it: counter-clockwise as seen, with v running down.

@@ -18,8 +18,8 @@ from rasterjit.pipeline.lighting import blinn_phong, light_stages
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.surface import sample_block as block
 from rasterjit.runtime import float_math
-from rasterjit.scene.light import BRIGHTEST
-from rasterjit.survey.light_culling import lighting_of
+from rasterjit.scene.light import MAX_RADIANCE
+from rasterjit.survey.light_culling import pack_lights
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 
@@ -277,7 +277,7 @@ def test_what_float32_cannot_tell_of_light_is_black(viewer, highlights, ending):
 def test_the_brightest_light_at_the_very_point_it_lights_stays_finite(cosine):
     for distance in (0.0, 1e-38, 1e-20, 1e-15, 3e-15):
         sample = one_sample((0, 1.0 - cosine, cosine), (0, 0, -distance), 1e-3, color=(1, 1, 1))
-        for bright in (1e9, 1e20, BRIGHTEST):
+        for bright in (1e9, 1e20, MAX_RADIANCE):
             have = light(sample, [[0, 0, 0, 1, bright, bright, bright]], DARK)
             assert np.isfinite(have).all()
 
@@ -293,7 +293,7 @@ def test_powers_of_nan_are_numbers():
 
 def shown(light_of_scene, point=(0.0, 0.0, 0.0)):
     """Return the red that a light of a scene shows at a point, for an eye at the origin."""
-    record = lighting_of([light_of_scene], rj.MatrixCamera(np.eye(4), np.eye(4)), 0)
+    record = pack_lights([light_of_scene], rj.MatrixCamera(np.eye(4), np.eye(4)), 0)
     samples = one_sample((0, 0, 1), point, specular=0.0, color=(1, 1, 1))
     light_samples(samples, record, VIEWER)
     return float(samples[block.OUT_RED, 0])

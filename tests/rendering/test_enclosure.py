@@ -12,7 +12,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.scene import transforms as tf
-from rasterjit.survey.blocked_lights import crossings
+from rasterjit.survey.blocked_lights import count_crossings
 
 SIZE = (64, 36)
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -257,7 +257,7 @@ def test_between_two_boxes_of_one_mesh_light_is_seen():
 
 
 def exact_crossings(corners, way, ends):
-    """Return the same as `crossings` in fractions, or None where the way meets an edge."""
+    """Return the same as `count_crossings` in fractions, or None where the way meets an edge."""
 
     def volume(a, b, c):
         return (
@@ -293,7 +293,7 @@ def test_crossings_are_those_of_exact_arithmetic_or_unsure(ends):
             # Through edges and corners, and along planes.
             corners = rng.integers(-2, 3, (3, 12, 3)).astype(float)
         way = rng.integers(-2, 3, 3) + (0.0 if n % 2 else rng.normal(size=3))
-        found, exact = crossings(corners, way, ends), exact_crossings(corners, way, ends)
+        found, exact = count_crossings(corners, way, ends), exact_crossings(corners, way, ends)
         edges += exact is None
         sure += found is not None
         assert found is None or found == exact
@@ -306,6 +306,6 @@ def test_crossings_are_those_of_exact_arithmetic_or_unsure(ends):
 def test_a_way_crosses_what_lies_before_its_end(reach, count):
     corners = BOX[np.array(SIDES).T] + [2.0, 0.3, 0.4]
     way = reach * np.array([1.0, 0.27, 0.3])
-    assert crossings(corners, way, True) == count
-    assert crossings(corners, way, False) == 2
-    assert crossings(corners, -way, False) == 0
+    assert count_crossings(corners, way, True) == count
+    assert count_crossings(corners, way, False) == 2
+    assert count_crossings(corners, -way, False) == 0

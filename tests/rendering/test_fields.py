@@ -12,7 +12,7 @@ import rasterjit as rj
 from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering.planning import describe
 from rasterjit.rendering.regions import RegionRenderer
-from rasterjit.scene.mesh import with_face_values
+from rasterjit.scene.mesh import set_face_values
 
 T = rj.transforms
 SIZE = (48, 36)
@@ -359,7 +359,7 @@ def test_an_attribute_of_faces_is_one_where_there_are_as_many_vertices():
     tetrahedron = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     mesh = rj.Mesh(tetrahedron, faces, attributes={"of vertices": np.arange(4.0)[:, None]})
-    mesh = with_face_values(mesh, None, {"of faces": np.arange(4, dtype=np.float32)[:, None]})
+    mesh = set_face_values(mesh, None, {"of faces": np.arange(4, dtype=np.float32)[:, None]})
     assert not mesh.with_scalars("of vertices").field.of_faces
     assert mesh.with_scalars("of faces").field.of_faces
 

@@ -15,7 +15,7 @@ import rasterjit as rj
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.rendering import resolve_layers
 from rasterjit.runtime.threads import Kept, Memory, are_same
-from rasterjit.scene.camera import planes_of
+from rasterjit.scene.camera import near_far
 from rasterjit.survey import clip_planes, object_transforms
 
 
@@ -317,11 +317,11 @@ def test_planes_are_looked_at_with_the_same_result_at_once_or_box_by_box(scene, 
             views.relative_from_model, views.clip_from_relative,
         )  # fmt: skip
         known = boxes, scene.nodes, views.clip_from_relative, rj.Quality.standard()
-        at_once = clip_planes.look_at_planes(camera, *known)
+        at_once = clip_planes.find_plane_needs(camera, *known)
         monkeypatch.setattr(object_transforms.Boxes, "are_between", lambda *_: False)
-        assert clip_planes.look_at_planes(camera, *known) == at_once
+        assert clip_planes.find_plane_needs(camera, *known) == at_once
         monkeypatch.undo()
-        planes = planes_of(camera)
+        planes = near_far(camera)
         row = (-camera.view_matrix()[2]).tolist()
         found.append(boxes.are_between(row, planes.near, planes.far))
     assert 20 < sum(found) < 130

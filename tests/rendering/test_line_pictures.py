@@ -193,7 +193,7 @@ def test_a_scene_of_triangles_compiles_nothing_of_lines():
 
 
 class Displaced(rj.Lines):
-    _depth_place = (2.0, 1.0)
+    _depth_offset = (2.0, 1.0)
 
 
 @pytest.mark.parametrize("is_parallel", [False, True])

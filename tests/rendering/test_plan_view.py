@@ -253,7 +253,7 @@ def test_a_cone_is_left_out_only_where_it_changes_no_bit(monkeypatch):
                 continue
             dropped += 1
             with monkeypatch.context() as patch:
-                patch.setattr(planned_lights._Scenery, "in_cone", lambda self, _: ~self.is_unsure)
+                patch.setattr(planned_lights._LightScene, "in_cone", lambda one, _: ~one.is_unsure)
                 frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear", "face_id"),
                                   threads=1)  # fmt: skip
                 assert len(frame.plan.lighting.lights) == 1

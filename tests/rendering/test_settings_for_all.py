@@ -17,7 +17,7 @@ from rasterjit.outputs.output_table import OUTPUTS as ALL_OUTPUTS
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.quality import LEVELS
-from rasterjit.survey.quality_overrides import COARSER, filter_of
+from rasterjit.survey.quality_overrides import COARSER_SHADING, parse_filter
 
 SIZE = (72, 56)
 OUTPUTS = tuple(name for name in ALL_OUTPUTS if name not in ("uv", "scalar"))
@@ -99,7 +99,7 @@ def with_shadows(scene, change):
 
 def with_filter(setting):
     """What gives a material's textures a filter, each texture one copy."""
-    known, (name, anisotropy) = {}, filter_of(setting)
+    known, (name, anisotropy) = {}, parse_filter(setting)
 
     def change(material):
         fields = {}
@@ -165,7 +165,7 @@ def test_what_asks_for_no_more_is_shaded_as_it_asks(cube, shading, level):
 
 
 def test_every_level_of_shading_has_its_ways(scene):
-    assert tuple(COARSER) == tuple(reversed(LEVELS["shading"]))
+    assert tuple(COARSER_SHADING) == tuple(reversed(LEVELS["shading"]))
 
 
 def test_a_face_of_a_flat_level_has_one_colour_under_a_sun(sphere):
@@ -218,7 +218,7 @@ def test_faces_alone_need_no_normals_of_vertices(scene):
     plan = rj.explain(scene, CAMERA, rj.Quality(shading="face"), size=SIZE)
     assert not plan.facts.needs_normals
     assert not plan.facts.needs_gouraud
-    assert plan.facts.seen.flat == 4
+    assert plan.facts.visible.flat == 4
     assert rj.explain(scene, CAMERA, size=SIZE).facts.needs_gouraud
 
 

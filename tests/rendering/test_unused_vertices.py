@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.survey.packed_scene import MANY_VERTICES, VERTEX_BLOCK, join_geometry
+from rasterjit.survey.packed_scene import MIN_VERTICES, VERTEX_BLOCK, join_geometry
 
 OUTPUTS = "color", "linear", "depth", "face_id", "position", "normal", "barycentric"
 CAMERA = rj.PerspectiveCamera(eye=(2.0, 1.5, 3.0), target=(0.0, 0.0, 0.0), near=2.9)
@@ -28,7 +28,7 @@ def knot():
 
 def test_runs_of_unused_vertices_are_found(knot):
     count = len(knot.vertices)
-    mesh = among_others(knot, 10 * VERTEX_BLOCK, MANY_VERTICES)
+    mesh = among_others(knot, 10 * VERTEX_BLOCK, MIN_VERTICES)
     arrays = join_geometry([knot, mesh, mesh])
     first, end = 10 * VERTEX_BLOCK, 10 * VERTEX_BLOCK + -(-count // VERTEX_BLOCK) * VERTEX_BLOCK
     whole = len(mesh.vertices)
@@ -51,7 +51,7 @@ def test_unused_vertices_change_no_bit(knot, samples, threads):
         "threads": threads,
     }  # fmt: skip
     alone = rj.render(knot, CAMERA, **options)
-    other = rj.render(among_others(knot, MANY_VERTICES, VERTEX_BLOCK + 17), CAMERA, **options)
+    other = rj.render(among_others(knot, MIN_VERTICES, VERTEX_BLOCK + 17), CAMERA, **options)
     assert alone.stats.clipped > 0
     for name in OUTPUTS:
         assert getattr(alone, name).tobytes() == getattr(other, name).tobytes(), name

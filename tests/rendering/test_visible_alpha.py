@@ -119,8 +119,8 @@ def test_batches_pixels_and_layers_hit_the_same():
 
 
 def test_the_default_plans_no_alpha_test():
-    assert not drawn(0.0).plan.facts.tests_hits
-    assert drawn(0.1).plan.facts.tests_hits
+    assert not drawn(0.0).plan.facts.tests_alpha
+    assert drawn(0.1).plan.facts.tests_alpha
 
 
 def test_thresholds_are_shares():

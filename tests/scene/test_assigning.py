@@ -13,9 +13,9 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.animation import TransformTrack
-from rasterjit.scene.attribute_guard import similar
+from rasterjit.scene.attribute_guard import similar_names
 from rasterjit.scene.environment import Panorama
-from rasterjit.scene.material import UnsaidMaterial
+from rasterjit.scene.material import DefaultMaterial
 from rasterjit.scene.scene import EFFECT_FIELDS
 from rasterjit.viewer.controls import Fly, Orbit
 
@@ -40,7 +40,7 @@ FROZEN = [
     rj.Fog(mode="linear", start=1.0, end=2.0),
     rj.Label((0, 1, 0), "text", background="white"),
     rj.Material("pbr", "orange", base_color_texture=rj.Texture(np.ones((2, 2)))),
-    UnsaidMaterial(),
+    DefaultMaterial(),
     rj.MatrixCamera(np.eye(4), np.eye(4)),
     rj.OrthographicCamera(**EYE),
     rj.Outline(),
@@ -228,7 +228,7 @@ def test_no_mutable_public_class_takes_any_name():
 
 def test_names_are_alike_by_what_they_hold_and_how_they_are_spelt():
     fields = ["base_color", "metallic", "roughness", "base_color_texture"]
-    assert similar("color", fields)[0] == "base_color"
-    assert similar("baseColor", fields)[0] == "base_color"
-    assert similar("roughnes", fields) == ["roughness", "roughness"]
-    assert similar("shininess", ["eye", "target"]) == []
+    assert similar_names("color", fields)[0] == "base_color"
+    assert similar_names("baseColor", fields)[0] == "base_color"
+    assert similar_names("roughnes", fields) == ["roughness", "roughness"]
+    assert similar_names("shininess", ["eye", "target"]) == []

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.scene.keyframes import rotation_between
+from rasterjit.scene.keyframes import slerp_rotation
 
 NODE = rj.Node(name="one")
 
@@ -43,14 +43,12 @@ def test_rotations_take_the_shorter_way_at_even_speed(degrees, t):
     second = np.array([0.0, 0.0, math.sin(half), math.cos(half)])
     shorter = degrees if degrees <= 180.0 else degrees - 360.0
     angle = math.radians(shorter) * t / 2.0
-    found = rotation_between(first, second, t)
+    found = slerp_rotation(first, second, t)
     wanted = np.array([0.0, 0.0, math.sin(angle), math.cos(angle)])
     sign = 1.0 if found @ wanted >= 0.0 else -1.0
     np.testing.assert_allclose(sign * found, wanted, atol=1e-14)
     # A quaternion and its opposite are one rotation.
-    np.testing.assert_allclose(
-        np.abs(rotation_between(first, -second, t) @ wanted), 1.0, atol=1e-14
-    )
+    np.testing.assert_allclose(np.abs(slerp_rotation(first, -second, t) @ wanted), 1.0, atol=1e-14)
 
 
 @pytest.mark.parametrize(

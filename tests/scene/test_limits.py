@@ -12,7 +12,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.io.images import decode_picture
 from rasterjit.io.load_warnings import LoadWarning
-from rasterjit.scene.fog import SHORTEST_RAMP
+from rasterjit.scene.fog import MIN_RAMP
 from rasterjit.scene.texture import MAX_TEXELS
 
 
@@ -78,12 +78,12 @@ def test_texture_has_a_largest_area():
 
 
 def test_fog_has_a_shortest_ramp():
-    for start, end in ((0.0, 1e-320), (0.0, 1e-39), (0.0, 0.999 * SHORTEST_RAMP)):
+    for start, end in ((0.0, 1e-320), (0.0, 1e-39), (0.0, 0.999 * MIN_RAMP)):
         with pytest.raises(ValueError, match=r"end must be at least 1e-18 above start, 0\.0; got"):
             rj.Fog(mode="linear", start=start, end=end)
     mesh = rj.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
     scene = rj.Scene()
     scene.add(mesh)
-    scene.fog = rj.Fog("red", "linear", start=0.0, end=SHORTEST_RAMP)
+    scene.fog = rj.Fog("red", "linear", start=0.0, end=MIN_RAMP)
     frame = rj.render(scene, size=(8, 8), outputs=("linear", "face_id"), threads=1)
     assert (frame.linear[frame.face_id >= 0] == [1.0, 0.0, 0.0, 1.0]).all()

@@ -123,7 +123,7 @@ def test_each_shading_reads_the_textures_that_it_says(shading, read):
 
 
 def test_layers_are_off_unless_asked_for_and_pbr_alone_has_them():
-    layers = ("has_clearcoat", "has_sheen", "has_own_specular")
+    layers = ("has_clearcoat", "has_sheen", "has_custom_specular")
     asked = {"clearcoat": 0.5, "sheen_color": "red", "ior": 1.3}
     for shading in SHADINGS:
         plain, layered = Material(shading), Material(shading, **asked)

@@ -11,7 +11,7 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.io.load_warnings import LoadWarning
-from rasterjit.scene.node import tops_of
+from rasterjit.scene.node import roots_of
 from rasterjit.transforms import compose, rotate_x, rotate_z, scale, translate
 
 TRIANGLE = [[0, 0, 0], [2, 0, 0], [0, 2, 0]]
@@ -267,9 +267,9 @@ def test_the_topmost_of_nodes_are_in_the_order_in_which_they_are_met():
     first, other = ([top, rj.Node(parent=top)] for top in tops)
     for chain in (first, other):
         chain.append(rj.Node(parent=chain[-1]))
-    assert tops_of([other[2], first[1], other[0], first[2], first[0]]) == tops[::-1]
-    assert tops_of([first[0], first[2], other[1]]) == tops
-    assert tops_of([]) == []
+    assert roots_of([other[2], first[1], other[0], first[2], first[0]]) == tops[::-1]
+    assert roots_of([first[0], first[2], other[1]]) == tops
+    assert roots_of([]) == []
 
 
 def test_all_below_a_node_are_in_its_scene_until_it_is_removed():

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.scene.camera import planes_of
+from rasterjit.scene.camera import near_far
 
 SIZE = (48, 36)
 ALL = ("color", "depth", "face_id", "position")
@@ -65,10 +65,10 @@ def test_a_small_mesh_close_by_is_whole(make, radius, distance, steps):
     mesh = ball(radius)
     frame = draw(mesh, make((0, 0, distance), (0, 0, 0)))
     near = 0.1 / 2**steps
-    assert planes_of(frame.plan.camera)[:2] == (near, math.inf)
+    assert near_far(frame.plan.camera)[:2] == (near, math.inf)
     # The same from as many times as far, where nothing is cut.
     large = draw(ball(radius * 2**10), make((0, 0, distance * 2**10), (0, 0, 0)))
-    assert planes_of(large.plan.camera).near == 0.1
+    assert near_far(large.plan.camera).near == 0.1
     assert large.face_id.tobytes() == frame.face_id.tobytes()
     np.testing.assert_allclose(frame.depth * 2**10, large.depth, rtol=1e-6)
     given = draw(mesh, make((0, 0, distance), (0, 0, 0), near))
@@ -80,7 +80,7 @@ def test_a_small_mesh_close_by_is_whole(make, radius, distance, steps):
 def test_what_nothing_is_cut_of_has_the_bits_of_a_near_plane_at_a_tenth():
     frame = draw(ball(), rj.PerspectiveCamera((0, 0, 3), (0, 0, 0)))
     same(frame, draw(ball(), rj.PerspectiveCamera((0, 0, 3), (0, 0, 0), near=0.1)))
-    assert planes_of(frame.plan.camera) == (0.1, math.inf, False, False, 0, None)
+    assert near_far(frame.plan.camera) == (0.1, math.inf, False, False, 0, None)
 
 
 def test_bits_do_not_depend_on_how_often_the_near_plane_is_halved():
@@ -112,30 +112,30 @@ def room():
 def test_in_a_room_only_what_is_in_view_counts():
     scene = room()
     # Walls go on behind the eye; what is seen of them begins in front of it.
-    assert planes_of(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+    assert near_far(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
     # Beside and behind the eye something is near, which is not seen.
     scene.add(ball(0.01, (0.5, 0.0, -0.05)))
     scene.add(ball(0.01, (0.0, 0.0, 0.05)))
-    assert planes_of(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+    assert near_far(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
     # In front of it.
     scene.add(ball(0.01, (0.0, 0.0, -0.05)))
-    assert planes_of(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1 / 4
+    assert near_far(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1 / 4
     # At the wall.
     close = rj.PerspectiveCamera((0, 0, -1.999), (0, 0, -3))
     frame = draw(scene, close, ("depth",))
     np.testing.assert_allclose(frame.depth, 0.001, rtol=1e-4)
-    assert planes_of(frame.plan.camera).near == 0.1 / 2**7
+    assert near_far(frame.plan.camera).near == 0.1 / 2**7
 
 
 def test_an_eye_in_a_face_is_bounded():
     rng = np.random.default_rng(3)
     around = rj.Mesh(rng.normal(size=(90, 3)) * 1e-20, rng.integers(0, 90, (60, 3)))
     frame = rj.render(around, rj.PerspectiveCamera(**LOOK), size=SIZE, threads=1)
-    assert planes_of(frame.plan.camera).near == 0.1 / 2**40
+    assert near_far(frame.plan.camera).near == 0.1 / 2**40
     # Seen edge on, a face shows nothing and calls for nothing.
     edge = rj.Mesh([[-1, 0, 1], [1, 0, 1], [0, 0, -9]], [[0, 1, 2]])
     frame = rj.render(edge, rj.PerspectiveCamera(**LOOK), size=SIZE, threads=1)
-    assert planes_of(frame.plan.camera).near == 0.1
+    assert near_far(frame.plan.camera).near == 0.1
 
 
 @pytest.mark.parametrize(("name", "least"), [("unorm16", 2.0**-16), ("unorm24", 2.0**-24)])
@@ -143,7 +143,7 @@ def test_formats_of_fixed_range_keep_what_is_far(name, least):
     scene = room()
     quality = rj.Quality(depth_format=name)
     close = rj.PerspectiveCamera((1e-9, 0, -2 + 1e-8), (1, 0, -2 + 1e-8))
-    near = planes_of(draw(scene, close, quality=quality).plan.camera).near
+    near = near_far(draw(scene, close, quality=quality).plan.camera).near
     assert near == 0.1 or least * 2 <= near < least * 40
 
 
@@ -171,7 +171,7 @@ def test_what_is_found_is_what_all_faces_say(kind):
                 if len(set(face)) == 3:
                     seen.append(naive_planes.seen_depths(points[face], camera, SIZE))
         seen = [one for one in seen if one is not None]
-        planes = planes_of(rj.explain(scene, camera, size=SIZE).camera)
+        planes = near_far(rj.explain(scene, camera, size=SIZE).camera)
         if kind == "perspective":
             least = min((low for low, _ in seen), default=math.inf)
             assert planes.near <= least or planes.near_steps == 40
@@ -180,7 +180,7 @@ def test_what_is_found_is_what_all_faces_say(kind):
         else:
             most = max((high for _, high in seen), default=0.0)
             assert planes.far >= most
-        cut = {one.name: one for one in rj.explain(scene, given, size=SIZE).look.cut}
+        cut = {one.name: one for one in rj.explain(scene, given, size=SIZE).plane_needs.cut}
         for name, found in (
             ("near", [one for one in seen if one[0] < 0.25]),
             ("far", [one for one in seen if one[1] > 0.7]),
@@ -204,7 +204,7 @@ def test_a_large_mesh_is_looked_at_in_boxes():
         ((0.1, 0.02, 1.001), (0, 0, 0), 4),
     ):
         camera = rj.PerspectiveCamera(eye, target)
-        planes = planes_of(draw(mesh, camera).plan.camera)
+        planes = near_far(draw(mesh, camera).plan.camera)
         least = min(
             one[0]
             for corners in mesh.vertices[mesh.faces]
@@ -218,18 +218,18 @@ def test_a_large_mesh_is_looked_at_in_boxes():
 def test_a_parallel_view_shows_what_is_far():
     mesh = ball(500.0, (0, 0, -2000.0))
     frame = draw(mesh, rj.OrthographicCamera(**LOOK, height=1200.0))
-    assert planes_of(frame.plan.camera) == (0.0, 4000.0, False, False, None, 2)
+    assert near_far(frame.plan.camera) == (0.0, 4000.0, False, False, None, 2)
     assert float(frame.depth.min()) == pytest.approx(1500.0, rel=1e-2)
     assert "4000 (chosen: 1000 * 2^k, k = 2)" in str(frame.plan)
     near = ball(100.0, (0, 0, -500.0))
     plain = draw(near, rj.OrthographicCamera(**LOOK, height=1200.0))
     same(plain, draw(near, rj.OrthographicCamera(**LOOK, height=1200.0, far=1000.0)))
-    assert planes_of(rj.explain(near, rj.OrthographicCamera(**LOOK, near=3000.0)).camera).far == 4e3
+    assert near_far(rj.explain(near, rj.OrthographicCamera(**LOOK, near=3000.0)).camera).far == 4e3
 
 
 def test_a_far_plane_before_a_tenth_leaves_room_for_a_near_one():
     camera = rj.PerspectiveCamera(**LOOK, far=0.03)
-    assert planes_of(rj.explain(ball(), camera).camera)[:2] == (0.025, 0.03)
+    assert near_far(rj.explain(ball(), camera).camera)[:2] == (0.025, 0.03)
     for far in (math.nan, 0.0, -1.0, "far"):
         with pytest.raises(ValueError, match="far"):
             rj.PerspectiveCamera(**LOOK, far=far)
@@ -254,13 +254,13 @@ def test_views_of_a_batch_have_one_near_plane(format):
         rj.PerspectiveCamera((0, 0, 3), (0, 0, 0)),
     ]
     frames = list(rj.render_many(scene, cameras, size=SIZE, outputs=ALL, quality=quality))
-    assert {planes_of(frame.plan.camera).near for frame in frames} == {0.025}
+    assert {near_far(frame.plan.camera).near for frame in frames} == {0.025}
     for camera, frame in zip(cameras, frames, strict=True):
         given = dataclasses.replace(camera, near=0.025)
         same(frame, draw(scene, given, quality=quality))
     # Those that come one by one have their own.
     alone = list(rj.render_many(scene, iter(cameras), size=SIZE))
-    assert [planes_of(frame.plan.camera).near for frame in alone] == [0.1, 0.025, 0.1]
+    assert [near_far(frame.plan.camera).near for frame in alone] == [0.1, 0.025, 0.1]
 
 
 def test_frames_of_an_animation_have_one_near_plane():
@@ -280,14 +280,14 @@ def test_frames_of_an_animation_have_one_near_plane():
             frames = rj.animation.frames(
                 renderer, scene, times, camera=camera, transforms={node: away}
             )
-            assert [planes_of(frame.plan.camera).near for frame in frames] == expected
+            assert [near_far(frame.plan.camera).near for frame in frames] == expected
         assert (node.world_from_model == before).all()
         track = rj.animation.CameraTrack(
             [0, 1], [camera, rj.PerspectiveCamera((0, 0, 2), (0, 0, -1))]
         )
         assert track(0.5).near is None
         frames = rj.animation.frames(renderer, scene, np.array([0.0, 0.9]), camera=track)
-        assert [planes_of(frame.plan.camera).near for frame in frames] == [0.025, 0.025]
+        assert [near_far(frame.plan.camera).near for frame in frames] == [0.025, 0.025]
     with pytest.raises(ValueError, match="cameras must all have a near, or none"):
         rj.animation.CameraTrack([0, 1], [camera, dataclasses.replace(camera, near=1.0)])
 
@@ -297,7 +297,7 @@ def test_tiles_have_the_bits_of_the_whole_picture():
 
     scene, camera, size = scene_with_a_close_ball(), rj.PerspectiveCamera(**LOOK), (192, 128)
     whole = draw(scene, camera, size=size)
-    assert planes_of(whole.plan.camera).near == 0.025
+    assert near_far(whole.plan.camera).near == 0.025
     with RegionRenderer(scene, camera, size=size, outputs=ALL, threads=1) as renderer:
         for (left, top, width, height), part in renderer.render_regions(64):
             rows, columns = slice(top, top + height), slice(left, left + width)
@@ -325,21 +325,21 @@ def test_the_previous_view_of_one_camera_has_its_near_plane():
     before.add(ball(0.02, (0.0, 0.0, -0.06)))
     camera, outputs = rj.PerspectiveCamera(**LOOK), ("motion", "motion_visible")
     frame = draw(now, camera, outputs, previous=rj.PreviousView(scene=before))
-    assert planes_of(frame.plan.camera).near == 0.025
-    assert planes_of(frame.plan.previous.camera).near == 0.025
+    assert near_far(frame.plan.camera).near == 0.025
+    assert near_far(frame.plan.previous.camera).near == 0.025
     assert "the same camera" in str(frame.plan)
     given = dataclasses.replace(camera, near=0.025)
     same(frame, draw(now, given, outputs, previous=rj.PreviousView(scene=before)), outputs)
     other = rj.PreviousView(scene=before, camera=rj.PerspectiveCamera((0, 0, 0.001), (0, 0, -1)))
     frame = draw(now, camera, outputs, previous=other)
-    assert planes_of(frame.plan.camera).near == 0.1
-    assert planes_of(frame.plan.previous.camera).near == 0.025
+    assert near_far(frame.plan.camera).near == 0.1
+    assert near_far(frame.plan.previous.camera).near == 0.025
 
 
 def test_the_nearest_quality_for_an_error_has_one_near_plane():
     scene, camera = scene_with_a_close_ball(), rj.PerspectiveCamera(**LOOK)
     frame = rj.render(scene, camera, size=SIZE, max_error=0.5, threads=1)
-    assert planes_of(frame.plan.camera).near == 0.025
+    assert near_far(frame.plan.camera).near == 0.025
 
 
 # Descriptions
@@ -349,14 +349,14 @@ def test_the_nearest_quality_for_an_error_has_one_near_plane():
 def test_open_cameras_are_copied_and_converted(make):
     camera = make((0, 0, 3), (0, 0, 0))
     for other in (pickle.loads(pickle.dumps(camera)), copy.deepcopy(camera)):
-        assert planes_of(other) == planes_of(camera) == (0.1, math.inf, True, False, None, None)
+        assert near_far(other) == near_far(camera) == (0.1, math.inf, True, False, None, None)
     if isinstance(camera, rj.PerspectiveCamera):
         assert camera == rj.PerspectiveCamera((0, 0, 3), (0, 0, 0))
         assert camera != dataclasses.replace(camera, near=0.1)
         assert "near=None" in repr(camera)
     else:
         moved = dataclasses.replace(camera, view_from_world=np.eye(4))
-        assert planes_of(moved).is_near_open
+        assert near_far(moved).is_near_open
     for size in (SIZE,):
         assert rj.cameras.to_opencv(camera, size).intrinsics[2, 2] == 1.0
         assert rj.cameras.to_blender(camera, size).clip_start == pytest.approx(0.1)
@@ -365,8 +365,8 @@ def test_open_cameras_are_copied_and_converted(make):
         assert gl[0].tobytes() == gl[1].tobytes()
     frame = draw(ball(0.05, (0, 0, 2.9)), camera)
     settled = pickle.loads(pickle.dumps(frame.plan.camera))
-    assert planes_of(settled) == planes_of(frame.plan.camera)
-    assert planes_of(settled).near == 0.025
+    assert near_far(settled) == near_far(frame.plan.camera)
+    assert near_far(settled).near == 0.025
     assert rj.cameras.to_blender(settled, SIZE).clip_start == pytest.approx(0.025)
     # What was drawn is not looked at again.
     same(frame, draw(ball(0.05, (0, 0, 2.9)), settled))
@@ -473,29 +473,29 @@ def test_points_close_by_are_whole(shape, unit):
     places = np.array([[0.0, 0.0, -0.02], [0.00625 * 4 / 3, 0.0, -0.01], [0.3, 0.2, -1.0]])
     cloud = rj.Points(places, size=size, unit=unit, shape=shape)
     frame = draw(cloud, rj.PerspectiveCamera(**LOOK, fov_y=60.0))
-    near = planes_of(frame.plan.camera).near
+    near = near_far(frame.plan.camera).near
     assert near <= 0.01
     same(frame, draw(cloud, rj.PerspectiveCamera(**LOOK, fov_y=60.0, near=near / 64)))
     assert 0 in frame.face_id
     size = 9.0 if unit == "pixel" else 0.2
     far = rj.Points(places[2:], size=size, unit=unit, shape=shape)
-    assert planes_of(draw(far, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+    assert near_far(draw(far, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
     # Those behind the eye, and beside the view, call for nothing.
     beside = np.array([[0.0, 0.0, 0.5], [0.5, 0.0, -0.05], [0.0, 0.0, -2.0], [np.nan, 0.0, -0.01]])
     unseen = rj.Points(beside, size=size, unit=unit, shape=shape, on_invalid="drop")
-    assert planes_of(draw(unseen, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+    assert near_far(draw(unseen, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
 
 
 def test_a_sphere_is_whole_though_its_middle_is_behind_the_plane():
     cloud = rj.Points([[0.0, 0.0, -0.16]], size=0.2, unit="world", shape="sphere")
     frame = draw(cloud, rj.PerspectiveCamera(**LOOK))
-    assert planes_of(frame.plan.camera).near == 0.05
+    assert near_far(frame.plan.camera).near == 0.05
     np.testing.assert_allclose(frame.depth.min(), 0.06, rtol=1e-2)
     # As large by way of its transform.
     scene = rj.Scene()
     scene.add(rj.Points([[0.0, 0.0, 0.0]], size=0.1, unit="world", shape="sphere"),
               np.array([[0, 2, 0, 0], [2, 0, 0, 0], [0, 0, 2, -0.16], [0, 0, 0, 1.0]]))  # fmt: skip
-    assert planes_of(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.05
+    assert near_far(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.05
 
 
 @pytest.mark.parametrize("unit", ["pixel", "world"])
@@ -504,14 +504,14 @@ def test_lines_close_by_are_whole(unit):
     # It goes across the view from one side to the other; its ends are out of view.
     line = rj.Lines([[-0.5, 0.001, -0.03], [0.5, 0.001, -0.03]], width=width, unit=unit)
     frame = draw(line, rj.PerspectiveCamera(**LOOK))
-    near = planes_of(frame.plan.camera).near
+    near = near_far(frame.plan.camera).near
     assert near == 0.1 / 4
     same(frame, draw(line, rj.PerspectiveCamera(**LOOK, near=near / 64)))
     assert (frame.face_id == 0).any(axis=0).all()
     away = rj.Lines(
         [[-0.5, 0.2, -0.03], [0.5, 0.2, -0.03], [0.5, 0.2, -3.0]], width=width, unit=unit
     )
-    assert planes_of(draw(away, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+    assert near_far(draw(away, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
 
 
 @pytest.mark.parametrize("scales", [(1, 1, 1), (1, -1.5, 0.7)])
@@ -534,11 +534,11 @@ def test_spheres_are_whole_just_before_the_eye(scales, count):
         whole = rj.render(scene, given, size=SIZE, outputs=outputs)
         assert (kept.face_id == whole.face_id).all()
         np.testing.assert_allclose(kept.depth, whole.depth, rtol=1e-4)
-        nearer += planes_of(kept.plan.camera).near < 0.1
+        nearer += near_far(kept.plan.camera).near < 0.1
         empty += (whole.face_id < 0).all()
         # Nothing in view asks for nothing.
         if (whole.face_id < 0).all() and count == 1 and scales == (1, 1, 1):
-            assert planes_of(kept.plan.camera).near > 1e-3
+            assert near_far(kept.plan.camera).near > 1e-3
     assert nearer > 5
     assert empty > 5 or count > 1
 
@@ -547,7 +547,7 @@ def test_a_sphere_around_the_eye_is_seen_from_inside():
     cloud = rj.Points([[0.0, 0.0, 0.03]], size=0.14, unit="world", shape="sphere")
     frame = draw(cloud, rj.PerspectiveCamera(**LOOK))
     assert (frame.face_id == 0).all()
-    assert 1e-3 < planes_of(frame.plan.camera).near <= 0.04
+    assert 1e-3 < near_far(frame.plan.camera).near <= 0.04
 
 
 def test_spheres_that_reach_beyond_their_boxes_are_whole_in_batches():
@@ -562,7 +562,7 @@ def test_spheres_that_reach_beyond_their_boxes_are_whole_in_batches():
     outputs = ("face_id", "depth")
     alone = [draw(scene, camera, outputs) for camera in cameras]
     for frame, way in zip(alone, (0.04, 0.05, 0.06), strict=True):
-        assert planes_of(frame.plan.camera).near <= way
+        assert near_far(frame.plan.camera).near <= way
         np.testing.assert_allclose(frame.depth.min(), way, rtol=1e-2)
     several = rj.render_many(scene, cameras, size=SIZE, outputs=outputs)
     for frame, single in zip(several, alone, strict=True):

@@ -7,7 +7,7 @@ import warnings
 
 import pytest
 
-from rasterjit.scene.warning import EACH_FRAME, MADE_NORMALS, told_elsewhere, warn_caller
+from rasterjit.scene.warning import REPAIRED_NORMALS, REPEATED, silence_warnings, warn_caller
 
 
 def call_through(depth):
@@ -41,15 +41,15 @@ def test_a_line_is_warned_about_once_unless_programs_ask_for_more():
 def test_only_the_kind_that_is_told_elsewhere_is_kept_back():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        with told_elsewhere(MADE_NORMALS):
-            for kind in (MADE_NORMALS, EACH_FRAME, ""):
+        with silence_warnings(REPAIRED_NORMALS):
+            for kind in (REPAIRED_NORMALS, REPEATED, ""):
                 warn_caller(f"of kind {kind!r}", kind=kind)
-            with told_elsewhere(EACH_FRAME):
-                warn_caller("neither", kind=MADE_NORMALS)
-                warn_caller("nor", kind=EACH_FRAME)
-        warn_caller("afterwards", kind=MADE_NORMALS)
+            with silence_warnings(REPEATED):
+                warn_caller("neither", kind=REPAIRED_NORMALS)
+                warn_caller("nor", kind=REPEATED)
+        warn_caller("afterwards", kind=REPAIRED_NORMALS)
     texts = [str(one.message) for one in caught]
-    assert texts == [f"of kind {EACH_FRAME!r}", "of kind ''", "afterwards"]
+    assert texts == [f"of kind {REPEATED!r}", "of kind ''", "afterwards"]
 
 
 def test_a_package_of_a_like_name_is_no_part_of_this_one():

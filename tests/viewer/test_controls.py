@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.scene.camera_fitting import Ball
+from rasterjit.scene.camera_fitting import BoundingSphere
 from rasterjit.viewer.controls import Fly, Orbit
 
 SIZE = (64, 48)
@@ -21,7 +21,7 @@ angles = st.floats(-720.0, 720.0)
 shares = st.floats(0.0, 1.0)
 ups = st.sampled_from([(0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (1.0, 2.0, -0.5)])
 keys = st.sets(st.sampled_from(["w", "a", "s", "d", "q", "e", "Shift", "ArrowUp", "ArrowLeft"]))
-scene = Ball((1.0, -2.0, 3.0), 2.5)
+scene = BoundingSphere((1.0, -2.0, 3.0), 2.5)
 
 
 def orbit(azimuth=30.0, elevation=10.0, up=(0.0, 1.0, 0.0)):
@@ -310,7 +310,7 @@ def test_f_shows_a_scene_as_large_as_it_fits(kind, size):
     drawn = rj.Scene()
     drawn.add(rj.Mesh([(0, 0, 0), (6, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2), (0, 2, 3)]))
     far_away = rj.PerspectiveCamera((40.0, 30.0, 50.0), (0.0, 0.0, 0.0))
-    start = kind.from_camera(far_away, Ball.around(drawn))
+    start = kind.from_camera(far_away, BoundingSphere.around(drawn))
     assert start == kind.from_camera(far_away, drawn)
     fitted = start.fit(size)
     camera = (fitted.at_rest() if kind is Orbit else fitted).camera()

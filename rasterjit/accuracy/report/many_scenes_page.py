@@ -14,7 +14,7 @@ from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.report.files import JSON_NAME
 from rasterjit.accuracy.report.plots import number
 from rasterjit.accuracy.results import STANDARD, Trial
-from rasterjit.accuracy.sentences import figures, options_of, time_in_words, together
+from rasterjit.accuracy.sentences import digits, folder_summary, options_of, time_in_words
 from rasterjit.io.atomic_write import write_text
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def as_json(found: FolderStudy) -> dict[str, Any]:
             "sureness": found.take.sureness,
             "better_by_at_most": found.take.at_most,
         },
-        "answer": " ".join(together(found)),
+        "answer": " ".join(folder_summary(found)),
         "scenes": {
             name: {
                 label: {"ratio": trials[row].ratio, "rmse": trials[row].errors.rmse}
@@ -69,7 +69,7 @@ def page(found: FolderStudy) -> str:
     """Return the page as HTML."""
     style = resources.files("rasterjit.accuracy.report").joinpath("page.css").read_text("utf-8")
     title = html.escape(f"What accuracy costs: {found.name}")
-    take, sure = (html.escape(text) for text in together(found))
+    take, sure = (html.escape(text) for text in folder_summary(found))
     options = html.escape(options_of(found.take.trial, found.standard))
     failed = "".join(
         f"<dt>{html.escape(name)}</dt><dd>{html.escape(why)}</dd>"
@@ -104,7 +104,7 @@ def _scenes(found: FolderStudy) -> str:
         cells = [
             time_in_words(standard.median),
             number(standard.errors.rmse),
-            f"{figures(one.ratio)}×",
+            f"{digits(one.ratio)}×",
             number(one.errors.rmse),
             html.escape(choose(study).trial.label),
         ]
@@ -121,8 +121,8 @@ def _qualities(found: FolderStudy) -> str:
         trials: tuple[Trial, ...] = found.candidates[one.label]
         ratios = [each.ratio for each in trials]
         cells = [
-            f"{figures(one.ratio)}×",
-            f"{figures(min(ratios))} to {figures(max(ratios))}",
+            f"{digits(one.ratio)}×",
+            f"{digits(min(ratios))} to {digits(max(ratios))}",
             number(max(each.errors.rmse for each in trials)),
         ]
         name = html.escape(one.label)

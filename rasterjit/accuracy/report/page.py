@@ -28,23 +28,23 @@ from rasterjit.accuracy.report.plots import (
 )
 from rasterjit.accuracy.results import (
     COMBINATIONS,
-    PROCESSOR,
+    CPU,
     STANDARD,
     WALL,
     Study,
     Trial,
     front_trials,
+    insert_standard,
     settings_of,
     standard_level,
-    with_standard,
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
     alternatives,
+    certainty,
+    digits,
     error_against,
     factor_in_words,
-    figures,
-    how_sure,
     options_of,
     recommendation,
 )
@@ -60,7 +60,7 @@ WIDE, NARROW = 480, 336
 
 TIMES = {
     WALL: "Times are medians, each over the standard’s time in the same round.",
-    PROCESSOR: "Times are what all threads together worked for a frame: medians of the least half.",
+    CPU: "Times are what all threads together worked for a frame: medians of the least half.",
 }
 """What is said of times, by the clock."""
 
@@ -166,8 +166,8 @@ def page(study: Study, sentences: dict[str, str]) -> str:
     pages.globals |= {
         one.__name__: one
         for one in (
-            alternatives, counted, duration, how_sure, in_words, number, options_of, recommendation,
-            variables, words,
+            alternatives, counted, duration, certainty, in_words, number, options_of,
+            recommendation, variables, words,
         )
     }  # fmt: skip
     return pages.get_template("page.html").render(_contents(study, sentences))
@@ -307,7 +307,7 @@ def results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
         Settings, each with its levels, the standard among them: the dominated ones are grey and
         name what dominates them.
     """
-    found = {setting: with_standard(study, setting) for setting in settings_of(study)}
+    found = {setting: insert_standard(study, setting) for setting in settings_of(study)}
     if study.of(COMBINATIONS):
         found[COMBINATIONS] = [study.standard, *study.of(COMBINATIONS)]
     front = [trial.label for trial in front_trials(study)]
@@ -353,8 +353,8 @@ def _results(trial: Trial) -> list[Cell]:
     errors, middle = trial.errors, milliseconds(trial.median)
     time, taken = ("", NOT_MEASURED), f"≈ {middle}"
     if trial.setting == STANDARD or is_measured(trial):
-        spread = f"{figures(low)}–{figures(high)}" if low < high else ""
-        time, taken = (f"{figures(trial.ratio)}×", spread), middle
+        spread = f"{digits(low)}–{digits(high)}" if low < high else ""
+        time, taken = (f"{digits(trial.ratio)}×", spread), middle
     return [time] + [(text, "") for text in (
         taken,
         number(errors.rmse),

@@ -290,11 +290,7 @@ def new_figure(points: tuple[float, float]) -> Iterator[Figure]:
     from matplotlib.figure import Figure
 
     own = {"svg.fonttype": "path", "svg.hashsalt": "rasterjit", "font.size": 9.0}
-    with (
-        warnings.catch_warnings(),
-        matplotlib.style.context("default"),
-        matplotlib.rc_context(own),
-    ):
+    with warnings.catch_warnings(), matplotlib.style.context("default"), matplotlib.rc_context(own):
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         # One point is one dot, so what is measured of letters is in points.
         yield Figure(figsize=(points[0] / 72.0, points[1] / 72.0), dpi=72.0, facecolor="none")

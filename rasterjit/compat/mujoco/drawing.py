@@ -309,7 +309,7 @@ class ModelScene(Scene):
             raise ValueError("data must hold finite positions, got NaN or infinity in a geom's")
         self._matrices = read_only(matrices)
         for node, matrix in zip(self.nodes, self._matrices, strict=True):
-            node._place(matrix, None)
+            node._move(matrix, None)
 
     def _behind(self, count: int) -> NDArray[np.bool_]:
         """Tell of each geom whether it is a plane that is seen from behind, (G,)."""

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from rasterjit.compat.mujoco.renderer import Renderer
-from rasterjit.scene.validation import in_short, one_of
+from rasterjit.scene.validation import brief, one_of
 
 MODES = "rgb_array", "depth_array", "rgbd_tuple"
 """What an environment may be asked to render."""
@@ -38,7 +38,7 @@ def draw_environment(environment: Any) -> Any:
     if known is None:
         raise ValueError(
             "environment must be one of gymnasium's for MuJoCo, with a mujoco_renderer, got "
-            f"{in_short(environment)}"
+            f"{brief(environment)}"
         )
     one_of("render_mode", inner.render_mode, MODES)
     inner.mujoco_renderer = EnvironmentRenderer(known)

@@ -23,7 +23,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
-from rasterjit.scene.validation import in_short, whole_number
+from rasterjit.scene.validation import brief, whole_number
 
 Mode: TypeAlias = Literal["linear", "depth", "object_id"]
 
@@ -70,7 +70,7 @@ class Renderer:
         *, threads: int | None = None,
     ) -> None:  # fmt: skip
         if not isinstance(model, mujoco.MjModel):
-            raise ValueError(f"model must be a mujoco.MjModel, got {in_short(model)}")
+            raise ValueError(f"model must be a mujoco.MjModel, got {brief(model)}")
         room = model.vis.global_
         for name, value, most in (
             ("height", height, room.offheight),
@@ -429,7 +429,7 @@ def from_model(model: Any, max_geom: int = 10000) -> ModelScene:
         As the model stands at first; ``follow(data)`` moves its nodes.
     """
     if not isinstance(model, mujoco.MjModel):
-        raise ValueError(f"model must be a mujoco.MjModel, got {in_short(model)}")
+        raise ValueError(f"model must be a mujoco.MjModel, got {brief(model)}")
     scene, data = (
         ModelScene(model, whole_number("max_geom", max_geom, 1, 1 << 24)),
         mujoco.MjData(model),

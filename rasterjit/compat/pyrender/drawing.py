@@ -27,7 +27,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.mesh import Mesh as SceneMesh
 from rasterjit.scene.normals import dot_rows, unit_rows
-from rasterjit.scene.reference_shader import DepthMap, Imitation, shown_by_codes
+from rasterjit.scene.reference_shader import DepthMap, ReferenceShading, decoded_codes
 from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross, dot, length
 
@@ -39,7 +39,7 @@ LINE_MODES = (GLTF.LINES, GLTF.LINE_LOOP, GLTF.LINE_STRIP)
 WIDTH = 1.0
 """Of lines, pixels."""
 
-DEPTH_PLACE = 0.5, 0.5
+DEPTH_OFFSET = 0.5, 0.5
 """
 Where Mesa takes depths and attributes of lines from, with several samples a pixel: half a pixel to
 the right of each and above it, which is below in pictures that are drawn upside down.
@@ -65,7 +65,7 @@ class LitLines(Lines):
     uv : (V, 2) array_like, optional
     colors : (V, 4) array_like, optional
     material : Material
-    depth_place : (float, float)
+    depth_offset : (float, float)
         Where depths and attributes are taken from: how far to the right of each sample and below
         it, pixels.
 
@@ -84,13 +84,13 @@ class LitLines(Lines):
         uv: Any = None,
         colors: Any = None,
         material: Material,
-        depth_place: tuple[float, float] = (0.0, 0.0),
+        depth_offset: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         super().__init__(
             points, segments, colors=colors, width=WIDTH, caps="butt", material=material,
             on_invalid="drop",
         )  # fmt: skip
-        self._depth_place = depth_place
+        self._depth_offset = depth_offset
         # What lines have none of by themselves, checked as that of faces is.
         own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv, on_invalid="drop")
         self._normals = self._vertex_normals = own.normals
@@ -130,7 +130,7 @@ class _Edges:
         faces = primitive.faces()
         self._segments, self._of_faces = _edges_between(faces)
         self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
-        self._all = _lit_lines(primitive, self._segments, look, DEPTH_PLACE)
+        self._all = _lit_lines(primitive, self._segments, look, DEPTH_OFFSET)
         self._eye: Float64 | None = None
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
@@ -189,7 +189,7 @@ def edges_of(
 
 
 def lines_of(
-    primitive: Primitive, look: Material, depth_place: tuple[float, float] = DEPTH_PLACE
+    primitive: Primitive, look: Material, depth_offset: tuple[float, float] = DEPTH_OFFSET
 ) -> LitLines | None:
     """
     Return the lines of a primitive of lines, a loop or a strip, in model space; None without any.
@@ -198,14 +198,14 @@ def lines_of(
     ----------
     primitive : Primitive
     look : Material
-    depth_place : (float, float)
+    depth_offset : (float, float)
         Where depths and attributes are taken from; see `LitLines`.
     """
     segments = _segments_of(primitive)
     if not len(segments):
         return None
-    key = "lines", look.shading, depth_place
-    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look, depth_place)
+    key = "lines", look.shading, depth_offset
+    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look, depth_offset)
     primitive._drawn[key] = known.shown_by(look)
     return primitive._drawn[key]
 
@@ -214,13 +214,13 @@ def _lit_lines(
     primitive: Primitive,
     segments: NDArray[np.int64],
     look: Material,
-    depth_place: tuple[float, float],
+    depth_offset: tuple[float, float],
 ) -> LitLines:
     """Return lines between vertices of a primitive."""
     return LitLines(
         primitive.positions, segments, normals=finite(primitive.normals),
         uv=finite(primitive.texcoord_0), colors=primitive.colors(look.shading == "pbr"),
-        material=look, depth_place=depth_place,
+        material=look, depth_offset=depth_offset,
     )  # fmt: skip
 
 
@@ -378,8 +378,8 @@ def background_codes(scene: Scene) -> NDArray[np.uint8]:
 
 def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
     """Return what is shown as codes, (4,)."""
-    light = shown_by_codes("as is" if flags & RenderFlags.FLAT else "gamma 2.2")
-    return np.append(light[codes[:3]], shown_by_codes("as is")[codes[3]])
+    light = decoded_codes("as is" if flags & RenderFlags.FLAT else "gamma 2.2")
+    return np.append(light[codes[:3]], decoded_codes("as is")[codes[3]])
 
 
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
@@ -476,7 +476,7 @@ def convert(
                     gains.append(np.ones(6, np.float32))
     if not shapes_alone:
         of_objects = faces_viewer, are_squares, gains
-        drawn._imitation = _imitation(drawn, owners, of_objects, scene, flags, views or {})
+        drawn._reference = _imitation(drawn, owners, of_objects, scene, flags, views or {})
     return Drawing(drawn, owners, is_blended, fades)
 
 
@@ -520,8 +520,8 @@ def _shape(
         return shape, np.eye(4)
     if primitive.mode in LINE_MODES:
         is_sampled = not flags & RenderFlags.SEG
-        depth_place = DEPTH_PLACE if is_sampled else (0.0, 0.0)
-        return lines_of(primitive, look, depth_place), place
+        depth_offset = DEPTH_OFFSET if is_sampled else (0.0, 0.0)
+        return lines_of(primitive, look, depth_offset), place
     if _is_wire(primitive, flags):
         culling = None if seen is None or look.double_sided else seen.camera
         return edges_of(primitive, place, look, culling), place
@@ -556,7 +556,7 @@ def _imitation(
     drawn: scenes.Scene, owners: list[Node],
     ways: tuple[list[bool], list[bool], list[NDArray[np.float32]]], scene: Scene,
     flags: RenderFlags, views: Mapping[Node, LightView],
-) -> Imitation:  # fmt: skip
+) -> ReferenceShading:  # fmt: skip
     """
     Add the lights; return how bright they are, what they fall on and what codes show of it.
 
@@ -579,7 +579,7 @@ def _imitation(
     if any(kinds.count(kind) > most[kind] for kind in _MAX):
         rows = {node: _nearest(scene, node, nodes, kinds, most) for node in {*owners}}
         taken[:, 1:] = [rows[node] for node in owners]
-    return Imitation(
+    return ReferenceShading(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
         np.float32(scene.ambient_light), taken, np.array(ways[0], np.uint8),
         np.array(ways[1], np.uint8), np.array(ways[2], np.float32).reshape(-1, 6),
@@ -616,13 +616,13 @@ def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
     """Add lights at their poses to a scene that was converted; they fall on all objects."""
-    before, count = drawn._imitation, len(added)
+    before, count = drawn._reference, len(added)
     drawn.lights += [light.placed(pose, None) for light, pose in added]
     radiance = np.array([light.radiance for light, _ in added], np.float32).reshape(-1, 3)
-    taken = np.ones((len(before.taken), count), np.uint8)
-    drawn._imitation = replace(
+    taken = np.ones((len(before.light_mask), count), np.uint8)
+    drawn._reference = replace(
         before, radiance=np.concatenate([before.radiance, radiance]),
-        taken=np.hstack([before.taken, taken]),
+        light_mask=np.hstack([before.light_mask, taken]),
     )  # fmt: skip
 
 

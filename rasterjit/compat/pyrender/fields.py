@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 
-from rasterjit.scene.validation import cut_short
+from rasterjit.scene.validation import short_repr
 
 T = TypeVar("T")
 
@@ -69,7 +69,7 @@ def named(name: str, check: Callable[[Any], T], value: Any) -> T:
         return check(value)
     except (TypeError, ValueError) as error:
         # Some say themselves what they got.
-        got = "" if ", got " in str(error) else f", got {cut_short(value)}"
+        got = "" if ", got " in str(error) else f", got {short_repr(value)}"
         raise type(error)(f"{name} {error}{got}") from None
 
 

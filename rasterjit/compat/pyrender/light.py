@@ -151,7 +151,7 @@ class SpotLight(Light):
             pose[:3, 3],
             -pose[:3, 2],
             inner_angle=math.degrees(self.innerConeAngle),
-            outer_angle=min(math.degrees(self.outerConeAngle), light.WIDEST_CONE),
+            outer_angle=min(math.degrees(self.outerConeAngle), light.MAX_CONE_ANGLE),
             shadow=shadow,
         )
 

@@ -13,7 +13,7 @@ from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
 from rasterjit.compat.pyrender.primitive import Primitive, diagonal
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
     import trimesh
@@ -158,7 +158,7 @@ class Mesh:
         primitives = []
         for one in given:
             if not isinstance(one, trimesh.Trimesh):
-                raise TypeError(f"mesh must be a trimesh.Trimesh or a list, got {in_short(one)}")
+                raise TypeError(f"mesh must be a trimesh.Trimesh or a list, got {brief(one)}")
             primitives.append(_primitive(one, material, poses, wireframe, smooth))
         return Mesh(primitives, is_visible=is_visible)
 

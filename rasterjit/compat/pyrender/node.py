@@ -12,8 +12,8 @@ from rasterjit.compat.pyrender.camera import Camera
 from rasterjit.compat.pyrender.fields import Field, OwnedField, anything, named, text_or_none
 from rasterjit.compat.pyrender.light import Light
 from rasterjit.compat.pyrender.mesh import Mesh
-from rasterjit.scene.decomposed_transform import TRS, matrix_of, rotation_of
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.decomposed_transform import TRS, compose_trs, quaternion_from_axes
+from rasterjit.scene.validation import brief
 from rasterjit.scene.vectors import cross, dot
 
 _LENGTH_TOLERANCE = 1e-3
@@ -112,7 +112,7 @@ class Node:
         """(4, 4) float64: pose relative to the parent, a copy."""
         if self._matrix is None:
             parts = (self._translation, self._rotation, self._scale)
-            self._matrix = matrix_of(TRS(*(tuple(part.tolist()) for part in parts)))
+            self._matrix = compose_trs(TRS(*(tuple(part.tolist()) for part in parts)))
         return np.array(self._matrix, np.float64)
 
     @matrix.setter
@@ -153,9 +153,9 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     try:
         given = np.asarray(value)
     except ValueError:
-        raise ValueError(f"must have shape {shape}, got {in_short(value)}") from None
+        raise ValueError(f"must have shape {shape}, got {brief(value)}") from None
     if given.shape != shape or given.dtype.kind not in "buif":
-        raise ValueError(f"must be numbers of shape {shape}, got {in_short(given)}")
+        raise ValueError(f"must be numbers of shape {shape}, got {brief(given)}")
     return given
 
 
@@ -185,7 +185,7 @@ def _nearest_rotation(turn: list[list[float]]) -> list[float]:
     axes: Any = tuple(zip(*turn, strict=True))
     products = [dot(axes[i], axes[j]) - float(i == j) for i in range(3) for j in range(i, 3)]
     if max(map(abs, products)) <= _ROUNDING and dot(axes[0], cross(axes[1], axes[2])) > 0.0:
-        return list(rotation_of(*axes))
+        return list(quaternion_from_axes(*axes))
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn
     rows = [
         [xx - yy - zz, xy + yx, xz + zx, zy - yz],

@@ -33,7 +33,7 @@ from rasterjit.pipeline.fragments.fragment_bands import SAMPLE_POSITIONS, STEPS
 from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.validation import image_size, in_short, one_of, positive_number
+from rasterjit.scene.validation import brief, image_size, one_of, positive_number
 
 EXTRA_OUTPUTS = (
     "normal", "normal_camera", "geometric_normal", "position", "position_camera", "distance",
@@ -159,7 +159,7 @@ class OffscreenRenderer:
             If the scene has no camera, or something cannot be drawn.
         """
         if not isinstance(scene, Scene):
-            raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
+            raise ValueError(f"scene must be a Scene of this module, got {brief(scene)}")
         # Offscreen pyrender draws normals too late for its picture.
         wanted = check_flags(flags) & ~NORMALS
         extra = _names(outputs)
@@ -555,5 +555,5 @@ def _seg_color(value: Any) -> NDArray[np.float64]:
     """Return a node's colour, (3,) in 0..255, rounded to whole numbers."""
     given = np.asarray(value)
     if given.dtype.kind not in "buif" or given.size not in (1, 3):
-        raise ValueError(f"seg_node_map must hold numbers or (3,) colors, got {in_short(value)}")
+        raise ValueError(f"seg_node_map must hold numbers or (3,) colors, got {brief(value)}")
     return np.clip(np.rint(np.nan_to_num(np.ravel(given).astype(np.float64))), 0.0, 255.0)

@@ -14,8 +14,8 @@ from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMateri
 from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
 from rasterjit.scene.mesh import Mesh as SceneMesh
-from rasterjit.scene.validation import in_short, read_only
-from rasterjit.scene.warning import MADE_NORMALS, told_elsewhere
+from rasterjit.scene.validation import brief, read_only
+from rasterjit.scene.warning import REPAIRED_NORMALS, silence_warnings
 
 Float32 = NDArray[np.float32]
 
@@ -26,7 +26,7 @@ _EXACT = 1 << 24
 def _material_of(value: Material | None) -> Material:
     """Return a material; where there is none, the usual one."""
     if value is not None and not isinstance(value, Material):
-        raise TypeError(f"must be a Material, got {in_short(value)}")
+        raise TypeError(f"must be a Material, got {brief(value)}")
     return MetallicRoughnessMaterial() if value is None else value
 
 
@@ -119,7 +119,7 @@ class Primitive:
             return None
         given = np.asarray(value)
         if given.dtype.kind not in "buif":
-            raise ValueError(f"must be whole numbers, got {in_short(given)}")
+            raise ValueError(f"must be whole numbers, got {brief(given)}")
         is_large = given.size > 0 and given.max() > _EXACT
         return np.ascontiguousarray(given, np.float64 if is_large else np.float32)
 
@@ -302,7 +302,7 @@ class Primitive:
         if key not in self._drawn:
             faces = self.faces()
             # pyrender does not tell of normals of length 0.
-            with told_elsewhere(MADE_NORMALS):
+            with silence_warnings(REPAIRED_NORMALS):
                 self._drawn[key] = made = SceneMesh(
                     self.positions, faces[:, ::-1] if is_turned else faces,
                     normals=finite(self.normals), uv=finite(self.texcoord_0),
@@ -310,7 +310,7 @@ class Primitive:
                 )  # fmt: skip
             if self.normals is None:
                 # Given, they are no reason to warn of sharp edges: light goes by the viewer.
-                made._normals = made._vertex_normals = read_only(made._made_normals())
+                made._normals = made._vertex_normals = read_only(made._derived_normals())
             if is_lit:
                 # Copies have them, too.
                 made.vertex_normals()
@@ -404,4 +404,4 @@ def _floats(value: ArrayLike) -> Float32:
     try:
         return np.ascontiguousarray(value, np.float32)
     except (TypeError, ValueError):
-        raise ValueError(f"must be an array of numbers, got {in_short(value)}") from None
+        raise ValueError(f"must be an array of numbers, got {brief(value)}") from None

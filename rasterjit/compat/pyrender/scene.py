@@ -16,7 +16,7 @@ from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.primitive import diagonal
 from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import transforms
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 if TYPE_CHECKING:
     import trimesh
@@ -222,7 +222,7 @@ class Scene:
         elif isinstance(obj, Camera):
             node.camera = obj
         else:
-            raise TypeError(f"obj must be a Mesh, a Light or a Camera, got {in_short(obj)}")
+            raise TypeError(f"obj must be a Mesh, a Light or a Camera, got {brief(obj)}")
         if parent_node is None and parent_name is not None:
             named = self.get_nodes(name=parent_name)
             if len(named) != 1:

@@ -330,14 +330,14 @@ def same_scene(one: Scene, other: Scene) -> bool:
     return (
         len(one.nodes) == len(other.nodes)
         and one.lights == other.lights
-        and (one._imitation is other._imitation or _same_light(one._imitation, other._imitation))
+        and (one._reference is other._reference or _same_light(one._reference, other._reference))
         and all(getattr(one, name) == getattr(other, name) for name in EFFECT_FIELDS)
         and all(_same_node(a, b) for a, b in zip(one.nodes, other.nodes, strict=True))
     )
 
 
 def _same_light(one: Any, other: Any) -> bool:
-    return one is not None and one.same(other)
+    return one is not None and one.equals(other)
 
 
 def _same_node(one: Node, other: Node) -> bool:

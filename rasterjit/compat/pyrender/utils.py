@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.validation import cut_short, in_short
+from rasterjit.scene.validation import brief, short_repr
 
 _CHANNELS = {"R": (0,), "RG": (0, 1), "GB": (1, 2), "RGB": (0, 1, 2), "RGBA": (0, 1, 2, 3)}
 """Which channels of a picture a texture reads."""
@@ -42,7 +42,7 @@ def format_color_vector(value: Any, length: int) -> NDArray[np.float32]:
     """
     given = np.asarray(value)
     if given.dtype.kind not in "buif" or given.size == 0:
-        raise ValueError(f"must be a colour, a number or {length} of them, got {in_short(value)}")
+        raise ValueError(f"must be a colour, a number or {length} of them, got {brief(value)}")
     if given.dtype.kind in "iu" or isinstance(value, bool):
         given = (given / 255.0).astype(np.float32)
     if given.ndim == 0:
@@ -77,7 +77,7 @@ def format_color_array(value: ArrayLike, shape: tuple[int, int]) -> NDArray[np.f
     """
     given = np.asarray(value)
     if given.ndim not in (1, 2) or given.dtype.kind not in "buif":
-        raise ValueError(f"must be colours, (n, 3) or (n, 4), got {in_short(given)}")
+        raise ValueError(f"must be colours, (n, 3) or (n, 4), got {brief(given)}")
     if given.dtype.kind in "iu":
         given = (given / 255.0).astype(np.float32)
     if given.ndim == 1:
@@ -115,12 +115,12 @@ def format_texture_source(texture: Any, target_channels: str = "RGB") -> NDArray
         has_palette = texture.mode == "P" and target_channels in ("RGB", "RGBA")
         texture = np.asarray(texture.convert(target_channels) if has_palette else texture)
     if not isinstance(texture, np.ndarray) or texture.dtype.kind not in "buif":
-        raise TypeError(f"must be a picture, got {in_short(texture)}")
+        raise TypeError(f"must be a picture, got {brief(texture)}")
     if target_channels not in _CHANNELS:
         listed = ", ".join(_CHANNELS)
-        raise ValueError(f"must have channels of {listed}, got {cut_short(target_channels)}")
+        raise ValueError(f"must have channels of {listed}, got {short_repr(target_channels)}")
     if texture.ndim not in (2, 3) or texture.size == 0:
-        raise ValueError(f"must be (H, W) or (H, W, C), got {in_short(texture)}")
+        raise ValueError(f"must be (H, W) or (H, W, C), got {brief(texture)}")
     if texture.dtype.kind == "f":
         texture = np.clip(np.nan_to_num(texture), 0.0, 1.0) * 255.0
     return _channels_of(texture.astype(np.uint8), target_channels)

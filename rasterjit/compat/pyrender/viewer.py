@@ -48,7 +48,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.mesh import Mesh as DrawnMesh
 from rasterjit.scene.scene import Scene as DrawnScene
-from rasterjit.scene.validation import image_size, in_short
+from rasterjit.scene.validation import brief, image_size
 from rasterjit.scene.vectors import length
 from rasterjit.viewer import browser, canvas, notebook, show, terminal, window_probe
 from rasterjit.viewer.controls import Event
@@ -194,7 +194,7 @@ class Viewer(Window):
         **kwargs: Any,
     ) -> None:
         if not isinstance(scene, Scene):
-            raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
+            raise ValueError(f"scene must be a Scene of this module, got {brief(scene)}")
         self._scene = scene
         self._viewport_size = image_size(
             "viewport_size", DEFAULT_SIZE if viewport_size is None else viewport_size

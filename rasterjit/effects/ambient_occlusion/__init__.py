@@ -19,7 +19,7 @@ from rasterjit.effects.ambient_occlusion import stage
 from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, fixed, rows_where
 from rasterjit.runtime.threads import rows_per_task
-from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
+from rasterjit.scene.ambient_occlusion import DEFAULT_RADIUS_RATIO, AmbientOcclusion
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import Group
@@ -82,7 +82,7 @@ def radius_of(effect: AmbientOcclusion, scene: Scene) -> float:
         return effect.radius
     _, radius = scene.bounding_sphere()
     # A scene of one point has no size; nothing occludes there.
-    return RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0
+    return DEFAULT_RADIUS_RATIO * radius if radius > 0.0 else 1.0
 
 
 class Occlusion(LooksAround, BatchedEffect):
@@ -95,22 +95,22 @@ class Occlusion(LooksAround, BatchedEffect):
 
     def decide(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
         """Return it, with a radius."""
-        effect = facts.asked[self.field]
+        effect = facts.fields[self.field]
         return replace(effect, radius=radius_of(effect, planning.scene))
 
     def why_not(self, facts: Facts) -> str:
         """Say why no ambient light falls on faces lit pixel by pixel, or is not dimmed."""
-        if facts.asked[self.field].strength == 0.0:
+        if facts.fields[self.field].strength == 0.0:
             return "its strength is 0"
         if not facts.is_lit:
             return unlit_reason(facts)
-        if not facts.seen.shadings - {"unlit", "gouraud"}:
+        if not facts.visible.shadings - {"unlit", "gouraud"}:
             return "what is lit is lit at its vertices"
         return "" if facts.has_ambient_light else "no light comes from all around"
 
     def describe(self, facts: Facts) -> str:
         """Say how far around corners ambient light is dimmed."""
-        effect = facts.asked[self.field]
+        effect = facts.fields[self.field]
         radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
         return f"radius {radius}, strength {effect.strength:g}"
 

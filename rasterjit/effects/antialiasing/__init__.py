@@ -10,15 +10,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rasterjit.scene.quality import Quality
-from rasterjit.survey.effect import OfQuality
+from rasterjit.survey.effect import QualityEffect
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.transparency import mixing_note
+from rasterjit.survey.transparency import blending_note
 
 SAMPLES_TO_TRY = 4
 """Samples per pixel suggested where edges are aliased."""
 
 
-class Antialiasing(OfQuality):
+class Antialiasing(QualityEffect):
     """Average the samples of a pixel."""
 
     name = "anti-aliasing"
@@ -32,10 +32,10 @@ class Antialiasing(OfQuality):
 
     def describe(self, facts: Facts) -> str:
         """Say how edges are smoothed."""
-        samples, note = facts.quality.samples, mixing_note(facts.quality)
+        samples, note = facts.quality.samples, blending_note(facts.quality)
         if facts.pictures > 1:
-            own = "" if samples == facts.picture_samples else f" for {samples!r}: discs, spheres"
-            count = facts.picture_samples
+            own = "" if samples == facts.supersamples else f" for {samples!r}: discs, spheres"
+            count = facts.supersamples
             return f"{count} pictures, moved by parts of a pixel, each shaded by itself{own}"
         if samples == "area":
             return f"exact areas, shaded once per face and pixel{note}"

@@ -18,7 +18,7 @@ from rasterjit.pipeline.fragments import srgb_compositing
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
-from rasterjit.survey.effect import Backdrop, Calls, FrameContext, Planning
+from rasterjit.survey.effect import BackdropEffect, Calls, FrameContext, Planning
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -83,7 +83,7 @@ def _decode(part: NDArray[np.uint8], light: NDArray[np.float32]) -> NDArray[np.f
     return light
 
 
-class PictureBehind(Backdrop):
+class PictureBehind(BackdropEffect):
     """Show a picture where no face is."""
 
     name = "background image"

@@ -142,8 +142,8 @@ class EnvironmentLight(BatchedEffect):
 
     def describe(self, facts: Facts) -> str:
         """Say what light comes from all around."""
-        mirrored = ", mirrored by pbr" if facts.seen.pbr else ""
-        return f"{facts.asked['environment'].described}{mirrored}"
+        mirrored = ", mirrored by pbr" if facts.visible.pbr else ""
+        return f"{facts.fields['environment'].described}{mirrored}"
 
     def prepare(
         self, context: FrameContext, data: Environment, seen: Sequence[Any]

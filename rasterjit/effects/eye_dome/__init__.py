@@ -111,13 +111,13 @@ class EyeDomeLighting(LooksAround):
 
     def why_not(self, facts: Facts) -> str:
         """Say why what lies behind is not darkened."""
-        if facts.asked[self.field].strength == 0.0:
+        if facts.fields[self.field].strength == 0.0:
             return "its strength is 0"
         return "" if facts.shades else unlit_reason(facts)
 
     def describe(self, facts: Facts) -> str:
         """Say how much what lies behind is darkened."""
-        effect = facts.asked[self.field]
+        effect = facts.fields[self.field]
         return f"strength {effect.strength:g}, radius {effect.radius:g}"
 
     def reads_depth(self, plan: RenderPlan) -> bool:

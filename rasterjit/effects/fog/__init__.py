@@ -62,18 +62,18 @@ class FogEffect(BatchedEffect):
     def why_not(self, facts: Facts) -> str:
         """Say why fog covers no colour that is asked for."""
         if facts.shades and facts.fog is None:
-            is_thin = facts.asked[self.field].density == 0.0
+            is_thin = facts.fields[self.field].density == 0.0
             return "its density is 0" if is_thin else "it begins beyond everything"
         return "" if facts.shades else "no face is shaded"
 
     def describe(self, facts: Facts) -> str:
         """Say what fog there is."""
-        fog = facts.asked[self.field]
+        fog = facts.fields[self.field]
         return f"mode {fog.mode}" + (", by height" if fog.height is not None else "")
 
     def decide(self, facts: Facts, planning: Planning) -> FogRecord:
         """Return the fog that passes read."""
-        return fog_record(facts.asked[self.field], planning.camera, facts.seen.flat > 0)
+        return fog_record(facts.fields[self.field], planning.camera, facts.visible.flat > 0)
 
     def answers(self, scene: Scene, group: Group) -> Any:
         """Tell which views the fog is in reach of."""

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from rasterjit.io.text_layout import PADDING, Float64, lay_out, text_coverage, warn_of_missing
 from rasterjit.pipeline.srgb_encoding import BUCKET_BITS, encoding_table
-from rasterjit.scene.camera import planes_of
+from rasterjit.scene.camera import near_far
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.label import Label
 from rasterjit.scene.pixel_projection import clip_from_relative, project
-from rasterjit.scene.scene import Scene, with_labelled
+from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.survey.effect import (
     Absent,
     Bends,
@@ -32,7 +32,7 @@ from rasterjit.survey.effect import (
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.transparency import mixing_note
+from rasterjit.survey.transparency import blending_note
 
 SHARES = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
 """Where an anchor lies in a box, of its width or height; else in the middle."""
@@ -229,7 +229,7 @@ def places_of(texts: Texts, plan: RenderPlan) -> Float64:
     if texts.places is not None:
         return texts.places
     found = project(plan.camera, texts.points, plan.size)
-    planes = planes_of(plan.camera)
+    planes = near_far(plan.camera)
     least, most = 0.0, math.inf
     if planes is not None:
         # A plane that is not given is put where it cuts nothing.
@@ -291,7 +291,7 @@ class Labels(LooksAround, Bends):
             return "no output shows colour in 8 bits"
         if not is_used:
             return "no node has a label"
-        return f"over the finished picture{mixing_note(facts.quality)}"
+        return f"over the finished picture{blending_note(facts.quality)}"
 
     def looks_first(self, data: Texts) -> bool:
         """Tell whether parts of a picture must know what hides texts in others."""
@@ -321,7 +321,7 @@ class Labels(LooksAround, Bends):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with nodes that carry no label."""
-        return with_labelled(scene, ())
+        return with_labels(scene, ())
 
     @staticmethod
     def draw_over(texts: Texts, context: FrameContext, color: NDArray[np.uint8]) -> None:

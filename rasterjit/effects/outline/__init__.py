@@ -106,7 +106,7 @@ class Outlines(LooksAround, BatchedEffect):
 
     def describe(self, facts: Facts) -> str:
         """Say which edges are drawn."""
-        outline = facts.asked[self.field]
+        outline = facts.fields[self.field]
         return f"{', '.join(outline.edges)}, {outline.width} wide"
 
     def reads_depth(self, plan: RenderPlan) -> bool:

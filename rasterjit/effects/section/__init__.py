@@ -24,7 +24,7 @@ from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.section import SectionPlane, planes_of
+from rasterjit.scene.section import SectionPlane, planes_in
 from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
@@ -46,15 +46,15 @@ class Sections(LooksAround, HasModes):
 
     def why_not(self, facts: Facts) -> str:
         """Say why the scene is not cut."""
-        return "" if planes_of(facts.asked[self.field]) else "scene.section is None"
+        return "" if planes_in(facts.fields[self.field]) else "scene.section is None"
 
     def decide(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
         """Return the planes."""
-        return planes_of(facts.asked[self.field])
+        return planes_in(facts.fields[self.field])
 
     def describe(self, facts: Facts) -> str:
         """Say by how many planes the scene is cut."""
-        planes = planes_of(facts.asked[self.field])
+        planes = planes_in(facts.fields[self.field])
         cutting = f"{len(planes)} planes" if len(planes) > 1 else "one plane"
         capped = len([plane for plane in planes if plane.cap])
         some = f" of {capped}" if 0 < capped < len(planes) else ""
@@ -62,7 +62,7 @@ class Sections(LooksAround, HasModes):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that fill caps."""
-        if not any(plane.cap for plane in planes_of(plan.facts.asked[self.field])):
+        if not any(plane.cap for plane in planes_in(plan.facts.fields[self.field])):
             return {}
         anew = "a closed mesh is cut anew"
         from rasterjit.pipeline.geometry.cap_triangulation import fill_outlines, find_contacts
@@ -97,7 +97,7 @@ class SectionLines(LooksAround):
 
     def why_not(self, facts: Facts) -> str:
         """Say why no lines are drawn: they are 8-bit pixels, around faces."""
-        planes = planes_of(facts.asked[self.field])
+        planes = planes_in(facts.fields[self.field])
         if not any(plane.lines for plane in planes):
             return "no plane has lines" if planes else "scene.section is None"
         if "color" not in facts.outputs:
@@ -106,11 +106,11 @@ class SectionLines(LooksAround):
 
     def decide(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
         """Return the planes."""
-        return planes_of(facts.asked[self.field])
+        return planes_in(facts.fields[self.field])
 
     def describe(self, facts: Facts) -> str:
         """Say how wide lines are."""
-        planes = planes_of(facts.asked[self.field])
+        planes = planes_in(facts.fields[self.field])
         widths = [f"{plane.line_width}" for plane in planes if plane.lines]
         return f"{', '.join(dict.fromkeys(widths))} wide"
 
@@ -147,7 +147,7 @@ class SectionLines(LooksAround):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene cut without lines."""
-        planes = tuple(replace(plane, lines=False) for plane in planes_of(scene.section))
+        planes = tuple(replace(plane, lines=False) for plane in planes_in(scene.section))
         return with_field(scene, "section", planes)
 
     @staticmethod

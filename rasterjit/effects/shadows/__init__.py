@@ -27,11 +27,11 @@ from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
-from rasterjit.survey.facts import Facts, settings_asked
+from rasterjit.survey.facts import Facts, changed_settings
 from rasterjit.survey.light_culling import TEXEL_BYTES, CastingLight, has_cube
 from rasterjit.survey.object_transforms import place_boxes
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.quality_overrides import shadow_under
+from rasterjit.survey.quality_overrides import override_shadow
 
 MAX_TEXELS_TO_TRY = 1 << 26
 """Of the shadow maps that are tried where nobody asked for them: 268 MB."""
@@ -108,7 +108,7 @@ class ShadowMaps(LooksAround):
     def describe(self, facts: Facts) -> str:
         """Say which maps are drawn."""
         drawn = describe_shadows(facts.lights.lights), *facts.lights.shadow_notes
-        return "; ".join(drawn) + settings_asked(facts, *self.settings)
+        return "; ".join(drawn) + changed_settings(facts, *self.settings)
 
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Tell that maps are fitted to what is seen."""
@@ -145,7 +145,7 @@ class ShadowMaps(LooksAround):
         )
         alpha_tests = None
         if facts.shades_through_holes:
-            alpha_tests = cache.tables.alpha_tests(facts.contents.textured_holes > 0)
+            alpha_tests = cache.tables.alpha_tests(facts.counts.textured_holes > 0)
         cells = [visible_cells.seen_cells(*one) for one in seen]
         casters = maps.Casters(
             vertices, arrays.faces, placement, cache.shapes.boxes, facts.inventory.casts_shadows,
@@ -163,7 +163,7 @@ class ShadowMaps(LooksAround):
         cast = "something casts a shadow on what is seen"
         facts = plan.facts
         drawn = visibility_pass.kernels_of(
-            visibility_pass.Wanted(), facts.shades_through_holes, facts.contents.primitives
+            visibility_pass.Wanted(), facts.shades_through_holes, facts.counts.primitives
         )
         rows = [
             row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)
@@ -199,7 +199,7 @@ class ShadowMaps(LooksAround):
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """Return the scene with a shadow of every light that could cast one and does not."""
-        shadow = shadow_under(Shadow(), quality)
+        shadow = override_shadow(Shadow(), quality)
         casting = [light for light in scene.lights if not isinstance(light, AmbientLight)]
         count, size = sum(light.shadow is None for light in casting), shadow.size
         what = f"of {count} more light{'s' if count > 1 else ''}, maps of {size} x {size}"

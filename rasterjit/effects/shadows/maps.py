@@ -40,7 +40,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import DirectionalLight, Shadow
-from rasterjit.survey.light_culling import CastingLight, along, axes_of, half_tangent, has_cube
+from rasterjit.survey.light_culling import CastingLight, basis, half_tangent, has_cube, project_on
 from rasterjit.survey.object_transforms import place_boxes
 
 Float64 = NDArray[np.float64]
@@ -252,8 +252,8 @@ def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float
 
 def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     """Fit the map of a directional light."""
-    axes, shadow = axes_of(light.direction, scenery.right), light.shadow
-    cells, boxes = along(axes, scenery.cells), along(axes, scenery.boxes)
+    axes, shadow = basis(light.direction, scenery.right), light.shadow
+    cells, boxes = project_on(axes, scenery.cells), project_on(axes, scenery.boxes)
     if not len(cells) or not len(boxes):
         return None
     low, high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
@@ -290,14 +290,14 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
 
 def _fit_spot(light: Any, place: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
     """Fit the map of a spot light to what is seen inside its cone."""
-    axes, shadow = axes_of(light.direction, scenery.right), light.shadow
+    axes, shadow = basis(light.direction, scenery.right), light.shadow
     sine, cosine = transforms.sine_cosine(light.outer_angle)
-    cells = along(axes, scenery.cells - place)
-    boxes = along(axes, scenery.boxes - place)
+    cells = project_on(axes, scenery.cells - place)
+    boxes = project_on(axes, scenery.boxes - place)
     window = _window(cells, boxes, sine / cosine, light.range, shadow)
     if window is None:
         return None
-    origin = tuple(along(axes, place).tolist())
+    origin = tuple(project_on(axes, place).tolist())
     _write_row(row, axes, origin, window, shadow, BORDER)
     _write_depth(row, window, shadow)
     return _clip_matrix(row, shadow.size, _depth_row(row, axes[2], window))
@@ -314,8 +314,8 @@ def _fit_cube(light: Any, place: Float64, scenery: Scenery, row: Float64) -> lis
             axes = np.zeros((3, 3))
             axes[0, (k + 1) % 3] = axes[1, (k + 2) % 3] = 1.0
             axes[2, k] = sign
-            cells = along(axes, scenery.cells - place)
-            boxes = along(axes, scenery.boxes - place)
+            cells = project_on(axes, scenery.cells - place)
+            boxes = project_on(axes, scenery.boxes - place)
             sides.append((axes, _window(cells, boxes, reach, light.range, shadow)))
     windows = [window for _, window in sides if window is not None]
     if not windows:
@@ -327,7 +327,7 @@ def _fit_cube(light: Any, place: Float64, scenery: Scenery, row: Float64) -> lis
     matrices: list[Float64 | None] = []
     for axes, seen in sides:
         side = row.copy()
-        _write_row(side, axes, tuple(along(axes, place).tolist()), window, shadow, 0)
+        _write_row(side, axes, tuple(project_on(axes, place).tolist()), window, shadow, 0)
         depth = _depth_row(side, axes[2], window)
         matrices.append(None if seen is None else _clip_matrix(side, shadow.size, depth))
     return matrices

@@ -50,18 +50,18 @@ class ToneMapping(BatchedEffect):
 
     def why_not(self, facts: Facts) -> str:
         """Say why light is not exposed, and no tone curve applied: to 8-bit colour alone."""
-        if facts.tones is not None:
+        if facts.tone_map is not None:
             return ""
-        is_neutral = facts.asked[self.field].is_neutral
+        is_neutral = facts.fields[self.field].is_neutral
         return "curve none, exposure 0" if is_neutral else "no output shows colour in 8 bits"
 
     def decide(self, facts: Facts, planning: Planning) -> ToneRecord:
         """Return the tone map as shading reads it."""
-        return tone_record(facts.asked[self.field])
+        return tone_record(facts.fields[self.field])
 
     def describe(self, facts: Facts) -> str:
         """Say how light is brought onto the screen."""
-        tone_map = facts.asked[self.field]
+        tone_map = facts.fields[self.field]
         return f"curve {tone_map.curve}, exposure {tone_map.exposure:g}"
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:

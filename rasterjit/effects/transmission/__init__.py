@@ -26,7 +26,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, SeesThrough
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.material_features import without_transmission
-from rasterjit.survey.object_counts import in_words
+from rasterjit.survey.object_counts import describe_count
 from rasterjit.survey.plan import RenderPlan
 
 MIN_SIDE = 2
@@ -133,14 +133,14 @@ class Transmission(SeesThrough):
         """Say why light goes through nothing in view that is lit."""
         if facts.transmits:
             return ""
-        if not facts.contents.transmitting:
+        if not facts.counts.transmitting:
             return "no pbr material has a transmission above 0"
-        return unlit_reason(facts) if facts.seen.transmitting else self.describe(facts)
+        return unlit_reason(facts) if facts.visible.transmitting else self.describe(facts)
 
     def describe(self, facts: Facts) -> str:
         """Say how many objects let light through."""
-        seen, count = facts.seen.transmitting, facts.contents.transmitting
-        return in_words(seen, count, "transmitting object")
+        seen, count = facts.visible.transmitting, facts.counts.transmitting
+        return describe_count(seen, count, "transmitting object")
 
     def reach(self, data: Any) -> None:
         """Tell that a refracted ray may lead to any pixel: see `SeesThrough`."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import Effect
-from rasterjit.survey.facts import Facts, settings_asked
-from rasterjit.survey.material_features import made_opaque
-from rasterjit.survey.transparency import mixing_note
+from rasterjit.survey.facts import Facts, changed_settings
+from rasterjit.survey.material_features import with_opaque_materials
+from rasterjit.survey.transparency import blending_note
 
 
 class Blending(Effect):
@@ -32,12 +32,12 @@ class Blending(Effect):
         nearest = "" if most == "all" else f", the nearest {most} at a sample"
         if most == 1:
             nearest = ", the nearest one at a sample"
-        hits = settings_asked(facts, "visible_alpha")
-        return transparency.reason + nearest + mixing_note(quality) + hits
+        hits = changed_settings(facts, "visible_alpha")
+        return transparency.reason + nearest + blending_note(quality) + hits
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with opaque materials."""
-        return made_opaque(scene)
+        return with_opaque_materials(scene)
 
 
 TRANSPARENCY = Blending()

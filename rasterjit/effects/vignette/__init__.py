@@ -37,11 +37,11 @@ class Vignetting(BatchedEffect):
         """Say why corners are not darkened: they are 8-bit pixels."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
-        return "it darkens nothing" if facts.asked[self.field].is_neutral else ""
+        return "it darkens nothing" if facts.fields[self.field].is_neutral else ""
 
     def describe(self, facts: Facts) -> str:
         """Say how much darker the corners are."""
-        strength = facts.asked[self.field].strength
+        strength = facts.fields[self.field].strength
         return f"the corners lose {100.0 * strength:g} % of their light"
 
     def neutral(self, record: Vignette) -> Vignette:

@@ -28,7 +28,7 @@ from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.transparency import mixing_note
+from rasterjit.survey.transparency import blending_note
 
 EDGES_PER_TASK = 1 << 14
 """Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""
@@ -206,10 +206,10 @@ class Edges(LooksAround, HasModes):
 
     def describe(self, facts: Facts) -> str:
         """Say how edges are drawn."""
-        mode = f"mode {facts.asked[self.field].mode}"
+        mode = f"mode {facts.fields[self.field].mode}"
         if facts.quality.lines == "bresenham":
             return mode
-        return f"{mode}, by coverage{mixing_note(facts.quality)}"
+        return f"{mode}, by coverage{blending_note(facts.quality)}"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""

@@ -22,21 +22,21 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.json_checks import (
-    brief,
     get_integer,
     get_list,
     get_numbers,
     get_object,
+    quote,
     require,
 )
 from rasterjit.io.load_warnings import LeftOut, reason_of
-from rasterjit.scene.decomposed_transform import TRS, rows_of
-from rasterjit.scene.keyframes import INTERPOLATIONS, PATHS, WIDTHS, Animation, Channel
+from rasterjit.scene.decomposed_transform import TRS, compose_rows
+from rasterjit.scene.keyframes import INTERPOLATIONS, PATHS, VALUE_WIDTHS, Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.skin import WEIGHT_ROUNDING, MorphTargets, Skin, sum_rows
-from rasterjit.scene.validation import in_short, one_of
+from rasterjit.scene.validation import brief, one_of
 
 
 def parent_from_node(node: dict[str, Any]) -> list[list[float]]:
@@ -45,14 +45,14 @@ def parent_from_node(node: dict[str, Any]) -> list[list[float]]:
         # glTF writes matrices column by column.
         columns = get_numbers(node, "matrix", (0.0,) * 16)
         return [list(columns[row::4]) for row in range(4)]
-    return rows_of(trs_of(node))
+    return compose_rows(trs_of(node))
 
 
 def trs_of(node: dict[str, Any]) -> TRS:
     """Return a node's translation, rotation and scale."""
     x, y, z, w = get_numbers(node, "rotation", (0.0, 0.0, 0.0, 1.0))
     if ((x * x + y * y) + z * z) + w * w == math.inf:
-        raise ValueError(f"rotation must be a unit quaternion, got {brief(node['rotation'])}")
+        raise ValueError(f"rotation must be a unit quaternion, got {quote(node['rotation'])}")
     sx, sy, sz = get_numbers(node, "scale", (1.0, 1.0, 1.0))
     tx, ty, tz = get_numbers(node, "translation", (0.0, 0.0, 0.0))
     return TRS((tx, ty, tz), (x, y, z, w), (sx, sy, sz))
@@ -234,9 +234,9 @@ def with_morph_weights(
         if not fits:
             left_out.note(
                 f"weights of {label}, which has {len(targets)} morph targets, not "
-                f"{brief(len(weights or ()))}"
+                f"{quote(len(weights or ()))}"
             )
-        mesh._morph_targets = targets.named(
+        mesh._morph_targets = targets.with_weights(
             weights if fits else None, names if len(names) == len(targets) else ()
         )
     return list(meshes)
@@ -304,7 +304,7 @@ class AnimationReader:
             if "skin" not in entry:
                 continue
             number = entry["skin"]
-            key = number if isinstance(number, int) else brief(number)
+            key = number if isinstance(number, int) else quote(number)
             if key not in skins:
                 skins[key] = self._skin(number, nodes)
             self._set_skin(node, skins[key])
@@ -381,17 +381,17 @@ class AnimationReader:
 
     def _skin(self, number: Any, nodes: dict[int, Node]) -> Skin | None:
         """Return a skin; None, with a note, if it cannot be used."""
-        label = f"skin {brief(number)}"
+        label = f"skin {quote(number)}"
         try:
             entry = self._file.entry("skins", number)
-            label = f"skin {in_short(entry.get('name', number))}"
+            label = f"skin {brief(entry.get('name', number))}"
             joints = get_list(entry, "joints")
             if not joints:
                 raise ValueError("it has no joints")
             count = len(get_list(self._file.header, "nodes"))
             for joint in joints:
                 if get_integer({"joints": joint}, "joints") >= count:
-                    raise ValueError(f"joints must be below {count}, got {brief(joint)}")
+                    raise ValueError(f"joints must be below {count}, got {quote(joint)}")
             binds = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
             if "inverseBindMatrices" in entry:
                 binds = self._inverse_binds(entry["inverseBindMatrices"], len(joints))
@@ -420,7 +420,7 @@ class AnimationReader:
         try:
             node.skin = skin
         except ValueError as error:
-            self._left_out.note(f"skin of node {in_short(node.name)}: {reason_of(error)}")
+            self._left_out.note(f"skin of node {brief(node.name)}: {reason_of(error)}")
 
     def _set_weights(self, entry: dict[str, Any], node: Node) -> None:
         """Set the morph weights of a node, if they fit."""
@@ -429,7 +429,7 @@ class AnimationReader:
             if count:
                 node.weights = get_numbers(entry, "weights", (0.0,) * count)
         except ValueError as error:
-            self._left_out.note(f"weights of node {in_short(node.name)}: {reason_of(error)}")
+            self._left_out.note(f"weights of node {brief(node.name)}: {reason_of(error)}")
 
     def _animation(self, number: int, entry: Any, nodes: dict[int, Node]) -> Animation | None:
         """Return an animation; None, with a note, if it cannot be used."""
@@ -437,7 +437,7 @@ class AnimationReader:
         try:
             animation = get_object({label: entry}, label)
             name = str(animation.get("name", number))
-            label = f"animation {in_short(name)}"
+            label = f"animation {brief(name)}"
             channels, samplers = get_list(animation, "channels"), get_list(animation, "samplers")
         except READ_ERRORS as error:
             self._left_out.note(f"{label}, which cannot be read: {reason_of(error)}")
@@ -467,7 +467,7 @@ class AnimationReader:
             raise ValueError(f"{POINTER} is not read")
         path = require(target, "path")
         if path not in PATHS:
-            raise ValueError(f"path must be one of {', '.join(PATHS)}, got {brief(path)}")
+            raise ValueError(f"path must be one of {', '.join(PATHS)}, got {quote(path)}")
         number = get_integer(target, "node")
         self._file.entry("nodes", number)
         if number not in nodes:
@@ -487,7 +487,7 @@ class AnimationReader:
         # Their values: rows for a node, numbers for the targets of each part.
         count, parts = len(times), (3,) if kind == "CUBICSPLINE" else ()
         if path != "weights":
-            width = WIDTHS[path]
+            width = VALUE_WIDTHS[path]
             if values.shape != (count * (3 if parts else 1), width):
                 raise ValueError(
                     f"output must be {count * (3 if parts else 1)} rows of {width} for {count} "

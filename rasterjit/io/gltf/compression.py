@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.gltf.extensions import BASIS, DRACO, check_library
-from rasterjit.io.gltf.json_checks import brief, get_integer, require
+from rasterjit.io.gltf.json_checks import get_integer, quote, require
 from rasterjit.io.images import take_texels
 from rasterjit.io.load_warnings import reason_of
 from rasterjit.scene.memory_limits import MemoryBudget
-from rasterjit.scene.texture import check_extent
+from rasterjit.scene.texture import check_texels
 
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Decoder
@@ -203,7 +203,7 @@ def decode_meshopt(
     for key, value, allowed in (("mode", mode, MODES), ("filter", one_filter, FILTERS)):
         if value not in allowed:
             listed = ", ".join(allowed)
-            raise ValueError(f"{extension}: {key} must be one of {listed}, got {brief(value)}")
+            raise ValueError(f"{extension}: {key} must be one of {listed}, got {quote(value)}")
     count, size = get_integer(packed, "count"), get_integer(packed, "byteStride")
     if not count:
         return b""
@@ -266,7 +266,7 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decode
     if len(content) < _EXTENT_OFFSET + 8:
         raise ValueError("it ends too early")
     size = struct.unpack_from("<II", content, _EXTENT_OFFSET)
-    check_extent("it", *size)
+    check_texels("it", *size)
     take_texels(size, what, budget)
     try:
         pixels: NDArray[Any] = decoder.decode("ktx2", content)

@@ -22,17 +22,17 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from rasterjit.io.gltf.json_checks import (
-    brief,
     get_clamped,
     get_clamped_numbers,
     get_integer,
     get_list,
     get_object,
+    quote,
 )
 from rasterjit.io.load_warnings import LeftOut
-from rasterjit.scene.material import BRIGHTEST_TINT, MAX_IOR, MAX_THICKNESS, Material
+from rasterjit.scene.material import MAX_IOR, MAX_THICKNESS, MAX_TINT, Material
 from rasterjit.scene.texture import ColorSpace
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 MIN_ATTENUATION_DISTANCE = 1e-6
 """Attenuation distance in place of 0, which a file may have."""
@@ -73,7 +73,7 @@ MATERIAL_EXTENSIONS = {
     ),
     "KHR_materials_specular": MaterialExtension(
         numbers={"specular_factor": ("specularFactor", 1.0, 1.0)},
-        colors={"specular_color": ("specularColorFactor", 1.0, BRIGHTEST_TINT)},
+        colors={"specular_color": ("specularColorFactor", 1.0, MAX_TINT)},
         textures={
             "specular_factor_texture": ("specularTexture", "linear"),
             "specular_color_texture": ("specularColorTexture", "srgb"),
@@ -205,7 +205,7 @@ def variant_names(header: dict[str, Any], left_out: LeftOut) -> list[str | None]
             left_out.note(f"variant {number}, which has no name")
             name = None
         elif name in names:
-            left_out.note(f"second variant of the name {in_short(name)}")
+            left_out.note(f"second variant of the name {brief(name)}")
             name = None
         names.append(name)
     return names
@@ -245,7 +245,7 @@ def variant_materials(
         for variant in variants:
             if type(variant) is not int or not 0 <= variant < len(names):
                 left_out.note(
-                    f"variant {brief(variant)} of {label}, which the file has not "
+                    f"variant {quote(variant)} of {label}, which the file has not "
                     f"(it has {len(names)})"
                 )
                 continue
@@ -254,7 +254,7 @@ def variant_materials(
                 # Its name was noted, where the list was read.
                 continue
             if name in materials:
-                left_out.note(f"second material of {label} for the variant {in_short(name)}")
+                left_out.note(f"second material of {label} for the variant {brief(name)}")
                 continue
             materials[name] = material
     return materials

@@ -24,10 +24,10 @@ from rasterjit.io.gltf.compression import decode_meshopt
 from rasterjit.io.gltf.extensions import MESHOPT
 from rasterjit.io.gltf.json_checks import (
     MAX_VALUE_LENGTH,
-    brief,
     get_integer,
     get_list,
     get_object,
+    quote,
     require,
 )
 from rasterjit.io.resources import RefusedFileError, Resources
@@ -133,9 +133,9 @@ class GltfFile:
         entries = get_list(self.header, section)
         kind = ENTRY_NAMES.get(section, section)
         if type(number) is not int or not 0 <= number < len(entries):
-            raise LookupError(f"the file has no {kind} {brief(number)} (it has {len(entries)})")
+            raise LookupError(f"the file has no {kind} {quote(number)} (it has {len(entries)})")
         if not isinstance(entries[number], dict):
-            raise ValueError(f"{kind} {number} must be an object, got {brief(entries[number])}")
+            raise ValueError(f"{kind} {number} must be an object, got {quote(entries[number])}")
         return entries[number]
 
     def array(self, number: Any) -> NDArray[Any]:
@@ -306,7 +306,7 @@ class GltfFile:
     def _uri_bytes(self, uri: Any) -> bytes:
         """Return the content of a data URI, or of a file beside this one."""
         if not isinstance(uri, str):
-            raise ValueError(f"uri must be text, got {brief(uri)}")
+            raise ValueError(f"uri must be text, got {quote(uri)}")
         if uri.startswith("data:"):
             kind, _, content = uri.partition(",")
             self.budget.take("a data URI", len(content))
@@ -373,5 +373,5 @@ def _get_enum(values: dict[str, Any], key: str, allowed: tuple[Any, ...]) -> Any
     value = require(values, key)
     if not isinstance(value, (int, str)) or isinstance(value, bool) or value not in allowed:
         listed = ", ".join(map(str, allowed))
-        raise ValueError(f"{key} must be one of {listed}, got {brief(value)}")
+        raise ValueError(f"{key} must be one of {listed}, got {quote(value)}")
     return value

@@ -18,8 +18,8 @@ MAX_VALUE_LENGTH = 60
 """Most characters of a value in a message."""
 
 
-def brief(value: Any) -> str:
-    """Return a value as JSON, shortened, for a message."""
+def quote(value: Any) -> str:
+    """Quote a value in a message: as JSON, shortened."""
     text = json.dumps(value, ensure_ascii=True, default=repr)
     return text if len(text) <= MAX_VALUE_LENGTH else text[:MAX_VALUE_LENGTH] + "..."
 
@@ -37,7 +37,7 @@ def get_object(values: dict[str, Any], key: str) -> dict[str, Any]:
     if value is None:
         return {}
     if not isinstance(value, dict):
-        raise ValueError(f"{key} must be an object, got {brief(value)}")
+        raise ValueError(f"{key} must be an object, got {quote(value)}")
     return value
 
 
@@ -50,7 +50,7 @@ def get_list(values: dict[str, Any], key: str) -> list[Any]:
     """Return the list of a key, empty if it is missing, or raise ``ValueError``."""
     value = [] if values.get(key) is None else values[key]
     if not isinstance(value, list):
-        raise ValueError(f"{key} must be a list, got {brief(value)}")
+        raise ValueError(f"{key} must be a list, got {quote(value)}")
     return value
 
 
@@ -58,7 +58,7 @@ def get_integer(values: dict[str, Any], key: str, default: int | None = None) ->
     """Return a non-negative integer, or raise ``ValueError``; it is required without a default."""
     value = require(values, key) if default is None else values.get(key, default)
     if not are_numbers((value,)) or value < 0 or value != math.floor(value):
-        raise ValueError(f"{key} must be a whole number at least 0, got {brief(value)}")
+        raise ValueError(f"{key} must be a whole number at least 0, got {quote(value)}")
     return int(value)
 
 
@@ -68,7 +68,7 @@ def get_clamped(
     """Return a number clamped to its range, or raise ``ValueError`` if it is none."""
     value = values.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-        raise ValueError(f"{key} must be a number, got {brief(value)}")
+        raise ValueError(f"{key} must be a number, got {quote(value)}")
     return float(min(max(value, minimum), limit))
 
 
@@ -76,7 +76,7 @@ def get_number(values: dict[str, Any], key: str, default: float | None = None) -
     """Return a finite number, or raise ``ValueError``; it is required without a default."""
     value = require(values, key) if default is None else values.get(key, default)
     if not are_numbers((value,)):
-        raise ValueError(f"{key} must be a finite number, got {brief(value)}")
+        raise ValueError(f"{key} must be a finite number, got {quote(value)}")
     return float(value)
 
 
@@ -86,10 +86,10 @@ def get_numbers(values: dict[str, Any], key: str, default: tuple[float, ...]) ->
         return default
     value = values[key]
     if not isinstance(value, (list, tuple)) or len(value) != len(default):
-        raise ValueError(f"{key} must be {len(default)} numbers, got {brief(value)}")
+        raise ValueError(f"{key} must be {len(default)} numbers, got {quote(value)}")
     if not are_numbers(value):
         wrong = next(part for part in value if not are_numbers((part,)))
-        raise ValueError(f"{key} must be {len(default)} finite numbers, got {brief(wrong)}")
+        raise ValueError(f"{key} must be {len(default)} finite numbers, got {quote(wrong)}")
     return tuple(map(float, value))
 
 
@@ -99,7 +99,7 @@ def get_clamped_numbers(
     """Return a tuple of numbers as long as the default, clamped to 0..limit."""
     value = values.get(key, default)
     if not isinstance(value, (list, tuple)) or len(value) != len(default):
-        raise ValueError(f"{key} must be {len(default)} numbers, got {brief(value)}")
+        raise ValueError(f"{key} must be {len(default)} numbers, got {quote(value)}")
     return tuple(get_clamped({key: part}, key, 0.0, limit) for part in value)
 
 

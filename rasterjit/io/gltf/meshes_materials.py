@@ -35,7 +35,6 @@ from rasterjit.io.gltf.extensions import (
 )
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.json_checks import (
-    brief,
     get_clamped,
     get_clamped_numbers,
     get_extension,
@@ -44,6 +43,7 @@ from rasterjit.io.gltf.json_checks import (
     get_number,
     get_numbers,
     get_object,
+    quote,
     require,
 )
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
@@ -57,11 +57,11 @@ from rasterjit.io.primitives import (
     make_points,
 )
 from rasterjit.scene.color import linear_rows
-from rasterjit.scene.light import BRIGHTEST
-from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial, with_textures
+from rasterjit.scene.light import MAX_RADIANCE
+from rasterjit.scene.material import TEXTURE_FIELDS, DefaultMaterial, Material, with_textures
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.texture import UV_SETS, ColorSpace, Texture, turned_over
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.texture import UV_SETS, ColorSpace, Texture, flip_v
+from rasterjit.scene.validation import brief
 
 _REPEAT = 10497
 WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -123,13 +123,13 @@ class MaterialReader:
         try:
             entry = self._file.entry("materials", number)
         except LookupError:
-            self._left_out.note(f"reference to material {brief(number)}, which the file has not")
+            self._left_out.note(f"reference to material {quote(number)}, which the file has not")
             return None, []
         except ValueError as error:
             self._left_out.note(str(error))
             return None, []
         if number not in self._materials:
-            label = f"material {in_short(entry.get('name', number))}"
+            label = f"material {brief(entry.get('name', number))}"
             try:
                 self._materials[number] = self._material(entry, label)
             except ValueError as error:
@@ -157,7 +157,8 @@ class MaterialReader:
         textures, uv_sets = self._read_textures({**values, **infos}, UNLIT in extensions, label)
         if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
-        strength = get_clamped(get_object(extensions, STRENGTH), "emissiveStrength", 1.0, BRIGHTEST)
+        emission = get_object(extensions, STRENGTH)
+        strength = get_clamped(emission, "emissiveStrength", 1.0, MAX_RADIANCE)
         emissive = get_clamped_numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
         material = Material(
             shading="pbr",
@@ -214,7 +215,7 @@ class MaterialReader:
         x, y = get_numbers(transform, "offset", (0.0, 0.0))
         across, up = get_numbers(transform, "scale", (1.0, 1.0))
         degrees = math.degrees(get_number(transform, "rotation", 0.0))
-        return texture.with_transform(*turned_over((x, y), degrees, (across, up)))
+        return texture.with_transform(*flip_v((x, y), degrees, (across, up)))
 
     def _sources(self, entry: dict[str, Any]) -> list[tuple[str, Any]]:
         """Return the images of a texture with their extensions, its own image last."""
@@ -334,14 +335,14 @@ class MeshReader:
         try:
             entry = self._file.entry("meshes", number)
         except LookupError:
-            self._left_out.note(f"reference to mesh {brief(number)}, which the file has not")
+            self._left_out.note(f"reference to mesh {quote(number)}, which the file has not")
             return []
         except ValueError as error:
             self._left_out.note(str(error))
             return []
         if number not in self._meshes:
             self._meshes[number] = []
-            label = f"mesh {in_short(entry.get('name', number))}"
+            label = f"mesh {brief(entry.get('name', number))}"
             try:
                 require(entry, "primitives")
                 primitives = get_list(entry, "primitives")
@@ -409,7 +410,7 @@ class MeshReader:
         variants, uv_sets = self._variants(primitive, uv_sets, label)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
-            material = UnsaidMaterial()
+            material = DefaultMaterial()
         # Attributes of the vertices.
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
@@ -422,7 +423,7 @@ class MeshReader:
         if material is not None:
             material = self._without_textures(material, missing, label)
         variants = {
-            name: self._without_textures(one, missing, f"{label}, variant {in_short(name)}")
+            name: self._without_textures(one, missing, f"{label}, variant {brief(name)}")
             for name, one in variants.items()
         }
         return {
@@ -458,7 +459,7 @@ class MeshReader:
         variants = {}
         for name, (material, uv_sets_used) in materials.items():
             if material is not None:
-                variant_label = f"{label}, variant {in_short(name)}"
+                variant_label = f"{label}, variant {brief(name)}"
                 variants[name] = self._remap_uv_sets(material, uv_sets_used, sets, variant_label)
         return variants, sets
 
@@ -527,7 +528,7 @@ class MeshReader:
     def _decode_draco(self, primitive: Any) -> dict[int, NDArray[Any]]:
         """Return the arrays of a Draco primitive's accessors, as triangles; {} for others."""
         if not isinstance(primitive, dict):
-            raise ValueError(f"a primitive must be an object, got {brief(primitive)}")
+            raise ValueError(f"a primitive must be an object, got {quote(primitive)}")
         extensions = get_object(primitive, "extensions")
         if DRACO not in extensions or self._has_uncompressed(primitive):
             return {}

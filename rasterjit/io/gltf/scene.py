@@ -34,13 +34,13 @@ from rasterjit.io.gltf.extensions import (
 )
 from rasterjit.io.gltf.file import ENTRY_NAMES, GltfFile
 from rasterjit.io.gltf.json_checks import (
-    brief,
     get_extension,
     get_integer,
     get_list,
     get_number,
     get_numbers,
     get_object,
+    quote,
     require,
 )
 from rasterjit.io.gltf.meshes_materials import MaterialReader, MeshReader
@@ -52,7 +52,7 @@ from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import product_of
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import brief
 
 NODE_BYTES = 4096
 """Memory of a node of a scene."""
@@ -195,15 +195,15 @@ class _GltfScene:
             if name not in SUPPORTED_EXTENSIONS:
                 self._left_out.note(f"extension {name[:80]}", count)
         for key in header.keys() - _HEADER_KEYS:
-            self._left_out.note(f"entry {in_short(key)}")
+            self._left_out.note(f"entry {brief(key)}")
         for name in _attributes_of(header):
             if not _ATTRIBUTE.fullmatch(name):
-                self._left_out.note(f"attribute {in_short(name)}")
+                self._left_out.note(f"attribute {brief(name)}")
         default = header.get("scene", 0)
         for number, scene in enumerate(get_list(header, "scenes")):
             if number != default and scene != {}:
                 called = scene.get("name", number) if isinstance(scene, dict) else number
-                self._left_out.note(f"scene {in_short(called)}", reason=" beside the one shown")
+                self._left_out.note(f"scene {brief(called)}", reason=" beside the one shown")
 
     def _add_node(self, file_node: FileNode) -> None:
         """Add the camera, light and meshes of a node."""
@@ -327,7 +327,7 @@ class _GltfScene:
                 raise ValueError("its node must not mirror, got a determinant below 0")
             kind = require(camera, "type")
             if kind not in ("orthographic", "perspective"):
-                raise ValueError(f"type must be orthographic or perspective, got {brief(kind)}")
+                raise ValueError(f"type must be orthographic or perspective, got {quote(kind)}")
             values = get_object(camera, kind)
             far = get_number(values, "zfar") if "zfar" in values else math.inf
             clip = {"near": get_number(values, "znear"), "far": far}
@@ -338,7 +338,7 @@ class _GltfScene:
                 fov_y = math.degrees(get_number(values, "yfov"))
                 self.scene.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
         except (LookupError, ValueError) as error:
-            self._left_out.note(f"camera {brief(number)}, which cannot be used: {reason_of(error)}")
+            self._left_out.note(f"camera {quote(number)}, which cannot be used: {reason_of(error)}")
 
     def _add_light(self, number: Any, world_from_node: NDArray) -> None:
         """
@@ -371,7 +371,7 @@ class _GltfScene:
             else:
                 self._left_out.note(f"{str(kind)[:80]} light")
         except (LookupError, ValueError) as error:
-            self._left_out.note(f"light {brief(number)}, which cannot be used: {reason_of(error)}")
+            self._left_out.note(f"light {quote(number)}, which cannot be used: {reason_of(error)}")
 
 
 def _attributes_of(header: dict[str, Any]) -> Iterator[str]:
@@ -407,7 +407,7 @@ def _intensity(light: dict[str, Any]) -> float:
     """Return the intensity of a light, or raise ``ValueError``."""
     value = get_number(light, "intensity", 1.0)
     if value < 0.0:
-        raise ValueError(f"intensity must be a number at least 0, got {brief(light['intensity'])}")
+        raise ValueError(f"intensity must be a number at least 0, got {quote(light['intensity'])}")
     return value
 
 
@@ -442,7 +442,7 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
     if scenes:
         number = get_integer(header, "scene", 0)
         if number >= len(scenes):
-            raise ValueError(f"scene must be below {len(scenes)}, got {brief(number)}")
+            raise ValueError(f"scene must be below {len(scenes)}, got {quote(number)}")
         roots = _numbers_of_nodes({"its scene": scenes[number]}, "its scene", "nodes", nodes)
     else:
         # A file without scenes is shown whole.
@@ -485,8 +485,8 @@ def _numbers_of_nodes(table: dict[str, Any], name: str, key: str, nodes: list[An
         for number in numbers:
             if get_integer({key: number}, key) >= len(nodes):
                 if not nodes:
-                    raise ValueError(f"{key} names {brief(number)}, but the file has no nodes")
-                raise ValueError(f"{key} must be below {len(nodes)}, got {brief(number)}")
+                    raise ValueError(f"{key} names {quote(number)}, but the file has no nodes")
+                raise ValueError(f"{key} must be below {len(nodes)}, got {quote(number)}")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
     return [int(number) for number in numbers]

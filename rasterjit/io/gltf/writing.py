@@ -48,18 +48,18 @@ from rasterjit.io.images import checked_path, quantize
 from rasterjit.io.load_warnings import SaveNotes
 from rasterjit.io.primitives import DEFAULT_POINT_SIZE, default_size
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.decomposed_transform import matrix_of
-from rasterjit.scene.keyframes import WIDTHS as CHANNEL_WIDTHS
+from rasterjit.scene.decomposed_transform import compose_trs
+from rasterjit.scene.keyframes import VALUE_WIDTHS as CHANNEL_WIDTHS
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.lines import Lines
-from rasterjit.scene.material import Material, UnsaidMaterial
+from rasterjit.scene.material import DefaultMaterial, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.skin import MorphTargets, Skin
-from rasterjit.scene.texture import Texture, turned_over
+from rasterjit.scene.texture import Texture, flip_v
 from rasterjit.scene.validation import VectorLike
 
 FORMATS = (".glb", ".gltf")
@@ -148,7 +148,7 @@ class _Writer:
         self._cache: dict[Any, int] = {}
         if not scene.nodes:
             raise ValueError("scene must hold at least one mesh to be saved, got an empty scene")
-        self._animations = scene._own_animations()
+        self._animations = scene._animations_in_scene()
         roots = self._add_nodes(scene)
         self._add_animations()
         for light in scene.lights:
@@ -264,7 +264,7 @@ class _Writer:
     def _transform_entry(self, node: Node) -> dict[str, Any]:
         """Return the transform of an animated node, which must not be a matrix."""
         trs, entry = node.trs, {}
-        difference = np.abs(matrix_of(trs) - node.transform).max()
+        difference = np.abs(compose_trs(trs) - node.transform).max()
         if difference > _SHEAR_TOLERANCE * np.abs(node.transform).max():
             self.notes.note(f"shear of {node.name!r}, which is animated")
         if trs.translation != (0.0, 0.0, 0.0):
@@ -411,9 +411,9 @@ class _Writer:
                 morph_fields["weights"] = targets.weights.tolist()
             if targets.names:
                 morph_fields["extras"] = {"targetNames": list(targets.names)}
-        if (targets is not None or mesh.joints is not None) and mesh._makes_normals:
+        if (targets is not None or mesh.joints is not None) and mesh._derives_normals:
             self.notes.note("normals that are made anew for each pose, but for those at rest")
-        if mesh.default_material != UnsaidMaterial():
+        if mesh.default_material != DefaultMaterial():
             primitive["material"] = self._material(mesh.default_material, colors is not None)
         if mesh.variants:
             numbers = {
@@ -481,7 +481,7 @@ class _Writer:
             attributes["COLOR_0"] = self._accessor(row_colors, "VEC4", _FLOAT)
         self._add_custom(mesh, rows, attributes)
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
-        if mesh.default_material != UnsaidMaterial():
+        if mesh.default_material != DefaultMaterial():
             primitive["material"] = self._material(mesh.default_material, colors is not None)
         if mesh.variants:
             self.notes.note("variants of points and lines")
@@ -602,7 +602,7 @@ class _Writer:
         if texture.transform is not None:
             self._declare_extension(_TRANSFORM)
             # The other way round about, what turns v over turns it back.
-            offset, _, factors = turned_over(texture.offset, -texture.rotation, texture.scale)
+            offset, _, factors = flip_v(texture.offset, -texture.rotation, texture.scale)
             texture_info["extensions"] = {
                 _TRANSFORM: {
                     "offset": list(offset),

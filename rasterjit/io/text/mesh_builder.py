@@ -17,8 +17,8 @@ from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.light import Light
 from rasterjit.scene.material import TEXTURE_FIELDS, Material, with_textures
-from rasterjit.scene.mesh import Mesh, with_face_scalars, with_face_values
-from rasterjit.scene.node import Node, tops_of
+from rasterjit.scene.mesh import Mesh, set_face_scalars, set_face_values
+from rasterjit.scene.node import Node, roots_of
 from rasterjit.scene.scene import Scene
 
 COLORS_NOTE = "colours beside a material or texture coordinates"
@@ -117,9 +117,9 @@ def mesh_of_data(part: MeshData, context: primitives.Context) -> Mesh:
             attributes=primitives.finite_attributes(part.attributes, len(part.vertices), left_out),
         )  # fmt: skip
         of_faces = primitives.finite_attributes(part.face_attributes, len(part.faces), left_out)
-        with_face_values(mesh, mesh.face_colors, of_faces)
+        set_face_values(mesh, mesh.face_colors, of_faces)
         if part.face_scalars is not None:
-            with_face_scalars(mesh, part.face_scalars)
+            set_face_scalars(mesh, part.face_scalars)
         return _fill_normals(mesh, part.bare, context)
     except ValueError as error:
         raise MeshFileError(f"{context.source}: mesh {part.name!r}: {error}") from error
@@ -153,7 +153,7 @@ def _fill_normals(mesh: Mesh, bare: NDArray[np.bool_] | None, context: primitive
         colors=if_given(mesh.vertex_colors, split.vertex_colors), attributes=attributes,
         material=mesh.material, on_invalid=context.on_invalid,
     )  # fmt: skip
-    return with_face_values(both, mesh.face_colors, mesh.face_attributes)
+    return set_face_values(both, mesh.face_colors, mesh.face_attributes)
 
 
 def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
@@ -441,8 +441,8 @@ def scene_of_record(record: SceneRecord, context: primitives.Context) -> Scene:
         geometry = record.nodes[number].geometry
         node.mesh = None if geometry is None else meshes[geometry]
     scene = Scene()
-    for top in tops_of(mesh_nodes):
-        scene._take(top, is_new=True)
+    for top in roots_of(mesh_nodes):
+        scene._register(top, is_new=True)
     # Objects are numbered as the file has them, whatever they hang below.
     scene.nodes[:] = mesh_nodes
     scene.camera = record.camera

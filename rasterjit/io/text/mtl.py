@@ -25,8 +25,8 @@ from rasterjit.io.text.number_parser import parse_float
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import FileSizeError
-from rasterjit.scene.texture import FARTHEST_MOVE, Texture
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.texture import MAX_UV_OFFSET, Texture
+from rasterjit.scene.validation import brief
 
 GREY = (102, 102, 102, 255)
 """Default colour of materials, sRGB, as trimesh has it."""
@@ -433,7 +433,7 @@ class MtlTexture(NamedTuple):
                 defaults = [float(word) for word in _OPTION_DEFAULTS[option][:2]]
                 values = [float(word) for word in self.options[option][:2]]
                 pair = tuple(values + defaults[len(values) :])
-                if all(abs(number) <= FARTHEST_MOVE for number in pair):
+                if all(abs(number) <= MAX_UV_OFFSET for number in pair):
                     sampling[_TEXTURE_OPTIONS[option]] = pair
         return {**sampling, **({"wrap": "clamp"} if "-clamp" in self.options else {})}
 
@@ -475,7 +475,7 @@ def _is_finite(word: str) -> bool:
 
 def _describe_statement(statement: str, words: list[str]) -> str:
     """Return a statement with its words, shortened, for a message."""
-    return f"{statement} {in_short(' '.join(words))}" if words else f"{statement} without a value"
+    return f"{statement} {brief(' '.join(words))}" if words else f"{statement} without a value"
 
 
 def _is_equal(word: str, default: str) -> bool:

@@ -16,7 +16,7 @@ from rasterjit.io.text.mesh_builder import MeshData, srgb_rgba, unique_rows
 from rasterjit.io.threemf.package import Package, children, local_name
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
-from rasterjit.scene.portable_trig import sine_cosine
+from rasterjit.scene.portable_trig import sin_cos
 from rasterjit.scene.texture import Filter, Texture, Wrap
 
 _MATERIAL_GROUPS = ("basematerials", "compositematerials")
@@ -364,9 +364,9 @@ def beam_surfaces(
     across /= norms(across)[:, None]
     other = np.cross(axis, across)
     angles = 2.0 * np.pi * np.arange(sides) / sides
-    sine, cosine = (one[None, :, None] for one in sine_cosine(angles))
+    sine, cosine = (one[None, :, None] for one in sin_cos(angles))
     around = across[:, None] * cosine + other[:, None] * sine
-    rise, width = sine_cosine(_LATITUDES)
+    rise, width = sin_cos(_LATITUDES)
     vertices = np.empty((count, 2 * len(_LATITUDES), sides, 3))
     normals = np.empty_like(vertices)
     for end, sign in ((0, -1.0), (1, 1.0)):

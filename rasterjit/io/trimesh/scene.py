@@ -22,8 +22,8 @@ from rasterjit.io.text.mtl import MAX_SHININESS, MtlMaterial, convert_mtl_materi
 from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.light import (
-    BRIGHTEST,
-    WIDEST_CONE,
+    MAX_CONE_ANGLE,
+    MAX_RADIANCE,
     DirectionalLight,
     Light,
     PointLight,
@@ -133,7 +133,7 @@ def _from_gltf(material: Any, textures: dict[str, Any]) -> Material:
         base_color=(red, green, blue, 1.0 if mode == "opaque" else alpha),
         metallic=_clamped(material.metallicFactor),
         roughness=_clamped(material.roughnessFactor),
-        emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, BRIGHTEST),
+        emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, MAX_RADIANCE),
         name=material.name,
         alpha_mode=mode,
         alpha_cutoff=min(max(float(cutoff), 0.0), 1.0),
@@ -193,7 +193,7 @@ def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Mat
         specular=min(1.0, max(0.0, reflectance) * (shininess + 8.0) / 8.0),
         shininess=shininess,
         name=material.name,
-        emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, BRIGHTEST),
+        emissive=np.clip(np.nan_to_num(np.asarray(emissive, np.float64)), 0.0, MAX_RADIANCE),
         alpha_mode=mode,
         **{**textures, "metallic_roughness_texture": None},
     )
@@ -470,7 +470,7 @@ class TrimeshAdapter:
                     color,
                     light.intensity,
                     inner_angle=math.degrees(light.innerConeAngle),
-                    outer_angle=min(math.degrees(light.outerConeAngle), WIDEST_CONE),
+                    outer_angle=min(math.degrees(light.outerConeAngle), MAX_CONE_ANGLE),
                 )
             ]
         except ValueError:

@@ -17,7 +17,7 @@ from rasterjit.io.load_warnings import SaveNotes
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.lines import Lines
-from rasterjit.scene.material import Material, UnsaidMaterial
+from rasterjit.scene.material import DefaultMaterial, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -67,7 +67,7 @@ class _Converter:
         if posed is not scene:
             self.notes.note("skins and morph targets, but for the pose as it is")
             scene = posed
-        if scene._own_animations():
+        if scene._animations_in_scene():
             self.notes.note("animations")
         result, geometries, names = trimesh.Scene(), {}, {}
         mesh_nodes = set(map(id, scene.nodes))
@@ -184,7 +184,7 @@ class _Converter:
             None if colors is None else self._bytes(colors, "srgb", "colours")
             for colors in (mesh.shown_vertex_colors(), mesh.face_colors)
         )
-        is_plain = mesh.material in (Material(name=mesh.material.name), UnsaidMaterial())
+        is_plain = mesh.material in (Material(name=mesh.material.name), DefaultMaterial())
         if face_colors is not None or (is_plain and mesh.uv is None):
             if not is_plain:
                 self.notes.note("material beside colours of faces")
@@ -221,7 +221,7 @@ class _Converter:
         for name, has_it in (
             ("clearcoat", material.has_clearcoat),
             ("sheen", material.has_sheen),
-            ("specular and ior", material.has_own_specular),
+            ("specular and ior", material.has_custom_specular),
             ("transmission", material.transmits),
         ):
             if has_it:

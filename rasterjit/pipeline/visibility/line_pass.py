@@ -54,7 +54,7 @@ def expand(
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
     # Where the segments lie on the screen.
     sizes = one.sizes, primitives.factor(one), int(one.is_world)
-    right, down = (step * primitives.pixels for step in rule.depth_place)
+    right, down = (step * primitives.pixels for step in rule.depth_offset)
     workers.call(
         line_tessellation.place_segments,
         [

@@ -31,7 +31,7 @@ class LineRule(NamedTuple):
     """(D,): lengths of dash, gap, dash, gap ..., in the unit of the widths; (0,) where solid."""
     is_round: bool
     """Whether caps are round; else butt."""
-    depth_place: tuple[float, float] = (0.0, 0.0)
+    depth_offset: tuple[float, float] = (0.0, 0.0)
     """Offset, right and down, from a sample to where depth and attributes are evaluated, pixels."""
 
 
