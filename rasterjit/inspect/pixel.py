@@ -221,7 +221,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
-        plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
+        plan.cull, views.screen_winding, views.mirrored, arrays.face_starts,
         cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip
     vertices = visibility_pass.ModelVertices(
@@ -242,9 +242,9 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     )
     coverage = visibility_pass.find_visible(drawable, wanted, workers, lambda _: None)
     lists = coverage.lists
-    if objects.culled_turns.any():
+    if objects.culled_windings.any():
         # List the culled faces as well.
-        everything = Objects(objects.face_starts, np.zeros_like(objects.culled_turns))
+        everything = Objects(objects.face_starts, np.zeros_like(objects.culled_windings))
         starts, binned, _, _ = visibility_pass.set_up_and_bin(
             lists.faces, everything, coverage.screen, viewport, workers
         )

@@ -17,7 +17,7 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import ShadingNeeds
 from rasterjit.pipeline.records import Lighting, Surface
 from rasterjit.pipeline.surface import scalar_colors
-from rasterjit.pipeline.surface.material_maps import EMITTED
+from rasterjit.pipeline.surface.material_maps import EMISSIVE
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.primitive_expansion import Primitives
 from rasterjit.rendering import frame_shading as shading
@@ -206,7 +206,7 @@ def _light_terms(
         lights = lit.lighting.lights.copy()
         lights[:n, COLOR], lights[n + 1 :, COLOR] = 0.0, 0.0
         alone = lit.without("around").by(lights=lights, ambient=dark)
-        if lit.lighting.imitated is not None:
+        if lit.lighting.pyrender is not None:
             yield LightTerm(name, shade(drawn, surface, alone, x, y)[:3], dark, is_told_apart=False)
             continue
         diffuse, specular = (shade(drawn, part, alone, x, y)[:3] for part in kinds)
@@ -218,7 +218,7 @@ def _without_emission(surface: Surface) -> Surface:
     if surface.maps is None:
         return surface
     factors = surface.maps.factors.copy()
-    factors[:, EMITTED:] = 0.0
+    factors[:, EMISSIVE:] = 0.0
     return surface._replace(maps=surface.maps._replace(factors=factors))
 
 

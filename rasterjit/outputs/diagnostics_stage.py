@@ -227,7 +227,7 @@ def find_fates(
         corners = setup.corners_of(vertices, face)
         code0, code1, code2 = codes[corners[0]], codes[corners[1]], codes[corners[2]]
         any_code = code0 | code1 | code2
-        winding = objects.culled_turns[owner]
+        winding = objects.culled_windings[owner]
         if any_code & setup.INVALID:
             fate = DROPPED
         elif code0 & code1 & code2 & setup.FRUSTUM:

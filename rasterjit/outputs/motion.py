@@ -34,7 +34,7 @@ class PreviousFaces(NamedTuple):
 
     face_id: Int32
     """(H, W), -1 where nothing was."""
-    culled_turns: NDArray[np.int8]
+    culled_windings: NDArray[np.int8]
     """(O,), which way the faces turned that were not drawn; see ``records.Objects``."""
 
 

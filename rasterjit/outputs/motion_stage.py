@@ -141,7 +141,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
         As `fill_visible` takes it.
     face_starts : (O+1,) int64
     """
-    positions, matrices, faces, face_id, culled_turns = before
+    positions, matrices, faces, face_id, culled_windings = before
     column, row = np.int64(x), np.int64(y)
     if face_id[row, column] == face:
         return True
@@ -151,7 +151,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
         return False
     center_x, center_y = np.float64(column) + 0.5, np.float64(row) + 0.5
     own_depth, winding, _ = plane_at(corners, owner, positions, matrices, center_x, center_y)
-    if winding * np.float64(culled_turns[owner]) > 0.0:
+    if winding * np.float64(culled_windings[owner]) > 0.0:
         return False
     depth = row_at(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
     # Is it hidden by what was seen around, at its own place?
@@ -243,7 +243,7 @@ def fill_visible(
     face_starts : (O+1,) int64
     before : tuple
         ``positions`` (U, 3) float64 and ``matrices`` (O, 5, 4) float64 as they were, ``faces``
-        (F, 3) int32, the ``face_id`` (H, W) int32 that was seen, and ``culled_turns`` (O,) int8,
+        (F, 3) int32, the ``face_id`` (H, W) int32 that was seen, and ``culled_windings`` (O,) int8,
         which way the faces turn that were not drawn.
     visible : (H, W) uint8
         Written: 1 or 0; 0 where nothing is.

@@ -34,17 +34,17 @@ if TYPE_CHECKING:
         alphas: records.Alphas
         microfacets: records.Microfacets
         fields: PlannedFields
-        through: records.Through
+        transmission: records.Transmission
         layers: records.Layers
 
     class PlannedLighting(records.Lighting):
         """Lighting as pyrender has it."""
 
-        imitated: records.Imitated
+        pyrender: records.PyrenderObjects
 
 
 class ShadingArrays(NamedTuple):
-    """Arrays of a picture that passes read."""
+    """Arrays that passes of one picture read."""
 
     geometry: Geometry
     """None, where vertices are shaded, whose passes read none."""
@@ -115,8 +115,8 @@ def rows_where(condition: str, *kernels: Any) -> Rows:
     return [KernelRow(kernel, "", condition) for kernel in kernels]
 
 
-class ImitatedNeeds(NamedTuple):
-    """What pyrender's shader is given: see `records.Imitated`."""
+class PyrenderNeeds(NamedTuple):
+    """Requirements of pyrender's shading model: see `records.PyrenderObjects`."""
 
     faces_viewer: bool
     has_squares: bool
@@ -138,14 +138,14 @@ class ShadingNeeds(NamedTuple):
     highlights: bool = False
     """Whether any Blinn-Phong material has a specular highlight."""
     renormalizes: bool = False
-    imitated: ImitatedNeeds | None = None
-    """None: pyrender is not imitated."""
+    pyrender: PyrenderNeeds | None = None
+    """None: another shading model."""
     flat: bool = False
     """Whether any object is shaded flat."""
     smooth: bool = False
     """Whether any object is shaded with its vertices' normals at each pixel."""
     others: bool = False
-    """Whether any object is shaded otherwise."""
+    """Whether any object is shaded without its vertices' normals."""
     normals: bool = False
     """Whether vertices have normals that are read."""
     gouraud: bool = False
@@ -174,7 +174,7 @@ class ShadingNeeds(NamedTuple):
     """Whether all samples lie on their faces: at the centres of pixels."""
     microfacets: bool = False
     points: bool = False
-    through: bool = False
+    transmission: bool = False
     """Whether any object transmits light."""
     layers: bool = False
     """Whether any material has a clearcoat, sheen or custom specular."""
@@ -190,7 +190,7 @@ class ShadingNeeds(NamedTuple):
     @property
     def multiplies_vertex_colors(self) -> bool:
         """Whether vertex colours multiply the lit colour, not the base colour."""
-        return self.imitated is not None and self.vertex_colors
+        return self.pyrender is not None and self.vertex_colors
 
     @property
     def reads_places_alone(self) -> bool:

@@ -85,7 +85,7 @@ class Objects(NamedTuple):
 
     face_starts: int64[::1]
     """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
-    culled_turns: int8[::1]
+    culled_windings: int8[::1]
     """(O,) int8: faces of this winding on the screen are culled: +1, -1, or 0 for none."""
 
 
@@ -118,7 +118,7 @@ class Placement(NamedTuple):
     """(O, 3, 3) float64: model normals to world axes, up to length."""
     mirrored: float64[::1]
     """(O,) float64: -1 where the transform turns faces inside out, else 1."""
-    front_turns: float64[::1]
+    front_windings: float64[::1]
     """(O,) float64: sign of the edge function of an object's front faces on the screen."""
     toward_viewer: float64[::1]
     """(4,) float64: a point p, relative to the eye, is seen along ``xyz - w p``."""
@@ -209,8 +209,8 @@ class Levels(NamedTuple):
 
     levels: Any
     """(N,) float64: those of each object, ascending."""
-    places: Any
-    """(O, 2) int64: the first of an object's levels, and how many it has."""
+    ranges: Any
+    """(O, 2) int64: the first of an object's levels, and their number."""
     lines: Any
     """(O, 4) float32: half the width of lines, pixels; red, green, blue, linear."""
 
@@ -220,8 +220,8 @@ class Fields(NamedTuple):
 
     values: Any
     """(V,) float64."""
-    rules: Any
-    """(O, 2) float64: the value of the first entry, and what those above are divided by."""
+    intervals: Any
+    """(O, 2) float64: the value of the first entry, and the width of the interval."""
     entries: Any
     """(O, 2) int64: first row of ``colors`` and number of entries; 0 entries: it has none."""
     colors: Any
@@ -235,7 +235,7 @@ class Microfacets(NamedTuple):
 
     factors: Any
     """(O, 2) float32: metallic, roughness."""
-    parts: Any
+    lobes: Any
     """(2,) float32: factors on the diffuse and the specular light; 1 and 1, except for outputs of
     one of them alone."""
 
@@ -252,19 +252,19 @@ class Layers(NamedTuple):
     sheens: Any
     """(O, 4) float32: red, green, blue, roughness."""
     dielectrics: Any
-    """(O, 5) float32: rows from HEAD_ON_RED on."""
-    stand_ins: Any
+    """(O, 5) float32: rows from F0_RED on."""
+    probe_rows: Any
     """(O, 9) float32: rows from LAYER_RED on of a white mirror, lit for microfacet materials."""
     albedo: Any
     """``lighting.sheen.ALBEDO`` as an array."""
 
 
-IOR, MIRRORED, EDGE, INSIDE, PER_DISTANCE = 0, 1, 2, 3, 6
-"""Columns of ``Through.factors``: MIRRORED is F0, EDGE a factor on all specular reflection; INSIDE,
-three, the attenuation colour at the attenuation distance, PER_DISTANCE one over that."""
+IOR, F0, F90, ATTENUATION_COLOR, INVERSE_DISTANCE = 0, 1, 2, 3, 6
+"""Columns of ``Transmission.factors``: F90 is a factor on all specular reflection; attenuation has
+three channels, at a distance whose inverse follows."""
 
 
-class Through(NamedTuple):
+class Transmission(NamedTuple):
     """Transmission and volume of the objects."""
 
     rows: Any
@@ -302,16 +302,16 @@ class Surface(NamedTuple):
     """The points in view, and the camera's rays: ``point_pass.PointsSeen.read`` | None -> none."""
     in_float32: Any = None
     """(O,) uint8: 1 where vertex colours are interpolated in float32 | None -> nowhere."""
-    through: Through | None = None
+    transmission: Transmission | None = None
     """Transmission | None -> none in view."""
     layers: Layers | None = None
     """Clearcoat, sheen, custom specular | None -> none in view."""
 
 
-class Imitated(NamedTuple):
-    """What pyrender's shader is given of each object."""
+class PyrenderObjects(NamedTuple):
+    """Inputs of pyrender's shading model for each object."""
 
-    taken: Any
+    falls_on: Any
     """(O, L) uint8: 1 where a light falls on an object."""
     faces_viewer: Any
     """(O,) uint8: 1 where normals are turned to the viewer | None -> nowhere."""
@@ -338,6 +338,5 @@ class Lighting(NamedTuple):
     """Number of objects with a specular highlight | None -> none."""
     renormalizes: int = 1
     """Not 0: interpolated normals are normalized; 0: used as they are."""
-    imitated: Imitated | None = None
-    """What else pyrender's shader is given, see ``lighting.pyrender`` | None -> it is not
-    imitated."""
+    pyrender: PyrenderObjects | None = None
+    """Inputs of pyrender's shading model, see ``lighting.pyrender`` | None -> another one."""

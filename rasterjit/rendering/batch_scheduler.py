@@ -345,7 +345,7 @@ class BatchScheduler:
         """Return all arrays of a view but those of lights and effects, (N, ...) or (1, ...)."""
         cache, options = self.cache, self.options
         fields = view_fields(
-            views, places, places.world_from_model, views.screen_turn[:, np.newaxis],
+            views, places, places.world_from_model, views.screen_winding[:, np.newaxis],
             options.cull, cache.tables.is_single_sided, view[:, 2, :3],
         )  # fmt: skip
         kind = cache.shapes.positions(options.quality.precision).dtype

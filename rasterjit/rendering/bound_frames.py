@@ -151,7 +151,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     plan, cache, views = planned.plan, planned.cache, planned.views
     axis = np.asarray(plan.camera.view_matrix())[2, :3]
     yield from view_fields(
-        views, views, cache.places.world_from_model, views.screen_turn, plan.cull,
+        views, views, cache.places.world_from_model, views.screen_winding, plan.cull,
         cache.tables.is_single_sided, axis,
     ).items()  # fmt: skip
     yield "coefficients", plan.camera.depth_coefficients()
@@ -166,7 +166,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
         own = BatchedViews(
             views.relative_from_model[np.newaxis], views.clip_from_relative[np.newaxis],
-            views.toward_viewer[np.newaxis], np.array([views.screen_turn]), np.ones(1, np.bool_),
+            views.toward_viewer[np.newaxis], np.array([views.screen_winding]), np.ones(1, np.bool_),
         )  # fmt: skip
         in_view, boxes = plan.facts.in_view[np.newaxis], cache.shapes.boxes
         group = Group([plan.camera], plan.size, eye, own, in_view, boxes, lambda: [planned.scene])

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import ground_truth
-from rasterjit.pipeline import batch_driver as drawing_views
-from rasterjit.pipeline import srgb_encoding
+from rasterjit.pipeline import batch_driver, srgb_encoding
 from rasterjit.pipeline.fragments import a_buffer, fragment_bands
 from rasterjit.pipeline.geometry import binning, clipping, projection, setup
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
@@ -57,7 +56,7 @@ from rasterjit.survey.batched_views import BatchedViews
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, LooksAround, acting
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.object_transforms import Places, Views, culled_turns
+from rasterjit.survey.object_transforms import Places, Views, culled_windings
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
 
@@ -81,19 +80,19 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     """Return how much memory a command buffer takes, about, bytes."""
     arrays, (width, height) = cache.shapes.arrays, plan.size
     _, new_vertices = clip_capacity(len(arrays.faces))
-    of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
-    of_column = 0
+    per_face, per_vertex, per_new, per_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
+    per_column = 0
     if plan.layers is not None and plan.layers.has_blended:
-        of_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * ROWS_AT_ONCE
+        per_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * ROWS_AT_ONCE
     elif plan.layers is not None:
-        of_sample = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE
-        of_column = int(plan.layers.samples) * of_sample + 52 * ROWS_MIXED_AT_ONCE
-    for one in plan.planned:
-        for _, channels, kind, _ in one.effect.buffers(plan):
-            of_pixel += channels * np.dtype(kind).itemsize
+        per_sample = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE
+        per_column = int(plan.layers.samples) * per_sample + 52 * ROWS_MIXED_AT_ONCE
+    for planned in plan.planned:
+        for _, channels, kind, _ in planned.effect.buffers(plan):
+            per_pixel += channels * np.dtype(kind).itemsize
     return (
-        of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
-        + of_pixel * width * height + of_column * width
+        per_face * len(arrays.faces) + per_vertex * len(arrays.positions) + per_new * new_vertices
+        + per_pixel * width * height + per_column * width
     )  # fmt: skip
 
 
@@ -105,7 +104,7 @@ def clip_capacity(faces: int) -> tuple[int, int]:
 
 
 def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return an array of each view as whole words, (N, words)."""
+    """Return an array of each view as 64-bit words, (N, words)."""
     flat = np.ascontiguousarray(values).reshape(len(values), -1)
     size = flat.shape[1] * flat.itemsize
     if size % WORD == 0 and size:
@@ -119,7 +118,7 @@ def view_fields(
     views: Views | BatchedViews,
     places: Views | Places,
     world_from_model: Float64,
-    turn: Any,
+    winding: Any,
     cull: str,
     is_single_sided: NDArray[np.bool_],
     axis: Float64,
@@ -127,8 +126,8 @@ def view_fields(
     """
     Return the arrays that commands read of a view, or of each of many, (N, ...) or (1, ...).
 
-    Those of lights, effects and depth are missing. ``turn`` is ``screen_turn``, (N, 1) of many;
-    ``axis`` the one that a camera looks back along, (..., 3).
+    Those of lights, effects and depth are missing. ``winding`` is ``screen_winding``, (N, 1) of
+    many; ``axis`` the one that a camera looks back along, (..., 3).
     """
     relative = views.relative_from_model
     distance_axis = np.empty((*axis.shape[:-1], 4))
@@ -142,8 +141,8 @@ def view_fields(
         "world_rows": world_from_model[..., :3, :],
         "normal_matrices": places.normal_matrices,
         "mirrored": places.mirrored,
-        "front_turns": -turn * places.mirrored,
-        "culled_turns": culled_turns(cull, turn, places.mirrored, is_single_sided),
+        "front_windings": -winding * places.mirrored,
+        "culled_windings": culled_windings(cull, winding, places.mirrored, is_single_sided),
         "toward_viewer": views.toward_viewer,
         "viewer": views.toward_viewer,
         "distance_axis": distance_axis,
@@ -151,7 +150,7 @@ def view_fields(
     }
 
 
-class BoundLists(NamedTuple):
+class TileLists(NamedTuple):
     """Input and output arrays of binning."""
 
     faces: Faces
@@ -162,7 +161,7 @@ class BoundLists(NamedTuple):
     boxes: NDArray[np.uint8]
     """(T, 4)."""
     columns: int
-    """Of tiles."""
+    """Columns of tiles."""
     counts: NDArray[np.int32]
     """(1, tiles + 1)."""
     starts: NDArray[np.int64]
@@ -178,7 +177,7 @@ class CommandBuffer:
     Parameters
     ----------
     plan : RenderPlan
-        Of one of them.
+        The plan of one of these views.
     cache : SceneCache
     lights : sequence of int
         Which of the lights that are loaded shine in these views.
@@ -187,31 +186,31 @@ class CommandBuffer:
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
         self._plan, self._cache, self._calls = plan, cache, RecordedCalls()
         self.bytes = memory_of(plan, cache)
-        """Its memory, about."""
+        """About how much memory it takes."""
         self._lights = list(lights)
         if plan.layers is not None:
             # Objects that others of these views show count as well.
-            seen_through = cache.tables.inventory.is_see_through.astype(np.uint8)
-            plan = plan.with_(layers=plan.layers._replace(is_blended=seen_through))
+            is_blended = cache.tables.inventory.is_see_through.astype(np.uint8)
+            plan = plan.with_(layers=plan.layers._replace(is_blended=is_blended))
             self._plan = plan
-        self._places: list[tuple[str, int]] = []
-        self._white = np.zeros(2, np.int64)
+        self._output_addresses: list[tuple[str, int]] = []
+        self._white_counts = np.zeros(2, np.int64)
         self._targets: list[tuple[str, NDArray[Any], int, int]] = []
-        self._find()
+        self._record_visibility()
         if plan.facts.is_colored:
-            self._shade()
-        self._fill()
+            self._record_shading()
+        self._record_outputs()
         self._table, self._limits = self._calls.table(), self._calls.limits()
 
     @property
     def facts(self) -> Facts:
-        """Those of its plan."""
+        """The facts of its plan."""
         return self._plan.facts
 
     def write_to(self, outputs: Arrays) -> None:
         """Direct the outputs of the next views to batched arrays, (N, H, W, ...)."""
-        for name, place in self._places:
-            ctypes.c_int64.from_address(place).value = outputs[name].ctypes.data
+        for name, address in self._output_addresses:
+            ctypes.c_int64.from_address(address).value = outputs[name].ctypes.data
 
     def draw(
         self, fields: Mapping[str, NDArray[np.int64]], lights: NDArray[np.float32],
@@ -250,21 +249,21 @@ class CommandBuffer:
         """Draw a view, given its arrays; return its totals, (9,), None if there is no room."""
         # Some are read in float32.
         with np.errstate(over="ignore"):
-            for name, room, _, _ in self._targets:
-                room[...] = values[name]
+            for name, memory, _, _ in self._targets:
+                memory[...] = values[name]
         totals, is_drawn = self._draw(FIRST_VIEW, NO_LOADS)
         return totals[0] if is_drawn[0] else None
 
     def _draw(
         self, chosen: NDArray[np.int64], loads: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Draw some views, as `draw` returns them, which takes what is loaded of each."""
-        totals = np.zeros((len(chosen), drawing_views.TOTALS), np.int64)
+        """Draw some views, given what is loaded for each; return what `draw` does."""
+        totals = np.zeros((len(chosen), batch_driver.TOTALS), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
-        drawing_views.draw_views(
-            chosen, loads, self._finding, self._cutting, self._listing, self._listing_samples,
-            self._tile_depths, self._face_id, self._table, self._limits, self._white, totals,
-            is_drawn,
+        batch_driver.draw_views(
+            chosen, loads, self._visibility_calls, self._clipping, self._binning,
+            self._sample_binning, self._tile_depths, self._face_id, self._table, self._limits,
+            self._white_counts, totals, is_drawn,
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
@@ -272,42 +271,44 @@ class CommandBuffer:
         """Return an array that is loaded for each view."""
         kind, count = np.dtype(dtype), int(np.prod(shape))
         words = -(-count * kind.itemsize // WORD)
-        room = np.zeros(max(words, 1), np.int64)
-        field = room.view(kind)[:count].reshape(shape)
-        self._targets.append((name, field, room.ctypes.data, words))
+        memory = np.zeros(max(words, 1), np.int64)
+        field = memory.view(kind)[:count].reshape(shape)
+        self._targets.append((name, field, memory.ctypes.data, words))
         return field
 
-    def _load_at(self, name: str, address: int, count: int) -> None:
+    def _load_numbers(self, name: str, address: int, count: int) -> None:
         """Load float64 numbers of each view at an address."""
         numbers = np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
         self._targets.append((name, numbers, address, count))
 
-    def _find(self) -> None:
+    def _record_visibility(self) -> None:
         """Record the geometry and visibility stages."""
         plan, cache = self._plan, self._cache
         arrays = cache.shapes.arrays
         positions = cache.shapes.positions(plan.quality.precision)
         kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
         viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
-        _, room = clip_capacity(len(arrays.faces))
-        screen = visibility_pass.screen_arrays(count + room, Memory())
+        _, capacity = clip_capacity(len(arrays.faces))
+        screen = visibility_pass.screen_arrays(count + capacity, Memory())
         clip_positions = np.empty((count, 4), np.float64)
-        faces = Faces(arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32))
+        faces = Faces(arrays.faces, np.empty((capacity, 3), np.int32), np.empty(capacity, np.int32))
         # Vertices to the screen.
         relative = self._field("relative_from_model", (objects, 4, 4), kind)
         clip = self._field("clip_from_relative", (4, 4), kind)
-        owned, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
+        model, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
         transformed = self._calls.bound(
-            projection.transform_vertices, (0, count), positions, owned, clip, (0.0, 0.0, 0.0),
+            projection.transform_vertices, (0, count), positions, model, clip, (0.0, 0.0, 0.0),
             viewport, screen, scratch,
         )  # fmt: skip
-        placed = self._calls.bound(
-            projection.transform_positions, (0, count), positions, owned, clip, clip_positions,
+        positioned = self._calls.bound(
+            projection.transform_positions, (0, count), positions, model, clip, clip_positions,
             scratch,
         )  # fmt: skip
-        self._load_at("coefficients", transformed.place_of(4), 3)
+        self._load_numbers("coefficients", transformed.place_of(4), 3)
         # Faces: clip, bin, rasterize.
-        clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
+        clipped, *clipping = self._record_clipping(
+            faces, clip_positions, screen, viewport, capacity
+        )
         self._geometry = visibility_pass.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
         )
@@ -318,9 +319,9 @@ class CommandBuffer:
                 frame_shading.find_hit_tests(plan, cache),
             )
         )
-        listed = self._list_and_draw(faces, screen, viewport)
-        finding = transformed, clipped, placed, *cut, *listed
-        self._finding = np.array([one.words for one in finding], np.int64)
+        rasterized = self._record_rasterization(faces, screen, viewport)
+        calls = transformed, clipped, positioned, *clipping, *rasterized
+        self._visibility_calls = np.array([call.words for call in calls], np.int64)
         # Placement, for shading.
         self._placement = Placement(
             arrays.face_starts,
@@ -328,13 +329,13 @@ class CommandBuffer:
             self._field("relative_rows", (objects, 3, 4), np.float64),
             self._field("normal_matrices", (objects, 3, 3), np.float64),
             self._field("mirrored", (objects,), np.float64),
-            self._field("front_turns", (objects,), np.float64),
+            self._field("front_windings", (objects,), np.float64),
             self._field("toward_viewer", (4,), np.float64),
         )
 
-    def _cut(
+    def _record_clipping(
         self, faces: Faces, clip_positions: Float64, screen: ScreenVertices, viewport: Viewport,
-        room: int,
+        capacity: int,
     ) -> tuple[Bound, ...]:  # fmt: skip
         """
         Record clipping.
@@ -344,113 +345,114 @@ class CommandBuffer:
         faces : Faces
             With memory for the pieces.
         clip_positions : (V, 4) float64
-            Of the vertices, when any are cut.
+            Positions of the vertices, where any face is clipped.
         screen : ScreenVertices
             With memory for new vertices.
         viewport : Viewport
-        room : int
+        capacity : int
             How many new vertices there is memory for.
         """
-        whole, count = faces[0], len(clip_positions)
-        cuts, _ = clip_capacity(len(whole))
-        cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
+        mesh, count = faces[0], len(clip_positions)
+        cuts, _ = clip_capacity(len(mesh))
+        cut, new_positions = np.empty(cuts, np.int32), np.empty((capacity, 4), np.float64)
         vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
         polygons = np.empty((2, clipping.MAX_VERTICES, 4), np.float64)
-        clipped = self._calls.bound(clipping.find_clipped_faces, whole, screen.codes[:count], cut)
-        counted = self._calls.bound(
-            clipping.count_clipped_vertices, cut, whole, clip_positions, viewport,
+        find_call = self._calls.bound(clipping.find_clipped_faces, mesh, screen.codes[:count], cut)
+        count_call = self._calls.bound(
+            clipping.count_clipped_vertices, cut, mesh, clip_positions, viewport,
             vertex_counts, polygons,
         )  # fmt: skip
-        in_pieces = self._calls.bound(
-            clipping.clip_faces, cut, whole, clip_positions, viewport,
+        clip_call = self._calls.bound(
+            clipping.clip_faces, cut, mesh, clip_positions, viewport,
             (starts[0], starts[1]), (new_positions, *faces[1:]), polygons,
         )  # fmt: skip
-        projected = self._calls.bound(
-            projection.project_clipped_vertices, (cut, whole, starts[0], clip_positions),
+        project_call = self._calls.bound(
+            projection.project_clipped_vertices, (cut, mesh, starts[0], clip_positions),
             new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
         )  # fmt: skip
-        self._load_at("coefficients", projected.place_of(2), 3)
+        self._load_numbers("coefficients", project_call.place_of(2), 3)
         # The number of clipped faces is the length of their list.
-        told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
-        self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room
+        lengths = [call.place_of(0) + WORD for call in (count_call, clip_call, project_call)]
+        self._clipping = vertex_counts, starts[0], starts[1], np.array(lengths, np.int64), capacity
         self._calls.kept += [cut, polygons]
-        return clipped, counted, in_pieces, projected
+        return find_call, count_call, clip_call, project_call
 
-    def _list_and_draw(
+    def _record_rasterization(
         self, faces: Faces, screen: ScreenVertices, viewport: Viewport
     ) -> tuple[Bound, ...]:
-        """Record binning and rasterization; see `_cut`."""
+        """Record binning and rasterization; see `_record_clipping`."""
         arrays, (width, height) = self._cache.shapes.arrays, self._plan.size
-        number = len(faces[0]) + len(faces[1])
+        max_faces = len(faces[0]) + len(faces[1])
         columns = -(-width // setup.TILE_SIZE)
         tiles = columns * -(-height // setup.TILE_SIZE)
-        lists = BoundLists(
+        lists = TileLists(
             faces, screen,
             Objects(
                 arrays.face_starts,
-                self._field("culled_turns", (len(arrays.face_starts) - 1,), np.int8),
+                self._field("culled_windings", (len(arrays.face_starts) - 1,), np.int8),
             ),
-            np.empty(number, np.int32), np.empty((number, 4), np.uint8), columns,
+            np.empty(max_faces, np.int32), np.empty((max_faces, 4), np.uint8), columns,
             np.zeros((1, tiles + 1), np.int32), np.empty(tiles + 1, np.int64),
-            np.empty(min(tiles * number, 4 * number + 65536), np.int32),
+            np.empty(min(tiles * max_faces, 4 * max_faces + 65536), np.int32),
         )  # fmt: skip
         # Tiles.
         self._tile_depths = np.empty(tiles, np.float32)
         tests, holes = self._hit_tests, (np.empty(0, np.int64), np.empty(0, np.float32))
         if tests is not None:
             holes = tests.face_starts, tests.cutoffs
-        raised = self._calls.bound(
+        depth_call = self._calls.bound(
             find_tile_depths, lists.triangles, lists.boxes, columns, faces, screen, viewport,
             self._tile_depths, holes,
         )  # fmt: skip
         self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
         self._face_id = np.empty((height, width), np.int32)
-        drawer = tile_rasterizer.tile_drawer(lists.binned, faces, screen, np.float32, tests)
-        self._calls.kept.append(drawer)
-        drawn = self._calls.bound(
+        tile_args = tile_rasterizer.tile_drawer(lists.binned, faces, screen, np.float32, tests)
+        self._calls.kept.append(tile_args)
+        draw_call = self._calls.bound(
             tile_rasterizer.draw_tiles, np.arange(tiles, dtype=np.int32), tile_rasterizer.ALL,
-            lists.starts, self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
+            lists.starts, self._tile_depths, viewport, (self._depth, self._face_id), *tile_args[:3],
         )  # fmt: skip
-        listed, self._listing = self._list(lists, viewport, raised)
-        found, self._listing_samples = (*listed, raised, drawn), self._listing
+        bin_calls, self._binning = self._record_binning(lists, viewport, depth_call)
+        calls, self._sample_binning = (*bin_calls, depth_call, draw_call), self._binning
         layers = self._plan.layers
         if layers is not None and layers.samples != 1:
             # The first lists are not read again.
-            around = fragment_bands.sampled_viewport(viewport, layers.samples)
-            listed, self._listing_samples = self._list(lists, around)
-            found = *found, *listed
+            sample_viewport = fragment_bands.sampled_viewport(viewport, layers.samples)
+            bin_calls, self._sample_binning = self._record_binning(lists, sample_viewport)
+            calls = *calls, *bin_calls
         self._lists = lists
-        return found
+        return calls
 
-    def _list(
-        self, lists: BoundLists, viewport: Viewport, *others: Bound
+    def _record_binning(
+        self, lists: TileLists, viewport: Viewport, *readers: Bound
     ) -> tuple[tuple[Bound, ...], tuple[Any, ...]]:
         """
         Record binning.
 
-        Takes others that are told, by the lengths of their first two arrays, how many there are;
-        returns what `draw_views` takes of it.
+        Takes other calls whose first two arrays get their lengths from it; returns the calls, and
+        what `draw_views` takes of them.
         """
         faces, screen, objects, triangles, boxes, columns, counts, starts, binned = lists
         sums = np.zeros(5, np.int64)
-        set_up = self._calls.bound(
+        setup_call = self._calls.bound(
             setup.set_up_triangles, (0, len(faces[0])), (0, 0), faces, objects, screen, viewport,
             (triangles, boxes), (columns, counts[0], sums), np.empty(setup.BATCH_SHAPE, np.int32),
             setup.ANY_CODE,
         )  # fmt: skip
         cursors = np.empty((1, len(starts) - 1), np.int64)
-        started = self._calls.bound(binning.start_lists, counts, starts, cursors)
-        sorted_in = self._calls.bound(
+        start_call = self._calls.bound(binning.start_lists, counts, starts, cursors)
+        bin_call = self._calls.bound(
             binning.bin_triangles, triangles, boxes, columns, faces, screen, viewport, cursors[0],
             binned,
         )  # fmt: skip
-        told = [one.place_of(k) + WORD for one in (sorted_in, *others) for k in (0, 1)]
-        listing = (
-            counts, sums, starts, len(binned), set_up.place_of(1) + WORD, np.array(told, np.int64),
+        lengths = [call.place_of(k) + WORD for call in (bin_call, *readers) for k in (0, 1)]
+        arguments = (
+            counts, sums, starts, len(binned), setup_call.place_of(1) + WORD,
+            np.array(lengths, np.int64),
         )  # fmt: skip
-        return (set_up, started, sorted_in), listing
+        return (setup_call, start_call, bin_call), arguments
 
-    def _shade(self) -> None:
+    def _record_shading(self) -> None:
         """Record shading."""
         plan, cache, (width, height) = self._plan, self._cache, self._plan.size
         viewer = self._field("viewer", (4,), np.float32)
@@ -468,16 +470,16 @@ class CommandBuffer:
         seen = Seen(self._lists.objects, (0.0, 0.0, 0.0), self._geometry, placement, coverage)
         workers = RecordingWorkers(self._calls)
         context = FrameContext(plan, cache, placement, workers, seen, self._field)
-        effects = tuple(self._prepare_effects(context))
+        effects = tuple(self._prepared_effects(context))
 
         def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
             count = len(placement.positions)
-            lit = np.zeros((count, 2, 3), np.float32)
-            listed = (0, count), cache.shapes.arrays.vertex_starts
-            own = placement, surface, lighting, effects
-            steps = vertex_steps(plan.shading, listed, *own, lit, viewer)
-            self._calls.run_stages(StageList(steps))
-            return lit
+            lit_vertices = np.zeros((count, 2, 3), np.float32)
+            vertices = (0, count), cache.shapes.arrays.vertex_starts
+            inputs = placement, surface, lighting, effects
+            passes = vertex_steps(plan.shading, vertices, *inputs, lit_vertices, viewer)
+            self._calls.run_stages(StageList(passes))
+            return lit_vertices
 
         surface = frame_shading.light_surface(
             plan, frame_shading.find_surface(plan, cache.tables), lighting, light
@@ -495,32 +497,32 @@ class CommandBuffer:
         if plan.keeps_faces:
             color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
         # The faces may be overwritten.
-        step, lit = self._look_at_lit()
-        picture = ColorRows(linear, color)
+        step, lit = self._record_lit()
+        rows = ColorRows(linear, color)
         if plan.layers is None:
-            own = self._face_id, 0, height, None, linear, color
-            self._calls.run_stages(shader.shading.listed(*own))
+            targets = self._face_id, 0, height, None, linear, color
+            self._calls.run_stages(shader.shading.listed(*targets))
             shader.show_behind(self._calls, self._face_id, 0, linear, color)
         else:
-            self._shade_layers(plan.layers, shader, tones, picture)
+            self._record_layers(plan.layers, shader, tones, rows)
         if lit is not None:
-            self._calls.call(drawing_views.count_white, lit, step, color, self._white)
-        for one in acting(effects, "overlay"):
-            one.at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
+            self._calls.call(batch_driver.count_white, lit, step, color, self._white_counts)
+        for active in acting(effects, "overlay"):
+            active.at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
         for name in ("linear", "color"):
             if name in plan.outputs:
-                self._keep(name, getattr(picture, name))
+                self._add_copy(name, getattr(rows, name))
 
-    def _prepare_effects(self, context: FrameContext) -> Iterator[Active]:
-        """Yield the effects of the picture; record what those call that look at it first."""
-        for one in self._plan.planned:
-            if one.effect.places and isinstance(one.effect, BatchedEffect):
-                record = one.effect.share(self._plan, one.data, self._field)
-                if isinstance(one.effect, LooksAround):
-                    record = one.effect.prepare(context, record, ())
-                yield Active(one.effect, record)
+    def _prepared_effects(self, context: FrameContext) -> Iterator[Active]:
+        """Yield the effects that act on the picture, after the calls that prepare them."""
+        for planned in self._plan.planned:
+            if planned.effect.places and isinstance(planned.effect, BatchedEffect):
+                record = planned.effect.share(self._plan, planned.data, self._field)
+                if isinstance(planned.effect, LooksAround):
+                    record = planned.effect.prepare(context, record, ())
+                yield Active(planned.effect, record)
 
-    def _shade_layers(
+    def _record_layers(
         self, layers: PixelLayers, shader: Shader, tones: Tones | None, picture: ColorRows
     ) -> None:
         """
@@ -534,78 +536,78 @@ class CommandBuffer:
         calls, lists = self._calls, self._lists
         viewport, samples = shader.geometry.viewport, int(layers.samples)
         # Partition the lists: opaque faces first.
-        parted, middles, room = lists.binned, lists.starts[1:], MAX_LAYERS * layers.has_blended
+        split, bounds, capacity = lists.binned, lists.starts[1:], MAX_LAYERS * layers.has_blended
         if layers.has_blended:
-            parted = np.empty_like(lists.binned)
-            middles = np.empty(len(lists.starts) - 1, np.int64)
+            split = np.empty_like(lists.binned)
+            bounds = np.empty(len(lists.starts) - 1, np.int64)
             calls.call(
                 a_buffer.split_lists, lists.starts, lists.binned, lists.faces,
-                lists.objects.face_starts, layers.is_blended, parted, middles,
+                lists.objects.face_starts, layers.is_blended, split, bounds,
             )  # fmt: skip
-        drawer, alone = a_buffer.layer_drawer(
+        tile_args, alone = a_buffer.layer_drawer(
             tile_rasterizer.tile_drawer(
-                parted, lists.faces, lists.screen, np.float32, shader.alpha_tests
+                split, lists.faces, lists.screen, np.float32, shader.alpha_tests
             )
         )
         points, shifts = (
             fragment_bands.no_points(np.float32),
             fragment_bands.sample_shifts(samples, viewport.grid_bits),
         )
-        calls.kept += [drawer, alone, points, shader]
-        at_once, table = (
+        calls.kept += [tile_args, alone, points, shader]
+        direct, table = (
             is_direct(layers, tones is not None),
             srgb_encoding.encoding_table(shader.encoding),
         )
-        found, own = ReusedMemory(), ReusedMemory()
+        face_memory, temp = ReusedMemory(), ReusedMemory()
         # Find the faces of a row of tiles, then shade some rows at once.
         for top in range(0, viewport.height, TILE_SIZE):
             rows = top, min(top + TILE_SIZE, viewport.height)
-            found.begin()
-            shape = samples, room, rows[1] - rows[0], viewport.width
-            stack = found.empty(shape, np.float32), found.empty(shape, np.int32)
-            opaque = found.empty((samples, *shape[2:]), np.int32)
-            used, deepest = np.empty((samples, lists.columns), np.int64), np.zeros(3, np.int64)
+            face_memory.begin()
+            shape = samples, capacity, rows[1] - rows[0], viewport.width
+            stack = face_memory.empty(shape, np.float32), face_memory.empty(shape, np.int32)
+            opaque = face_memory.empty((samples, *shape[2:]), np.int32)
+            used, max_layers = np.empty((samples, lists.columns), np.int64), np.zeros(3, np.int64)
             calls.call(
-                a_buffer.find_layers, rows, lists.starts, middles, points, viewport, shifts,
-                opaque, points[0], stack, used, deepest, *drawer[:3], alone,
+                a_buffer.find_layers, rows, lists.starts, bounds, points, viewport, shifts,
+                opaque, points[0], stack, used, max_layers, *tile_args[:3], alone,
             )  # fmt: skip
-            if room:
-                calls.limit(deepest, room)
-            for part in parts_of(shape[2], ROWS_AT_ONCE if room else ROWS_MIXED_AT_ONCE):
-                own.begin()
+            if capacity:
+                calls.limit(max_layers, capacity)
+            for part in parts_of(shape[2], ROWS_AT_ONCE if capacity else ROWS_MIXED_AT_ONCE):
+                temp.begin()
                 last = min(part.stop, shape[2])
-                some, of_frame = slice(part.start, last), slice(top + part.start, top + last)
-                linear, color = picture.linear[of_frame], picture.color[of_frame]
-                if not (at_once or linear.shape[1]):
-                    linear = own.empty((last - part.start, viewport.width, 4), np.float32)
-                if room:
-                    images = [*stack[1][0, :, some], opaque[0, some]]
-                    lay_faces(calls, shader, images, of_frame.start, deepest, linear, own)
+                in_band, in_frame = slice(part.start, last), slice(top + part.start, top + last)
+                linear, color = picture.linear[in_frame], picture.color[in_frame]
+                if not (direct or linear.shape[1]):
+                    linear = temp.empty((last - part.start, viewport.width, 4), np.float32)
+                if capacity:
+                    images = [*stack[1][0, :, in_band], opaque[0, in_band]]
+                    lay_faces(calls, shader, images, in_frame.start, max_layers, linear, temp)
                 else:
-                    target = ColorRows(linear, color if at_once else no_color(linear))
-                    mix_samples(calls, shader, opaque, (some.start, last), top, target, own)
-                if not at_once:
-                    show_rows(calls, tones, table, ColorRows(linear, color), of_frame.start, own)
+                    target = ColorRows(linear, color if direct else no_color(linear))
+                    mix_samples(calls, shader, opaque, (in_band.start, last), top, target, temp)
+                if not direct:
+                    show_rows(calls, tones, table, ColorRows(linear, color), in_frame.start, temp)
 
-    def _look_at_lit(self) -> tuple[int, NDArray[np.int32] | None]:
+    def _record_lit(self) -> tuple[int, NDArray[np.int32] | None]:
         """Record which sampled pixels are lit, if any may be white; return their step, and them."""
         step = view_warnings.step_of(self._face_id.shape)
         lit_faces = view_warnings.lit_faces(self._plan.facts, self._cache)
         if lit_faces is None:
             return step, None
         lit = np.empty((1, *self._face_id[::step, ::step].shape), np.int32)
-        self._calls.call(drawing_views.keep_numbers, 0, self._face_id, step, lit_faces, lit)
+        self._calls.call(batch_driver.keep_numbers, 0, self._face_id, step, lit_faces, lit)
         return step, lit
 
-    def _fill(self) -> None:
+    def _record_outputs(self) -> None:
         """Record the kernels of the other outputs."""
         plan, cache, (width, height) = self._plan, self._cache, self._plan.size
         placement, world = self._placement, None
         if "face_id" in plan.outputs:
-            self._keep("face_id", self._face_id)
+            self._add_copy("face_id", self._face_id)
         if "depth" in plan.outputs:
-            self._write(
-                "depth", drawing_views.measure_depths,
+            self._add_call(
+                "depth", batch_driver.measure_depths,
                 self._field("depth_conversion", (1,), np.int64),
                 self._field("depth_factors", (3,), np.float64), self._depth, self._face_id,
                 np.empty((0, height, width), np.float32),
@@ -613,33 +615,32 @@ class CommandBuffer:
         for name in ("object_id", "instance_id", "material_id"):
             if name in plan.outputs:
                 numbers = ground_truth.object_table(name, cache.shapes)[cache.shapes.object_numbers]
-                self._write(
-                    name, drawing_views.keep_numbers, self._face_id, 1, numbers,
+                self._add_call(
+                    name, batch_driver.keep_numbers, self._face_id, 1, numbers,
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
         if "position" in plan.outputs:
             world = self._field("world_rows", (len(cache.shapes.meshes), 3, 4), np.float64)
-        for name, one in ground_truth.list_fills(plan, cache, placement, world).items():
-            picture = np.empty((height, width, *one.channels), np.float32)
-            own = self._face_id, (0, height), self._geometry, *one.arguments, picture
-            self._calls.call(one.kernel, *own)
+        for name, fill in ground_truth.list_fills(plan, cache, placement, world).items():
+            picture = np.empty((height, width, *fill.channels), np.float32)
+            arguments = self._face_id, (0, height), self._geometry, *fill.arguments, picture
+            self._calls.call(fill.kernel, *arguments)
             if name != "distance":
-                self._keep(name, picture)
+                self._add_copy(name, picture)
                 continue
-            self._write(
-                name, drawing_views.measure_distances,
-                self._field("is_parallel", (1,), np.int64),
+            self._add_call(
+                name, batch_driver.measure_distances, self._field("is_parallel", (1,), np.int64),
                 self._field("distance_axis", (4,), np.float64), picture,
                 np.empty((0, height, width), np.float32),
             )  # fmt: skip
 
-    def _write(self, name: str, kernel: Any, *arguments: Any) -> None:
-        """Call a kernel that takes the view's number first, and last where all views are."""
-        bound = self._calls.bound(kernel, 0, *arguments)
-        self._calls.add(bound, bound.place_of(0))
-        self._places.append((name, bound.place_of(len(arguments))))
+    def _add_call(self, name: str, kernel: Any, *arguments: Any) -> None:
+        """Record a kernel that takes the view's number first, and the batched array last."""
+        call = self._calls.bound(kernel, 0, *arguments)
+        self._calls.add(call, call.place_of(0))
+        self._output_addresses.append((name, call.place_of(len(arguments))))
 
-    def _keep(self, name: str, picture: NDArray[Any]) -> None:
+    def _add_copy(self, name: str, picture: NDArray[Any]) -> None:
         """Record the copy of an output into the batched array."""
         words = picture.reshape(-1).view(np.uint32)
-        self._write(name, drawing_views.keep_picture, words, np.empty((0, len(words)), np.uint32))
+        self._add_call(name, batch_driver.keep_picture, words, np.empty((0, len(words)), np.uint32))

@@ -189,7 +189,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         alphas=alphas,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
-        through=tables.through if facts.transmits else None,
+        transmission=tables.through if facts.transmits else None,
         in_float32=facts.float32_objects,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )

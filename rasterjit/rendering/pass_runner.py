@@ -53,7 +53,7 @@ def shading_arrays(
     ``viewer`` is ``placement.toward_viewer`` in float32, where both are filled later.
     """
     seen, lit_base = placement, surface.materials
-    if needs.imitated is not None:
+    if needs.pyrender is not None:
         seen = shading_passes.without_sides(placement, needs)
     if needs.multiplies_vertex_colors:
         lit_base = shading_passes.whitened(surface.materials)

@@ -60,7 +60,7 @@ from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.object_transforms import Views
-from rasterjit.survey.packed_scene import SceneArrays, front_turns_of, placement_of
+from rasterjit.survey.packed_scene import SceneArrays, front_windings_of, placement_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import CameraView
 
@@ -344,7 +344,7 @@ def find_visible(
         spacing,
     )  # fmt: skip
     objects = kept.made(
-        "objects", placing.cull_objects, plan.cull, views.screen_turn, views.mirrored,
+        "objects", placing.cull_objects, plan.cull, views.screen_winding, views.mirrored,
         arrays.face_starts, cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip
     clock("plan")
@@ -394,12 +394,12 @@ def _placement(arrays: SceneArrays, views: Views, kept: Kept) -> Placement:
     """Return the objects' placement, in the reused memory of the picture before."""
     if not kept.lasts:
         return placement_of(arrays, views)
-    front_turns = kept.made("turns", front_turns_of, views.screen_turn, views.mirrored)
+    front_windings = kept.made("turns", front_windings_of, views.screen_winding, views.mirrored)
     return kept.made(
         "placement", Placement, arrays.face_starts, arrays.positions,
         kept.copied("relative_from_model", views.relative_from_model[:, :3, :]),
         kept.copied("normal_matrices", views.normal_matrices),
-        kept.copied("mirrored", views.mirrored), kept.copied("front_turns", front_turns),
+        kept.copied("mirrored", views.mirrored), kept.copied("front_windings", front_windings),
         kept.copied("toward_viewer", views.toward_viewer),
     )  # fmt: skip
 
@@ -419,7 +419,7 @@ def compare(
     if "motion_visible" in planned.plan.outputs:
         plan, cache, views = planned.earlier[:3]
         seen = find_visible(plan, cache, workers, clock, views)
-        sighting = motion.PreviousFaces(seen.coverage.face_id, seen.objects.culled_turns)
+        sighting = motion.PreviousFaces(seen.coverage.face_id, seen.objects.culled_windings)
     return motion.Motion(after, before, sighting)
 
 

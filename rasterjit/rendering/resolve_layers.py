@@ -38,9 +38,9 @@ from rasterjit.pipeline.passes import KernelRow, Rows, ShadingNeeds, rows_where
 from rasterjit.pipeline.records import (
     AlphaTests,
     Geometry,
-    Imitated,
     Lighting,
     Placement,
+    PyrenderObjects,
     Surface,
 )
 from rasterjit.pipeline.visibility.visibility_pass import Coverage
@@ -126,7 +126,7 @@ class Shader(NamedTuple):
             lighting = lighting._replace(
                 lights=kept.copied("light rows", lighting.lights),
                 ambient=kept.copied("light from all around", lighting.ambient),
-                imitated=_kept_imitated(lighting.imitated, kept),
+                pyrender=_kept_imitated(lighting.pyrender, kept),
             )
         stages = kept.made(
             "stages", Shading, *read[:4], lighting, self.effects, encoding,
@@ -226,7 +226,7 @@ def before_tones(shader: Shader) -> tuple[Shader, Tones | None]:
     return shader._replace(background=np.zeros(4, np.float32), effects=toned), tones
 
 
-def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
+def _kept_imitated(imitated: PyrenderObjects | None, kept: Kept) -> PyrenderObjects | None:
     """Return what pyrender's shader is given, where that of the picture before lay."""
     if imitated is None:
         return None
@@ -238,9 +238,9 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
     gains = imitated.gains
     if gains is not None:
         gains = kept.copied("gains", gains)
-    taken = kept.copied("who takes what", imitated.taken)
+    taken = kept.copied("who takes what", imitated.falls_on)
     own = taken, faces_viewer, are_squares, gains
-    return kept.made("imitated", Imitated, *own, imitated.maps)
+    return kept.made("imitated", PyrenderObjects, *own, imitated.maps)
 
 
 def no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:

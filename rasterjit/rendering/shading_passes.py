@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.fragments.coverage_resolve import code_samples, mix_shares
 from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.lighting.gouraud import list_vertices, write_vertices
-from rasterjit.pipeline.passes import ImitatedNeeds, Pass, ShadingArrays, ShadingNeeds, fixed
+from rasterjit.pipeline.passes import Pass, PyrenderNeeds, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Placement
 from rasterjit.pipeline.srgb_encoding import encoding_table
 from rasterjit.pipeline.surface import (
@@ -91,14 +91,14 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]
     if needs.gouraud:
         passes.append(
             Pass(
-                attributes.show_lit_vertices,
+                attributes.interpolate_lit_vertices,
                 lambda a: (a.surface.lit_vertices, a.lit_base, rows.RED),
             )
         )
     if needs.diffuse_apart:
         passes.append(
             Pass(
-                attributes.show_lit_vertices,
+                attributes.interpolate_lit_vertices,
                 lambda a: (a.surface.diffuse_vertices, a.lit_base, DIFFUSE),
             )
         )
@@ -109,7 +109,7 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]
     has_base_texture = needs.textures and texture_filters.BASE_COLOR in needs.kinds
     if has_base_texture:
         own = texture_filters.BASE_COLOR
-        decoding = decoding_passes() if needs.imitated is not None else ()
+        decoding = decoding_passes() if needs.pyrender is not None else ()
         passes += [read_pass(own), *decoding, multiply_pass(needs)]
     if needs.alphas:
         passes.append(alpha_pass(has_base_texture))
@@ -121,13 +121,13 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]
     passes.append(Pass(attributes.find_reflectance, lambda a: (a.lit_base,)))
     if needs.microfacets:
         passes.append(
-            Pass(attributes.find_facets, lambda a: (a.surface.microfacets.factors, a.lit_base))
+            Pass(attributes.find_microfacets, lambda a: (a.surface.microfacets.factors, a.lit_base))
         )
     passes += place_passes(needs)
     if needs.points:
-        passes.append(Pass(point_normals.find_point_shapes, lambda a: (*a.surface.points, a.seen)))
+        passes.append(Pass(point_normals.find_point_normals, lambda a: (*a.surface.points, a.seen)))
     if needs.gouraud and not acting(effects, "sample"):
-        passes.append(Pass(attributes.stand_in, lambda a: (_are_gouraud(a),)))
+        passes.append(Pass(attributes.fill_placeholders, lambda a: (_are_gouraud(a),)))
     if needs.coats:
         passes += coat_passes(needs)
     passes += map_passes(needs)
@@ -160,9 +160,9 @@ def find_weights_pass() -> Pass:
 def color_pass(needs: ShadingNeeds) -> Pass:
     """Return the pass that shows base colours, of vertices where they have some."""
     if not needs.vertex_colors:
-        return Pass(attributes.tint_samples, lambda a: (a.lit_base,))
+        return Pass(attributes.fill_base_colors, lambda a: (a.lit_base,))
     if not needs.some_in_float32:
-        return Pass(attributes.show_vertex_colors, lambda a: (a.surface.vertex_colors, a.lit_base))
+        return Pass(attributes.mix_vertex_colors, lambda a: (a.surface.vertex_colors, a.lit_base))
     return Pass(
         float32_colors.find_float32_colors,
         lambda a: (a.geometry, a.lit_base, a.surface.vertex_colors, a.surface.in_float32),
@@ -172,10 +172,10 @@ def color_pass(needs: ShadingNeeds) -> Pass:
 def set_colors_apart() -> list[Pass]:
     """Return the passes that put colours of vertices aside, and base colours in their place."""
     from rasterjit.pipeline.lighting import pyrender
-    from rasterjit.pipeline.surface import layer_rows as moves
+    from rasterjit.pipeline.surface.layer_rows import copy_rows
 
-    aside = fixed(moves.copy_rows, rows.RED, pyrender.COLOR_RED, 3)
-    return [aside, Pass(attributes.tint_samples, lambda a: (a.surface.materials,))]
+    aside = fixed(copy_rows, rows.RED, pyrender.VERTEX_COLOR_RED, 3)
+    return [aside, Pass(attributes.fill_base_colors, lambda a: (a.surface.materials,))]
 
 
 def face_color_pass(needs: ShadingNeeds) -> Pass:
@@ -190,7 +190,7 @@ def face_color_pass(needs: ShadingNeeds) -> Pass:
 
 def field_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that show the colours of scalars, and the lines between them."""
-    passes = [Pass(scalar_colors.show_scalars, lambda a: tuple(a.surface.fields[:-1]))]
+    passes = [Pass(scalar_colors.apply_colormaps, lambda a: tuple(a.surface.fields[:-1]))]
     if needs.contours:
 
         def lines(a: ShadingArrays) -> tuple[Any, ...]:
@@ -219,7 +219,7 @@ def place_passes(needs: ShadingNeeds) -> list[Pass]:
         Pass(attributes.find_points, lambda a: (a.seen, a.lit_base, 0)),
     ]
     if needs.flat:
-        passes.append(Pass(attributes.find_middles, lambda a: (a.seen, a.lit_base)))
+        passes.append(Pass(attributes.find_centroids, lambda a: (a.seen, a.lit_base)))
     if needs.normals and needs.smooth:
         passes.append(
             Pass(
@@ -302,7 +302,7 @@ def bending_pass(kind: int) -> Pass:
         table[:, texture_filters.NORMAL] = table[:, kind]
         return table, uv, layers.coat_tangents, layers.coat_scales, a.seen
 
-    return Pass(material_maps.bend_normals_by_maps, bent)
+    return Pass(material_maps.apply_normal_maps, bent)
 
 
 def map_passes(needs: ShadingNeeds) -> list[Pass]:
@@ -313,10 +313,10 @@ def map_passes(needs: ShadingNeeds) -> list[Pass]:
             needs, texture_filters.NORMAL, bending_pass(texture_filters.NORMAL)
         )
     if needs.has(texture_filters.METALLIC_ROUGHNESS) and needs.microfacets:
-        scaled = fixed(material_maps.scale_facets_by_maps)
+        scaled = fixed(material_maps.apply_metallic_roughness_maps)
         passes += map_read_passes(needs, texture_filters.METALLIC_ROUGHNESS, scaled)
     if needs.has(texture_filters.OCCLUSION):
-        dimmed = Pass(material_maps.scale_occlusion_by_maps, lambda a: (a.surface.maps.factors,))
+        dimmed = Pass(material_maps.apply_occlusion_maps, lambda a: (a.surface.maps.factors,))
         passes += map_read_passes(needs, texture_filters.OCCLUSION, dimmed)
     return passes
 
@@ -325,48 +325,48 @@ def scaled_passes(
     needs: ShadingNeeds, scales: Sequence[tuple[int, tuple[int, int, int]]]
 ) -> list[Pass]:
     """Return the passes that scale rows by textures: of each kind first row, channel, number."""
-    from rasterjit.pipeline.surface import layer_rows as moves
+    from rasterjit.pipeline.surface.layer_rows import scale_by_textures
 
     passes = []
     for kind, scaled in scales:
         if needs.has(kind):
-            passes += map_read_passes(needs, kind, fixed(moves.scale_rows_by_textures, *scaled))
+            passes += map_read_passes(needs, kind, fixed(scale_by_textures, *scaled))
     return passes
 
 
 def through_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find transmission and thickness of samples."""
-    if not needs.through:
+    if not needs.transmission:
         return []
-    from rasterjit.pipeline.surface import layer_rows as moves
+    from rasterjit.pipeline.surface.layer_rows import fill_rows
 
     scales = (
-        (texture_filters.TRANSMISSION, (rows.TRANSMITTED, 0, 1)),
+        (texture_filters.TRANSMISSION, (rows.TRANSMISSION, 0, 1)),
         (texture_filters.THICKNESS, (rows.THICKNESS, 1, 1)),
     )
     return [
-        Pass(moves.fill_rows, lambda a: (a.surface.through.rows, rows.TRANSMITTED)),
+        Pass(fill_rows, lambda a: (a.surface.transmission.rows, rows.TRANSMISSION)),
         *scaled_passes(needs, scales),
     ]
 
 
 def coat_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find the clearcoat and its normals, before the base's normal map."""
-    from rasterjit.pipeline.surface import layer_rows as moves
+    from rasterjit.pipeline.surface.layer_rows import copy_rows, fill_rows, swap_rows
 
-    kept = fixed(moves.copy_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
-    filled = Pass(moves.fill_rows, lambda a: (a.surface.layers.coats, rows.COAT))
+    kept = fixed(copy_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
+    filled = Pass(fill_rows, lambda a: (a.surface.layers.coats, rows.COAT))
     kind = texture_filters.CLEARCOAT_NORMAL
     if not needs.has(kind):
         return [filled, kept]
     # The base normals are restored once the clearcoat's map is applied.
-    back = fixed(moves.exchange_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
+    back = fixed(swap_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
     return [filled, kept, *map_read_passes(needs, kind, bending_pass(kind), back)]
 
 
 def layer_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find material layers, by factors and textures."""
-    from rasterjit.pipeline.surface import layer_rows as moves
+    from rasterjit.pipeline.surface.layer_rows import fill_rows
 
     passes, scales = [], []
     if needs.coats:
@@ -375,18 +375,16 @@ def layer_passes(needs: ShadingNeeds) -> list[Pass]:
             (texture_filters.CLEARCOAT_ROUGHNESS, (rows.COAT_ROUGHNESS, 1, 1)),
         ]
     if needs.sheens:
-        passes.append(Pass(moves.fill_rows, lambda a: (a.surface.layers.sheens, rows.SHEEN_RED)))
+        passes.append(Pass(fill_rows, lambda a: (a.surface.layers.sheens, rows.SHEEN_RED)))
         scales += [
             (texture_filters.SHEEN_COLOR, (rows.SHEEN_RED, 0, 3)),
             (texture_filters.SHEEN_ROUGHNESS, (rows.SHEEN_ROUGHNESS, 3, 1)),
         ]
     if needs.dielectrics:
-        passes.append(
-            Pass(moves.fill_rows, lambda a: (a.surface.layers.dielectrics, rows.HEAD_ON_RED))
-        )
+        passes.append(Pass(fill_rows, lambda a: (a.surface.layers.dielectrics, rows.F0_RED)))
         scales += [
-            (texture_filters.SPECULAR_FACTOR, (rows.EDGE, 3, 1)),
-            (texture_filters.SPECULAR_COLOR, (rows.HEAD_ON_RED, 0, 3)),
+            (texture_filters.SPECULAR_FACTOR, (rows.F90, 3, 1)),
+            (texture_filters.SPECULAR_COLOR, (rows.F0_RED, 0, 3)),
         ]
     return passes + scaled_passes(needs, scales)
 
@@ -401,8 +399,8 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
     )
     if needs.has(kind):
         passes += lay_passes(needs, kind) if kind in needs.apart else []
-        passes += [read_pass(kind), *decoding, fixed(material_maps.scale_emission_by_maps)]
-    return [*passes, fixed(material_maps.show_emission, shown)]
+        passes += [read_pass(kind), *decoding, fixed(material_maps.apply_emission_maps)]
+    return [*passes, fixed(material_maps.add_emission, shown)]
 
 
 # Light.
@@ -410,15 +408,15 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
 
 def light_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
     """Return the passes that light base colours."""
-    if needs.imitated is not None:
-        return imitating_passes(needs, needs.imitated, effects)
+    if needs.pyrender is not None:
+        return imitating_passes(needs, needs.pyrender, effects)
     passes = through_passes(needs)
     passes += effect_passes(effects, "rows", needs)
     passes.append(ambient_pass())
     if needs.renormalizes:
         passes.append(fixed(lights.normalize_normals))
     if needs.microfacets:
-        shown = Pass(lights.show_ambient_on_facets, lambda a: (a.lighting.ambient, a.viewer))
+        shown = Pass(lights.set_microfacet_ambient, lambda a: (a.lighting.ambient, a.viewer))
         passes += layered_ambient_passes(needs, shown) if needs.layers else [shown]
     passes += passes_of_lights(needs, effects)
     passes += emission_passes(needs, rows.OUT_RED)
@@ -440,7 +438,7 @@ def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
     from rasterjit.pipeline.lighting import layered_materials
 
     passes = layered_materials.starting_passes(needs, fixed(lights.normalize_normals))
-    return passes + layered_materials.around_passes(needs, shown, ambient_pass(), is_first=True)
+    return passes + layered_materials.ambient_passes(needs, shown, ambient_pass(), is_first=True)
 
 
 def seen_passes(effects: Sequence[Active], shown: int) -> list[Pass]:
@@ -465,7 +463,7 @@ def passes_of_lights(
     """
     passes: list[Pass] = []
     first, count, dimming = 0, needs.lights or 0, acting(effects, "light")
-    mapped = () if needs.imitated is None else needs.imitated.mapped
+    mapped = () if needs.pyrender is None else needs.pyrender.mapped
     for n in range(count) if dimming or mapped else ():
         if n in mapped:
             passes += [*add_passes(needs, first, n), *mapped_light_passes(needs, n)]
@@ -483,11 +481,11 @@ def add_passes(needs: ShadingNeeds, first: int, end: int) -> list[Pass]:
     """Return the passes that add lights ``first`` to ``end``; none if these are none."""
     if first == end:
         return []
-    if needs.imitated is not None:
+    if needs.pyrender is not None:
         from rasterjit.pipeline.lighting import pyrender
 
         def lit_by(a: ShadingArrays) -> tuple[Any, ...]:
-            return a.lighting.lights, first, end, a.lighting.imitated.taken, a.viewer
+            return a.lighting.lights, first, end, a.lighting.pyrender.falls_on, a.viewer
 
         return [Pass(pyrender.add_lights_as_pyrender, lit_by)]
     if needs.layers:
@@ -508,35 +506,35 @@ def shiny_pass(needs: ShadingNeeds, first: int, end: int) -> Pass:
     """Return the pass that adds lights to what microfacets do not shade."""
     if not needs.highlights:
         return Pass(lights.add_diffuse_lights, lambda a: (a.lighting.lights, first, end))
-    return Pass(lights.add_shiny_lights, lambda a: (a.lighting.lights, first, end, a.viewer))
+    return Pass(lights.add_blinn_phong_lights, lambda a: (a.lighting.lights, first, end, a.viewer))
 
 
 def facet_pass(first: int, end: int) -> Pass:
     """Return the pass that adds lights to what microfacets shade."""
 
     def parts(a: ShadingArrays) -> tuple[Any, ...]:
-        return a.lighting.lights, first, end, a.viewer, a.surface.microfacets.parts
+        return a.lighting.lights, first, end, a.viewer, a.surface.microfacets.lobes
 
-    return Pass(lights.add_lights_on_facets, parts)
+    return Pass(lights.add_microfacet_lights, parts)
 
 
 def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
     """Return the passes of effects over lit samples, and of transmission."""
-    if not needs.through:
+    if not needs.transmission:
         return effect_passes(effects, "sample", needs)
-    from rasterjit.pipeline.surface import layer_rows as moves
+    from rasterjit.pipeline.surface.layer_rows import FOG_RED, fill_rows, swap_rows
 
     acts = acting(effects, "sample")
     seen = [one for one in acts if isinstance(one.effect, SeesThrough)]
     over = effect_passes([one for one in acts if one not in seen], "sample", needs)
 
     def dark(a: ShadingArrays) -> tuple[Any, ...]:
-        return np.zeros((len(a.surface.through.rows), 3), np.float32), moves.MIST_RED
+        return np.zeros((len(a.surface.transmission.rows), 3), np.float32), FOG_RED
 
-    passes = [Pass(moves.fill_rows, dark)]
+    passes = [Pass(fill_rows, dark)]
     if over:
         # Over black, they give their own contribution.
-        turned = fixed(moves.exchange_rows, rows.OUT_RED, moves.MIST_RED, 3)
+        turned = fixed(swap_rows, rows.OUT_RED, FOG_RED, 3)
         passes += [turned, *over, turned, *over]
     return passes + effect_passes(seen, "sample", needs)
 
@@ -546,7 +544,7 @@ def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass
 
 def without_sides(placement: Placement, needs: ShadingNeeds) -> Placement:
     """Return a placement of which no face's back is seen: its normals are left as they are."""
-    placement = placement._replace(front_turns=np.zeros_like(placement.front_turns))
+    placement = placement._replace(front_windings=np.zeros_like(placement.front_windings))
     if needs.maps and texture_filters.NORMAL in needs.kinds:
         # Which way round a normal map lies is read there.
         return placement
@@ -561,7 +559,7 @@ def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def imitating_passes(
-    needs: ShadingNeeds, imitated: ImitatedNeeds, effects: Sequence[Active]
+    needs: ShadingNeeds, imitated: PyrenderNeeds, effects: Sequence[Active]
 ) -> list[Pass]:
     """Return the passes that light base colours as pyrender's shader does."""
     from rasterjit.pipeline.lighting import pyrender
@@ -570,16 +568,16 @@ def imitating_passes(
     if imitated.has_squares:
         passes.append(
             Pass(
-                pyrender.place_in_squares,
-                lambda a: (a.lighting.imitated.are_squares, a.geometry.faces, a.placement),
+                pyrender.center_on_squares,
+                lambda a: (a.lighting.pyrender.are_squares, a.geometry.faces, a.placement),
             )
         )
     if imitated.faces_viewer:
         passes.append(
-            Pass(pyrender.face_viewer, lambda a: (a.lighting.imitated.faces_viewer, a.viewer))
+            Pass(pyrender.turn_to_viewer, lambda a: (a.lighting.pyrender.faces_viewer, a.viewer))
         )
     if imitated.has_gains:
-        passes.append(Pass(pyrender.brighten, lambda a: (a.lighting.imitated.gains, 0, rows.RED)))
+        passes.append(Pass(pyrender.amplify, lambda a: (a.lighting.pyrender.gains, 0, rows.RED)))
     passes += effect_passes(effects, "rows", needs)
     passes += [
         Pass(pyrender.show_ambient_on_base, lambda a: (a.lighting.ambient,)),
@@ -587,13 +585,13 @@ def imitating_passes(
         *passes_of_lights(needs, effects),
     ]
     if needs.maps and texture_filters.OCCLUSION in needs.kinds:
-        passes.append(fixed(pyrender.dim_by_occlusion))
+        passes.append(fixed(pyrender.multiply_by_occlusion))
     passes += emission_passes(needs, rows.OUT_RED, decoding_passes())
     if needs.vertex_colors:
         passes.append(fixed(pyrender.multiply_by_vertex_colors))
     if imitated.has_gains:
         passes.append(
-            Pass(pyrender.brighten, lambda a: (a.lighting.imitated.gains, 3, rows.OUT_RED))
+            Pass(pyrender.amplify, lambda a: (a.lighting.pyrender.gains, 3, rows.OUT_RED))
         )
     return passes + seen_passes(effects, rows.OUT_RED) + effect_passes(effects, "sample", needs)
 
@@ -603,11 +601,11 @@ def mapped_light_passes(needs: ShadingNeeds, n: int) -> list[Pass]:
     from rasterjit.pipeline.lighting import pyrender
 
     def found(a: ShadingArrays) -> tuple[Any, ...]:
-        view, depths = next(rest for row, *rest in a.lighting.imitated.maps if row == n)
+        view, depths = next(rest for row, *rest in a.lighting.pyrender.maps if row == n)
         return a.lighting.lights[n], view, depths
 
-    shadow = Pass(pyrender.find_shadow, found)
-    return [shadow, *add_passes(needs, n, n + 1), fixed(pyrender.let_all_through)]
+    shadow = Pass(pyrender.read_shadow_map, found)
+    return [shadow, *add_passes(needs, n, n + 1), fixed(pyrender.make_visible)]
 
 
 # Vertices, and what becomes of colours.

@@ -51,10 +51,10 @@ NUMBERS = {
 LONGEST_PATH = 8
 """Most tuples inside tuples."""
 
-OP, EXPECTED, AXES, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
+OP, EXPECTED, DETAIL, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
 """
 Bytes into an instruction. ``EXPECTED`` is the type object of a record or a number, or the byte
-order and type number of an array. ``AXES`` is the number of an array's axes, the length of a
+order and type number of an array. ``DETAIL`` is the number of an array's axes, the length of a
 record, or a second type object that a number may have.
 """
 

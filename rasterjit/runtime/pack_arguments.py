@@ -28,14 +28,14 @@ def copy_words(source, count, target):
 
 
 @helper
-def is_array(thing, header, at):
-    """Tell whether an array, behind its header, is of the expected type, axes and layout."""
-    word = load_int64(load_int64(thing + layout.DESCR) + header + layout.KIND)
-    flags = load_int64(at + layout.WANTED_FLAGS)
+def is_array(array, header, step):
+    """Return whether an array, behind its header, has the expected type, axes and layout."""
+    word = load_int64(load_int64(array + layout.DESCR) + header + layout.KIND)
+    flags = load_int64(step + layout.WANTED_FLAGS)
     return (
-        (word & np.int64(np.uint64(layout.ORDER_AND_NUMBER))) == load_int64(at + layout.EXPECTED)
-        and np.int64(load_int32(thing + layout.NDIM)) == load_int64(at + layout.AXES)
-        and (np.int64(load_int32(thing + layout.FLAGS)) & flags) == flags
+        (word & np.int64(np.uint64(layout.ORDER_AND_NUMBER))) == load_int64(step + layout.EXPECTED)
+        and np.int64(load_int32(array + layout.NDIM)) == load_int64(step + layout.DETAIL)
+        and (np.int64(load_int32(array + layout.FLAGS)) & flags) == flags
     )
 
 
@@ -58,47 +58,47 @@ def pack(arguments, plan, state):
     Returns
     -------
     int
-        0, or the number, from 1 on, of the first instruction that found something unexpected.
+        0, or the position, from 1 on, of the first instruction that finds something unexpected.
     """
     array_type, read_int = load_int64(plan + layout.ARRAY_TYPE), load_int64(plan + layout.READ_INT)
     header, items = load_int64(plan + layout.HEADER), load_int64(plan + layout.ITEMS)
-    at, out, number = plan + layout.FIRST, state, np.int64(1)
+    step, out, position = plan + layout.FIRST, state, np.int64(1)
     if load_int64(arguments + header) != load_int64(plan + layout.LENGTH):
-        return number
+        return position
     # Pack
-    op = load_int64(at + layout.OP)
+    op = load_int64(step + layout.OP)
     while op != layout.END:
-        thing = arguments
-        for k in range(load_int64(at + layout.DEPTH)):
-            thing = load_int64(thing + items + WORD * load_int64(at + layout.PATH + WORD * k))
-        body = thing + header
-        kind, expected = load_int64(body - WORD), load_int64(at + layout.EXPECTED)
+        value = arguments
+        for k in range(load_int64(step + layout.DEPTH)):
+            value = load_int64(value + items + WORD * load_int64(step + layout.PATH + WORD * k))
+        body = value + header
+        kind, expected = load_int64(body - WORD), load_int64(step + layout.EXPECTED)
         if op == layout.ARRAY:
-            if kind != array_type or not is_array(body, header, at):
-                return number
-            axes = load_int64(at + layout.AXES)
+            if kind != array_type or not is_array(body, header, step):
+                return position
+            axes = load_int64(step + layout.DETAIL)
             store_int64(out, load_int64(body + layout.DATA))
             out = copy_words(load_int64(body + layout.SHAPE), axes, out + WORD)
-            if load_int64(at + layout.STRIDED):
+            if load_int64(step + layout.STRIDED):
                 out = copy_words(load_int64(body + layout.STRIDES), axes, out)
         elif op == layout.INT:
-            if kind != expected and kind != load_int64(at + layout.AXES):
-                return number
-            store_int64(out, call_at(read_int, thing, 0, 0))
+            if kind != expected and kind != load_int64(step + layout.DETAIL):
+                return position
+            store_int64(out, call_at(read_int, value, 0, 0))
             out += WORD
         elif op == layout.RECORD:
-            if kind != expected or load_int64(body) != load_int64(at + layout.AXES):
-                return number
+            if kind != expected or load_int64(body) != load_int64(step + layout.DETAIL):
+                return position
         else:
-            if kind != expected and kind != load_int64(at + layout.AXES):
-                return number
+            if kind != expected and kind != load_int64(step + layout.DETAIL):
+                return position
             if op == layout.FLOAT64:
                 store_int64(out, load_int64(body))
             else:
                 store_int64(out, np.int64(load_int32(body)))
             out += WORD
-        at, number = at + layout.INSTRUCTION, number + 1
-        op = load_int64(at + layout.OP)
+        step, position = step + layout.INSTRUCTION, position + 1
+        op = load_int64(step + layout.OP)
     # Call
     code = load_int64(plan + layout.CODE)
     if code != 0:

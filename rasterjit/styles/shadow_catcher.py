@@ -342,7 +342,7 @@ def _count_covered(
     )  # fmt: skip
     # Silhouettes, and what they cover.
     culled = cull_objects(
-        "none", views.screen_turn, views.mirrored, arrays.face_starts,
+        "none", views.screen_winding, views.mirrored, arrays.face_starts,
         cache.tables.is_single_sided,
     )  # fmt: skip
     turns, layers = np.empty(len(arrays.faces) + 1, np.int8), np.zeros((SIDE, SIDE + 1), np.int32)

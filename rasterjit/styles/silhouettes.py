@@ -84,7 +84,7 @@ def find_windings(faces, objects, screen, any_codes, windings):
     """Write the winding of each face, 0 if it is not drawn; return whether none has to be cut."""
     xy, codes = screen.xy, screen.codes
     for owner in range(objects.face_starts.shape[0] - 1):
-        culled = np.int32(objects.culled_turns[owner])
+        culled = np.int32(objects.culled_windings[owner])
         for face in range(objects.face_starts[owner], objects.face_starts[owner + 1]):
             a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
             if any_codes & (CLIPPED | INVALID):

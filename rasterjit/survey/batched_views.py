@@ -32,7 +32,7 @@ class BatchedViews(NamedTuple):
     """(N, 4, 4)."""
     toward_viewer: Float64
     """(N, 4)."""
-    screen_turn: NDArray[np.int64]
+    screen_winding: NDArray[np.int64]
     """(N,): 1 or -1."""
     is_finite: NDArray[np.bool_]
     """(N,): whether the matrices are; `object_transforms.view_places` refuses others."""

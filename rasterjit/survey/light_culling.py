@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
-from rasterjit.pipeline.records import Imitated, Lighting
+from rasterjit.pipeline.records import Lighting, PyrenderObjects
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.environment import Environment
@@ -483,8 +483,8 @@ def reference_lighting(
         for map in imitation.maps
         if map.light in numbers
     )
-    imitated = Imitated(taken, faces_viewer, are_squares, gains, maps)
-    return lighting._replace(ambient=imitation.ambient, highlights=None, imitated=imitated)
+    imitated = PyrenderObjects(taken, faces_viewer, are_squares, gains, maps)
+    return lighting._replace(ambient=imitation.ambient, highlights=None, pyrender=imitated)
 
 
 def light_view(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:

@@ -501,7 +501,7 @@ class Views(NamedTuple):
     """(O,): -1 where the transform turns faces inside out, else 1."""
     toward_viewer: NDArray[np.float64]
     """(4,): a point p, relative to the eye, is seen along ``xyz - w p``."""
-    screen_turn: int
+    screen_winding: int
     """1 if the camera shows counter-clockwise faces counter-clockwise, -1 if it mirrors."""
 
 
@@ -637,9 +637,9 @@ def _view(
     view_from_world = view_from_world.tolist()
     view_from_relative = transforms.product_of(view_from_world, world_from_relative)
     if type(camera) is PerspectiveCamera:
-        _, clip_from_view, screen_turn = _usual_projection(camera.frustum, size)
+        _, clip_from_view, screen_winding = _usual_projection(camera.frustum, size)
     else:
-        _, clip_from_view, screen_turn = _projection(camera, size)
+        _, clip_from_view, screen_winding = _projection(camera, size)
     toward_viewer = np.array(LAST_ROW)
     if not any(clip_from_view[3][:3]):
         # A parallel projection: depth grows with z in clip space; the viewer is the other way.
@@ -647,7 +647,7 @@ def _view(
         columns = zip(*view_from_relative[:3], strict=True)
         toward_viewer[:3] = [-((a * x + b * y) + c * z) for x, y, z in columns][:3]
         toward_viewer[3] = 0.0
-    handedness = screen_turn
+    handedness = screen_winding
     # Poses of known cameras do not mirror.
     if not is_known:
         handedness *= _turn([row[:3] for row in view_from_relative[:3]])
@@ -703,29 +703,29 @@ def _turn(rows: Sequence[Sequence[float]]) -> float:
 
 
 def cull_objects(
-    cull: str, screen_turn: int, mirrored: Float64, face_starts: NDArray[np.int64],
+    cull: str, screen_winding: int, mirrored: Float64, face_starts: NDArray[np.int64],
     is_single_sided: NDArray[np.bool_], sideless: tuple[int, ...] = (),
 ) -> Objects:  # fmt: skip
     """
-    Return the winding of each object that is culled; see `culled_turns`.
+    Return the winding of each object that is culled; see `culled_windings`.
 
     Takes the numbers of the objects that have no sides, of which none is.
     """
-    turns = culled_turns(cull, screen_turn, mirrored, is_single_sided)
+    turns = culled_windings(cull, screen_winding, mirrored, is_single_sided)
     turns[list(sideless)] = 0
     return Objects(face_starts, turns)
 
 
-def culled_turns(
-    cull: str, screen_turn: int | NDArray[np.int64], mirrored: Float64,
+def culled_windings(
+    cull: str, screen_winding: int | NDArray[np.int64], mirrored: Float64,
     is_single_sided: NDArray[np.bool_],
 ) -> NDArray[np.int8]:  # fmt: skip
     """
     Return the winding that is culled of each object (+1: clockwise), (O,).
 
     Single-sided objects lose their back faces, unless front faces are asked to be dropped. Of N
-    views (N, O), if ``screen_turn`` is (N, 1).
+    views (N, O), if ``screen_winding`` is (N, 1).
     """
     sign = {"none": 0, "back": 1, "front": -1}[cull]
     signs = sign if sign else is_single_sided
-    return (signs * (screen_turn * mirrored)).astype(np.int8)
+    return (signs * (screen_winding * mirrored)).astype(np.int8)

@@ -26,7 +26,7 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
     Textures,
-    Through,
+    Transmission,
 )
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.visibility.primitive_expansion import LineRule, PointRule, Primitive
@@ -340,7 +340,7 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
-def join_through(meshes: Sequence[Mesh]) -> Through:
+def join_through(meshes: Sequence[Mesh]) -> Transmission:
     """Join the transmission of the objects."""
     runs = runs_of(meshes)
     rows, factors = [], []
@@ -350,7 +350,7 @@ def join_through(meshes: Sequence[Mesh]) -> Through:
         inside = *own.attenuation_color, 1.0 / own.attenuation_distance
         rows.append((own.transmission * is_transmissive(mesh), own.thickness * _joint_scale(mesh)))
         factors.append((own.ior, *mirrored, *inside))
-    return Through(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
+    return Transmission(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
 
 
 def _joint_scale(mesh: Mesh) -> float:
@@ -387,7 +387,7 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
          one.has_custom_specular)
         for one in own
     ]  # fmt: skip
-    stand_ins = [(*_WHITE, one.shading == "pbr", *_BLACK, 1.0, 0.0) for one in own]
+    probe_rows = [(*_WHITE, one.shading == "pbr", *_BLACK, 1.0, 0.0) for one in own]
     has_maps = any(one.textures_read()[texturing.CLEARCOAT_NORMAL] is not None for one in own)
     none = np.zeros((0, GROUPS, 4), np.float32)
     return Layers(
@@ -396,7 +396,7 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
         _join_tangents(runs, texturing.CLEARCOAT_NORMAL) if has_maps else none,
         _repeat(sheens, runs, np.float32),
         _repeat(dielectrics, runs, np.float32),
-        _repeat(stand_ins, runs, np.float32),
+        _repeat(probe_rows, runs, np.float32),
         ALBEDO,
     )
 
@@ -647,9 +647,9 @@ def _transform_row(texture: Texture | None) -> tuple[float, ...]:
     return IDENTITY_TRANSFORM if texture is None else texture.transform or IDENTITY_TRANSFORM
 
 
-def front_turns_of(screen_turn: int, mirrored: NDArray[np.float64]) -> NDArray[np.float64]:
+def front_windings_of(screen_winding: int, mirrored: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the sign of the edge function of each object's front faces on the screen, (O,)."""
-    return -screen_turn * mirrored
+    return -screen_winding * mirrored
 
 
 def placement_of(arrays: SceneArrays, views: Views) -> Placement:
@@ -660,6 +660,6 @@ def placement_of(arrays: SceneArrays, views: Views) -> Placement:
         np.ascontiguousarray(views.relative_from_model[:, :3, :]),
         views.normal_matrices,
         views.mirrored,
-        front_turns_of(views.screen_turn, views.mirrored),
+        front_windings_of(views.screen_winding, views.mirrored),
         views.toward_viewer,
     )

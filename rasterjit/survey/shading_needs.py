@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rasterjit.pipeline.passes import ImitatedNeeds, ShadingNeeds
-from rasterjit.pipeline.records import Imitated, Lighting
+from rasterjit.pipeline.passes import PyrenderNeeds, ShadingNeeds
+from rasterjit.pipeline.records import Lighting, PyrenderObjects
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.transparency import PixelLayers
 
@@ -20,7 +20,7 @@ def shading_needs(
         lights=None if lighting is None else len(lighting.lights),
         highlights=lighting is not None and lighting.highlights is not None,
         renormalizes=lighting is not None and bool(lighting.renormalizes),
-        imitated=None if lighting is None else _imitated(lighting.imitated),
+        pyrender=None if lighting is None else _imitated(lighting.pyrender),
         flat="flat" in contents.shadings,
         smooth=not SMOOTH_AT_PIXELS.isdisjoint(contents.shadings),
         others=not SMOOTH_AT_PIXELS.issuperset(contents.shadings),
@@ -43,7 +43,7 @@ def shading_needs(
         on_faces=not samples_beside,
         microfacets=facts.needs_microfacets,
         points=facts.shades_points,
-        through=facts.transmits,
+        transmission=facts.transmits,
         layers=facts.needs_layers,
         coats=facts.needs_layers and seen.coated > 0,
         sheens=facts.needs_layers and seen.with_sheen > 0,
@@ -51,11 +51,11 @@ def shading_needs(
     )
 
 
-def _imitated(imitated: Imitated | None) -> ImitatedNeeds | None:
+def _imitated(imitated: PyrenderObjects | None) -> PyrenderNeeds | None:
     """Return the requirements of pyrender's shader."""
     if imitated is None:
         return None
-    return ImitatedNeeds(
+    return PyrenderNeeds(
         faces_viewer=imitated.faces_viewer is not None,
         has_squares=imitated.are_squares is not None,
         has_gains=imitated.gains is not None,

@@ -438,7 +438,7 @@ def test_a_varnish_has_stages_of_its_own_and_no_others():
         scene_of(ball(rj.Material("pbr", roughness=0.8, clearcoat=0.5)), lights), CAMERA
     )
     stages = {told.name for told in list_passes(layered)}
-    assert "clearcoat.lay_coats" in stages
+    assert "clearcoat.blend_clearcoats" in stages
     assert not any("sheen" in name or "dielectrics" in name for name in stages)
 
 
@@ -468,7 +468,7 @@ def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
     rng, count = np.random.default_rng(3), 96
     samples = rng.uniform(0.1, 1.0, (rows.BLOCK_ROWS, count)).astype(np.float32)
     samples[rows.LIT] = samples[rows.COAT_LIT] = 0.0
-    samples[rows.MICROFACET] = samples[rows.OWN_MIRROR] = 1.0
+    samples[rows.MICROFACET] = samples[rows.IS_DIELECTRIC] = 1.0
     offs = (1e18, -4e18, 1e19, 1e30, -3e38, np.inf, -np.inf, np.nan)
     for n in range(count):
         samples[(rows.NORMAL_X, rows.POINT_X, rows.COAT_NORMAL_X)[n % 3] + n // 3 % 3, n] = offs[
@@ -485,11 +485,11 @@ def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
         1, microfacets=True, layers=True, coats=True, sheens=True, dielectrics=True
     )
     normalize = fixed(light_stages.normalize_normals)
-    around = Pass(light_stages.show_ambient_on_facets, lambda a: (a.lighting.ambient, a.viewer))
+    around = Pass(light_stages.set_microfacet_ambient, lambda a: (a.lighting.ambient, a.viewer))
     passes = [
         *layered_materials.starting_passes(needs, normalize),
         normalize,
-        *layered_materials.around_passes(
+        *layered_materials.ambient_passes(
             needs, around, shading_passes.ambient_pass(), is_first=True
         ),
         *shading_passes.add_passes(needs, 0, 1),

@@ -65,8 +65,8 @@ def test_plain_scene_has_each_kernel_in_one_form(used):
 
 THROUGH = {"transmission.halve_picture", "transmission.hold_back", "transmission.transmit"}
 MAPS = {
-    "material_maps.bend_normals_by_maps", "material_maps.scale_emission_by_maps",
-    "material_maps.scale_facets_by_maps", "material_maps.scale_occlusion_by_maps",
+    "material_maps.apply_normal_maps", "material_maps.apply_emission_maps",
+    "material_maps.apply_metallic_roughness_maps", "material_maps.apply_occlusion_maps",
 }  # fmt: skip
 FILTERED = {
     "prefilter_stage.add_ring", "prefilter_stage.average_columns", "prefilter_stage.project_rows",
@@ -76,12 +76,12 @@ BELOW = "texture_lookup.multiply_textures_below_highlights"
 FACES_BELOW = "attributes.multiply_face_colors_below_highlights"
 DULL = "light_stages.add_diffuse_lights"
 """Lights vertices once more, for the part of their colour that textures multiply."""
-LEANING = "sheen.lean_normals"
+LEANING = "sheen.bend_normals"
 """For light of an environment alone."""
-VARNISH = {"clearcoat.lay_coats"}
-FIBRES = {"sheen.light_fibres", "sheen.show_around_on_fibres", LEANING}
-MIRRORS = {"dielectrics.light_own_mirrors", "dielectrics.show_around_on_own_mirrors"}
-SCALED = "layer_rows.scale_rows_by_textures"
+VARNISH = {"clearcoat.blend_clearcoats"}
+FIBRES = {"sheen.light_sheen", "sheen.add_ambient_sheen", LEANING}
+MIRRORS = {"dielectrics.add_dielectric_light", "dielectrics.add_dielectric_ambient"}
+SCALED = "layer_rows.scale_by_textures"
 
 GONE = {
     "textures": {
@@ -92,32 +92,33 @@ GONE = {
     "texture transforms": set(),
     "anisotropic filter": set(),
     "maps and emission": {
-        *MAPS, "material_maps.find_emission", "material_maps.show_emission", SCALED,
+        *MAPS, "material_maps.find_emission", "material_maps.add_emission", SCALED,
     },
-    "normal maps": {"material_maps.bend_normals_by_maps"},
+    "normal maps": {"material_maps.apply_normal_maps"},
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
-    "vertex colors": {"attributes.show_vertex_colors", *TESTED},
+    "vertex colors": {"attributes.mix_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
     "scalar fields": {
-        "isolines.draw_contours", "scalar_colors.multiply_alphas", "scalar_colors.show_scalars",
+        "isolines.draw_contours", "scalar_colors.multiply_alphas", "scalar_colors.apply_colormaps",
     },
-    "highlights": {"light_stages.add_shiny_lights", BELOW, FACES_BELOW},
+    "highlights": {"light_stages.add_blinn_phong_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
-        "attributes.find_facets", "environment.mirror_environment",
-        "light_stages.add_lights_on_facets", "light_stages.show_ambient_on_facets",
-        "material_maps.scale_facets_by_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED, *THROUGH,
-        "layer_rows.copy_rows", "layer_rows.exchange_rows", "layer_rows.fill_rows",
+        "attributes.find_microfacets", "environment.mirror_environment",
+        "light_stages.add_microfacet_lights", "light_stages.set_microfacet_ambient",
+        "material_maps.apply_metallic_roughness_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED,
+        *THROUGH,
+        "layer_rows.copy_rows", "layer_rows.swap_rows", "layer_rows.fill_rows",
     },
     "clearcoat": VARNISH,
     "sheen": FIBRES,
     "specular and ior": MIRRORS,
     "Gouraud": {
-        "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "gouraud.list_vertices",
+        "attributes.interpolate_lit_vertices", BELOW, FACES_BELOW, DULL, "gouraud.list_vertices",
         "gouraud.write_vertices",
     },
-    "flat": {"attributes.find_middles"},
+    "flat": {"attributes.find_centroids"},
     "shadows": {
         "receivers.find_depth_ranges", "receivers.find_receivers", "receivers.move_turned",
         "shadows.filter_pcf", "shadows.place_on_map",
@@ -167,7 +168,7 @@ INSTEAD = {
     "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
-    "vertex colors": {"attributes.tint_samples"},
+    "vertex colors": {"attributes.fill_base_colors"},
 }
 """Simpler ones that do in their place."""
 

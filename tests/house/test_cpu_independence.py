@@ -47,7 +47,7 @@ EVERY_KERNEL = bool(os.environ.get("EVERY_KERNEL"))
 
 A_FEW = (
     "rasterjit.pipeline.visibility.tile_rasterizer.draw_tiles",
-    "rasterjit.pipeline.lighting.light_stages.add_shiny_lights",
+    "rasterjit.pipeline.lighting.light_stages.add_blinn_phong_lights",
 )
 """Kernels that are looked at in any case: with vectors, with powers."""
 

@@ -23,7 +23,7 @@ SIZE = (64, 64)
 
 # Distances of pixel centres to exact edges that snapping and rounding cannot decide, pixels: the
 # snapped edge lies within a sub-pixel of the exact one inside the guard band.
-UNSURE = Fraction(1, 64)
+INEXACT = Fraction(1, 64)
 
 
 def covered(positions, size=SIZE, faces=((0, 1, 2),), **options):
@@ -44,7 +44,7 @@ def from_d3d(positions):
 def ideal(positions, size):
     """Return the exact pixels of one clipped triangle, and those too close to call."""
     polygon = naive.clipped_screen_polygon(positions, size)
-    return naive.polygon_pixels(polygon, size, UNSURE) if polygon else (set(), set())
+    return naive.polygon_pixels(polygon, size, INEXACT) if polygon else (set(), set())
 
 
 def assert_pixels(positions, size=SIZE):

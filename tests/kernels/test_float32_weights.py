@@ -161,7 +161,7 @@ def test_faces_too_wide_for_exact_products_are_weighed_in_float64(thickness):
     # 16,440 pixels on a grid of 4,096: products of its sides take more than 53 bits.
     points = [(-8180.0, 31.25), (8240.0, 32.0 + 2.0**-12), (8240.0, 32.0 + thickness)]
     w = np.array([1.0, 0.25, 512.0])
-    assert float32_weights.WIDE <= (8180 + 8240) << 12
+    assert float32_weights.WIDE_EXTENT <= (8180 + 8240) << 12
     face_id, taken, corners = weigh(points, w, bits=12)
     places = np.argwhere(face_id == 0)
     assert len(places)
@@ -395,9 +395,9 @@ def test_explain_names_it_and_the_stages():
     assert "colours in float32" in str(plan)
     names = [told.name for told in list_passes(plan)]
     assert f"float32_colors.{find_float32_colors.__name__}" in names
-    assert not {"barycentric_weights.find_weights", "attributes.show_vertex_colors"} & {*names}
+    assert not {"barycentric_weights.find_weights", "attributes.mix_vertex_colors"} & {*names}
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
     assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)
-    assert {"barycentric_weights.find_weights", "attributes.show_vertex_colors"} <= {
+    assert {"barycentric_weights.find_weights", "attributes.mix_vertex_colors"} <= {
         told.name for told in list_passes(plan)
     }

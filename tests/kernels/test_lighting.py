@@ -116,7 +116,7 @@ def light_samples(samples, lighting, viewer):
     """Turn base colours into seen colours, without shadows."""
     samples[block.OCCLUSION] = samples[block.SHADOW] = 1.0
     rows = lighting.lights, 0, len(lighting.lights)
-    adds = light_stages.add_shiny_lights, *rows, viewer
+    adds = light_stages.add_blinn_phong_lights, *rows, viewer
     if lighting.highlights is None:
         adds = light_stages.add_diffuse_lights, *rows
     blocks.run(
@@ -261,7 +261,7 @@ def test_what_float32_cannot_tell_of_light_is_black(viewer, highlights, ending):
     rng = np.random.default_rng(8)
     samples, viewer = untold_samples(rng, 240), np.array(viewer, np.float32)
     lights = np.tile(whole_rows(random_lights(rng)), (2, 1))
-    lights[:, blinn_phong.ENDING] = ending
+    lights[:, blinn_phong.INVERSE_RANGE_SQUARED] = ending
     lights[4:, blinn_phong.DIRECTION_X : blinn_phong.CONE_OFFSET + 1] = 0.6, 0.0, 0.8, 2.0, -1.0
     # A lamp beside points that are far away.
     lights[3, :3] = 1e18
@@ -371,19 +371,19 @@ FIND_ROOTS = """
 import re, sys
 from rasterjit.effects.environment.stage import mirror_environment
 from rasterjit.pipeline.lighting import light_stages as lights
-from rasterjit.pipeline.surface.material_maps import bend_normals_by_maps
+from rasterjit.pipeline.surface.material_maps import apply_normal_maps
 from rasterjit.runtime import compiler, store
 
 for own in (
-    lights.add_shiny_lights, lights.add_diffuse_lights, lights.show_ambient_on_facets,
-    lights.add_lights_on_facets, mirror_environment, bend_normals_by_maps,
+    lights.add_blinn_phong_lights, lights.add_diffuse_lights, lights.set_microfacet_ambient,
+    lights.add_microfacet_lights, mirror_environment, apply_normal_maps,
 )[: int(sys.argv[1])]:
     _, module = compiler.lower(own, own.kind, own.__name__, store.host())
     print(own.__name__, len(re.findall(r"call .*@llvm[.]sqrt[.]v[0-9]+f", str(module))))
 """
 ROOTS = {
-    "add_shiny_lights": 3, "add_diffuse_lights": 1, "show_ambient_on_facets": 1,
-    "add_lights_on_facets": 5, "mirror_environment": 3, "bend_normals_by_maps": 2,
+    "add_blinn_phong_lights": 3, "add_diffuse_lights": 1, "set_microfacet_ambient": 1,
+    "add_microfacet_lights": 5, "mirror_environment": 3, "apply_normal_maps": 2,
 }  # fmt: skip
 """How many square roots a sample takes, at least, in each stage."""
 

@@ -123,7 +123,7 @@ def test_shadows_are_those_of_the_slow_twin(is_spot):
     light = some_lights()[0]
     view = light_view(DepthMap(0, clip_from_world, clip, depths), eye.tolist())
     columns = samples.astype(np.float64).T
-    blocks.run(samples, (pyrender.find_shadow, light, view, depths))
+    blocks.run(samples, (pyrender.read_shadow_map, light, view, depths))
     toward, found = light[:3] / np.linalg.norm(light[:3]), []
     for n, column in enumerate(columns):
         normal = column[rows.NORMAL_X : rows.NORMAL_Z + 1]

@@ -7,14 +7,14 @@ import pytest
 import stages
 
 import rasterjit as rj
-from rasterjit.pipeline.surface.gather_samples import LONG
+from rasterjit.pipeline.surface.gather_samples import MIN_SPAN
 from rasterjit.pipeline.surface.sample_block import (
     MIXED,
-    ROOM,
     SAMPLES,
     SPAN,
     START,
     STOP,
+    STRIDE,
     VECTOR,
     Block,
 )
@@ -26,7 +26,7 @@ WIDTHS = [1, 2, 3, 1, 40, 1, 1, 16, 5, 17, 1, 64, 2, 31, 7, 8, 1]
 """Columns of neighbouring strips: 201, about one pixel each."""
 
 ACROSS_SAMPLES = [name for name, kind in zip(Block._fields, BLOCK.fields, strict=True)
-                  if kind.shape[-1] % ROOM == 0]  # fmt: skip
+                  if kind.shape[-1] % STRIDE == 0]  # fmt: skip
 """The arrays of a block that have columns for every sample."""
 
 
@@ -103,16 +103,16 @@ def assert_neighbours_do_not_matter(bands):
                 some = np.where(shown, faces, np.int32(-1))
                 assert_same_bits(again(shading, some, first_row), pictures, shown)
                 # Where runs are shorter than a span must be, none is left.
-                assert kept >= LONG or stages.samples_listed(some)[SPAN] == 0
+                assert kept >= MIN_SPAN or stages.samples_listed(some)[SPAN] == 0
 
 
 @pytest.mark.parametrize("first", [0, 1, 7, 15, 16, 23])
 def test_long_runs_are_spans_from_any_column_on(first):
-    for length in (LONG - 1, LONG, LONG + 9, 100):
+    for length in (MIN_SPAN - 1, MIN_SPAN, MIN_SPAN + 9, 100):
         faces = np.full((2, first + length + 3), -1, np.int32)
         faces[1, first : first + length] = 1
         listed = stages.samples_listed(faces)
-        assert listed[SPAN if length >= LONG else MIXED] == length
+        assert listed[SPAN if length >= MIN_SPAN else MIXED] == length
         assert sum(listed) == length
 
 
@@ -218,7 +218,7 @@ def test_rows_have_room_for_what_is_written_behind_the_last_sample():
     assert {*Block._fields} - {*ACROSS_SAMPLES} == {"counts", "segments", "intervals"}
     for name, kind in zip(Block._fields, BLOCK.fields, strict=True):
         if name in ACROSS_SAMPLES:
-            room = kind.shape[-1] if kind.shape[-1] < 4 * ROOM else kind.shape[-1] // 4
+            room = kind.shape[-1] if kind.shape[-1] < 4 * STRIDE else kind.shape[-1] // 4
             # A segment in whole vectors may begin with the last sample, and so may a patch.
             assert room >= SAMPLES + VECTOR - 1
             assert room >= SAMPLES - 1 + intrinsics.LANES
@@ -250,7 +250,7 @@ def test_nothing_is_written_beyond_the_rows(split):
     ]  # fmt: skip
     for name in ACROSS_SAMPLES:
         part = getattr(block, name)
-        assert is_marked(part[..., part.shape[-1] // ROOM * (SAMPLES + VECTOR) :]).all()
+        assert is_marked(part[..., part.shape[-1] // STRIDE * (SAMPLES + VECTOR) :]).all()
     # Between the arrays lies what fills their last cache line.
     end = split + -(-(SAMPLES - split) // VECTOR) * VECTOR
     weights = block.weights.view(np.int64)

@@ -70,7 +70,7 @@ def take_places(block: Block, count, taken: float64[:, :, ::1]):
 @stage
 def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
     """Write the coordinates of all samples by `place_exactly`: the twin of `find_places`."""
-    whole = block.whole
+    whole = block.ints
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
@@ -88,7 +88,7 @@ def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
 @stage
 def step_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
     """Write the steps of samples on clipped faces one by one, over those of `find_steps`."""
-    whole, codes = block.whole, geometry.codes
+    whole, codes = block.ints, geometry.codes
     for r in range(np.uintp(block.counts[PATCHES])):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         if np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0:

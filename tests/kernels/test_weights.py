@@ -10,7 +10,7 @@ from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface.barycentric_weights import find_weights
 from rasterjit.pipeline.surface.gather_samples import list_samples
 from rasterjit.pipeline.surface.sample_block import (
-    BEHIND,
+    BACKFACE,
     COUNTS,
     INTERVAL_COLUMN,
     INTERVAL_ROW,
@@ -51,7 +51,7 @@ def take_weights(block: Block, count, taken: float64[:, :, ::1]):
         for n in range(interval[INTERVAL_STOP] - start):
             taken[row, column + n, 0] = block.weights[0, start + n]
             taken[row, column + n, 1] = block.weights[1, start + n]
-            taken[row, column + n, 2] = block.whole[BEHIND, start + n]
+            taken[row, column + n, 2] = block.ints[BACKFACE, start + n]
 
 
 def weigh(positions, face_id, mirrored=1.0):

@@ -218,7 +218,7 @@ def test_what_follows_from_scalars_is_told_and_explained():
     plan = rj.explain(mesh, CAMERA, size=SIZE, outputs=("color", "scalar"))
     text = describe(plan)
     assert "scalar fields            in  (1 object)" in text
-    for name in ("scalar_colors.show_scalars", "scalar_colors.fill_scalars", "output scalar"):
+    for name in ("scalar_colors.apply_colormaps", "scalar_colors.fill_scalars", "output scalar"):
         assert name in text
     assert "in float32, others in float64: an object has scalars of its vertices" in describe(
         rj.explain(full_scene_unlit(), CAMERA, size=SIZE)

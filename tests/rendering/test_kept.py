@@ -342,7 +342,7 @@ def test_projections_that_are_remembered_are_those_of_the_camera():
         views, wanted = (
             object_transforms.view_places(places, each, size) for each in (camera, plain)
         )
-        assert views.screen_turn == wanted.screen_turn
+        assert views.screen_winding == wanted.screen_winding
         assert np.allclose(views.clip_from_relative, wanted.clip_from_relative, 1e-12, 1e-12)
 
 

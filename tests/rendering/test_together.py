@@ -153,7 +153,7 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         wanted = object_transforms.view_places(own, camera, (40, 28))
         for name in ("relative_from_model", "clip_from_relative", "toward_viewer"):
             assert getattr(views, name)[n].tobytes() == getattr(wanted, name).tobytes(), name
-        assert views.screen_turn[n] == wanted.screen_turn
+        assert views.screen_winding[n] == wanted.screen_winding
         assert places.normal_matrices[n].tobytes() == wanted.normal_matrices.tobytes()
         assert places.mirrored[n].tobytes() == wanted.mirrored.tobytes()
         extents = object_transforms.Extents(bounds, moved[n])
@@ -163,11 +163,14 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         assert crosses[n].tolist() == boxes.may_cross(near[n, 0], far[n, 0]).tolist()
         for cull in ("none", "back", "front"):
             single = np.array([False, True, False])
-            turns = object_transforms.culled_turns(
-                cull, views.screen_turn[n : n + 1, np.newaxis], places.mirrored[n : n + 1], single
+            turns = object_transforms.culled_windings(
+                cull,
+                views.screen_winding[n : n + 1, np.newaxis],
+                places.mirrored[n : n + 1],
+                single,
             )
-            turned = wanted.screen_turn, wanted.mirrored
+            turned = wanted.screen_winding, wanted.mirrored
             one = object_transforms.cull_objects(cull, *turned, np.arange(4), single)
-            assert turns[0].tolist() == one.culled_turns.tolist()
+            assert turns[0].tolist() == one.culled_windings.tolist()
     assert 0 < measures.in_view.sum() < measures.in_view.size
     assert 0 < crosses.sum() < crosses.size

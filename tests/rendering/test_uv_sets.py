@@ -237,7 +237,7 @@ def test_scenes_of_one_set_join_and_run_nothing_more(monkeypatch):
     assert one == other
     again = ["barycentric_weights.find_weights", "uv_derivatives.find_coordinates"]
     again.append("uv_derivatives.find_steps")
-    place = apart.index("material_maps.scale_occlusion_by_maps")
+    place = apart.index("material_maps.apply_occlusion_maps")
     assert apart[place - 4 : place] == [*again, "texture_lookup.read_textures"]
     assert apart[place + 1 : place + 4] == again
     assert apart[: place - 4] + apart[place - 1 : place + 1] + apart[place + 4 :] == one

@@ -188,7 +188,7 @@ class EnvironmentLight(BatchedEffect):
             return [shed, mirrored]
         from rasterjit.pipeline.lighting import layered_materials
 
-        return [shed, *layered_materials.around_passes(needs, mirrored, shed)]
+        return [shed, *layered_materials.ambient_passes(needs, mirrored, shed)]
 
     places: ClassVar = {"around": shed}
 

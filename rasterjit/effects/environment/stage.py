@@ -62,7 +62,7 @@ MIN_ROUGHNESS = np.float32(0.08838835)
 """Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
 
 TOWARD, LEVEL, FACING, PLACE = 0, 3, 4, 5
-"""Rows of ``single``: what `find_mirrors` writes, three for a direction, and `find_places`, two."""
+"""Rows of ``floats``: what `find_mirrors` writes, three for a direction, and `find_places`, two."""
 
 FALLING = 3
 """Rows of ``colors``, three: what `find_irradiance` writes."""
@@ -330,7 +330,7 @@ def shares_of_channel(base, metallic, dielectric, shares):
     A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse. Multiple
     scattering is in the second.
     """
-    once, often = pbr.bounces(base, shares)
+    once, often = pbr.scattering_albedos(base, shares)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
     return (
         dielectric[0] + metallic * (once - dielectric[0]),
@@ -419,8 +419,8 @@ def add_mirrored(
     """Write what is seen of one channel in place of what is mirrored, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out.shape[0]):
-        shares = pbr.reflected_shares(facing[i], clamped(roughness[i], zero, one))
-        dielectric = pbr.bounces(pbr.DIELECTRIC, shares)
+        shares = pbr.env_brdf(facing[i], clamped(roughness[i], zero, one))
+        dielectric = pbr.scattering_albedos(pbr.DIELECTRIC_F0, shares)
         metal = clamped(metallic[i], zero, one)
         direct, around = shares_of_channel(base[i], metal, dielectric, shares)
         arriving = microfacet[i] * intensity * occlusion[i]
@@ -468,7 +468,7 @@ def mirror_environment(
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
-    s, r, c = block.samples, block.single, block.colors
+    s, r, c = block.samples, block.floats, block.colors
     microfacet = part(s, rows.MICROFACET, 0, count)
     if not pbr.is_any_above_zero(microfacet):
         return
@@ -496,7 +496,7 @@ def mirror_environment(
             part(s, rows.METALLIC, 0, count), roughness, microfacet, facing,
             part(s, rows.RED + k, 0, count), mirrored, out,
         )  # fmt: skip
-        pbr.show_on_facets(mirrored, microfacet, out)
+        pbr.write_microfacets(mirrored, microfacet, out)
 
 
 @helper

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import exp2
 from rasterjit.runtime.intrinsics import three_parts
@@ -129,8 +129,8 @@ def cover_linearly(
     """
     s = block.samples
     cover_evenly(
-        end, per_range, color, unit_viewer(toward_viewer), *three_parts(s, row.POINT_X, 0, count),
-        *three_parts(s, row.OUT_RED, 0, count),
+        end, per_range, color, unit_viewer(toward_viewer), *three_parts(s, rows.POINT_X, 0, count),
+        *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip
 
 
@@ -156,5 +156,5 @@ def cover_exponentially(
     s = block.samples
     cover_by_powers(
         density, squares, above[0], falloff, color, unit_viewer(toward_viewer),
-        *three_parts(s, row.POINT_X, 0, count), *three_parts(s, row.OUT_RED, 0, count),
+        *three_parts(s, rows.POINT_X, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip

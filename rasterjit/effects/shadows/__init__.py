@@ -20,7 +20,7 @@ from rasterjit.effects.shadows import filters, maps, receivers, visible_cells
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.surface import point_normals
-from rasterjit.pipeline.surface.sample_block import MOVED, POINT
+from rasterjit.pipeline.surface.sample_block import OFFSET_POINT, POINT
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
@@ -81,7 +81,7 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
 def can_turn_away(needs: ShadingNeeds) -> bool:
     """Tell whether a light is surely nothing to samples whose normals turn away from it."""
     # Coats have normals of their own; of sheen, glass and pyrender's shader it is not known.
-    return not (needs.layers or needs.through or needs.imitated)
+    return not (needs.layers or needs.transmission or needs.pyrender)
 
 
 class ShadowMaps(LooksAround):
@@ -235,7 +235,7 @@ class ShadowMaps(LooksAround):
                 return light, shadows.normals, matrices
 
             passes.append(Pass(receivers.move_turned, moved))
-            point = MOVED
+            point = OFFSET_POINT
         if sides == 1:
             passes.append(Pass(shadows_stage.place_on_map, lambda _: (point, shadows.maps[n])))
         else:

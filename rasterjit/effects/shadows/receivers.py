@@ -83,7 +83,7 @@ def find_receivers(
     Parameters
     ----------
     block : Block
-        Writes rows POINT and NORMAL of ``receivers``, the corners in ``real``, and IS_LIT.
+        Writes rows POINT and NORMAL of ``receivers``, the corners in ``doubles``, and IS_LIT.
     count : int
     positions : (V, 3) float64, model space
     relative_from_model : (O, 3, 4) float64
@@ -91,7 +91,7 @@ def find_receivers(
     has_facets : int
         Not 0: row MICROFACET tells which samples are lit by microfacets.
     """
-    whole, rows, r, w = block.whole, block.real, block.receivers, block.weights
+    whole, rows, r, w = block.ints, block.doubles, block.receivers, block.weights
     is_lit = is_any_above_zero(part(block.samples, at.LIT, 0, count))
     if has_facets != 0:
         is_lit |= is_any_above_zero(part(block.samples, at.MICROFACET, 0, count))
@@ -195,8 +195,8 @@ def move_turned(
     Parameters
     ----------
     block : Block
-        After `find_receivers`. Writes rows MOVED and AWAY of ``receivers``: point and normal, as
-        they are unless a sample is moved.
+        After `find_receivers`. Writes rows OFFSET_POINT and OFFSET_NORMAL of ``receivers``: point
+        and normal, as they are unless a sample is moved.
     count : int
     light : (LIGHT_COLUMNS,) float32
         See ``blinn_phong``.
@@ -206,30 +206,30 @@ def move_turned(
     """
     if block.counts[at.IS_LIT] == 0:
         return
-    s, r, w, corners, bent = block.samples, block.receivers, block.weights, block.real, block.single
+    s, r, w, p, bent = block.samples, block.receivers, block.weights, block.doubles, block.floats
     found = find_turned(
         light, *six_parts(r, at.POINT, 0, count), *three_parts(s, at.NORMAL_X, 0, count),
-        part(s, at.TURNED, 0, count),
+        part(s, at.TURNED_AWAY, 0, count),
     )  # fmt: skip
     if found == 0:
         for k in range(6):
             for n in range(np.uintp(count)):
-                r[at.MOVED + k, n] = r[at.POINT + k, n]
+                r[at.OFFSET_POINT + k, n] = r[at.POINT + k, n]
         return
-    gather_corners(block.counts[at.PATCHES], normals, block.whole, bent)
+    gather_corners(block.counts[at.PATCHES], normals, block.ints, bent)
     for k in range(block.counts[at.SEGMENTS]):
         segment = block.segments[k]
         a = np.int64(segment[at.START])
         e = a + whole_vectors(segment[at.STOP] - a)
         bulge_rows(
-            *nine_parts(corners, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
+            *nine_parts(p, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
             part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[at.OWNER])),
             *three_parts(r, at.POINT, a, e), *three_parts(s, at.NORMAL_X, a, e),
-            part(s, at.TURNED, a, e), *three_parts(r, at.MOVED, a, e),
+            part(s, at.TURNED_AWAY, a, e), *three_parts(r, at.OFFSET_POINT, a, e),
         )  # fmt: skip
     choose_normals(
         *three_parts(r, at.NORMAL, 0, count), *three_parts(s, at.NORMAL_X, 0, count),
-        part(s, at.TURNED, 0, count), *three_parts(r, at.AWAY, 0, count),
+        part(s, at.TURNED_AWAY, 0, count), *three_parts(r, at.OFFSET_NORMAL, 0, count),
     )  # fmt: skip
 
 

@@ -35,15 +35,15 @@ from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
 from rasterjit.pipeline.lighting.blinn_phong import light_at
 from rasterjit.pipeline.surface.attributes import fill_row
 from rasterjit.pipeline.surface.sample_block import (
-    ACROSS,
-    DOWN,
-    FOUND,
+    BLOCKED,
+    DEPTH_DOWN,
+    DEPTH_RIGHT,
     IS_LIT,
     MAP_U,
     NORMAL_X,
     POINT_X,
     SHADOW,
-    TURNED,
+    TURNED_AWAY,
     VECTOR,
     Block,
 )
@@ -207,7 +207,7 @@ def place_on_map(block: Block, count, point: int64, row: float64[::1]):
         After ``receivers.find_receivers``. Writes rows MAP_U.. to BIAS.
     count : int
     point : int
-        Where ``receivers`` has the points, and the normals behind them: POINT or MOVED.
+        Where ``receivers`` has the points, and the normals behind them: POINT or OFFSET_POINT.
     row : (MAP_COLUMNS,) float64
         The light's, of ``ShadowRecord.maps``.
     """
@@ -232,8 +232,8 @@ def close_all_contacts(s, count, texels, size, sides):
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
-            *three_parts(s, MAP_U, a, e), part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size,
-            np.float32(sides), part(s, FOUND, a, e), part(s, SHADOW, a, e),
+            *three_parts(s, MAP_U, a, e), part(s, DEPTH_RIGHT, a, e), part(s, DEPTH_DOWN, a, e),
+            texels, size, np.float32(sides), part(s, BLOCKED, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
 
 
@@ -247,7 +247,7 @@ def filter_hard(
     Parameters
     ----------
     block : Block
-        After `place_on_map` or `place_on_cube`. Writes rows SHADOW and FOUND.
+        After `place_on_map` or `place_on_cube`. Writes rows SHADOW and BLOCKED.
     count : int
     texels : (sides * size**2,) float32
         Stored depth, of the light's maps, one below the other.
@@ -298,19 +298,19 @@ def mark_facing(light, nx, ny, nz, px, py, pz, facing):
 
 @helper
 def shade_softly(block, count, texels, size, sides, widening, cells, pattern, spiral):
-    """Write the visibility of samples, those of row TURNED above 0 by their penumbrae."""
-    s, few, numbers, shaded = block.samples, block.single, block.numbers[0], np.int64(0)
+    """Write the visibility of samples, those of row TURNED_AWAY above 0 by their penumbrae."""
+    s, few, numbers, shaded = block.samples, block.floats, block.numbers[0], np.int64(0)
     # Gather the samples that something shades.
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         mark_shaded(
             *six_parts(s, MAP_U, a, e), texels, size, sides, widening, cells, spiral,
-            part(s, TURNED, a, e), part(s, FOUND, a, e),
+            part(s, TURNED_AWAY, a, e), part(s, BLOCKED, a, e),
         )  # fmt: skip
     fill_row(part(s, SHADOW, 0, count), np.float32(1.0))
     for n in range(np.uintp(count)):
         numbers[np.uintp(shaded)] = n
-        shaded += np.int64(s[FOUND, n] > np.float32(0.0))
+        shaded += np.int64(s[BLOCKED, n] > np.float32(0.0))
     # The last one once more, until vectors are full.
     while shaded % VECTOR != 0:
         numbers[np.uintp(shaded)] = numbers[np.uintp(shaded - 1)]
@@ -348,12 +348,12 @@ def filter_soft(
         As ``ShadowRecord`` has them.
     light : (LIGHT_COLUMNS,) float32, or (0,)
         See ``blinn_phong``: samples that turn away from it are left out. None: all are looked at.
-        Row TURNED is written over.
+        Row TURNED_AWAY is written over.
     """
     if block.counts[IS_LIT] == 0:
         return
     s = block.samples
-    facing = part(s, TURNED, 0, count)
+    facing = part(s, TURNED_AWAY, 0, count)
     fill_row(facing, np.float32(1.0))
     if light.shape[0] > 0:
         mark_facing(

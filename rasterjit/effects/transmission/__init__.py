@@ -199,19 +199,19 @@ class Transmission(SeesThrough):
     @staticmethod
     def hold_back(record: Behind, needs: ShadingNeeds) -> list[Pass]:
         """Return the pass that takes what goes through out of the base colour."""
-        if not needs.through:
+        if not needs.transmission:
             return []
         return [Pass(transmission_stage.hold_back, lambda _: (record.amount,))]
 
     @staticmethod
     def transmit(record: Behind, needs: ShadingNeeds) -> list[Pass]:
         """Return the pass that adds what is seen through samples, behind fog before them."""
-        if not needs.through:
+        if not needs.transmission:
             return []
 
         def own(a: ShadingArrays) -> tuple[Any, ...]:
             texels, levels, *placed, _ = record
-            return texels, levels, a.surface.through.factors, *placed, a.viewer
+            return texels, levels, a.surface.transmission.factors, *placed, a.viewer
 
         return [Pass(transmission_stage.transmit, own)]
 

@@ -22,10 +22,10 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.light_stages import interval_of
-from rasterjit.pipeline.lighting.pbr import bounces, reflected_shares
-from rasterjit.pipeline.records import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
+from rasterjit.pipeline.lighting.pbr import env_brdf, scattering_albedos
+from rasterjit.pipeline.records import ATTENUATION_COLOR, F0, F90, INVERSE_DISTANCE, IOR
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.layer_rows import MIST_RED
+from rasterjit.pipeline.surface.layer_rows import FOG_RED
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped, log2, power
 from rasterjit.runtime.jit import helper, kernel, stage
@@ -35,10 +35,10 @@ FIRST_TEXEL, WIDTH, HEIGHT = 0, 1, 2
 """Columns of ``levels``."""
 
 RIGHT, DOWN = 0, 1
-"""Rows of ``real``: how far from its pixel a sample looks, pixels."""
+"""Rows of ``doubles``: how far from its pixel a sample looks, pixels."""
 
 LEVEL = 0
-"""Row of ``single``: which level of the picture it looks at."""
+"""Row of ``floats``: which level of the picture it looks at."""
 
 MAX_AWAY = 1e6
 """Pixels: what is seen farther away lies beyond the edges of any picture."""
@@ -52,7 +52,7 @@ def hold_back(block: Block, count, amount: float32):
     Parameters
     ----------
     block : Block
-        Reads rows TRANSMITTED and MICROFACET; changes rows RED.., which all light that comes back
+        Reads rows TRANSMISSION and MICROFACET; changes rows RED.., which all light that comes back
         is multiplied by, and METALLIC: as much of that is mirrored by metal as before. Writes rows
         TINT...
     count : int
@@ -64,7 +64,7 @@ def hold_back(block: Block, count, amount: float32):
     for i in range(count):
         # A metal lets nothing through; its base colour is that of what it mirrors.
         metal = clamped(s[rows.METALLIC, i], zero, one)
-        share = s[rows.TRANSMITTED, i] * (one - metal)
+        share = s[rows.TRANSMISSION, i] * (one - metal)
         share = amount * clamped(share * s[rows.MICROFACET, i], zero, one)
         if share > zero:
             s[rows.METALLIC, i] = metal / max(one - share, metal) if metal > zero else zero
@@ -141,17 +141,17 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
         is_seen = (w0 > 0.0) & (w1 > 0.0)
         right = clamped(x1 - x0, -MAX_AWAY, MAX_AWAY) if is_seen else 0.0
         down = clamped(y1 - y0, -MAX_AWAY, MAX_AWAY) if is_seen else 0.0
-    block.real[RIGHT, i], block.real[DOWN, i] = right, down
+    block.doubles[RIGHT, i], block.doubles[DOWN, i] = right, down
     rough = clamped(s[rows.ROUGHNESS, i], zero, one)
     bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)
-    block.single[LEVEL, i] = levels_of_width * rough * bending
+    block.floats[LEVEL, i] = levels_of_width * rough * bending
     facing = normal[0] * toward[0] + normal[1] * toward[1] + normal[2] * toward[2]
-    shares = reflected_shares(clamped(np.float32(facing), zero, one), rough)
-    once, often = bounces(factors[owner, MIRRORED], shares)
-    kept = clamped(one - factors[owner, EDGE] * (once + often), zero, one)
-    distance = np.float32(length) * factors[owner, PER_DISTANCE]
+    shares = env_brdf(clamped(np.float32(facing), zero, one), rough)
+    once, often = scattering_albedos(factors[owner, F0], shares)
+    kept = clamped(one - factors[owner, F90] * (once + often), zero, one)
+    distance = np.float32(length) * factors[owner, INVERSE_DISTANCE]
     for k in range(3):
-        left = power_of(factors[owner, INSIDE + k], distance) if distance > zero else one
+        left = power_of(factors[owner, ATTENUATION_COLOR + k], distance) if distance > zero else one
         s[rows.TINT_RED + k, i] *= kept * left
 
 
@@ -189,13 +189,13 @@ def add_seen(block, i, column, row, texels, levels):
     """Add what a sample of a pixel sees behind it."""
     s = block.samples
     last = np.float32(levels.shape[0] - 1)
-    level = clamped(block.single[LEVEL, i], np.float32(0.0), last)
+    level = clamped(block.floats[LEVEL, i], np.float32(0.0), last)
     finer = np.int64(level)
     share, coarser = level - np.float32(finer), min(finer + 1, levels.shape[0] - 1)
     # Texels of a level lie twice as far apart as those of the finer one.
     step = 1.0 / np.float64(np.int64(1) << finer)
-    x = (column + 0.5 + block.real[RIGHT, i]) * step
-    y = (row + 0.5 + block.real[DOWN, i]) * step
+    x = (column + 0.5 + block.doubles[RIGHT, i]) * step
+    y = (row + 0.5 + block.doubles[DOWN, i]) * step
     near, far = (
         texels_around(levels, finer, x, y), texels_around(levels, coarser, 0.5 * x, 0.5 * y)
     )  # fmt: skip
@@ -203,7 +203,7 @@ def add_seen(block, i, column, row, texels, levels):
         seen = mixed_texels(texels, near, k)
         if share > np.float32(0.0):
             seen += share * (mixed_texels(texels, far, k) - seen)
-        seen = max(np.float32(0.0), seen - s[MIST_RED + k, i])
+        seen = max(np.float32(0.0), seen - s[FOG_RED + k, i])
         s[rows.OUT_RED + k, i] += s[rows.TINT_RED + k, i] * seen
 
 
@@ -219,7 +219,7 @@ def transmit(
     Parameters
     ----------
     block : Block
-        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS, TINT_RED.., MIST_RED.. and THICKNESS; adds to
+        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS, TINT_RED.., THICKNESS and FOG_RED..; adds to
         rows OUT_RED...
     count : int
     texels : (N, 3) float32, linear RGB
@@ -227,7 +227,7 @@ def transmit(
     levels : (M, 3) int64
         First texel, width and height of each level.
     factors : (O, 7) float32
-        ``Through.factors``.
+        ``Transmission.factors``.
     scales : (O,) float64
         Units of the world in one of each object.
     clip : (4, 4) float64

@@ -388,7 +388,7 @@ def seen_from_behind(a, b, c, owner, geometry, placement):
             np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0]), np.int64(xy[b, 1]),
             np.int64(xy[c, 0]), np.int64(xy[c, 1]),
         )  # fmt: skip
-        return np.float64(turn) * placement.front_turns[owner] < 0.0
+        return np.float64(turn) * placement.front_windings[owner] < 0.0
     return has_its_back_turned(a, b, c, owner, placement)
 
 

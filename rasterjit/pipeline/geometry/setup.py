@@ -526,7 +526,7 @@ def set_up_triangles(
     while first < face_range[1]:
         while first >= objects.face_starts[owner + 1]:
             owner += 1
-        turn = objects.culled_turns[owner]
+        turn = objects.culled_windings[owner]
         stop = min(first + BATCH_SIZE, min(face_range[1], objects.face_starts[owner + 1]))
         count = stop - first
         gather_corners(own, first, count, screen.xy, batch)

@@ -19,18 +19,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.runtime.float_math import power
 from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
 
-SHORTEST_SQUARED = np.float32(1e-29)
+MIN_LENGTH_SQUARED = np.float32(1e-29)
 """Least squared distance, scene units squared: keeps the brightest light finite at its position."""
 
-MAX_ARRIVING, STRONG = np.float32(1e38), np.float32(1e9)
-"""Largest irradiance; lights of up to the second intensity cannot exceed it."""
+MAX_IRRADIANCE, MIN_LIMITED = np.float32(1e38), np.float32(1e9)
+"""Largest irradiance; intensities of up to the second number cannot exceed it."""
 
-PLACED = 3
+IS_POSITIONAL = 3
 """Column of ``Lighting.lights``: 1 for a positional light, 0 for a directional one."""
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
 """Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
@@ -41,19 +41,19 @@ Columns: the ramp ``offset - scale v``, clamped to 0..1 and squared; (0, 1) for 
 ``v`` is one less the cosine from the axis, computed as half the squared distance of both unit
 vectors: float32 resolves angles by it that have the same cosine.
 """
-ENDING = 12
+INVERSE_RANGE_SQUARED = 12
 """Column: one over the range squared; 0 for no limit."""
 LIGHT_COLUMNS = 13
 
 
 @disjoint_helper
 def start_colors(red, green, blue, lit, ambient, occlusion, out_red, out_green, out_blue):
-    """Write the unlit colour, or ambient light times it."""
+    """Write the colour of unlit samples, and ambient light on the others."""
     for i in range(out_red.shape[0]):
-        shown, reached = np.float32(1.0) - lit[i], lit[i] * occlusion[i]
-        out_red[i] = red[i] * (shown + reached * ambient[0])
-        out_green[i] = green[i] * (shown + reached * ambient[1])
-        out_blue[i] = blue[i] * (shown + reached * ambient[2])
+        unlit, ambient_weight = np.float32(1.0) - lit[i], lit[i] * occlusion[i]
+        out_red[i] = red[i] * (unlit + ambient_weight * ambient[0])
+        out_green[i] = green[i] * (unlit + ambient_weight * ambient[1])
+        out_blue[i] = blue[i] * (unlit + ambient_weight * ambient[2])
 
 
 @disjoint_helper
@@ -61,7 +61,7 @@ def normalize_rows(x, y, z):
     """Scale vectors to length one; a vector of length zero stays zero."""
     for i in range(x.shape[0]):
         squared = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
-        scale = np.float32(1.0) / np.sqrt(max(squared, SHORTEST_SQUARED))
+        scale = np.float32(1.0) / np.sqrt(max(squared, MIN_LENGTH_SQUARED))
         x[i] *= scale
         y[i] *= scale
         z[i] *= scale
@@ -70,19 +70,19 @@ def normalize_rows(x, y, z):
 @helper
 def unit_scale(x, y, z):
     """Return one over a vector's length; 0 where its square overflows."""
-    return np.float32(1.0) / np.sqrt(max(SHORTEST_SQUARED, x * x + y * y + z * z))
+    return np.float32(1.0) / np.sqrt(max(MIN_LENGTH_SQUARED, x * x + y * y + z * z))
 
 
 @helper
-def reach(squared, ending):
+def range_attenuation(squared, inverse_range_squared):
     """Return a light's attenuation by its range at a squared distance; NaN gives 0."""
     one, zero = np.float32(1.0), np.float32(0.0)
-    share = squared * ending
-    return max(zero, min(one - share * share, one))
+    ratio = squared * inverse_range_squared
+    return max(zero, min(one - ratio * ratio, one))
 
 
 @helper
-def cone(dx, dy, dz, scale, offset):
+def cone_attenuation(dx, dy, dz, scale, offset):
     """
     Return a spot light's attenuation by its cone, 0 for NaN.
 
@@ -90,8 +90,8 @@ def cone(dx, dy, dz, scale, offset):
     """
     one, zero = np.float32(1.0), np.float32(0.0)
     versine = np.float32(0.5) * (dx * dx + dy * dy + dz * dz)
-    share = max(zero, min(offset - versine * scale, one))
-    return share * share
+    ramp = max(zero, min(offset - versine * scale, one))
+    return ramp * ramp
 
 
 @helper
@@ -104,29 +104,29 @@ def light_at(light, px, py, pz):
     lx, ly, lz = light[0] - light[3] * px, light[1] - light[3] * py, light[2] - light[3] * pz
     scale = unit_scale(lx, ly, lz)
     falloff = light[3] * scale * scale + (np.float32(1.0) - light[3])
-    falloff = min(falloff, MAX_ARRIVING / max(STRONG, light[4], light[5], light[6]))
-    falloff *= reach(lx * lx + ly * ly + lz * lz, light[ENDING])
+    falloff = min(falloff, MAX_IRRADIANCE / max(MIN_LIMITED, light[4], light[5], light[6]))
+    falloff *= range_attenuation(lx * lx + ly * ly + lz * lz, light[INVERSE_RANGE_SQUARED])
     lx, ly, lz = lx * scale, ly * scale, lz * scale
     dx, dy, dz = lx + light[DIRECTION_X], ly + light[DIRECTION_Y], lz + light[DIRECTION_Z]
-    return lx, ly, lz, falloff * cone(dx, dy, dz, light[CONE_SCALE], light[CONE_OFFSET])
+    return lx, ly, lz, falloff * cone_attenuation(dx, dy, dz, light[CONE_SCALE], light[CONE_OFFSET])
 
 
 @disjoint_helper
 def add_diffuse_light(
-    light, nx, ny, nz, lx, ly, lz, falloff, lit, reached, red, green, blue, out_red, out_green,
+    light, nx, ny, nz, lx, ly, lz, falloff, lit, visibility, red, green, blue, out_red, out_green,
     out_blue,
 ):  # fmt: skip
     """Add the diffuse part of one light to each sample that it reaches."""
     for i in range(out_red.shape[0]):
-        facing = max(np.float32(0.0), nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
-        arriving = lit[i] * falloff[i] * reached[i]
-        out_red[i] += arriving * light[4] * (red[i] * facing)
-        out_green[i] += arriving * light[5] * (green[i] * facing)
-        out_blue[i] += arriving * light[6] * (blue[i] * facing)
+        n_l = max(np.float32(0.0), nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
+        weight = lit[i] * falloff[i] * visibility[i]
+        out_red[i] += weight * light[4] * (red[i] * n_l)
+        out_green[i] += weight * light[5] * (green[i] * n_l)
+        out_blue[i] += weight * light[6] * (blue[i] * n_l)
 
 
 @disjoint_helper
-def find_viewer(toward_viewer, px, py, pz, vx, vy, vz, told):
+def find_view_directions(toward_viewer, px, py, pz, vx, vy, vz, in_range):
     """Write unit directions toward the viewer, and 1; 0 where they exceed the range of float32."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(px.shape[0]):
@@ -137,58 +137,57 @@ def find_viewer(toward_viewer, px, py, pz, vx, vy, vz, told):
         )
         scale = unit_scale(x, y, z)
         vx[i], vy[i], vz[i] = x * scale, y * scale, z * scale
-        told[i] = one if scale > zero else zero
+        in_range[i] = one if scale > zero else zero
 
 
 @disjoint_helper
-def find_light(light, px, py, pz, lx, ly, lz, falloff):
-    """Write what `light_at` returns."""
+def find_light_directions(light, px, py, pz, lx, ly, lz, falloff):
+    """Write the unit directions toward a light, and its attenuation, by `light_at`."""
     zero = np.float32(0.0)
     if light[3] == zero:
         # A directional light is the same at every finite point.
-        x, y, z, share = light_at(light, zero, zero, zero)
+        x, y, z, attenuation = light_at(light, zero, zero, zero)
         for i in range(px.shape[0]):
             lx[i], ly[i], lz[i] = x, y, z
-            falloff[i] = share if zero * px[i] + zero * py[i] + zero * pz[i] == zero else zero
+            falloff[i] = attenuation if zero * px[i] + zero * py[i] + zero * pz[i] == zero else zero
     else:
         for i in range(px.shape[0]):
             lx[i], ly[i], lz[i], falloff[i] = light_at(light, px[i], py[i], pz[i])
 
 
 @disjoint_helper
-def find_angles(nx, ny, nz, specular, vx, vy, vz, told, lx, ly, lz):
-    """Replace a light's direction by terms of its reflection: `FACING`, `COSINE`, `STRENGTH`."""
+def find_cosines(nx, ny, nz, specular, vx, vy, vz, in_range, lx, ly, lz):
+    """Overwrite a light's direction by n·l, n·h and the strength of its highlight."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(nx.shape[0]):
-        facing = max(zero, nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
+        n_l = max(zero, nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
         # Find the half vector between light and viewer.
         hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
-        cosine = max(zero, (nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz))
-        lx[i], ly[i] = facing, min(cosine, one)
-        lz[i] = specular[i] if (facing > zero) & (told[i] > zero) else zero
+        n_h = max(zero, (nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz))
+        lx[i], ly[i] = n_l, min(n_h, one)
+        lz[i] = specular[i] if (n_l > zero) & (in_range[i] > zero) else zero
 
 
 @disjoint_helper
-def find_shine(shininess, cosine, strength):
-    """Write the highlight in place of its strength."""
-    for i in range(strength.shape[0]):
-        strength[i] *= power(cosine[i], shininess[i])
+def find_highlight(shininess, n_h, highlight):
+    """Scale the strength of highlights by n·h raised to the shininess."""
+    for i in range(highlight.shape[0]):
+        highlight[i] *= power(n_h[i], shininess[i])
 
 
 @disjoint_helper
-def add_shiny_light(
-    light, facing, shine, falloff, lit, reached, red, green, blue, out_red,
-    out_green, out_blue,
+def add_blinn_phong_light(
+    light, n_l, highlight, falloff, lit, visibility, red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Add the diffuse part and the highlight of one light to each sample that it reaches."""
     for i in range(out_red.shape[0]):
-        arriving = lit[i] * falloff[i] * reached[i]
-        out_red[i] += arriving * light[4] * (red[i] * facing[i] + shine[i])
-        out_green[i] += arriving * light[5] * (green[i] * facing[i] + shine[i])
-        out_blue[i] += arriving * light[6] * (blue[i] * facing[i] + shine[i])
+        weight = lit[i] * falloff[i] * visibility[i]
+        out_red[i] += weight * light[4] * (red[i] * n_l[i] + highlight[i])
+        out_green[i] += weight * light[5] * (green[i] * n_l[i] + highlight[i])
+        out_blue[i] += weight * light[6] * (blue[i] * n_l[i] + highlight[i])
 
 
 @helper
 def scale_normals(samples, count):
     """Scale the normals to length one."""
-    normalize_rows(*three_parts(samples, row.NORMAL_X, 0, count))
+    normalize_rows(*three_parts(samples, rows.NORMAL_X, 0, count))

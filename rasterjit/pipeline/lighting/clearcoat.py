@@ -17,7 +17,7 @@ import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import three_rows
-from rasterjit.pipeline.lighting.pbr import DIELECTRIC, grazing
+from rasterjit.pipeline.lighting.pbr import DIELECTRIC_F0, schlick_weight
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import part
@@ -26,7 +26,7 @@ from rasterjit.runtime.state_block import float32, int64
 
 
 @disjoint_helper
-def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
+def blend_clearcoat(toward_viewer, nx, ny, nz, px, py, pz, coat, coat_color, below):
     """Blend one channel of the clearcoat over the base layer."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(below.shape[0]):
@@ -36,14 +36,14 @@ def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        mirrored = DIELECTRIC + (one - DIELECTRIC) * grazing(max(zero, abs(n_v)))
-        share = max(zero, min(coat[i], one)) * mirrored
-        laid = below[i] * (one - share) + share * shown[i]
-        below[i] = laid if share > zero else below[i]
+        reflectance = DIELECTRIC_F0 + (one - DIELECTRIC_F0) * schlick_weight(max(zero, abs(n_v)))
+        weight = max(zero, min(coat[i], one)) * reflectance
+        blended = below[i] * (one - weight) + weight * coat_color[i]
+        below[i] = blended if weight > zero else below[i]
 
 
 @stage
-def lay_coats(block: Block, count, toward_viewer: float32[::1], shown: int64, below: int64):
+def blend_clearcoats(block: Block, count, toward_viewer: float32[::1], shown: int64, below: int64):
     """
     Blend the clearcoat over three rows of samples, from ``below`` on.
 
@@ -51,7 +51,7 @@ def lay_coats(block: Block, count, toward_viewer: float32[::1], shown: int64, be
     """
     s = block.samples
     for k in range(3):
-        lay_coat(
+        blend_clearcoat(
             toward_viewer, *three_rows(s, rows.COAT_NORMAL_X, count),
             *three_rows(s, rows.POINT_X, count), part(s, rows.COAT, 0, count),
             part(s, shown + k, 0, count), part(s, below + k, 0, count),

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.light_stages import BOUNCED, LIGHT, directions_of, three_rows
-from rasterjit.pipeline.lighting.pbr import bounces, find_shares, is_any_above_zero
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, MULTIPLE, four_rows, three_rows
+from rasterjit.pipeline.lighting.pbr import find_env_brdf, is_any_above_zero, scattering_albedos
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped
@@ -31,94 +31,94 @@ MIN_ALBEDO = np.float32(0.05)
 
 
 @disjoint_helper
-def light_channel(
-    bright, parts, facing, shining, grazed, falloff, microfacet, reached, metallic, own, edge, red,
-    green, blue, head_on, base, bounced, before, out,
+def add_channel_light(
+    intensity, lobes, n_l, specular, schlick, falloff, microfacet, visibility, metallic,
+    is_dielectric, f90, red, green, blue, f0s, base, multiple, prior, out,
 ):  # fmt: skip
     """Write a light's contribution to one channel of samples with custom specular."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out.shape[0]):
-        weight, bent, metal = min(edge[i], one), grazed[i], metallic[i]
-        largest, f0 = min(max(red[i], max(green[i], blue[i])), one), min(head_on[i], one)
-        inside = (one - metal) * (one - weight * (largest + (one - largest) * bent)) * parts[0]
-        mirrored = (one - metal) * weight * (f0 + (one - f0) * bent)
-        mirrored += metal * (base[i] + (one - base[i]) * bent)
-        mirrored *= shining[i]
-        mirrored += parts[1] * bounced[i]
-        arriving = microfacet[i] * falloff[i] * facing[i] * reached[i] * bright
-        seen = before[i] + arriving * (base[i] * inside + mirrored)
-        out[i] = seen if own[i] * microfacet[i] > zero else out[i]
+        w, fresnel, metal = min(f90[i], one), schlick[i], metallic[i]
+        max_f0, f0 = min(max(red[i], max(green[i], blue[i])), one), min(f0s[i], one)
+        diffuse = (one - metal) * (one - w * (max_f0 + (one - max_f0) * fresnel)) * lobes[0]
+        reflected = (one - metal) * w * (f0 + (one - f0) * fresnel)
+        reflected += metal * (base[i] + (one - base[i]) * fresnel)
+        reflected *= specular[i]
+        reflected += lobes[1] * multiple[i]
+        weight = microfacet[i] * falloff[i] * n_l[i] * visibility[i] * intensity
+        lit = prior[i] + weight * (base[i] * diffuse + reflected)
+        out[i] = lit if is_dielectric[i] * microfacet[i] > zero else out[i]
 
 
 @stage
-def light_own_mirrors(
-    block: Block, count, lights: float32[:, ::1], number: int64, parts: float32[::1]
+def add_dielectric_light(
+    block: Block, count, lights: float32[:, ::1], light: int64, lobes: float32[::1]
 ):
     """
-    Light samples with custom specular again, from rows BEFORE_RED on.
+    Light samples with custom specular again, from rows PRIOR_RED on.
 
-    Right after `light_stages.add_lights_on_facets` of this light alone, which leaves the terms
-    of `pbr.find_facet_angles` in ``single``, and the multiple scattering of metals in ``shares``.
+    Right after `light_stages.add_microfacet_lights` of this light alone, which leaves the terms
+    of `pbr.find_specular_terms` in ``floats``, and the multiple scattering of metals in ``shares``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     for k in range(3):
-        light_channel(
-            lights[number, 4 + k], parts, *directions_of(block.single, LIGHT, count),
+        add_channel_light(
+            lights[light, 4 + k], lobes, *four_rows(block.floats, LIGHT_DIR, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
-            part(s, rows.METALLIC, 0, count), part(s, rows.OWN_MIRROR, 0, count),
-            part(s, rows.EDGE, 0, count), *three_rows(s, rows.HEAD_ON_RED, count),
-            part(s, rows.HEAD_ON_RED + k, 0, count), part(s, rows.RED + k, 0, count),
-            part(block.shares, BOUNCED + k, 0, count),
-            part(s, rows.BEFORE_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
+            part(s, rows.METALLIC, 0, count), part(s, rows.IS_DIELECTRIC, 0, count),
+            part(s, rows.F90, 0, count), *three_rows(s, rows.F0_RED, count),
+            part(s, rows.F0_RED + k, 0, count), part(s, rows.RED + k, 0, count),
+            part(block.shares, MULTIPLE + k, 0, count),
+            part(s, rows.PRIOR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip
 
 
 @disjoint_helper
-def show_channel(
-    scale, offset, microfacet, metallic, own, edge, red, green, blue, head_on, base, white, even,
-    before, out,
+def add_channel_ambient(
+    scale, offset, microfacet, metallic, is_dielectric, f90, red, green, blue, f0, base, mirror,
+    probe, prior, out,
 ):  # fmt: skip
     """Write one channel of reflected ambient light."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out.shape[0]):
-        shares, metal = (scale[i], offset[i]), clamped(metallic[i], zero, one)
-        weight = min(edge[i], one)
-        albedo = shares[0] + shares[1]
-        mirrored = (white[i] - (one - albedo) * even[i]) / max(albedo, MIN_ALBEDO)
-        mirrored = max(zero, mirrored)
-        most = min(max(red[i], max(green[i], blue[i])), one)
-        largest, often_largest = bounces(most, shares)
-        inside = one - weight * (largest + often_largest)
-        once, often = bounces(min(head_on[i], one), shares)
-        seen = weight * (once * mirrored + often * even[i]) + inside * base[i] * even[i]
-        once, often = bounces(base[i], shares)
-        seen = (one - metal) * seen + metal * (once * mirrored + often * even[i])
-        out[i] = before[i] + seen if own[i] * microfacet[i] > zero else out[i]
+        env_brdf, metal = (scale[i], offset[i]), clamped(metallic[i], zero, one)
+        weight = min(f90[i], one)
+        albedo = env_brdf[0] + env_brdf[1]
+        glossy = (mirror[i] - (one - albedo) * probe[i]) / max(albedo, MIN_ALBEDO)
+        glossy = max(zero, glossy)
+        max_f0 = min(max(red[i], max(green[i], blue[i])), one)
+        single_max, multiple_max = scattering_albedos(max_f0, env_brdf)
+        diffuse = one - weight * (single_max + multiple_max)
+        single, multiple = scattering_albedos(min(f0[i], one), env_brdf)
+        lit = weight * (single * glossy + multiple * probe[i]) + diffuse * base[i] * probe[i]
+        single, multiple = scattering_albedos(base[i], env_brdf)
+        lit = (one - metal) * lit + metal * (single * glossy + multiple * probe[i])
+        out[i] = prior[i] + lit if is_dielectric[i] * microfacet[i] > zero else out[i]
 
 
 @stage
-def show_around_on_own_mirrors(block: Block, count, toward_viewer: float32[::1]):
+def add_dielectric_ambient(block: Block, count, toward_viewer: float32[::1]):
     """
-    Add ambient light to samples with custom specular again, from rows BEFORE_RED on.
+    Add ambient light to samples with custom specular again, from rows PRIOR_RED on.
 
-    Reads the probes in rows WHITE_RED and LAYER_OUT.
+    Reads the probes in rows MIRROR_PROBE_RED and LAYER_OUT.
     """
-    s, r = block.samples, block.single
+    s, r = block.samples, block.floats
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     scale, offset = part(r, 0, 0, count), part(r, 1, 0, count)
-    find_shares(
+    find_env_brdf(
         toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
         part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
     for k in range(3):
-        show_channel(
+        add_channel_ambient(
             scale, offset, part(s, rows.MICROFACET, 0, count), part(s, rows.METALLIC, 0, count),
-            part(s, rows.OWN_MIRROR, 0, count), part(s, rows.EDGE, 0, count),
-            *three_rows(s, rows.HEAD_ON_RED, count), part(s, rows.HEAD_ON_RED + k, 0, count),
+            part(s, rows.IS_DIELECTRIC, 0, count), part(s, rows.F90, 0, count),
+            *three_rows(s, rows.F0_RED, count), part(s, rows.F0_RED + k, 0, count),
             part(s, rows.RED + k, 0, count),
-            part(s, rows.WHITE_RED + k, 0, count), part(s, rows.LAYER_OUT + k, 0, count),
-            part(s, rows.BEFORE_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
+            part(s, rows.MIRROR_PROBE_RED + k, 0, count), part(s, rows.LAYER_OUT + k, 0, count),
+            part(s, rows.PRIOR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip

@@ -38,7 +38,7 @@ def list_vertices(
     block : Block
         ``counts`` is 0 at first. Writes everything that light on a plain sample depends on, points
         and normals of receivers of shadows included: a vertex lies in the plane of its normal.
-        COLUMN of ``whole`` is the vertex, element NEXT_ROW of ``counts`` the side: 0 is the front.
+        COLUMN of ``ints`` is the vertex, element NEXT_ROW of ``counts`` the side: 0 is the front.
     count : int
         Not read.
     first, stop : int
@@ -55,7 +55,7 @@ def list_vertices(
     int
         How many samples there are; -1 behind the last one.
     """
-    counts, samples, receivers, whole = block.counts, block.samples, block.receivers, block.whole
+    counts, samples, receivers, ints = block.counts, block.samples, block.receivers, block.ints
     side, vertex, one = counts[NEXT_ROW], first + counts[NEXT_COLUMN], np.float32(1.0)
     # The back, after the last vertex of the front.
     if vertex >= stop:
@@ -64,7 +64,7 @@ def list_vertices(
     while n == 0 and side < 2:
         # Run by run of vertices of one object.
         owner = last_at_most(vertex_starts, vertex)
-        toward = 1.0 - 2.0 * side
+        sign = 1.0 - 2.0 * side
         while vertex < stop and n < SAMPLES:
             while vertex >= vertex_starts[owner + 1]:
                 owner += 1
@@ -75,8 +75,8 @@ def list_vertices(
             red, green, blue = materials[owner, 0], materials[owner, 1], materials[owner, 2]
             specular = materials[owner, records.MATERIAL_SPECULAR]
             shininess = materials[owner, records.MATERIAL_SHININESS]
-            for at in range(vertex, min(end, vertex + SAMPLES - n)):
-                v = np.uintp(at)
+            for index in range(vertex, min(end, vertex + SAMPLES - n)):
+                v = np.uintp(index)
                 point = place_vertex(v, owner, placement)
                 normal = smooth_normal(
                     (1.0, 0.0, 0.0), v, v, v, normals, placement.normal_matrices, owner
@@ -87,16 +87,16 @@ def list_vertices(
                     b = b * vertex_colors[v, 2]
                 samples[rows.RED, n], samples[rows.GREEN, n], samples[rows.BLUE, n] = r, g, b
                 for k in range(3):
-                    samples[rows.NORMAL_X + k, n] = np.float32(toward * normal[k])
+                    samples[rows.NORMAL_X + k, n] = np.float32(sign * normal[k])
                     samples[rows.POINT_X + k, n] = np.float32(point[k])
                     receivers[rows.POINT + k, n] = point[k]
                     receivers[rows.NORMAL + k, n] = normal[k]
                 samples[rows.SPECULAR, n], samples[rows.SHININESS, n] = specular, shininess
                 samples[rows.LIT, n], samples[rows.OCCLUSION, n] = one, one
                 samples[rows.SHADOW, n] = one
-                whole[COLUMN, n] = np.int32(at)
+                ints[COLUMN, n] = np.int32(index)
                 n += 1
-                vertex = at + 1
+                vertex = index + 1
         if n == 0:
             side, vertex = side + 1, first
     counts[NEXT_ROW], counts[NEXT_COLUMN], counts[IS_LIT] = side, vertex - first, 1
@@ -108,6 +108,6 @@ def write_vertices(block: Block, count, lit_vertices: float32[:, :, ::1]):
     """Write the lit colours to the vertices listed: (V, 2, 3), linear, front and back."""
     samples, side = block.samples, np.uintp(block.counts[NEXT_ROW])
     for n in range(np.uintp(count)):
-        vertex = np.uintp(block.whole[COLUMN, n])
+        vertex = np.uintp(block.ints[COLUMN, n])
         for k in range(3):
             lit_vertices[vertex, side, k] = samples[rows.OUT_RED + k, n]

@@ -12,59 +12,59 @@ import numpy as np
 
 from rasterjit.pipeline.lighting import clearcoat, dielectrics, sheen
 from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, fixed
-from rasterjit.pipeline.surface import layer_rows as moves
 from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.layer_rows import copy_rows, fill_rows, swap_rows
 
-BASE, LIT_TO_ROUGHNESS, COLOR, NORMAL = 3, 6, 3, 3
-"""Numbers of consecutive rows that are moved together."""
+BASE_ROWS, LIGHTING_ROWS, COLOR_ROWS, NORMAL_ROWS = 3, 6, 3, 3
+"""Numbers of consecutive rows that are copied or swapped together."""
 
-ON_COAT = fixed(moves.exchange_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL)
+SWAP_NORMALS = fixed(swap_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL_ROWS)
 """Swaps the normals of the base layer and the clearcoat."""
 
 
-def kept(source: int, target: int, number: int = COLOR) -> Pass:
+def copy(source: int, target: int, number: int = COLOR_ROWS) -> Pass:
     """Return the pass that copies rows."""
-    return fixed(moves.copy_rows, source, target, number)
+    return fixed(copy_rows, source, target, number)
 
 
-def darkened(target: int) -> Pass:
-    """Return the pass that makes a colour black."""
+def fill_black(target: int) -> Pass:
+    """Return the pass that writes black to three rows."""
 
     def black(a: ShadingArrays) -> tuple[Any, ...]:
-        return np.zeros((len(a.surface.layers.stand_ins), COLOR), np.float32), target
+        return np.zeros((len(a.surface.layers.probe_rows), COLOR_ROWS), np.float32), target
 
-    return Pass(moves.fill_rows, black)
+    return Pass(fill_rows, black)
 
 
-def exchanged(base: int, lit: int, passes: list[Pass]) -> list[Pass]:
+def swapped(base: int, lit: int, passes: list[Pass]) -> list[Pass]:
     """Return passes that run with a layer's rows swapped in for the surface's."""
-    change = [
-        fixed(moves.exchange_rows, rows.RED, base, BASE),
-        fixed(moves.exchange_rows, rows.LIT, lit, LIT_TO_ROUGHNESS),
+    swap = [
+        fixed(swap_rows, rows.RED, base, BASE_ROWS),
+        fixed(swap_rows, rows.LIT, lit, LIGHTING_ROWS),
     ]
-    return [*change, *passes, *change]
+    return [*swap, *passes, *swap]
 
 
-def on_varnish(passes: list[Pass]) -> list[Pass]:
+def on_clearcoat(passes: list[Pass]) -> list[Pass]:
     """Return passes that light the clearcoat instead of the surface."""
-    return [ON_COAT, *exchanged(rows.COAT_RED, rows.COAT_LIT, passes), ON_COAT]
+    return [SWAP_NORMALS, *swapped(rows.COAT_RED, rows.COAT_LIT, passes), SWAP_NORMALS]
 
 
-def on_stand_ins(passes: list[Pass]) -> list[Pass]:
-    """Return passes that light only a white surface of the sample's roughness: a probe."""
+def on_probe(passes: list[Pass]) -> list[Pass]:
+    """Return passes that light a probe: a white surface of the sample's roughness."""
     return [
-        Pass(moves.fill_rows, lambda a: (a.surface.layers.stand_ins, rows.LAYER_RED)),
-        kept(rows.ROUGHNESS, rows.LAYER_ROUGHNESS, 1),
-        *exchanged(rows.LAYER_RED, rows.LAYER_LIT, passes),
+        Pass(fill_rows, lambda a: (a.surface.layers.probe_rows, rows.LAYER_RED)),
+        copy(rows.ROUGHNESS, rows.LAYER_ROUGHNESS, 1),
+        *swapped(rows.LAYER_RED, rows.LAYER_LIT, passes),
     ]
 
 
 def starting_passes(needs: ShadingNeeds, normalize: Pass) -> list[Pass]:
-    """Return the passes before any light."""
-    return [ON_COAT, normalize, ON_COAT] if needs.coats else []
+    """Return the passes before all lights: they normalize the clearcoat's normals."""
+    return [SWAP_NORMALS, normalize, SWAP_NORMALS] if needs.coats else []
 
 
-def light_passes(needs: ShadingNeeds, n: int, shiny: Pass, facets: Pass) -> list[Pass]:
+def light_passes(needs: ShadingNeeds, n: int, blinn_phong: Pass, microfacets: Pass) -> list[Pass]:
     """
     Return the passes that add one light.
 
@@ -72,34 +72,34 @@ def light_passes(needs: ShadingNeeds, n: int, shiny: Pass, facets: Pass) -> list
     ----------
     needs : ShadingNeeds
     n : int
-        The number of the light.
-    shiny : Pass
+        Index of the light.
+    blinn_phong : Pass
         That of Blinn-Phong materials.
-    facets : Pass
+    microfacets : Pass
         That of microfacets.
     """
 
     def lit_by(a: ShadingArrays) -> tuple[Any, ...]:
-        return a.lighting.lights, n, a.surface.microfacets.parts
+        return a.lighting.lights, n, a.surface.microfacets.lobes
 
-    passes = [shiny]
+    passes = [blinn_phong]
     if needs.sheens:
-        passes.append(kept(rows.OUT_RED, rows.BELOW_RED))
+        passes.append(copy(rows.OUT_RED, rows.BELOW_RED))
     if needs.dielectrics:
-        passes.append(kept(rows.OUT_RED, rows.BEFORE_RED))
-    passes.append(facets)
+        passes.append(copy(rows.OUT_RED, rows.PRIOR_RED))
+    passes.append(microfacets)
     if needs.dielectrics:
-        passes.append(Pass(dielectrics.light_own_mirrors, lit_by))
+        passes.append(Pass(dielectrics.add_dielectric_light, lit_by))
     if needs.sheens:
-        fibres = Pass(sheen.light_fibres, lambda a: (*lit_by(a), a.surface.layers.albedo))
-        passes.append(fibres)
+        sheens = Pass(sheen.light_sheen, lambda a: (*lit_by(a), a.surface.layers.albedo))
+        passes.append(sheens)
     if needs.coats:
-        passes += on_varnish([facets])
+        passes += on_clearcoat([microfacets])
     return passes
 
 
-def around_passes(
-    needs: ShadingNeeds, facets: Pass, matt: Pass, is_first: bool = False
+def ambient_passes(
+    needs: ShadingNeeds, microfacets: Pass, diffuse: Pass, is_first: bool = False
 ) -> list[Pass]:
     """
     Return the passes that add ambient light.
@@ -107,41 +107,41 @@ def around_passes(
     Parameters
     ----------
     needs : ShadingNeeds
-    facets, matt : Pass
-        Those that show it on microfacets, and on what LIT tells.
+    microfacets, diffuse : Pass
+        Those that add it to microfacets, and to samples by their row LIT.
     is_first : bool
-        Whether nothing was shown before: what is seen is written, not added to.
+        Whether no light was added before: colours are written, not added to.
     """
     passes: list[Pass] = []
-    for is_there, target in (
+    for is_needed, target in (
         (needs.sheens, rows.BELOW_RED),
-        (needs.dielectrics, rows.BEFORE_RED),
+        (needs.dielectrics, rows.PRIOR_RED),
     ):
-        if is_there:
-            passes.append(darkened(target) if is_first else kept(rows.OUT_RED, target))
-    passes.append(facets)
+        if is_needed:
+            passes.append(fill_black(target) if is_first else copy(rows.OUT_RED, target))
+    passes.append(microfacets)
     if needs.dielectrics:
-        passes += on_stand_ins([facets])
-        passes.append(kept(rows.LAYER_OUT, rows.WHITE_RED))
+        passes += on_probe([microfacets])
+        passes.append(copy(rows.LAYER_OUT, rows.MIRROR_PROBE_RED))
     if needs.dielectrics or (needs.sheens and is_first):
-        passes += on_stand_ins([matt])
+        passes += on_probe([diffuse])
     if needs.dielectrics:
-        passes.append(Pass(dielectrics.show_around_on_own_mirrors, lambda a: (a.viewer,)))
+        passes.append(Pass(dielectrics.add_dielectric_ambient, lambda a: (a.viewer,)))
     if needs.sheens and not is_first:
         # Constant ambient light does not depend on the normal.
-        leaning = fixed(moves.exchange_rows, rows.NORMAL_X, rows.LEANING_X, NORMAL)
-        passes += [Pass(sheen.lean_normals, lambda a: (a.viewer,)), leaning]
-        passes += [*on_stand_ins([matt]), leaning]
+        bend = fixed(swap_rows, rows.NORMAL_X, rows.BENT_NORMAL_X, NORMAL_ROWS)
+        passes += [Pass(sheen.bend_normals, lambda a: (a.viewer,)), bend]
+        passes += [*on_probe([diffuse]), bend]
     if needs.sheens:
-        passes.append(fibres_around())
+        passes.append(sheen_ambient())
     if needs.coats:
-        passes += on_varnish([facets])
+        passes += on_clearcoat([microfacets])
     return passes
 
 
-def fibres_around() -> Pass:
+def sheen_ambient() -> Pass:
     """Return the pass that adds ambient light to the sheen."""
-    return Pass(sheen.show_around_on_fibres, lambda a: (a.viewer, a.surface.layers.albedo))
+    return Pass(sheen.add_ambient_sheen, lambda a: (a.viewer, a.surface.layers.albedo))
 
 
 def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
@@ -151,18 +151,18 @@ def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
     Transmitted light is attenuated by the layers above as well.
     """
     passes: list[Pass] = []
-    if needs.through:
-        passes.append(darkened(rows.BELOW_RED))
+    if needs.transmission:
+        passes.append(fill_black(rows.BELOW_RED))
         if needs.sheens:
-            turned = fixed(moves.exchange_rows, rows.OUT_RED, rows.TINT_RED, COLOR)
-            passes += [darkened(rows.LAYER_OUT), turned, fibres_around(), turned]
+            swap = fixed(swap_rows, rows.OUT_RED, rows.TINT_RED, COLOR_ROWS)
+            passes += [fill_black(rows.LAYER_OUT), swap, sheen_ambient(), swap]
     if needs.coats:
-        passes.append(coated(rows.COAT_OUT, rows.OUT_RED))
-        if needs.through:
-            passes.append(coated(rows.BELOW_RED, rows.TINT_RED))
+        passes.append(clearcoat_over(rows.COAT_OUT, rows.OUT_RED))
+        if needs.transmission:
+            passes.append(clearcoat_over(rows.BELOW_RED, rows.TINT_RED))
     return passes
 
 
-def coated(coat: int, below: int) -> Pass:
+def clearcoat_over(coat: int, below: int) -> Pass:
     """Return the pass that blends the clearcoat over three rows of colours."""
-    return Pass(clearcoat.lay_coats, lambda a: (a.viewer, coat, below))
+    return Pass(clearcoat.blend_clearcoats, lambda a: (a.viewer, coat, below))

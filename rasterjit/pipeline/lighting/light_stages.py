@@ -12,13 +12,12 @@ from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state_block import float32, int32, int64, uint32
 
-SHARES, SHOWN = 0, 2
-"""Rows of ``single``, two and three: what `find_shares` and `find_ambient` write."""
-VIEWER, LIGHT = 0, 4
-"""Rows of ``single``, four each: what `blinn_phong.find_viewer` and `blinn_phong.find_light` write.
-"""
-BOUNCED = 0
-"""Rows of ``shares``, three: what `find_bounced` writes."""
+ENV_BRDF, AMBIENT = 0, 2
+"""Rows of ``floats``, two and three: what `find_env_brdf` and `find_ambient` write."""
+VIEW_DIR, LIGHT_DIR = 0, 4
+"""Rows of ``floats``, four each: directions toward viewer and light, each with a number."""
+MULTIPLE = 0
+"""Rows of ``shares``, three: what `find_multiple_scattering` writes."""
 
 
 @stage
@@ -29,7 +28,7 @@ def normalize_normals(block: Block, count):
 
 @stage
 def show_ambient(block: Block, count, ambient: float32[::1]):
-    """Write the unlit colour, or the share of it that ambient light shows."""
+    """Write the colour of unlit samples, and ambient light on the others."""
     s = block.samples
     blinn_phong.start_colors(
         *three_parts(s, rows.RED, 0, count), part(s, rows.LIT, 0, count), ambient,
@@ -44,8 +43,8 @@ def three_rows(samples, first, count):
 
 
 @helper
-def directions_of(scratch, first, count):
-    """Return four rows of scratch memory: a direction, and a number."""
+def four_rows(scratch, first, count):
+    """Return four rows of scratch memory that follow each other: a direction and a number."""
     return (
         part(scratch, first, 0, count), part(scratch, first + 1, 0, count),
         part(scratch, first + 2, 0, count), part(scratch, first + 3, 0, count),
@@ -53,7 +52,7 @@ def directions_of(scratch, first, count):
 
 
 @stage
-def add_shiny_lights(
+def add_blinn_phong_lights(
     block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
     toward_viewer: float32[::1],
 ):  # fmt: skip
@@ -67,19 +66,19 @@ def add_shiny_lights(
     if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
     normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
-    viewer, toward = (
-        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
+    viewer, light = (
+        four_rows(block.floats, VIEW_DIR, count), four_rows(block.floats, LIGHT_DIR, count)
     )  # fmt: skip
-    blinn_phong.find_viewer(toward_viewer, *points, *viewer)
+    blinn_phong.find_view_directions(toward_viewer, *points, *viewer)
     for n in range(first, end):
-        blinn_phong.find_light(lights[n], *points, *toward)
-        facing, cosine, shine, falloff = toward
-        blinn_phong.find_angles(
-            *normals, part(s, rows.SPECULAR, 0, count), *viewer, facing, cosine, shine
+        blinn_phong.find_light_directions(lights[n], *points, *light)
+        n_l, n_h, highlight, falloff = light
+        blinn_phong.find_cosines(
+            *normals, part(s, rows.SPECULAR, 0, count), *viewer, n_l, n_h, highlight
         )
-        blinn_phong.find_shine(part(s, rows.SHININESS, 0, count), cosine, shine)
-        blinn_phong.add_shiny_light(
-            lights[n], facing, shine, falloff, part(s, rows.LIT, 0, count),
+        blinn_phong.find_highlight(part(s, rows.SHININESS, 0, count), n_h, highlight)
+        blinn_phong.add_blinn_phong_light(
+            lights[n], n_l, highlight, falloff, part(s, rows.LIT, 0, count),
             part(s, rows.SHADOW, 0, count), *three_rows(s, rows.RED, count),
             *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
@@ -91,71 +90,71 @@ def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int6
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
-    toward = directions_of(block.single, LIGHT, count)
+    light = four_rows(block.floats, LIGHT_DIR, count)
     for n in range(first, end):
-        blinn_phong.find_light(lights[n], *three_rows(s, rows.POINT_X, count), *toward)
+        blinn_phong.find_light_directions(lights[n], *three_rows(s, rows.POINT_X, count), *light)
         blinn_phong.add_diffuse_light(
-            lights[n], *three_rows(s, rows.NORMAL_X, count), *toward, part(s, rows.LIT, 0, count),
+            lights[n], *three_rows(s, rows.NORMAL_X, count), *light, part(s, rows.LIT, 0, count),
             part(s, rows.SHADOW, 0, count), *three_rows(s, rows.RED, count),
             *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 
 @stage
-def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
-    """Write the ambient light reflected by metallic-roughness samples."""
-    s, r = block.samples, block.single
+def set_microfacet_ambient(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
+    """Write the ambient light that metallic-roughness samples reflect."""
+    s, floats = block.samples, block.floats
     microfacet = part(s, rows.MICROFACET, 0, count)
     if not pbr.is_any_above_zero(microfacet):
         return
-    scale, offset = part(r, SHARES, 0, count), part(r, SHARES + 1, 0, count)
-    shown = three_parts(r, SHOWN, 0, count)
-    pbr.find_shares(
+    scale, offset = part(floats, ENV_BRDF, 0, count), part(floats, ENV_BRDF + 1, 0, count)
+    reflected = three_parts(floats, AMBIENT, 0, count)
+    pbr.find_env_brdf(
         toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
         part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
     pbr.find_ambient(
         ambient, part(s, rows.OCCLUSION, 0, count), part(s, rows.METALLIC, 0, count), scale, offset,
-        *three_rows(s, rows.RED, count), *shown,
+        *three_rows(s, rows.RED, count), *reflected,
     )  # fmt: skip
     red, green, blue = three_rows(s, rows.OUT_RED, count)
-    pbr.show_on_facets(shown[0], microfacet, red)
-    pbr.show_on_facets(shown[1], microfacet, green)
-    pbr.show_on_facets(shown[2], microfacet, blue)
+    pbr.write_microfacets(reflected[0], microfacet, red)
+    pbr.write_microfacets(reflected[1], microfacet, green)
+    pbr.write_microfacets(reflected[2], microfacet, blue)
 
 
 @stage
-def add_lights_on_facets(
+def add_microfacet_lights(
     block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
-    toward_viewer: float32[::1], parts: float32[::1],
+    toward_viewer: float32[::1], lobes: float32[::1],
 ):  # fmt: skip
     """Add lights ``first`` to ``end`` to metallic-roughness samples, times their visibility."""
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
-    viewer, toward = (
-        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
+    viewer, light = (
+        four_rows(block.floats, VIEW_DIR, count), four_rows(block.floats, LIGHT_DIR, count)
     )  # fmt: skip
-    blinn_phong.find_viewer(toward_viewer, *points, *viewer)
-    bounced = three_rows(block.shares, BOUNCED, count)
+    blinn_phong.find_view_directions(toward_viewer, *points, *viewer)
+    multiple = three_rows(block.shares, MULTIPLE, count)
     if pbr.is_any_above_zero(part(s, rows.METALLIC, 0, count)):
-        pbr.find_bounced(
+        pbr.find_multiple_scattering(
             viewer[0], viewer[1], viewer[2], *normals, part(s, rows.ROUGHNESS, 0, count),
-            part(s, rows.METALLIC, 0, count), *three_rows(s, rows.RED, count), *bounced,
+            part(s, rows.METALLIC, 0, count), *three_rows(s, rows.RED, count), *multiple,
         )  # fmt: skip
     else:
-        pbr.show_nothing(*bounced)
+        pbr.write_zeros(*multiple)
     for n in range(first, end):
-        blinn_phong.find_light(lights[n], *points, *toward)
-        facing, shine, grazed, falloff = toward
-        pbr.find_facet_angles(
-            parts, *normals, part(s, rows.ROUGHNESS, 0, count), *viewer, facing, shine, grazed
+        blinn_phong.find_light_directions(lights[n], *points, *light)
+        n_l, specular, schlick, falloff = light
+        pbr.find_specular_terms(
+            lobes, *normals, part(s, rows.ROUGHNESS, 0, count), *viewer, n_l, specular, schlick
         )
-        pbr.add_facet_light(
-            lights[n], parts, facing, shine, grazed, falloff, part(s, rows.METALLIC, 0, count),
+        pbr.add_microfacet_light(
+            lights[n], lobes, n_l, specular, schlick, falloff, part(s, rows.METALLIC, 0, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
-            *three_rows(s, rows.RED, count), *bounced, *three_rows(s, rows.OUT_RED, count),
+            *three_rows(s, rows.RED, count), *multiple, *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 
@@ -170,38 +169,38 @@ def interval_of(block, k):
 
 
 @stage
-def write_opaque_codes(block: Block, count, shown: int64, table: int32[::1], color: uint32[:, ::1]):
-    """Write what the three rows of samples from ``shown`` on show in sRGB codes, opaque."""
+def write_opaque_codes(block: Block, count, first: int64, table: int32[::1], color: uint32[:, ::1]):
+    """Write three rows of samples, from ``first`` on, as opaque sRGB codes."""
     s = block.samples
     for k in range(block.counts[rows.INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         encode_span(
-            *three_parts(s, shown, start, stop), table, color[row, column : column + stop - start]
+            *three_parts(s, first, start, stop), table, color[row, column : column + stop - start]
         )
 
 
 @stage
 def write_blended_codes(
-    block: Block, count, shown: int64, table: int32[::1], color: uint32[:, ::1]
+    block: Block, count, first: int64, table: int32[::1], color: uint32[:, ::1]
 ):
-    """Write the same with the alpha of each sample."""
+    """Write three rows of samples, from ``first`` on, as sRGB codes with alpha."""
     s = block.samples
     for k in range(block.counts[rows.INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         encode_channels(
-            *three_parts(s, shown, start, stop), part(s, rows.ALPHA, start, stop), table,
+            *three_parts(s, first, start, stop), part(s, rows.ALPHA, start, stop), table,
             color[row, column : column + stop - start],
         )  # fmt: skip
 
 
 @stage
-def write_linear(block: Block, count, shown: int64, has_alpha: int64, linear: float32[:, :, ::1]):
-    """Write the three rows of samples from ``shown`` on in linear light, and alpha, 1 without."""
+def write_linear(block: Block, count, first: int64, has_alpha: int64, linear: float32[:, :, ::1]):
+    """Write three rows of samples, from ``first`` on, in linear light, and alpha, 1 without."""
     s = block.samples
     for k in range(block.counts[rows.INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         out = linear[row, column : column + stop - start]
         for i in range(out.shape[0]):
-            out[i, 0], out[i, 1] = s[shown, start + i], s[shown + 1, start + i]
-            out[i, 2] = s[shown + 2, start + i]
+            out[i, 0], out[i, 1] = s[first, start + i], s[first + 1, start + i]
+            out[i, 2] = s[first + 2, start + i]
             out[i, 3] = s[rows.ALPHA, start + i] if has_alpha != 0 else np.float32(1.0)

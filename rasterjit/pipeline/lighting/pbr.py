@@ -6,8 +6,8 @@ normal incidence makes a white diffuse surface white, as with every other materi
 light has no factor 1/pi, so the specular term is multiplied by pi.
 
 Masking-shadowing is Smith's term in its height-correlated form [2]_. Appendix B of glTF writes the
-separable form and leaves the choice free; that one is never brighter, darkest at grazing angles,
-and equal where light or viewer is at normal incidence.
+separable form and leaves the choice free; that one is never brighter, darkest at grazing
+angles, and equal where light or viewer is at normal incidence.
 
 Ambient light is uniform. Its single-scattering albedo [3]_ has no closed form; it is a fit.
 Multiple scattering is added [4]_, and the rest enters the surface: under white ambient light a
@@ -34,7 +34,7 @@ import numpy as np
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.runtime.jit import disjoint_helper, helper
 
-DIELECTRIC = np.float32(0.04)
+DIELECTRIC_F0 = np.float32(0.04)
 """F0 of dielectrics: reflectance at normal incidence."""
 
 MIN_ALPHA = np.float32(0.002)
@@ -45,20 +45,20 @@ MIN_COSINE = np.float32(1e-4)
 
 
 @helper
-def facets_along(n_h, cross_squared, alpha_squared):
+def ggx_distribution(n_h, cross_squared, alpha_squared):
     """
     Return pi times the GGX distribution D(h); 0 below the horizon.
 
     Takes the cosine and the squared sine between normal and half vector: near 0 the sine from a
     cross product is accurate where 1 minus a squared cosine is rounding error.
     """
-    spread = max(alpha_squared, cross_squared + n_h * n_h * alpha_squared)
-    density = alpha_squared / (spread * spread)
+    denominator = max(alpha_squared, cross_squared + n_h * n_h * alpha_squared)
+    density = alpha_squared / (denominator * denominator)
     return density if n_h > np.float32(0.0) else np.float32(0.0)
 
 
 @helper
-def facets_seen(n_l, n_v, alpha_squared):
+def smith_visibility(n_l, n_v, alpha_squared):
     """
     Return Smith's masking-shadowing term over four times both cosines (visibility V).
 
@@ -67,13 +67,13 @@ def facets_seen(n_l, n_v, alpha_squared):
     ``4 n_l n_v / ((n_l + s(n_l)) (n_v + s(n_v)))``.
     """
     rest = np.float32(1.0) - alpha_squared
-    lit_part = n_v * np.sqrt(n_l * n_l * rest + alpha_squared)
-    seen_part = n_l * np.sqrt(n_v * n_v * rest + alpha_squared)
-    return np.float32(0.5) / (lit_part + seen_part)
+    light_part = n_v * np.sqrt(n_l * n_l * rest + alpha_squared)
+    view_part = n_l * np.sqrt(n_v * n_v * rest + alpha_squared)
+    return np.float32(0.5) / (light_part + view_part)
 
 
 @helper
-def grazing(cosine):
+def schlick_weight(cosine):
     """Return Schlick's (1 - cosine)**5."""
     rest = np.float32(1.0) - min(cosine, np.float32(1.0))
     squared = rest * rest
@@ -81,9 +81,9 @@ def grazing(cosine):
 
 
 @helper
-def mirrored_head_on(base, metallic):
-    """Return F0 of one channel."""
-    return DIELECTRIC + metallic * (base - DIELECTRIC)
+def specular_f0(base, metallic):
+    """Return one channel of F0, by metallic."""
+    return DIELECTRIC_F0 + metallic * (base - DIELECTRIC_F0)
 
 
 @helper
@@ -93,7 +93,7 @@ def cubic(x, a, b, c, d):
 
 
 @helper
-def reflected_shares(n_v, roughness):
+def env_brdf(n_v, roughness):
     """
     Return the scale and the offset of F0 in the directional albedo (split-sum BRDF).
 
@@ -122,25 +122,25 @@ def reflected_shares(n_v, roughness):
 
 
 @helper
-def bounces(head_on, shares):
-    """Return the albedo of one channel by single, and by multiple scattering."""
+def scattering_albedos(f0, env_brdf):
+    """Return the albedo of a channel by single, and by multiple scattering, given F0."""
     one = np.float32(1.0)
-    missing = one - (shares[0] + shares[1])
-    once = max(head_on * shares[0] + shares[1], np.float32(0.0))
-    mean = head_on + (one - head_on) * np.float32(1.0 / 21.0)
-    return once, missing * once * mean / (one - missing * mean)
+    lost = one - (env_brdf[0] + env_brdf[1])
+    single = max(f0 * env_brdf[0] + env_brdf[1], np.float32(0.0))
+    mean = f0 + (one - f0) * np.float32(1.0 / 21.0)
+    return single, lost * single * mean / (one - lost * mean)
 
 
 @helper
-def scattered(head_on, shares):
-    """Return the albedo of one channel, by single and multiple scattering together."""
-    once, often = bounces(head_on, shares)
-    return once + often
+def total_albedo(f0, env_brdf):
+    """Return the albedo of a channel, by single and multiple scattering together."""
+    single, multiple = scattering_albedos(f0, env_brdf)
+    return single + multiple
 
 
 @disjoint_helper
-def find_shares(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset):
-    """Write `reflected_shares` of each sample."""
+def find_env_brdf(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset):
+    """Write the scale and the offset of F0 in each sample's directional albedo."""
     zero = np.float32(0.0)
     for i in range(nx.shape[0]):
         vx, vy, vz = (
@@ -149,64 +149,63 @@ def find_shares(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset)
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        scale[i], offset[i] = reflected_shares(max(zero, n_v), roughness[i])
+        scale[i], offset[i] = env_brdf(max(zero, n_v), roughness[i])
 
 
 @disjoint_helper
 def find_ambient(
-    ambient, occlusion, metallic, scale, offset, red, green, blue, shown_red, shown_green,
-    shown_blue,
+    ambient, occlusion, metallic, scale, offset, red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Write the ambient light reflected by metallic-roughness samples."""
+    """Write the ambient light that metallic-roughness samples reflect."""
     one = np.float32(1.0)
     for i in range(red.shape[0]):
-        shares = scale[i], offset[i]
+        env_brdf = scale[i], offset[i]
         # Light that a dielectric does not reflect becomes diffuse.
-        mirrored = scattered(DIELECTRIC, shares)
-        inside = one - mirrored
-        r = metallic[i] * scattered(red[i], shares)
-        g = metallic[i] * scattered(green[i], shares)
-        b = metallic[i] * scattered(blue[i], shares)
-        share, rest = occlusion[i], one - metallic[i]
-        shown_red[i] = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
-        shown_green[i] = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
-        shown_blue[i] = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
+        specular = total_albedo(DIELECTRIC_F0, env_brdf)
+        diffuse = one - specular
+        r = metallic[i] * total_albedo(red[i], env_brdf)
+        g = metallic[i] * total_albedo(green[i], env_brdf)
+        b = metallic[i] * total_albedo(blue[i], env_brdf)
+        visible, dielectric = occlusion[i], one - metallic[i]
+        out_red[i] = visible * ambient[0] * (r + dielectric * (specular + diffuse * red[i]))
+        out_green[i] = visible * ambient[1] * (g + dielectric * (specular + diffuse * green[i]))
+        out_blue[i] = visible * ambient[2] * (b + dielectric * (specular + diffuse * blue[i]))
 
 
 @disjoint_helper
-def show_on_facets(shown, microfacet, out):
+def write_microfacets(color, microfacet, out):
     """Write a channel of metallic-roughness samples; others stay."""
     for i in range(out.shape[0]):
-        out[i] = shown[i] if microfacet[i] > np.float32(0.0) else out[i]
+        out[i] = color[i] if microfacet[i] > np.float32(0.0) else out[i]
 
 
 @disjoint_helper
-def find_bounced(
+def find_multiple_scattering(
     vx, vy, vz, nx, ny, nz, roughness, metallic, red, green, blue, out_red, out_green, out_blue
 ):  # fmt: skip
     """Write the multiple-scattering albedo of metals, channel by channel."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(nx.shape[0]):
         n_v = nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i]
-        shares, own = reflected_shares(max(zero, n_v), roughness[i]), metallic[i]
-        out_red[i] = own * bounces(min(red[i], one), shares)[1]
-        out_green[i] = own * bounces(min(green[i], one), shares)[1]
-        out_blue[i] = own * bounces(min(blue[i], one), shares)[1]
+        brdf, metal = env_brdf(max(zero, n_v), roughness[i]), metallic[i]
+        out_red[i] = metal * scattering_albedos(min(red[i], one), brdf)[1]
+        out_green[i] = metal * scattering_albedos(min(green[i], one), brdf)[1]
+        out_blue[i] = metal * scattering_albedos(min(blue[i], one), brdf)[1]
 
 
 @disjoint_helper
-def show_nothing(red, green, blue):
+def write_zeros(red, green, blue):
     """Write zeros."""
     for i in range(red.shape[0]):
         red[i], green[i], blue[i] = np.float32(0.0), np.float32(0.0), np.float32(0.0)
 
 
 @disjoint_helper
-def find_facet_angles(
-    parts, nx, ny, nz, roughness, vx, vy, vz, told, lx, ly, lz
+def find_specular_terms(
+    lobes, nx, ny, nz, roughness, vx, vy, vz, in_range, lx, ly, lz
 ):  # fmt: skip
     """
-    Replace a light's direction by the terms of its reflection.
+    Overwrite a light's direction by the terms of its specular reflection.
 
     In turn: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
     """
@@ -217,49 +216,49 @@ def find_facet_angles(
         scale = unit_scale(hx, hy, hz)
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         x, y, z = nx[i], ny[i], nz[i]
-        n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if told[i] > zero else zero
+        n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if in_range[i] > zero else zero
         n_v = max(MIN_COSINE, x * vx[i] + y * vy[i] + z * vz[i])
         n_h = x * hx + y * hy + z * hz
         v_h = max(zero, vx[i] * hx + vy[i] * hy + vz[i] * hz)
         cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
         alpha = max(roughness[i] * roughness[i], MIN_ALPHA)
         squared = alpha * alpha
-        shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
-        shine *= parts[1] * facets_seen(n_l, n_v, squared)
-        lx[i], ly[i], lz[i] = n_l, shine, grazing(v_h)
+        specular = ggx_distribution(n_h, cx * cx + cy * cy + cz * cz, squared)
+        specular *= lobes[1] * smith_visibility(n_l, n_v, squared)
+        lx[i], ly[i], lz[i] = n_l, specular, schlick_weight(v_h)
 
 
 @disjoint_helper
-def add_facet_light(
-    light, parts, facing, shining, grazed, falloff, metallic, microfacet, reached, red, green, blue,
-    bounced_red, bounced_green, bounced_blue, out_red, out_green, out_blue,
+def add_microfacet_light(
+    light, lobes, n_l, specular, schlick, falloff, metallic, microfacet, visibility, red, green,
+    blue, multiple_red, multiple_green, multiple_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Add one light to each metallic-roughness sample, times its visibility."""
     one = np.float32(1.0)
     for i in range(out_red.shape[0]):
-        shine, bent = shining[i], grazed[i]
-        # The rest enters the surface: diffuse.
-        diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
-        diffuse *= parts[0]
-        arriving = microfacet[i] * falloff[i] * facing[i] * reached[i]
-        head_on = mirrored_head_on(red[i], metallic[i])
-        mirrored = shine * (head_on + (one - head_on) * bent)
-        mirrored += parts[1] * bounced_red[i]
-        out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
-        head_on = mirrored_head_on(green[i], metallic[i])
-        mirrored = shine * (head_on + (one - head_on) * bent)
-        mirrored += parts[1] * bounced_green[i]
-        out_green[i] += arriving * light[5] * (green[i] * diffuse + mirrored)
-        head_on = mirrored_head_on(blue[i], metallic[i])
-        mirrored = shine * (head_on + (one - head_on) * bent)
-        mirrored += parts[1] * bounced_blue[i]
-        out_blue[i] += arriving * light[6] * (blue[i] * diffuse + mirrored)
+        lobe, fresnel = specular[i], schlick[i]
+        # Light that is not reflected enters the surface: diffuse.
+        diffuse = (one - metallic[i]) * (one - (DIELECTRIC_F0 + (one - DIELECTRIC_F0) * fresnel))
+        diffuse *= lobes[0]
+        weight = microfacet[i] * falloff[i] * n_l[i] * visibility[i]
+        f0 = specular_f0(red[i], metallic[i])
+        reflected = lobe * (f0 + (one - f0) * fresnel)
+        reflected += lobes[1] * multiple_red[i]
+        out_red[i] += weight * light[4] * (red[i] * diffuse + reflected)
+        f0 = specular_f0(green[i], metallic[i])
+        reflected = lobe * (f0 + (one - f0) * fresnel)
+        reflected += lobes[1] * multiple_green[i]
+        out_green[i] += weight * light[5] * (green[i] * diffuse + reflected)
+        f0 = specular_f0(blue[i], metallic[i])
+        reflected = lobe * (f0 + (one - f0) * fresnel)
+        reflected += lobes[1] * multiple_blue[i]
+        out_blue[i] += weight * light[6] * (blue[i] * diffuse + reflected)
 
 
 @helper
 def is_any_above_zero(row):
     """Return whether any number of a row is above 0."""
-    found = np.int32(0)
+    any_above = np.int32(0)
     for i in range(row.shape[0]):
-        found |= np.int32(row[i] > np.float32(0.0))
-    return found != 0
+        any_above |= np.int32(row[i] > np.float32(0.0))
+    return any_above != 0

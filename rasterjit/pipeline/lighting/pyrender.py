@@ -2,7 +2,7 @@
 Light metallic-roughness samples as the fragment shader of pyrender 0.1.45 does.
 
 Used by `compat.pyrender`; a microfacet model that differs from glTF's (``lighting.pbr``). With the
-cosines between normal n, light l, viewer v and their half vector h, each clamped (n·l and |n·v| to
+cosines midpoint normal n, light l, viewer v and their half vector h, each clamped (n·l and |n·v| to
 0.001..1), base colour b, metallic m and roughness r, clamped to 0.04..1:
 
 - specular is F G D / (4 n·l n·v + 0.001): Schlick's F of 0.04 (1 - m) + b m; Schlick's form of
@@ -33,7 +33,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import place
 from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR, four_rows, three_rows
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import owner_end
@@ -44,21 +44,21 @@ from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int32, int64, uint8
 
-COLOR_RED = rows.TINT_RED
+VERTEX_COLOR_RED = rows.TINT_RED
 """Rows, three: vertex colours. They reuse the rows of transmission, which this model lacks."""
 
 MIN_COSINE = np.float32(0.001)
 MIN_ROUGHNESS = np.float32(0.04)
-DIELECTRIC = np.float32(0.04)
-SPARE = np.float32(0.001)
+DIELECTRIC_F0 = np.float32(0.04)
+DENOMINATOR_BIAS = np.float32(0.001)
 """Constant added to the denominator of the specular term."""
-FARTHEST = np.float32(64.0)
-"""Positions outside a shadow map are clamped at this distance, in its sizes."""
+MAX_OUTSIDE = np.float32(64.0)
+"""Largest distance outside a shadow map, in its sizes; positions are clamped to it."""
 OVER_PI = np.float32(1.0 / math.pi)
 
 
 @stage
-def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: float32[::1]):
+def turn_to_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: float32[::1]):
     """Turn the normals of some objects toward the viewer."""
     s = block.samples
     for k in range(block.counts[SEGMENTS]):
@@ -73,59 +73,59 @@ def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: fl
 
 
 @helper
-def between(one, other):
+def midpoint(a, b):
     """Return the midpoint of two points, and their squared distance."""
-    x, y, z = other[0] - one[0], other[1] - one[1], other[2] - one[2]
-    middle = one[0] + 0.5 * x, one[1] + 0.5 * y, one[2] + 0.5 * z
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    middle = a[0] + 0.5 * x, a[1] + 0.5 * y, a[2] + 0.5 * z
     return middle, x * x + y * y + z * z
 
 
 @stage
-def place_in_squares(
+def center_on_squares(
     block: Block, count, are_squares: uint8[::1], faces: int32[:, ::1], placement: Placement
 ):
-    """Move samples of triangles of a square to its centre: the middle of the longest edge."""
-    s, whole, m, p = block.samples, block.whole, placement.relative_from_model, placement.positions
+    """Move samples of a square's triangles to its centre, the midpoint of the longest edge."""
+    s, ints, m, p = block.samples, block.ints, placement.relative_from_model, placement.positions
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
         if are_squares[owner] == 0:
             continue
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-            face = np.uintp(whole[rows.FACE, r])
+            face = np.uintp(ints[rows.FACE, r])
             a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
             pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
             pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
             pc = place(p[c, 0], p[c, 1], p[c, 2], owner, m)
-            middle, longest = between(pa, pb)
-            other, way = between(pb, pc)
-            if way > longest:
-                middle, longest = other, way
-            other, way = between(pc, pa)
-            if way > longest:
-                middle, longest = other, way
+            longest_center, longest_squared = midpoint(pa, pb)
+            center, squared = midpoint(pb, pc)
+            if squared > longest_squared:
+                longest_center, longest_squared = center, squared
+            center, squared = midpoint(pc, pa)
+            if squared > longest_squared:
+                longest_center, longest_squared = center, squared
             for n in range(
-                np.uintp(whole[rows.FIRST, r]), np.uintp(whole[rows.FIRST, r + np.uintp(1)])
+                np.uintp(ints[rows.FIRST, r]), np.uintp(ints[rows.FIRST, r + np.uintp(1)])
             ):
-                s[rows.POINT_X, n] = np.float32(middle[0])
-                s[rows.POINT_Y, n] = np.float32(middle[1])
-                s[rows.POINT_Z, n] = np.float32(middle[2])
+                s[rows.POINT_X, n] = np.float32(longest_center[0])
+                s[rows.POINT_Y, n] = np.float32(longest_center[1])
+                s[rows.POINT_Z, n] = np.float32(longest_center[2])
 
 
 @disjoint_helper
-def decode_row(shown):
-    """Decode a row of sRGB's values, 0..1."""
-    for i in range(shown.shape[0]):
-        bright = power((shown[i] + np.float32(0.055)) * np.float32(1.0 / 1.055), np.float32(2.4))
-        dark = shown[i] * np.float32(1.0 / 12.92)
-        shown[i] = bright if shown[i] >= np.float32(0.04045) else dark
+def decode_srgb(codes):
+    """Decode a row of sRGB codes, 0..1, to linear light."""
+    for i in range(codes.shape[0]):
+        curved = power((codes[i] + np.float32(0.055)) * np.float32(1.0 / 1.055), np.float32(2.4))
+        linear = codes[i] * np.float32(1.0 / 12.92)
+        codes[i] = curved if codes[i] >= np.float32(0.04045) else linear
 
 
 @stage
 def decode_textures(block: Block, count):
     """Decode texture colours, which were filtered as sRGB codes."""
     for k in range(3):
-        decode_row(part(block.colors, SHOWN + k, 0, count))
+        decode_srgb(part(block.colors, SHOWN + k, 0, count))
 
 
 @stage
@@ -138,22 +138,22 @@ def show_ambient_on_base(block: Block, count, ambient: float32[::1]):
 
 
 @helper
-def mirrored_by(n_l, n_v, n_h, roughness):
+def specular_term(n_l, n_v, n_h, roughness):
     """Return the specular term for F = 1."""
     one = np.float32(1.0)
     k = (roughness + one) * (roughness + one) * np.float32(0.125)
-    seen = n_v * n_l / ((n_v * (one - k) + k) * (n_l * (one - k) + k))
+    visibility = n_v * n_l / ((n_v * (one - k) + k) * (n_l * (one - k) + k))
     alpha = roughness * roughness
     squared = alpha * alpha
-    spread = n_h * n_h * (squared - one) + one
-    density = squared * OVER_PI / (spread * spread)
-    return seen * density / (np.float32(4.0) * n_l * n_v + SPARE)
+    denominator = n_h * n_h * (squared - one) + one
+    density = squared * OVER_PI / (denominator * denominator)
+    return visibility * density / (np.float32(4.0) * n_l * n_v + DENOMINATOR_BIAS)
 
 
 @disjoint_helper
-def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
+def find_reflection_terms(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
     """
-    Replace a light's direction by the terms of its reflection.
+    Overwrite a light's direction by the terms of its reflection.
 
     In turn: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
     """
@@ -169,54 +169,48 @@ def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
         rest = one - v_h
         squared = rest * rest
         lx[i] = n_l
-        ly[i] = mirrored_by(n_l, n_v, n_h, clamped(roughness[i], MIN_ROUGHNESS, one))
+        ly[i] = specular_term(n_l, n_v, n_h, clamped(roughness[i], MIN_ROUGHNESS, one))
         lz[i] = squared * squared * rest
 
 
 @helper
-def sent_on(base, metallic, shine, bent):
-    """Return the BRDF of one channel, without n·l."""
+def brdf_channel(base, metallic, specular, schlick):
+    """Return a channel of the BRDF, without n·l."""
     one = np.float32(1.0)
-    head_on = DIELECTRIC + metallic * (base - DIELECTRIC)
-    mirrored = head_on + (one - head_on) * bent
-    inside = base * (one - DIELECTRIC) * (one - metallic)
-    return (one - mirrored) * inside * OVER_PI + mirrored * shine
+    f0 = DIELECTRIC_F0 + metallic * (base - DIELECTRIC_F0)
+    fresnel = f0 + (one - f0) * schlick
+    diffuse = base * (one - DIELECTRIC_F0) * (one - metallic)
+    return (one - fresnel) * diffuse * OVER_PI + fresnel * specular
 
 
 @disjoint_helper
 def add_light(
-    light, facing, shine, bent, falloff, metallic, reached, red, green, blue, out_red, out_green,
-    out_blue,
+    light, n_l, specular, schlick, falloff, metallic, visibility, red, green, blue, out_red,
+    out_green, out_blue,
 ):  # fmt: skip
     """Add one light's reflection to samples, times its visibility."""
     for i in range(out_red.shape[0]):
         metal = clamped(metallic[i], np.float32(0.0), np.float32(1.0))
-        arriving = falloff[i] * facing[i] * reached[i]
-        out_red[i] += arriving * light[4] * sent_on(red[i], metal, shine[i], bent[i])
-        out_green[i] += arriving * light[5] * sent_on(green[i], metal, shine[i], bent[i])
-        out_blue[i] += arriving * light[6] * sent_on(blue[i], metal, shine[i], bent[i])
-
-
-@helper
-def parts_of_three(samples, first, s, e):
-    """Return a part of three consecutive rows."""
-    return three_parts(samples, first, s, e)
+        weight = falloff[i] * n_l[i] * visibility[i]
+        out_red[i] += weight * light[4] * brdf_channel(red[i], metal, specular[i], schlick[i])
+        out_green[i] += weight * light[5] * brdf_channel(green[i], metal, specular[i], schlick[i])
+        out_blue[i] += weight * light[6] * brdf_channel(blue[i], metal, specular[i], schlick[i])
 
 
 @stage
 def add_lights_as_pyrender(
-    block: Block, count, lights: float32[:, ::1], first: int64, end: int64, taken: uint8[:, ::1],
+    block: Block, count, lights: float32[:, ::1], first: int64, end: int64, falls_on: uint8[:, ::1],
     toward_viewer: float32[::1],
 ):  # fmt: skip
-    """Add lights ``first`` to ``end`` to the samples of those objects that take them."""
-    samples, single = block.samples, block.single
+    """Add lights ``first`` to ``end``, each to the samples of the objects it falls on."""
+    samples, floats = block.samples, block.floats
     points = three_rows(samples, rows.POINT_X, count)
-    blinn_phong.find_viewer(toward_viewer, *points, *directions_of(single, VIEWER, count))
+    blinn_phong.find_view_directions(toward_viewer, *points, *four_rows(floats, VIEW_DIR, count))
     for n in range(first, end):
-        blinn_phong.find_light(lights[n], *points, *directions_of(single, LIGHT, count))
-        find_facing(
+        blinn_phong.find_light_directions(lights[n], *points, *four_rows(floats, LIGHT_DIR, count))
+        find_reflection_terms(
             *three_rows(samples, rows.NORMAL_X, count), part(samples, rows.ROUGHNESS, 0, count),
-            *three_rows(single, VIEWER, count), *three_rows(single, LIGHT, count),
+            *three_rows(floats, VIEW_DIR, count), *three_rows(floats, LIGHT_DIR, count),
         )  # fmt: skip
         k = np.int64(0)
         while k < block.counts[SEGMENTS]:
@@ -224,41 +218,41 @@ def add_lights_as_pyrender(
             s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
             e = np.int64(block.segments[stop - 1, STOP])
             k = stop
-            if taken[owner, n] != 0:
+            if falls_on[owner, n] != 0:
                 add_light(
-                    lights[n], *parts_of_three(single, LIGHT, s, e),
-                    part(single, LIGHT + 3, s, e), part(samples, rows.METALLIC, s, e),
-                    part(samples, rows.SHADOW, s, e), *parts_of_three(samples, rows.RED, s, e),
-                    *parts_of_three(samples, rows.OUT_RED, s, e),
+                    lights[n], *three_parts(floats, LIGHT_DIR, s, e),
+                    part(floats, LIGHT_DIR + 3, s, e), part(samples, rows.METALLIC, s, e),
+                    part(samples, rows.SHADOW, s, e), *three_parts(samples, rows.RED, s, e),
+                    *three_parts(samples, rows.OUT_RED, s, e),
                 )  # fmt: skip
 
 
 @helper
-def covered_share(depths, across, down, depth):
+def pcf_shadow(depths, u, v, depth):
     """
     Return the shadowed share of 3 x 3 PCF taps around a position.
 
     Each tap is bilinear. The map repeats.
     """
     one, size = np.float32(1.0), np.int64(depths.shape[0])
-    left, low = np.floor(across), np.floor(down)
-    x, y = across - left, down - low
-    first, row = np.int64(np.int32(left)) - 1, np.int64(np.int32(low)) - 1
+    first_u, first_v = np.floor(u), np.floor(v)
+    fraction_u, fraction_v = u - first_u, v - first_v
+    column, line = np.int64(np.int32(first_u)) - 1, np.int64(np.int32(first_v)) - 1
     total = np.float32(0.0)
     for j in range(4):
-        line = np.uintp((row + j) & (size - 1))
-        weight = one if 0 < j < 3 else (y if j == 3 else one - y)
-        found = np.float32(0.0)
+        texel_row = np.uintp((line + j) & (size - 1))
+        weight_v = one if 0 < j < 3 else (fraction_v if j == 3 else one - fraction_v)
+        behind = np.float32(0.0)
         for i in range(4):
-            share = one if 0 < i < 3 else (x if i == 3 else one - x)
-            is_behind = depth > depths[line, np.uintp((first + i) & (size - 1))]
-            found += share if is_behind else np.float32(0.0)
-        total += weight * found
+            weight_u = one if 0 < i < 3 else (fraction_u if i == 3 else one - fraction_u)
+            is_behind = depth > depths[texel_row, np.uintp((column + i) & (size - 1))]
+            behind += weight_u if is_behind else np.float32(0.0)
+        total += weight_v * behind
     return total * np.float32(1.0 / 9.0)
 
 
 @stage
-def find_shadow(
+def read_shadow_map(
     block: Block, count, light: float32[::1], view: float32[::1], depths: float32[:, ::1]
 ):
     """
@@ -280,32 +274,32 @@ def find_shadow(
         x, y, z = s[rows.POINT_X, n], s[rows.POINT_Y, n], s[rows.POINT_Z, n]
         w = view[12] * x + view[13] * y + view[14] * z + view[15]
         inverse = one / w
-        across = (view[0] * x + view[1] * y + view[2] * z + view[3]) * inverse
-        down = (view[4] * x + view[5] * y + view[6] * z + view[7]) * inverse
-        place = (view[8] * x + view[9] * y + view[10] * z + view[11]) * inverse
+        ndc_x = (view[0] * x + view[1] * y + view[2] * z + view[3]) * inverse
+        ndc_y = (view[4] * x + view[5] * y + view[6] * z + view[7]) * inverse
+        window_z = (view[8] * x + view[9] * y + view[10] * z + view[11]) * inverse
         lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
-        facing = s[rows.NORMAL_X, n] * lx + s[rows.NORMAL_Y, n] * ly + s[rows.NORMAL_Z, n] * lz
-        facing = clamped(facing * unit_scale(lx, ly, lz), zero, one)
+        n_l = s[rows.NORMAL_X, n] * lx + s[rows.NORMAL_Y, n] * ly + s[rows.NORMAL_Z, n] * lz
+        n_l = clamped(n_l * unit_scale(lx, ly, lz), zero, one)
         # The bias; the map has window coordinates there.
-        bias = max(np.float32(0.001) * (one - facing), np.float32(0.0001)) * inverse
-        held = place - (bias + bias)
-        depth = (view[16] - view[17] * held) / (view[18] - view[19] * held)
+        bias = max(np.float32(0.001) * (one - n_l), np.float32(0.0001)) * inverse
+        biased = window_z - (bias + bias)
+        depth = (view[16] - view[17] * biased) / (view[18] - view[19] * biased)
         # Far outside, the position does not matter.
-        u = clamped(across * half + half, -FARTHEST, FARTHEST) * size + half
-        v = clamped(down * half + half, -FARTHEST, FARTHEST) * size + half
-        covered = covered_share(depths, u, v, depth)
-        s[rows.SHADOW, n] = one - (covered if place <= one else zero)
+        u = clamped(ndc_x * half + half, -MAX_OUTSIDE, MAX_OUTSIDE) * size + half
+        v = clamped(ndc_y * half + half, -MAX_OUTSIDE, MAX_OUTSIDE) * size + half
+        shadow = pcf_shadow(depths, u, v, depth)
+        s[rows.SHADOW, n] = one - (shadow if window_z <= one else zero)
 
 
 @stage
-def let_all_through(block: Block, count):
-    """Write visibility 1 of the next light."""
+def make_visible(block: Block, count):
+    """Set the visibility of the next light to 1."""
     for n in range(count):
         block.samples[rows.SHADOW, n] = np.float32(1.0)
 
 
 @stage
-def dim_by_occlusion(block: Block, count):
+def multiply_by_occlusion(block: Block, count):
     """Multiply the sum of light by occlusion."""
     s = block.samples
     for k in range(3):
@@ -314,7 +308,7 @@ def dim_by_occlusion(block: Block, count):
 
 
 @stage
-def brighten(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
+def amplify(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
     """Multiply three rows by factors of each object, which stand from column ``first`` on."""
     s = block.samples
     for k in range(block.counts[SEGMENTS]):
@@ -332,4 +326,4 @@ def multiply_by_vertex_colors(block: Block, count):
     s = block.samples
     for k in range(3):
         for n in range(count):
-            s[rows.OUT_RED + k, n] *= s[COLOR_RED + k, n]
+            s[rows.OUT_RED + k, n] *= s[VERTEX_COLOR_RED + k, n]

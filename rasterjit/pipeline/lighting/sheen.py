@@ -5,7 +5,7 @@ The sheen is ``color D V``: Charlie's distribution ``D = (2 + 1/a) sin(h)**(1/a)
 h is the angle between normal and half vector and ``a = roughness**2``, and the fitted shadowing
 ``V = 1 / ((1 + L(n l) + L(n v)) 4 n_l n_v)`` [1]_, [2]_. As everywhere here, it is multiplied by
 pi. The base layer is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is the directional albedo
-of ``D V``, from a table, clamped to 1, which very smooth fibres exceed at grazing angles.
+of ``D V``, from a table, clamped to 1, which very smooth fibres exceed at schlick_weight angles.
 
 Ambient light adds ``color E(n v)`` times the irradiance along a normal bent toward the viewer,
 since fibres scatter back; the lobe is so wide that no prefiltered map is needed. Under a sky with a
@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR, four_rows, three_rows
 from rasterjit.pipeline.lighting.pbr import MIN_COSINE, is_any_above_zero
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
@@ -35,7 +35,7 @@ from rasterjit.runtime.state_block import float32, int64
 MIN_ROUGHNESS = np.float32(0.07)
 """Least roughness; lower ones are clamped to it."""
 
-LEANING = np.float32(0.6)
+BEND = np.float32(0.6)
 """Share of the viewer's tangential direction in the bent normal."""
 
 LOG2_E = np.float32(1.442695)
@@ -43,7 +43,7 @@ LOG2_E = np.float32(1.442695)
 TABLE_STEPS = np.float32(15.0)
 """Steps along each side of the table."""
 
-THOUSANDTHS = (
+ALBEDO_THOUSANDTHS = (
     (1000, 1000, 1000, 1000, 720, 336, 129, 38, 8, 1, 0, 0, 0, 0, 0, 0),
     (1000, 1000, 1000, 1000, 720, 336, 129, 38, 8, 1, 0, 0, 0, 0, 0, 0),
     (1000, 1000, 1000, 1000, 754, 500, 307, 172, 86, 37, 13, 4, 1, 0, 0, 0),
@@ -66,11 +66,11 @@ E in thousandths: a row for each roughness from 0 to 1 in equal steps, `MIN_ROUG
 less; a column for each cosine, whose roots go from 0 to 1 in equal steps, 0.001 in place of 0.
 """
 
-ALBEDO = np.array(THOUSANDTHS, np.float32) / np.float32(1000.0)
+ALBEDO = np.array(ALBEDO_THOUSANDTHS, np.float32) / np.float32(1000.0)
 
 
 @helper
-def albedo(table, cosine, roughness):
+def sheen_albedo(table, cosine, roughness):
     """Return the directional albedo of the sheen, from the table."""
     zero, one = np.float32(0.0), np.float32(1.0)
     y = clamped(roughness, zero, one) * TABLE_STEPS
@@ -85,97 +85,97 @@ def albedo(table, cosine, roughness):
 
 
 @helper
-def hidden(cosine, share):
+def charlie_lambda(cosine, smoothness):
     """Return Charlie's lambda, the masking of fibres from one direction."""
-    half, held = np.float32(0.5), clamped(cosine, np.float32(0.0), np.float32(1.0))
-    a = np.float32(21.5473) + share * np.float32(25.3245 - 21.5473)
-    b = np.float32(3.82987) + share * np.float32(3.32435 - 3.82987)
-    c = np.float32(0.19823) + share * np.float32(0.16801 - 0.19823)
-    d = np.float32(-1.97760) + share * np.float32(1.97760 - 1.27393)
-    e = np.float32(-4.32054) + share * np.float32(4.32054 - 4.85967)
-    x = min(held, np.float32(1.0) - held)
-    own = a / (np.float32(1.0) + b * power(x, c)) + d * x + e
-    middle = a / (np.float32(1.0) + b * exp2(-c)) + d * half + e
-    return exp2(LOG2_E * (own if held < half else np.float32(2.0) * middle - own))
+    half, c = np.float32(0.5), clamped(cosine, np.float32(0.0), np.float32(1.0))
+    a = np.float32(21.5473) + smoothness * np.float32(25.3245 - 21.5473)
+    b = np.float32(3.82987) + smoothness * np.float32(3.32435 - 3.82987)
+    exponent = np.float32(0.19823) + smoothness * np.float32(0.16801 - 0.19823)
+    d = np.float32(-1.97760) + smoothness * np.float32(1.97760 - 1.27393)
+    e = np.float32(-4.32054) + smoothness * np.float32(4.32054 - 4.85967)
+    x = min(c, np.float32(1.0) - c)
+    log_lambda = a / (np.float32(1.0) + b * power(x, exponent)) + d * x + e
+    log_half = a / (np.float32(1.0) + b * exp2(-exponent)) + d * half + e
+    return exp2(LOG2_E * (log_lambda if c < half else np.float32(2.0) * log_half - log_lambda))
 
 
 @disjoint_helper
-def find_fibres(parts, nx, ny, nz, roughness, vx, vy, vz, facing, shining, grazed):
+def find_sheen_terms(lobes, nx, ny, nz, roughness, vx, vy, vz, n_ls, specular, schlick):
     """
-    Replace the facets' terms of a light by the BRDF of white sheen times n·l.
+    Overwrite the specular terms of a light by the BRDF of white sheen, and n·v.
 
-    Takes what `pbr.find_facet_angles` writes: the fifth root of the last is ``1 - v h``. The half
+    Takes what `pbr.find_specular_terms` writes: the fifth root of the last is ``1 - v h``. The half
     vector is the sum of two unit vectors over ``2 v h``, so ``n h`` is that of the cosines. Writes
     the cosine between normal and viewer in its place.
     """
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for i in range(nx.shape[0]):
-        n_l = facing[i]
+        n_l = n_ls[i]
         n_v = max(MIN_COSINE, nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i])
-        v_h = max(MIN_COSINE, one - power(grazed[i], np.float32(0.2)))
+        v_h = max(MIN_COSINE, one - power(schlick[i], np.float32(0.2)))
         n_h = half * (n_l + n_v) / v_h
         alpha = clamped(roughness[i], MIN_ROUGHNESS, one)
         alpha *= alpha
-        sharp = half / alpha
-        density = (one + sharp) * power(max(zero, one - n_h * n_h), sharp)
-        share = (one - alpha) * (one - alpha)
-        others = one + hidden(n_v, share) + hidden(n_l, share)
-        shown = parts[1] * density / (np.float32(4.0) * n_v * others)
-        shining[i], grazed[i] = shown if n_l > zero else zero, n_v
+        inverse = half / alpha
+        density = (one + inverse) * power(max(zero, one - n_h * n_h), inverse)
+        smoothness = (one - alpha) * (one - alpha)
+        shadowing = one + charlie_lambda(n_v, smoothness) + charlie_lambda(n_l, smoothness)
+        brdf = lobes[1] * density / (np.float32(4.0) * n_v * shadowing)
+        specular[i], schlick[i] = brdf if n_l > zero else zero, n_v
 
 
 @disjoint_helper
-def lay_fibres(
-    light, table, facing, shining, seen, falloff, microfacet, reached, roughness, red, green, blue,
+def blend_sheen(
+    light, table, n_l, brdf, n_v, falloff, microfacet, visibility, roughness, red, green, blue,
     below_red, below_green, below_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Blend sheen over the light added to samples since rows BELOW_RED were copied."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out_red.shape[0]):
         r, g, b = min(red[i], one), min(green[i], one), min(blue[i], one)
-        most = max(r, max(g, b))
-        if microfacet[i] * most > zero:
-            taken = max(
-                albedo(table, seen[i], roughness[i]), albedo(table, facing[i], roughness[i])
+        largest = max(r, max(g, b))
+        if microfacet[i] * largest > zero:
+            energy = max(
+                sheen_albedo(table, n_v[i], roughness[i]), sheen_albedo(table, n_l[i], roughness[i])
             )
-            left = one - most * taken
-            arriving = falloff[i] * reached[i] * shining[i]
-            out_red[i] = below_red[i] + (out_red[i] - below_red[i]) * left + arriving * light[4] * r
-            added = (out_green[i] - below_green[i]) * left + arriving * light[5] * g
-            out_green[i] = below_green[i] + added
-            added = (out_blue[i] - below_blue[i]) * left + arriving * light[6] * b
-            out_blue[i] = below_blue[i] + added
+            rest = one - largest * energy
+            weight = falloff[i] * visibility[i] * brdf[i]
+            out_red[i] = below_red[i] + (out_red[i] - below_red[i]) * rest + weight * light[4] * r
+            lit = (out_green[i] - below_green[i]) * rest + weight * light[5] * g
+            out_green[i] = below_green[i] + lit
+            lit = (out_blue[i] - below_blue[i]) * rest + weight * light[6] * b
+            out_blue[i] = below_blue[i] + lit
 
 
 @stage
-def light_fibres(
-    block: Block, count, lights: float32[:, ::1], number: int64, parts: float32[::1],
+def light_sheen(
+    block: Block, count, lights: float32[:, ::1], light: int64, lobes: float32[::1],
     table: float32[:, ::1],
 ):  # fmt: skip
     """
     Add the sheen of one light, and scale the base layer's part of it.
 
-    Behind `light_stages.add_lights_on_facets` of this light alone, which leaves the directions to
-    the viewer, and how the light falls, in ``single``.
+    Behind `light_stages.add_microfacet_lights` of this light alone, which leaves the directions to
+    the viewer, and how the light falls, in ``floats``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     roughness = part(s, rows.SHEEN_ROUGHNESS, 0, count)
-    facing, shining, seen, falloff = directions_of(block.single, LIGHT, count)
-    find_fibres(
-        parts, *three_rows(s, rows.NORMAL_X, count), roughness,
-        *three_rows(block.single, VIEWER, count), facing, shining, seen,
+    n_l, specular, schlick, falloff = four_rows(block.floats, LIGHT_DIR, count)
+    find_sheen_terms(
+        lobes, *three_rows(s, rows.NORMAL_X, count), roughness,
+        *three_rows(block.floats, VIEW_DIR, count), n_l, specular, schlick,
     )  # fmt: skip
-    lay_fibres(
-        lights[number], table, facing, shining, seen, falloff, part(s, rows.MICROFACET, 0, count),
+    blend_sheen(
+        lights[light], table, n_l, specular, schlick, falloff, part(s, rows.MICROFACET, 0, count),
         part(s, rows.SHADOW, 0, count), roughness, *three_rows(s, rows.SHEEN_RED, count),
         *three_rows(s, rows.BELOW_RED, count), *three_rows(s, rows.OUT_RED, count),
     )  # fmt: skip
 
 
 @disjoint_helper
-def lean(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
+def bend_rows(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
     """Write normals bent toward the viewer."""
     for i in range(x.shape[0]):
         vx, vy, vz = (
@@ -185,58 +185,58 @@ def lean(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
         )
         scale = unit_scale(vx, vy, vz)
         vx, vy, vz = vx * scale, vy * scale, vz * scale
-        own = np.float32(1.0) - LEANING * (nx[i] * vx + ny[i] * vy + nz[i] * vz)
+        weight = np.float32(1.0) - BEND * (nx[i] * vx + ny[i] * vy + nz[i] * vz)
         mx, my, mz = (
-            own * nx[i] + LEANING * vx, own * ny[i] + LEANING * vy, own * nz[i] + LEANING * vz
+            weight * nx[i] + BEND * vx, weight * ny[i] + BEND * vy, weight * nz[i] + BEND * vz
         )  # fmt: skip
         scale = unit_scale(mx, my, mz)
         x[i], y[i], z[i] = mx * scale, my * scale, mz * scale
 
 
 @stage
-def lean_normals(block: Block, count, toward_viewer: float32[::1]):
-    """Write the bent normals for the sheen's ambient light to rows LEANING_X to Z."""
+def bend_normals(block: Block, count, toward_viewer: float32[::1]):
+    """Write the bent normals for the sheen's ambient light to rows BENT_NORMAL_X to Z."""
     s = block.samples
-    lean(
+    bend_rows(
         toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
-        *three_rows(s, rows.LEANING_X, count),
+        *three_rows(s, rows.BENT_NORMAL_X, count),
     )  # fmt: skip
 
 
 @disjoint_helper
-def show_fibres(
-    toward_viewer, table, nx, ny, nz, px, py, pz, microfacet, roughness, red, green, blue, even_red,
-    even_green, even_blue, below_red, below_green, below_blue, out_red, out_green, out_blue,
+def blend_ambient_sheen(
+    toward_viewer, table, nx, ny, nz, px, py, pz, microfacet, roughness, red, green, blue, lit_red,
+    lit_green, lit_blue, below_red, below_green, below_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Blend sheen over the ambient light of samples."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out_red.shape[0]):
         r, g, b = min(red[i], one), min(green[i], one), min(blue[i], one)
-        most = max(r, max(g, b))
-        if microfacet[i] * most > zero:
+        largest = max(r, max(g, b))
+        if microfacet[i] * largest > zero:
             vx, vy, vz = (
                 toward_viewer[0] - toward_viewer[3] * px[i],
                 toward_viewer[1] - toward_viewer[3] * py[i],
                 toward_viewer[2] - toward_viewer[3] * pz[i],
             )
             n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-            taken = albedo(table, n_v, roughness[i])
-            left = one - most * taken
-            added = (out_red[i] - below_red[i]) * left + taken * r * even_red[i]
-            out_red[i] = below_red[i] + added
-            added = (out_green[i] - below_green[i]) * left + taken * g * even_green[i]
-            out_green[i] = below_green[i] + added
-            added = (out_blue[i] - below_blue[i]) * left + taken * b * even_blue[i]
-            out_blue[i] = below_blue[i] + added
+            energy = sheen_albedo(table, n_v, roughness[i])
+            rest = one - largest * energy
+            lit = (out_red[i] - below_red[i]) * rest + energy * r * lit_red[i]
+            out_red[i] = below_red[i] + lit
+            lit = (out_green[i] - below_green[i]) * rest + energy * g * lit_green[i]
+            out_green[i] = below_green[i] + lit
+            lit = (out_blue[i] - below_blue[i]) * rest + energy * b * lit_blue[i]
+            out_blue[i] = below_blue[i] + lit
 
 
 @stage
-def show_around_on_fibres(block: Block, count, toward_viewer: float32[::1], table: float32[:, ::1]):
+def add_ambient_sheen(block: Block, count, toward_viewer: float32[::1], table: float32[:, ::1]):
     """Blend sheen over ambient light; rows LAYER_OUT hold the irradiance."""
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    show_fibres(
+    blend_ambient_sheen(
         toward_viewer, table, *three_rows(s, rows.NORMAL_X, count),
         *three_rows(s, rows.POINT_X, count), part(s, rows.MICROFACET, 0, count),
         part(s, rows.SHEEN_ROUGHNESS, 0, count), *three_rows(s, rows.SHEEN_RED, count),

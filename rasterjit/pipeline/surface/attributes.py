@@ -25,10 +25,10 @@ from rasterjit.pipeline.records import (
     PHONG,
     Placement,
 )
-from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
 from rasterjit.pipeline.surface.sample_block import (
-    BEHIND,
+    BACKFACE,
     END_PATCH,
     FACE,
     FIRST,
@@ -50,12 +50,12 @@ from rasterjit.runtime.intrinsics import nine_parts, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, float64, int64, uint8
 
-SHOWN_ALPHA = SHOWN + 3
+TEXTURE_ALPHA = SHOWN + 3
 """Row of colours: a texture's alpha."""
 
 
 @helper
-def normal_at(second, third, normal):
+def blend_normal(second, third, normal):
     """Return the interpolated normal in world axes, on the visible side, not normalized."""
     (na, nb, nc), m, side = normal
     weights = (0.0, second, third)
@@ -70,7 +70,7 @@ def normal_at(second, third, normal):
 
 
 @helper
-def point_at(second, third, point):
+def blend_point(second, third, point):
     """Return a sample's position, as `place_sample` does."""
     first, ab, ac, m = point
     x = second * ab[0] + third * ac[0]
@@ -84,27 +84,27 @@ def point_at(second, third, point):
 
 
 @helper
-def gather_values(first, end, values, whole, rows):
+def gather_values(first, end, values, ints, out):
     """Gather three numbers for each vertex of the faces of some patches."""
     for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        n = np.uintp(whole[FIRST, r])
-        spread(rows[0], n, values[a, 0])
-        spread(rows[1], n, values[a, 1])
-        spread(rows[2], n, values[a, 2])
-        spread(rows[3], n, values[b, 0])
-        spread(rows[4], n, values[b, 1])
-        spread(rows[5], n, values[b, 2])
-        spread(rows[6], n, values[c, 0])
-        spread(rows[7], n, values[c, 1])
-        spread(rows[8], n, values[c, 2])
+        a, b, c = np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
+        n = np.uintp(ints[FIRST, r])
+        spread(out[0], n, values[a, 0])
+        spread(out[1], n, values[a, 1])
+        spread(out[2], n, values[a, 2])
+        spread(out[3], n, values[b, 0])
+        spread(out[4], n, values[b, 1])
+        spread(out[5], n, values[b, 2])
+        spread(out[6], n, values[c, 0])
+        spread(out[7], n, values[c, 1])
+        spread(out[8], n, values[c, 2])
 
 
 @helper
-def span_corners(segment, whole):
+def span_corners(segment, ints):
     """Return the vertices of a span's face."""
     r = np.uintp(segment[FIRST_PATCH])
-    return np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+    return np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
 
 
 @disjoint_helper
@@ -131,28 +131,28 @@ def owner_end(block, k):
 
 
 @stage
-def tint_samples(block: Block, count, materials: float32[:, ::1]):
+def fill_base_colors(block: Block, count, materials: float32[:, ::1]):
     """Write the base colour of each sample's material."""
     samples, k = block.samples, np.int64(0)
     while k < block.counts[SEGMENTS]:
         end = owner_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
         e = s + whole_vectors(block.segments[end - 1, STOP] - s)
-        fill_row(part(samples, row.RED, s, e), materials[owner, 0])
-        fill_row(part(samples, row.GREEN, s, e), materials[owner, 1])
-        fill_row(part(samples, row.BLUE, s, e), materials[owner, 2])
+        fill_row(part(samples, rows.RED, s, e), materials[owner, 0])
+        fill_row(part(samples, rows.GREEN, s, e), materials[owner, 1])
+        fill_row(part(samples, rows.BLUE, s, e), materials[owner, 2])
         k = end
 
 
 @stage
 def multiply_face_colors(block: Block, count, face_colors: float32[:, ::1]):
     """Multiply the base colours by those of the faces."""
-    samples, whole = block.samples, block.whole
+    samples, ints = block.samples, block.ints
     for r in range(np.uintp(block.counts[PATCHES])):
-        face = np.uintp(whole[FACE, r])
-        for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
+        face = np.uintp(ints[FACE, r])
+        for n in range(np.uintp(ints[FIRST, r]), np.uintp(ints[FIRST, r + np.uintp(1)])):
             for k in range(3):
-                samples[row.RED + k, n] *= face_colors[face, k]
+                samples[rows.RED + k, n] *= face_colors[face, k]
 
 
 @stage
@@ -165,25 +165,25 @@ def multiply_face_colors_below_highlights(
     The diffuse light on the vertices of Gouraud-shaded objects is in three rows of samples from
     ``first`` on; it is multiplied too.
     """
-    samples, whole = block.samples, block.whole
+    samples, ints = block.samples, block.ints
     for s in range(block.counts[SEGMENTS]):
         segment = block.segments[s]
         is_lit = np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) == GOURAUD
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            face = np.uintp(whole[FACE, r])
-            for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
+            face = np.uintp(ints[FACE, r])
+            for n in range(np.uintp(ints[FIRST, r]), np.uintp(ints[FIRST, r + np.uintp(1)])):
                 for k in range(3):
-                    color, own = samples[row.RED + k, n], face_colors[face, k]
+                    color, factor = samples[rows.RED + k, n], face_colors[face, k]
                     if is_lit:
                         diffuse = samples[first + k, n]
-                        samples[row.RED + k, n] = absorb(color, own, diffuse)
-                        samples[first + k, n] = diffuse * own
+                        samples[rows.RED + k, n] = absorb(color, factor, diffuse)
+                        samples[first + k, n] = diffuse * factor
                     else:
-                        samples[row.RED + k, n] = color * own
+                        samples[rows.RED + k, n] = color * factor
 
 
 @helper
-def weighted(weights, value0, value1, value2):
+def weighted_mean(weights, value0, value1, value2):
     """
     Return the weighted mean of non-negative values, clamped to their range.
 
@@ -197,7 +197,7 @@ def weighted(weights, value0, value1, value2):
 
 
 @disjoint_helper
-def mix_colors(
+def interpolate_colors(
     red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, second, third, base
 ):  # fmt: skip
     """Write a base colour times those of the vertices, interpolated."""
@@ -211,7 +211,7 @@ def mix_colors(
 
 
 @disjoint_helper
-def colors_along_span(red, green, blue, second, third, at_a, at_b, at_c, base):
+def interpolate_span_colors(red, green, blue, second, third, at_a, at_b, at_c, base):
     """Write a base colour times those of the vertices of one face, interpolated."""
     for n in range(red.shape[0]):
         weights = (0.0, second[n], third[n])
@@ -221,32 +221,32 @@ def colors_along_span(red, green, blue, second, third, at_a, at_b, at_c, base):
 
 
 @helper
-def show_colors_of(segment, block, vertex_colors, materials):
+def interpolate_segment_colors(segment, block, vertex_colors, materials):
     """Write the base colour of a segment's material times those of the vertices, interpolated."""
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
     s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
     e = s + whole_vectors(segment[STOP] - s)
     base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-    red, green, blue = three_parts(samples, row.RED, s, e)
+    red, green, blue = three_parts(samples, rows.RED, s, e)
     second, third = part(weights, 0, s, e), part(weights, 1, s, e)
     if segment[KIND] == MIXED:
-        gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
-        mix_colors(red, green, blue, *nine_parts(rows, 0, s, e), second, third, base)
+        gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, ints, floats)
+        interpolate_colors(red, green, blue, *nine_parts(floats, 0, s, e), second, third, base)
     else:
-        a, b, c = span_corners(segment, whole)
-        colors_along_span(
+        a, b, c = span_corners(segment, ints)
+        interpolate_span_colors(
             red, green, blue, second, third, triple_at(vertex_colors, a),
             triple_at(vertex_colors, b), triple_at(vertex_colors, c), base,
         )  # fmt: skip
 
 
 @stage
-def show_vertex_colors(
+def mix_vertex_colors(
     block: Block, count, vertex_colors: float32[:, ::1], materials: float32[:, ::1]
 ):
     """Write the base colour of each sample's material times those of the vertices, interpolated."""
     for k in range(block.counts[SEGMENTS]):
-        show_colors_of(block.segments[k], block, vertex_colors, materials)
+        interpolate_segment_colors(block.segments[k], block, vertex_colors, materials)
 
 
 @disjoint_helper
@@ -256,19 +256,19 @@ def multiply_float32_colors(
     """Multiply colours by those of the vertices, interpolated in float32."""
     for n in range(red.shape[0]):
         weights = first[n], second[n], third[n]
-        red[n] *= weighted(weights, ra[n], rb[n], rc[n])
-        green[n] *= weighted(weights, ga[n], gb[n], gc[n])
-        blue[n] *= weighted(weights, ba[n], bb[n], bc[n])
+        red[n] *= weighted_mean(weights, ra[n], rb[n], rc[n])
+        green[n] *= weighted_mean(weights, ga[n], gb[n], gc[n])
+        blue[n] *= weighted_mean(weights, ba[n], bb[n], bc[n])
 
 
 @disjoint_helper
-def multiply_float32_along_span(red, green, blue, first, second, third, at_a, at_b, at_c):
+def multiply_float32_span(red, green, blue, first, second, third, at_a, at_b, at_c):
     """Multiply the colours of one face by those of its vertices, interpolated in float32."""
     for n in range(red.shape[0]):
         weights = first[n], second[n], third[n]
-        red[n] *= weighted(weights, at_a[0], at_b[0], at_c[0])
-        green[n] *= weighted(weights, at_a[1], at_b[1], at_c[1])
-        blue[n] *= weighted(weights, at_a[2], at_b[2], at_c[2])
+        red[n] *= weighted_mean(weights, at_a[0], at_b[0], at_c[0])
+        green[n] *= weighted_mean(weights, at_a[1], at_b[1], at_c[1])
+        blue[n] *= weighted_mean(weights, at_a[2], at_b[2], at_c[2])
 
 
 @helper
@@ -278,20 +278,20 @@ def color_of(vertex_colors, vertex):
 
 
 @helper
-def gather_light(first, end, lit_vertices, whole, rows):
+def gather_light(first, end, lit_vertices, ints, out):
     """Gather the light on the vertices of some patches, on the visible side."""
     for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        n = np.uintp(whole[FIRST, r])
-        side = np.uintp(whole[BEHIND, n])
+        a, b, c = np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
+        n = np.uintp(ints[FIRST, r])
+        side = np.uintp(ints[BACKFACE, n])
         for k in range(3):
-            spread(rows[k], n, lit_vertices[a, side, k])
-            spread(rows[3 + k], n, lit_vertices[b, side, k])
-            spread(rows[6 + k], n, lit_vertices[c, side, k])
+            spread(out[k], n, lit_vertices[a, side, k])
+            spread(out[3 + k], n, lit_vertices[b, side, k])
+            spread(out[6 + k], n, lit_vertices[c, side, k])
 
 
 @stage
-def show_lit_vertices(
+def interpolate_lit_vertices(
     block: Block, count, lit_vertices: float32[:, :, ::1], materials: float32[:, ::1], first: int64
 ):
     """
@@ -299,7 +299,7 @@ def show_lit_vertices(
 
     Three rows of samples from ``first`` on.
     """
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
     white = np.float32(1.0), np.float32(1.0), np.float32(1.0)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
@@ -307,17 +307,17 @@ def show_lit_vertices(
             continue
         s, e = np.int64(segment[START]), np.int64(segment[STOP])
         if segment[KIND] == MIXED:
-            gather_light(segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, whole, rows)
+            gather_light(segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, ints, floats)
         red, green, blue = three_parts(samples, first, s, e)
         if segment[KIND] == MIXED:
-            mix_colors(
-                red, green, blue, *nine_parts(rows, 0, s, e), part(weights, 0, s, e),
+            interpolate_colors(
+                red, green, blue, *nine_parts(floats, 0, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), white,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, whole)
-            side = np.uintp(whole[BEHIND, s])
-            colors_along_span(
+            a, b, c = span_corners(segment, ints)
+            side = np.uintp(ints[BACKFACE, s])
+            interpolate_span_colors(
                 red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
                 triple_at(lit_vertices[a], side), triple_at(lit_vertices[b], side),
                 triple_at(lit_vertices[c], side), white,
@@ -337,44 +337,44 @@ def find_reflectance(block: Block, count, materials: float32[:, ::1]):
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
         e = s + whole_vectors(block.segments[end - 1, STOP] - s)
         model = np.int64(materials[owner, MATERIAL_MODEL])
-        fill_row(part(samples, row.SPECULAR, s, e), materials[owner, MATERIAL_SPECULAR])
-        fill_row(part(samples, row.SHININESS, s, e), materials[owner, MATERIAL_SHININESS])
-        fill_row(part(samples, row.LIT, s, e), np.float32(1.0 if model in (FLAT, PHONG) else 0.0))
+        fill_row(part(samples, rows.SPECULAR, s, e), materials[owner, MATERIAL_SPECULAR])
+        fill_row(part(samples, rows.SHININESS, s, e), materials[owner, MATERIAL_SHININESS])
+        fill_row(part(samples, rows.LIT, s, e), np.float32(1.0 if model in (FLAT, PHONG) else 0.0))
         k = end
-    whole = whole_vectors(count)
-    fill_row(part(samples, row.OCCLUSION, 0, whole), np.float32(1.0))
-    fill_row(part(samples, row.SHADOW, 0, whole), np.float32(1.0))
+    padded = whole_vectors(count)
+    fill_row(part(samples, rows.OCCLUSION, 0, padded), np.float32(1.0))
+    fill_row(part(samples, rows.SHADOW, 0, padded), np.float32(1.0))
 
 
 @stage
-def find_facets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
+def find_microfacets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
     """Write metallic and roughness, and 1 where an object is shaded by microfacets, else 0."""
     samples, k = block.samples, np.int64(0)
     while k < block.counts[SEGMENTS]:
         end = owner_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
         e = s + whole_vectors(block.segments[end - 1, STOP] - s)
-        is_faceted = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
-        fill_row(part(samples, row.METALLIC, s, e), factors[owner, 0])
-        fill_row(part(samples, row.ROUGHNESS, s, e), factors[owner, 1])
-        fill_row(part(samples, row.MICROFACET, s, e), np.float32(1.0 if is_faceted else 0.0))
+        is_pbr = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
+        fill_row(part(samples, rows.METALLIC, s, e), factors[owner, 0])
+        fill_row(part(samples, rows.ROUGHNESS, s, e), factors[owner, 1])
+        fill_row(part(samples, rows.MICROFACET, s, e), np.float32(1.0 if is_pbr else 0.0))
         k = end
 
 
 @stage
 def gather_positions(block: Block, count, positions: float64[:, ::1]):
-    """Gather where the vertices of the faces of mixed segments lie, model space."""
+    """Gather the vertex positions of the faces of mixed segments, model space."""
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         if segment[KIND] == MIXED:
             gather_values(
-                segment[FIRST_PATCH], segment[END_PATCH], positions, block.whole, block.real
+                segment[FIRST_PATCH], segment[END_PATCH], positions, block.ints, block.doubles
             )
 
 
 @disjoint_helper
-def mix_smooth_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, behind, turn
+def interpolate_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, backface, matrix
 ):  # fmt: skip
     """Write interpolated vertex normals in world axes."""
     for n in range(nx.shape[0]):
@@ -383,15 +383,15 @@ def mix_smooth_normals(
             (np.float64(xb[n]), np.float64(yb[n]), np.float64(zb[n])),
             (np.float64(xc[n]), np.float64(yc[n]), np.float64(zc[n])),
         )
-        toward = 1.0 - 2.0 * np.float64(behind[n])
-        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], (normals, turn, toward))
+        sign = 1.0 - 2.0 * np.float64(backface[n])
+        nx[n], ny[n], nz[n] = blend_normal(second[n], third[n], (normals, matrix, sign))
 
 
 @disjoint_helper
-def normals_along_span(nx, ny, nz, second, third, normal):
+def interpolate_span_normals(nx, ny, nz, second, third, normal):
     """Write the normals of one face."""
     for n in range(nx.shape[0]):
-        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], normal)
+        nx[n], ny[n], nz[n] = blend_normal(second[n], third[n], normal)
 
 
 @helper
@@ -410,45 +410,45 @@ def find_smooth_normals(
 
     Before `find_face_normals`: it writes arbitrary values on other objects.
     """
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         if not is_smooth(segment[OWNER], materials):
             continue
         s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
         e = s + whole_vectors(segment[STOP] - s)
-        turn = matrix_of(normal_matrices, owner)
+        matrix = matrix_of(normal_matrices, owner)
         if segment[KIND] == MIXED:
-            gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, whole, rows)
-            mix_smooth_normals(
-                *three_parts(samples, row.NORMAL_X, s, e), *nine_parts(rows, 0, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), turn,
+            gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, ints, floats)
+            interpolate_normals(
+                *three_parts(samples, rows.NORMAL_X, s, e), *nine_parts(floats, 0, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), part(ints, BACKFACE, s, e), matrix,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, whole)
-            at = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
-            toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
-            normals_along_span(
-                *three_parts(samples, row.NORMAL_X, s, e), part(weights, 0, s, e),
-                part(weights, 1, s, e), (at, turn, toward),
+            a, b, c = span_corners(segment, ints)
+            corners = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
+            sign = 1.0 - 2.0 * np.float64(ints[BACKFACE, s])
+            interpolate_span_normals(
+                *three_parts(samples, rows.NORMAL_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), (corners, matrix, sign),
             )  # fmt: skip
 
 
 @disjoint_helper
-def mix_face_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, behind, owner, matrices, mirrored
+def find_mixed_face_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, backface, owner, m, mirrored
 ):  # fmt: skip
-    """Write the faces' own normals."""
+    """Write the geometric normals of faces, one for each sample."""
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     for n in range(nx.shape[0]):
-        own = normal_of_points(
-            place(xa[n], ya[n], za[n], owner, matrices),
-            place(xb[n], yb[n], zb[n], owner, matrices),
-            place(xc[n], yc[n], zc[n], owner, matrices),
+        flat = normal_of_points(
+            place(xa[n], ya[n], za[n], owner, m),
+            place(xb[n], yb[n], zb[n], owner, m),
+            place(xc[n], yc[n], zc[n], owner, m),
             mirrored,
         )
-        toward = 1.0 - 2.0 * np.float64(behind[n])
-        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], ((own, own, own), unit, toward))
+        sign = 1.0 - 2.0 * np.float64(backface[n])
+        nx[n], ny[n], nz[n] = blend_normal(second[n], third[n], ((flat, flat, flat), unit, sign))
 
 
 @stage
@@ -456,12 +456,12 @@ def find_face_normals(
     block: Block, count, placement: Placement, materials: float32[:, ::1], leaves_smooth: int64
 ):
     """
-    Write the faces' own normals, world axes.
+    Write the geometric normals of faces, world axes.
 
     After `gather_positions`. If ``leaves_smooth`` is not 0, skip objects with smooth normals, which
     `find_smooth_normals` has written.
     """
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
+    samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
@@ -469,23 +469,23 @@ def find_face_normals(
             continue
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         if segment[KIND] == MIXED:
-            mix_face_normals(
-                *three_parts(samples, row.NORMAL_X, s, e), *nine_parts(rows, 0, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), owner,
+            find_mixed_face_normals(
+                *three_parts(samples, rows.NORMAL_X, s, e), *nine_parts(doubles, 0, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), part(ints, BACKFACE, s, e), owner,
                 placement.relative_from_model, placement.mirrored[owner],
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, whole)
-            own = face_normal(a, b, c, owner, placement)
-            toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
-            normals_along_span(
-                *three_parts(samples, row.NORMAL_X, s, e), part(weights, 0, s, e),
-                part(weights, 1, s, e), ((own, own, own), unit, toward),
+            a, b, c = span_corners(segment, ints)
+            flat = face_normal(a, b, c, owner, placement)
+            sign = 1.0 - 2.0 * np.float64(ints[BACKFACE, s])
+            interpolate_span_normals(
+                *three_parts(samples, rows.NORMAL_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), ((flat, flat, flat), unit, sign),
             )  # fmt: skip
 
 
 @disjoint_helper
-def mix_points(
+def interpolate_points(
     px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
 ):  # fmt: skip
     """Write the positions of samples."""
@@ -496,45 +496,45 @@ def mix_points(
             (xc[n] - xa[n], yc[n] - ya[n], zc[n] - za[n]),
             matrix,
         )
-        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+        px[n], py[n], pz[n] = blend_point(second[n], third[n], point)
 
 
 @disjoint_helper
-def mix_middles(
+def find_mixed_centroids(
     px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
 ):  # fmt: skip
     """Write the centroids of the faces."""
-    m, share, nowhere = matrix, 1.0 / 3.0, (0.0, 0.0, 0.0)
+    m, third_part, zero = matrix, 1.0 / 3.0, (0.0, 0.0, 0.0)
     for n in range(px.shape[0]):
         first = place(xa[n], ya[n], za[n], owner, matrices)
-        x = share * (xb[n] - xa[n]) + share * (xc[n] - xa[n])
-        y = share * (yb[n] - ya[n]) + share * (yc[n] - ya[n])
-        z = share * (zb[n] - za[n]) + share * (zc[n] - za[n])
-        middle = (
+        x = third_part * (xb[n] - xa[n]) + third_part * (xc[n] - xa[n])
+        y = third_part * (yb[n] - ya[n]) + third_part * (yc[n] - ya[n])
+        z = third_part * (zb[n] - za[n]) + third_part * (zc[n] - za[n])
+        centroid = (
             first[0] + (m[0] * x + m[1] * y + m[2] * z),
             first[1] + (m[3] * x + m[4] * y + m[5] * z),
             first[2] + (m[6] * x + m[7] * y + m[8] * z),
         )
-        point = middle, nowhere, nowhere, matrix
-        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+        point = centroid, zero, zero, matrix
+        px[n], py[n], pz[n] = blend_point(second[n], third[n], point)
 
 
 @disjoint_helper
-def points_along_span(px, py, pz, second, third, point):
+def interpolate_span_points(px, py, pz, second, third, point):
     """Write the positions of the samples of one face."""
     for n in range(px.shape[0]):
-        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+        px[n], py[n], pz[n] = blend_point(second[n], third[n], point)
 
 
 @helper
-def way(p, a, b):
+def edge_vector(p, a, b):
     """Return the vector from one vertex to another, model space."""
     return p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
 
 
 @stage
 def find_points(
-    block: Block, count, placement: Placement, materials: float32[:, ::1], of_flat: int64
+    block: Block, count, placement: Placement, materials: float32[:, ::1], only_flat: int64
 ):  # fmt: skip
     """
     Write the positions of samples, world axes, relative to the eye. After `gather_positions`.
@@ -545,38 +545,38 @@ def find_points(
     count : int
     placement : Placement
     materials : (O, M) float32
-    of_flat : int
-        Not 0: those of flat objects alone, once these are lit at the middles of their faces.
+    only_flat : int
+        Not 0: write those of flat objects alone, after these are lit at their faces' centroids.
     """
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
+    samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     p, matrices = placement.positions, placement.relative_from_model
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
-        if of_flat == 0:
+        if only_flat == 0:
             e = s + whole_vectors(e - s)
         elif np.int64(materials[np.uintp(owner), MATERIAL_MODEL]) != FLAT:
             continue
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
-            mix_points(
-                *three_parts(samples, row.POINT_X, s, e), *nine_parts(rows, 0, s, e),
+            interpolate_points(
+                *three_parts(samples, rows.POINT_X, s, e), *nine_parts(doubles, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, whole)
+            a, b, c = span_corners(segment, ints)
             first = place_vertex(a, owner, placement)
-            points_along_span(
-                *three_parts(samples, row.POINT_X, s, e), part(weights, 0, s, e),
-                part(weights, 1, s, e), (first, way(p, a, b), way(p, a, c), matrix),
+            interpolate_span_points(
+                *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), (first, edge_vector(p, a, b), edge_vector(p, a, c), matrix),
             )  # fmt: skip
 
 
 @stage
-def find_middles(block: Block, count, placement: Placement, materials: float32[:, ::1]):
+def find_centroids(block: Block, count, placement: Placement, materials: float32[:, ::1]):
     """Write the centroids of faces as positions of flat objects. After `gather_positions`."""
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
-    nowhere, middle = (0.0, 0.0, 0.0), (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+    samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
+    zero, center = (0.0, 0.0, 0.0), (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
     matrices = placement.relative_from_model
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
@@ -585,37 +585,37 @@ def find_middles(block: Block, count, placement: Placement, materials: float32[:
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
-            mix_middles(
-                *three_parts(samples, row.POINT_X, s, e), *nine_parts(rows, 0, s, e),
+            find_mixed_centroids(
+                *three_parts(samples, rows.POINT_X, s, e), *nine_parts(doubles, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, whole)
-            point = place_sample(middle, a, b, c, owner, placement), nowhere, nowhere, matrix
-            points_along_span(
-                *three_parts(samples, row.POINT_X, s, e), part(weights, 0, s, e),
+            a, b, c = span_corners(segment, ints)
+            point = place_sample(center, a, b, c, owner, placement), zero, zero, matrix
+            interpolate_span_points(
+                *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), point,
             )  # fmt: skip
 
 
 @stage
-def stand_in(block: Block, count, stands_in: uint8[::1]):
+def fill_placeholders(block: Block, count, is_placeholder: uint8[::1]):
     """
     Write placeholder normals and points on objects whose colour does not depend on them.
 
     They are lit at their vertices, without fog. Light computed with the placeholders is not used,
     but must be finite.
     """
-    samples, none, one = block.samples, np.float32(0.0), np.float32(1.0)
+    samples, zero, one = block.samples, np.float32(0.0), np.float32(1.0)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
-        if stands_in[np.uintp(segment[OWNER])] == 0:
+        if is_placeholder[np.uintp(segment[OWNER])] == 0:
             continue
         for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
-            samples[row.NORMAL_X, n], samples[row.NORMAL_Y, n] = none, none
-            samples[row.NORMAL_Z, n] = one
-            samples[row.POINT_X, n], samples[row.POINT_Y, n] = none, none
-            samples[row.POINT_Z, n] = none
+            samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n] = zero, zero
+            samples[rows.NORMAL_Z, n] = one
+            samples[rows.POINT_X, n], samples[rows.POINT_Y, n] = zero, zero
+            samples[rows.POINT_Z, n] = zero
 
 
 @helper
@@ -627,8 +627,8 @@ def multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors)
         np.float64(vertex_colors[c, 3]),
     )  # fmt: skip
     for n in range(first, end):
-        at = 0.0, weights[0, n], weights[1, n]
-        samples[row.ALPHA, n] *= np.float32(interpolate(at, at_a, at_b, at_c))
+        w = 0.0, weights[0, n], weights[1, n]
+        samples[rows.ALPHA, n] *= np.float32(interpolate(w, at_a, at_b, at_c))
 
 
 @stage
@@ -639,7 +639,7 @@ def find_alphas(
     """
     Write the alpha of each sample: that of material, colours and texture, multiplied.
 
-    1 on objects that are not blended. Right behind `read_textures` of base colours if
+    1 on objects that are not blended. Right backface `read_textures` of base colours if
     ``has_textures`` is not 0.
 
     Parameters
@@ -650,24 +650,24 @@ def find_alphas(
     vertex_colors : (V, 4) float32, or (0, 4) without
     has_textures : int
     """
-    samples, whole, weights = block.samples, block.whole, block.weights
+    samples, ints, weights = block.samples, block.ints, block.weights
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
         s, e = np.uintp(segment[START]), np.uintp(segment[STOP])
         alpha = materials[owner, 3] if is_blended[owner] != 0 else np.float32(1.0)
         for n in range(s, e):
-            samples[row.ALPHA, n] = alpha
+            samples[rows.ALPHA, n] = alpha
         if is_blended[owner] == 0:
             continue
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            first, end = np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])
+            first, end = np.uintp(ints[FIRST, r]), np.uintp(ints[FIRST, r + np.uintp(1)])
             if face_colors.shape[0] > 0:
                 for n in range(first, end):
-                    samples[row.ALPHA, n] *= face_colors[np.uintp(whole[FACE, r]), 3]
+                    samples[rows.ALPHA, n] *= face_colors[np.uintp(ints[FACE, r]), 3]
             if vertex_colors.shape[0] > 0:
-                corners = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+                corners = np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
                 multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors)
         if has_textures != 0:
             for n in range(s, e):
-                samples[row.ALPHA, n] *= block.colors[SHOWN_ALPHA, n]
+                samples[rows.ALPHA, n] *= block.colors[TEXTURE_ALPHA, n]

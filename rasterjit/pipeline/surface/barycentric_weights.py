@@ -7,64 +7,64 @@ import numpy as np
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, edge, narrow_edge, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 
-WIDE = 1 << 26
-"""Extents of a face below this have products that are exact in float64, sub-pixel units."""
+WIDE_EXTENT = 1 << 26
+"""Extent of wide faces, sub-pixel units; products of smaller ones are exact in float64."""
 
 
 @helper
 def may_be_wide(viewport):
     """Return whether any face within the guard band may be wide."""
     width, height = whole_size(viewport)
-    return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE
+    return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE_EXTENT
 
 
 @disjoint_helper
 def weigh(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, count, place, bits, reach, is_affine,
-    front_turn, unsure, behind, second, third,
+    ax, ay, bx, by, cx, cy, wa, wb, wc, xs, ys, count, offset, bits, reach, is_affine,
+    front_sign, inexact, backface, second, third,
 ):  # fmt: skip
     """
     Write the weights of ``count`` samples, each of its own face, and whether it is back-facing.
 
-    ``place`` is the sample's position in its pixel, sub-pixel units. Returns whether any sample
+    ``offset`` is the sample's position in its pixel, sub-pixel units. Returns whether any sample
     needs the exact path: its face was clipped, or its weights may be inaccurate.
     """
-    found = np.int32(0)
+    any_inexact = np.int32(0)
     for n in range(ax.shape[0]):
-        px = np.int32((columns[n] << bits) + place[0])
-        py = np.int32((rows[n] << bits) + place[1])
+        px = np.int32((xs[n] << bits) + offset[0])
+        py = np.int32((ys[n] << bits) + offset[1])
         x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
         e0, e1, e2 = (
             narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
             narrow_edge(x0, y0, x1, y1, px, py),
         )  # fmt: skip
-        k0, k1, k2, whole = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
-        behind[n] = np.int32(whole * front_turn < 0.0)
+        k0, k1, k2, area = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
+        backface[n] = np.int32(area * front_sign < 0.0)
         if reach != 0:
             right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
             k0, k1, k2 = barycentric.clamped_edges((e0, e1, e2), right, down)
-            whole = np.float64(k0 + k1 + k2)
+            area = np.float64(k0 + k1 + k2)
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))
         w0, w1, w2 = k0 * (smallest / w0), k1 * (smallest / w1), k2 * (smallest / w2)
-        total, over = w0 + w1 + w2, 1.0 / whole
-        second[n] = k1 * over if is_affine else w1 / total
-        third[n] = k2 * over if is_affine else w2 / total
-        doubtful = unsure[n] | np.int32(not (is_affine or abs(total) > barycentric.UNDERFLOW))
-        unsure[n] = doubtful
-        found |= doubtful if n < count else np.int32(0)
-    return found
+        total, inverse = w0 + w1 + w2, 1.0 / area
+        second[n] = k1 * inverse if is_affine else w1 / total
+        third[n] = k2 * inverse if is_affine else w2 / total
+        is_inexact = inexact[n] | np.int32(not (is_affine or abs(total) > barycentric.UNDERFLOW))
+        inexact[n] = is_inexact
+        any_inexact |= is_inexact if n < count else np.int32(0)
+    return any_inexact
 
 
 @helper
-def edges_inside(ax, ay, bx, by, cx, cy, column, row, bits, half):
-    """Return the edge functions of a face that is not wide at a pixel, in float64: exact."""
+def narrow_edges(ax, ay, bx, by, cx, cy, column, row, bits, half):
+    """Return the edge functions at a pixel of a face that is not wide, in float64: exact."""
     px = np.int32(np.int32(column << bits) + half)
     py = np.int32(np.int32(row << bits) + half)
     x0, y0 = np.float64(np.int32(ax - px)), np.float64(np.int32(ay - py))
@@ -75,114 +75,113 @@ def edges_inside(ax, ay, bx, by, cx, cy, column, row, bits, half):
 
 @disjoint_helper
 def weigh_affine(
-    ax, ay, bx, by, cx, cy, columns, rows, bits, front_turn, behind, second, third
+    ax, ay, bx, by, cx, cy, xs, ys, bits, front_sign, backface, second, third
 ):  # fmt: skip
-    """Do what `weigh` does, for affine weights of samples on faces that are not wide."""
+    """Write affine weights of samples on faces that are not wide, as `weigh` does."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
-        k0, k1, k2 = edges_inside(
-            ax[n], ay[n], bx[n], by[n], cx[n], cy[n], columns[n], rows[n], bits, half
+        k0, k1, k2 = narrow_edges(
+            ax[n], ay[n], bx[n], by[n], cx[n], cy[n], xs[n], ys[n], bits, half
         )
-        whole = k0 + k1 + k2
-        over = 1.0 / whole
-        behind[n] = np.int32(whole * front_turn < 0.0)
-        second[n], third[n] = k1 * over, k2 * over
+        area = k0 + k1 + k2
+        inverse = 1.0 / area
+        backface[n] = np.int32(area * front_sign < 0.0)
+        second[n], third[n] = k1 * inverse, k2 * inverse
 
 
 @disjoint_helper
-def weigh_inside(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, bits, front_turn, unsure, behind, second,
-    third,
+def weigh_perspective(
+    ax, ay, bx, by, cx, cy, wa, wb, wc, xs, ys, bits, front_sign, inexact, backface, second, third,
 ):  # fmt: skip
-    """Do what `weigh` does, for perspective-correct weights on faces that are not wide."""
+    """Write perspective-correct weights on faces that are not wide, as `weigh` does."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
-        k0, k1, k2 = edges_inside(
-            ax[n], ay[n], bx[n], by[n], cx[n], cy[n], columns[n], rows[n], bits, half
+        k0, k1, k2 = narrow_edges(
+            ax[n], ay[n], bx[n], by[n], cx[n], cy[n], xs[n], ys[n], bits, half
         )
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))
         w0, w1, w2 = k0 * (smallest / w0), k1 * (smallest / w1), k2 * (smallest / w2)
         total = w0 + w1 + w2
-        behind[n] = np.int32((k0 + k1 + k2) * front_turn < 0.0)
+        backface[n] = np.int32((k0 + k1 + k2) * front_sign < 0.0)
         second[n], third[n] = w1 / total, w2 / total
-        unsure[n] |= np.int32(not abs(total) > barycentric.UNDERFLOW)
+        inexact[n] |= np.int32(not abs(total) > barycentric.UNDERFLOW)
 
 
 @helper
-def any_unsure(unsure, count):
+def is_any_inexact(inexact, count):
     """Return not 0 if any of the first samples needs the exact path."""
-    found = np.int32(0)
-    for n in range(unsure.shape[0]):
-        found |= unsure[n] if np.int32(n) < count else np.int32(0)
-    return found
+    any_inexact = np.int32(0)
+    for n in range(inexact.shape[0]):
+        any_inexact |= inexact[n] if np.int32(n) < count else np.int32(0)
+    return any_inexact
 
 
 @helper
-def gather_screen(first, end, xy, codes, w, whole, real):
+def gather_screen(first, end, xy, codes, w, ints, doubles):
     """Gather screen positions, clipped flags and w of patches' vertices; w is 1 if affine."""
     is_affine = w.shape[0] == 0
     for r in range(np.uintp(first), np.uintp(end)):
-        n, code = np.uintp(whole[at.FIRST, r]), codes[np.uintp(whole[at.A, r])]
+        n, code = np.uintp(ints[rows.FIRST, r]), codes[np.uintp(ints[rows.A, r])]
         for k in range(3):
-            vertex = np.uintp(whole[at.A + k, r])
-            spread(whole[at.AX + 2 * k], n, xy[vertex, 0])
-            spread(whole[at.AY + 2 * k], n, xy[vertex, 1])
-            spread(real[k], n, 1.0 if is_affine else w[vertex])
+            vertex = np.uintp(ints[rows.A + k, r])
+            spread(ints[rows.AX + 2 * k], n, xy[vertex, 0])
+            spread(ints[rows.AY + 2 * k], n, xy[vertex, 1])
+            spread(doubles[k], n, 1.0 if is_affine else w[vertex])
             code |= codes[vertex]
-        spread(whole[at.UNSURE], n, np.int32(code & CLIPPED))
+        spread(ints[rows.INEXACT], n, np.int32(code & CLIPPED))
 
 
 @helper
-def are_all_clipped(segment, whole, codes):
+def are_all_clipped(segment, ints, codes):
     """Return whether all faces of a segment count as clipped, as those of lines do."""
-    for r in range(np.uintp(segment[at.FIRST_PATCH]), np.uintp(segment[at.END_PATCH])):
-        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED == 0:
             return False
     return True
 
 
 @helper
-def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_narrow, front_turn):
+def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_narrow, front_sign):
     """
-    Do what `weigh` does, for a mixed segment; return whether any sample needs the exact path.
+    Write the weights of a mixed segment; return not 0 if any sample needs the exact path.
 
     ``is_narrow``: samples lie on their faces, none of which is wide.
     """
-    s = np.int64(segment[at.START])
-    count = segment[at.STOP] - s
+    s = np.int64(segment[rows.START])
+    count = segment[rows.STOP] - s
     e = s + whole_vectors(count)
-    if are_all_clipped(segment, whole, codes):
+    if are_all_clipped(segment, ints, codes):
         return np.int32(1)
-    gather_screen(segment[at.FIRST_PATCH], segment[at.END_PATCH], xy, codes, w, whole, real)
+    gather_screen(segment[rows.FIRST_PATCH], segment[rows.END_PATCH], xy, codes, w, ints, doubles)
     if is_narrow:
-        ax, ay, bx, by, cx, cy, columns, rows = (
-            part(whole, at.AX, s, e), part(whole, at.AY, s, e), part(whole, at.BX, s, e),
-            part(whole, at.BY, s, e), part(whole, at.CX, s, e), part(whole, at.CY, s, e),
-            part(whole, at.COLUMN, s, e), part(whole, at.ROW, s, e),
+        ax, ay, bx, by, cx, cy, xs, ys = (
+            part(ints, rows.AX, s, e), part(ints, rows.AY, s, e), part(ints, rows.BX, s, e),
+            part(ints, rows.BY, s, e), part(ints, rows.CX, s, e), part(ints, rows.CY, s, e),
+            part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e),
         )  # fmt: skip
-        unsure, behind, second, third = (
-            part(whole, at.UNSURE, s, e), part(whole, at.BEHIND, s, e), part(weights, 0, s, e),
+        inexact, backface, second, third = (
+            part(ints, rows.INEXACT, s, e), part(ints, rows.BACKFACE, s, e), part(weights, 0, s, e),
             part(weights, 1, s, e),
         )  # fmt: skip
-        narrow = np.int32(bits)
+        int32_bits = np.int32(bits)
         if w.shape[0] == 0:
             weigh_affine(
-                ax, ay, bx, by, cx, cy, columns, rows, narrow, front_turn, behind, second, third
+                ax, ay, bx, by, cx, cy, xs, ys, int32_bits, front_sign, backface, second, third
             )
         else:
-            weigh_inside(
-                ax, ay, bx, by, cx, cy, *three_parts(real, 0, s, e), columns, rows, narrow,
-                front_turn, unsure, behind, second, third,
+            weigh_perspective(
+                ax, ay, bx, by, cx, cy, *three_parts(doubles, 0, s, e), xs, ys, int32_bits,
+                front_sign, inexact, backface, second, third,
             )  # fmt: skip
-        return any_unsure(unsure, np.int32(count))
+        return is_any_inexact(inexact, np.int32(count))
     half = np.int32(1) << (bits - 1)
     return weigh(
-        *six_parts(whole, at.AX, s, e), *three_parts(real, 0, s, e), part(whole, at.COLUMN, s, e),
-        part(whole, at.ROW, s, e), count, (half, half), bits, reach, w.shape[0] == 0, front_turn,
-        part(whole, at.UNSURE, s, e), part(whole, at.BEHIND, s, e), part(weights, 0, s, e),
-        part(weights, 1, s, e),
+        *six_parts(ints, rows.AX, s, e), *three_parts(doubles, 0, s, e),
+        part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e), count, (half, half), bits, reach,
+        w.shape[0] == 0, front_sign, part(ints, rows.INEXACT, s, e),
+        part(ints, rows.BACKFACE, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
     )  # fmt: skip
 
 
@@ -220,73 +219,73 @@ def are_exact(edges, steps, count):
 @disjoint_helper
 def weigh_affine_row(second, third, edges, steps):
     """Write affine weights along a row."""
-    over = 1.0 / (edges[0] + edges[1] + edges[2])
+    scale = 1.0 / (edges[0] + edges[1] + edges[2])
     for n in range(second.shape[0]):
         # Exact within the span.
-        way = np.float64(np.int32(n))
-        second[n], third[n] = (edges[1] + way * steps[1]) * over, (edges[2] + way * steps[2]) * over
+        k = np.float64(np.int32(n))
+        second[n], third[n] = (edges[1] + k * steps[1]) * scale, (edges[2] + k * steps[2]) * scale
 
 
 @disjoint_helper
-def weigh_along_row(second, third, count, edges, steps, ratios):
+def weigh_perspective_row(second, third, count, edges, steps, ratios):
     """Write weights along a row; return whether any may be inaccurate."""
-    found = np.int32(0)
+    any_inexact = np.int32(0)
     for n in range(second.shape[0]):
-        way = np.float64(np.int32(n))
-        w0 = (edges[0] + way * steps[0]) * ratios[0]
-        w1 = (edges[1] + way * steps[1]) * ratios[1]
-        w2 = (edges[2] + way * steps[2]) * ratios[2]
+        k = np.float64(np.int32(n))
+        w0 = (edges[0] + k * steps[0]) * ratios[0]
+        w1 = (edges[1] + k * steps[1]) * ratios[1]
+        w2 = (edges[2] + k * steps[2]) * ratios[2]
         total = w0 + w1 + w2
         second[n], third[n] = w1 / total, w2 / total
-        found |= np.int32((not abs(total) > barycentric.UNDERFLOW) & (np.int32(n) < count))
-    return found
+        any_inexact |= np.int32((not abs(total) > barycentric.UNDERFLOW) & (np.int32(n) < count))
+    return any_inexact
 
 
 @disjoint_helper
-def note_side(behind, is_behind):
-    """Write whether a face is back-facing."""
-    for n in range(behind.shape[0]):
-        behind[n] = is_behind
+def fill_backface(backface, is_backface):
+    """Write whether the face of a row of samples is back-facing."""
+    for n in range(backface.shape[0]):
+        backface[n] = is_backface
 
 
 @helper
-def doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole):
+def mark_inexact(s, e, column, row, row_start, is_inexact, front_sign, ints):
     """
-    Mark the samples of a span that need the exact path: off the face, or all if ``doubtful``.
+    Mark the samples of a span that need the exact path: off the face, or all if ``is_inexact``.
 
     Writes their pixels, too, and whether they are back-facing. Returns whether any is marked.
     """
     (e0, e1, e2), steps, _, _ = row_start
-    is_behind = np.int32(np.float64(e0 + e1 + e2) * front_turn < 0.0)
-    side, found = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
+    is_backface = np.int32(np.float64(e0 + e1 + e2) * front_sign < 0.0)
+    side, any_inexact = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
     for n in range(np.uintp(s), np.uintp(e)):
-        is_beside = min(side * e0, min(side * e1, side * e2)) < 0
-        unsure = doubtful | np.int32(is_beside)
-        whole[at.COLUMN, n], whole[at.ROW, n], whole[at.UNSURE, n] = column, row, unsure
-        whole[at.BEHIND, n] = is_behind
-        found |= unsure
+        is_outside = min(side * e0, min(side * e1, side * e2)) < 0
+        inexact = is_inexact | np.int32(is_outside)
+        ints[rows.COLUMN, n], ints[rows.ROW, n], ints[rows.INEXACT, n] = column, row, inexact
+        ints[rows.BACKFACE, n] = is_backface
+        any_inexact |= inexact
         column += 1
         e0 += steps[0]
         e1 += steps[1]
         e2 += steps[2]
-    return found
+    return any_inexact
 
 
 @helper
-def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
-    """Do what `weigh` does, for a span; return whether any sample needs the exact path."""
+def weigh_span(segment, ints, weights, xy, codes, w, bits, reach, front_sign):
+    """Write the weights of a span; return not 0 if any sample needs the exact path."""
     r, s, e = (
-        np.uintp(segment[at.FIRST_PATCH]),
-        np.int64(segment[at.START]),
-        np.int64(segment[at.STOP]),
+        np.uintp(segment[rows.FIRST_PATCH]),
+        np.int64(segment[rows.START]),
+        np.int64(segment[rows.STOP]),
     )
-    a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
-    column, row = np.int64(segment[at.COLUMN_OF]), np.int64(segment[at.ROW_OF])
+    a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+    column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
     row_start = span_start(a, b, c, column, row, bits, xy, w)
     edges, steps, _, ratios = row_start
-    doubtful = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
-    doubtful |= np.int32(not are_exact(edges, steps, e - s))
-    if doubtful == 0:
+    is_inexact = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
+    is_inexact |= np.int32(not are_exact(edges, steps, e - s))
+    if is_inexact == 0:
         stop = s + whole_vectors(e - s)
         second, third = part(weights, 0, s, stop), part(weights, 1, s, stop)
         first = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
@@ -294,57 +293,57 @@ def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
         if w.shape[0] == 0:
             weigh_affine_row(second, third, first, gains)
         else:
-            doubtful = weigh_along_row(second, third, np.int32(e - s), first, gains, ratios)
+            is_inexact = weigh_perspective_row(second, third, np.int32(e - s), first, gains, ratios)
         area = np.float64(edges[0] + edges[1] + edges[2])
-        note_side(part(whole, at.BEHIND, s, stop), np.int32(area * front_turn < 0.0))
-    if doubtful == 0 and reach == 0:
-        return doubtful
-    return doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole)
+        fill_backface(part(ints, rows.BACKFACE, s, stop), np.int32(area * front_sign < 0.0))
+    if is_inexact == 0 and reach == 0:
+        return is_inexact
+    return mark_inexact(s, e, column, row, row_start, is_inexact, front_sign, ints)
 
 
 @disjoint_helper
-def weigh_clipped(second, third, behind, corners, column, row, is_behind, clip, viewport):
+def weigh_clipped(second, third, backface, corners, column, row, is_backface, clip, viewport):
     """
-    Write weights, and which side is seen, along a row of one face that was clipped.
+    Write weights, and whether it is back-facing, along a row of one clipped face.
 
     Those of `sample_weights`, without branches or calls between samples, so that it vectorizes.
     """
     a, b, c = corners
     if b == c:
         for n in range(second.shape[0]):
-            here = column + np.float64(np.int32(n))
-            w0, w1, w2 = barycentric.clipped_weights(a, b, c, here, row, clip, viewport)
+            x = column + np.float64(np.int32(n))
+            w0, w1, w2 = barycentric.clipped_weights(a, b, c, x, row, clip, viewport)
             _, second[n], third[n] = barycentric.normalized(w0, w1, w2)
-            behind[n] = is_behind
+            backface[n] = is_backface
         return
     for n in range(second.shape[0]):
-        here = column + np.float64(np.int32(n))
-        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, here, row, clip, viewport)
+        x = column + np.float64(np.int32(n))
+        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, x, row, clip, viewport)
         _, second[n], third[n] = barycentric.normalized(w0, w1, w2)
-        behind[n] = is_behind
+        backface[n] = is_backface
 
 
 @helper
-def weigh_unsure(segment, whole, weights, geometry, placement):
-    """Compute the marked samples of a segment by the exact path, with their facing."""
-    owner, codes = np.int64(segment[at.OWNER]), geometry.codes
-    for r in range(np.uintp(segment[at.FIRST_PATCH]), np.uintp(segment[at.END_PATCH])):
-        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
-        first, end = np.int64(whole[at.FIRST, r]), np.int64(whole[at.FIRST, r + np.uintp(1)])
+def recompute_exact(segment, ints, weights, geometry, placement):
+    """Recompute the marked samples of a segment by the exact path, with their facing."""
+    owner, codes = np.int64(segment[rows.OWNER]), geometry.codes
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        first, end = np.int64(ints[rows.FIRST, r]), np.int64(ints[rows.FIRST, r + np.uintp(1)])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
-            column, row = np.float64(whole[at.COLUMN, first]), np.int64(whole[at.ROW, first])
-            # Segments and points have no sides.
-            is_behind = b != c and barycentric.has_its_back_turned(a, b, c, owner, placement)
+            column, row = np.float64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
+            # Segments and points have no back.
+            is_backface = b != c and barycentric.has_its_back_turned(a, b, c, owner, placement)
             weigh_clipped(
                 part(weights, 0, first, end), part(weights, 1, first, end),
-                part(whole, at.BEHIND, first, end), (a, b, c), column, row,
-                np.int32(is_behind), geometry.clip_positions, geometry.viewport,
+                part(ints, rows.BACKFACE, first, end), (a, b, c), column, row,
+                np.int32(is_backface), geometry.clip_positions, geometry.viewport,
             )  # fmt: skip
             continue
         for n in range(np.uintp(first), np.uintp(end)):
-            if whole[at.UNSURE, n] != 0:
+            if ints[rows.INEXACT, n] != 0:
                 exact = barycentric.sample_weights(
-                    a, b, c, whole[at.COLUMN, n], whole[at.ROW, n], geometry
+                    a, b, c, ints[rows.COLUMN, n], ints[rows.ROW, n], geometry
                 )
                 weights[0, n], weights[1, n] = exact[1], exact[2]
 
@@ -357,18 +356,18 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     Leaves the pixels of clipped faces and what `weigh_mixed` gathers of the others, for
     `uv_derivatives.find_steps`.
     """
-    whole, real, weights = block.whole, block.real, block.weights
+    ints, doubles, weights = block.ints, block.doubles, block.weights
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
     is_narrow = reach == 0 and not may_be_wide(geometry.viewport)
-    for k in range(block.counts[at.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        turn = placement.front_turns[np.int64(segment[at.OWNER])]
-        if segment[at.KIND] == at.SPAN:
-            unsure = weigh_span(segment, whole, weights, xy, codes, w, bits, reach, turn)
+        winding = placement.front_windings[np.int64(segment[rows.OWNER])]
+        if segment[rows.KIND] == rows.SPAN:
+            inexact = weigh_span(segment, ints, weights, xy, codes, w, bits, reach, winding)
         else:
-            unsure = weigh_mixed(
-                segment, whole, real, weights, xy, codes, w, bits, reach, is_narrow, turn
+            inexact = weigh_mixed(
+                segment, ints, doubles, weights, xy, codes, w, bits, reach, is_narrow, winding
             )
-        if unsure != 0:
-            weigh_unsure(segment, whole, weights, geometry, placement)
+        if inexact != 0:
+            recompute_exact(segment, ints, weights, geometry, placement)

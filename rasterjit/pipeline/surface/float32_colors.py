@@ -15,13 +15,13 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
-from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import (
     color_of,
     gather_values,
-    multiply_float32_along_span,
+    interpolate_segment_colors,
     multiply_float32_colors,
-    show_colors_of,
+    multiply_float32_span,
 )
 from rasterjit.pipeline.surface.barycentric_weights import may_be_wide
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
@@ -42,8 +42,8 @@ LONG_RUN = 4
 
 
 @disjoint_helper
-def lay_base(red, green, blue, base):
-    """Write one colour."""
+def fill_color(red, green, blue, base):
+    """Write one colour to all samples of three rows."""
     for n in range(red.shape[0]):
         red[n], green[n], blue[n] = base
 
@@ -57,15 +57,15 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
     """
     if float32_weights.weigh_mixed(segment, block, geometry, has_wide) != 0:
         return False
-    s = np.int64(segment[at.START])
-    e = s + whole_vectors(segment[at.STOP] - s)
-    samples, weights, rows = block.samples, block.float32_weights, block.single
-    patches = segment[at.FIRST_PATCH], segment[at.END_PATCH]
-    gather_values(patches[0], patches[1], colors, block.whole, rows)
-    red, green, blue = three_parts(samples, at.RED, s, e)
-    lay_base(red, green, blue, base)
+    s = np.int64(segment[rows.START])
+    e = s + whole_vectors(segment[rows.STOP] - s)
+    samples, weights, floats = block.samples, block.float32_weights, block.floats
+    patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
+    gather_values(patches[0], patches[1], colors, block.ints, floats)
+    red, green, blue = three_parts(samples, rows.RED, s, e)
+    fill_color(red, green, blue, base)
     multiply_float32_colors(
-        red, green, blue, *nine_parts(rows, 0, s, e), *three_parts(weights, 0, s, e)
+        red, green, blue, *nine_parts(floats, 0, s, e), *three_parts(weights, 0, s, e)
     )
     return True
 
@@ -75,24 +75,24 @@ def weigh_clipped(first, second, third, a, b, c, column, row, clip, viewport):
     """Write the weights along a row of one face that was clipped: in float64, rounded once."""
     if b == c:
         for n in range(first.shape[0]):
-            here = column + np.float64(np.int32(n))
-            w0, w1, w2 = barycentric.clipped_weights(a, b, c, here, row, clip, viewport)
+            x = column + np.float64(np.int32(n))
+            w0, w1, w2 = barycentric.clipped_weights(a, b, c, x, row, clip, viewport)
             w0, w1, w2 = barycentric.normalized(w0, w1, w2)
             first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
         return
     for n in range(first.shape[0]):
-        here = column + np.float64(np.int32(n))
-        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, here, row, clip, viewport)
+        x = column + np.float64(np.int32(n))
+        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, x, row, clip, viewport)
         w0, w1, w2 = barycentric.normalized(w0, w1, w2)
         first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
 
 
 @helper
-def blend_clipped_row(corner, rows, memory, place, geometry, colors, base):
-    """Write the colours along a row of one clipped face, given by rows; return not 0 if unsure."""
-    (a, b, c), (red, green, blue), (column, line) = corner, rows, place
+def blend_clipped_row(corners, out, memory, pixel, geometry, colors, base):
+    """Write the colours along a row of one clipped face; return not 0 if any is inexact."""
+    (a, b, c), (red, green, blue), (column, row) = corners, out, pixel
     clip, viewport = geometry.clip_positions, geometry.viewport
-    across, down = barycentric.seen_from_sample(a, b, c, np.float64(column), line, clip, viewport)
+    across, down = barycentric.seen_from_sample(a, b, c, np.float64(column), row, clip, viewport)
     (u0, u1, u2), (v0, v1, v2) = across, down
     # All sums of weights on a face have the same sign, up to rounding.
     if (u1 * v2 - u2 * v1) + (u2 * v0 - u0 * v2) + (u0 * v1 - u1 * v0) < 0.0:
@@ -120,79 +120,80 @@ def edges_along_row(a, b, c, column, row, bits, xy):
 
 
 @helper
-def blend_row(corner, start, stop, place, block, geometry, has_wide, base, colors):
+def blend_row(corners, start, stop, pixel, block, geometry, has_wide, base, colors):
     """Write the colours of neighbouring samples of one face, given by its corners."""
     xy, codes, w, samples = geometry.xy, geometry.codes, geometry.w, block.samples
-    (a, b, c), (column, line) = corner, place
+    (a, b, c), (column, row) = corners, pixel
     at_a, at_b, at_c = color_of(colors, a), color_of(colors, b), color_of(colors, c)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
-    end, shown = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
-    rows = three_parts(samples, at.RED, start, end)
+    end, corner_colors = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
+    out = three_parts(samples, rows.RED, start, end)
     if is_clipped and b != c:
-        real = block.real
+        doubles = block.doubles
         memory = (
-            part(real, 0, start, end), part(real, 1, start, end), part(real, 2, start, end),
-            part(real, 3, start, end),
+            part(doubles, 0, start, end), part(doubles, 1, start, end),
+            part(doubles, 2, start, end), part(doubles, 3, start, end),
         )  # fmt: skip
-        if blend_clipped_row(corner, rows, memory, place, geometry, shown, base) == 0:
+        if blend_clipped_row(corners, out, memory, pixel, geometry, corner_colors, base) == 0:
             return
     elif not (is_clipped or (has_wide and float32_weights.is_wide(a, b, c, xy))):
-        edges, steps = edges_along_row(a, b, c, column, line, geometry.viewport.grid_bits, xy)
+        edges, steps = edges_along_row(a, b, c, column, row, geometry.viewport.grid_bits, xy)
         one = np.float32(1.0)
         ratio_b, ratio_c = one, one
         if w.shape[0] != 0:
             ratio_b, ratio_c = np.float32(w[a] / w[b]), np.float32(w[a] / w[c])
         # Bounds on the sums of weights on the face.
         size = abs(edges[0] + edges[1] + edges[2])
-        least = size * min(one, min(ratio_b, ratio_c))
-        most = size * max(one, max(ratio_b, ratio_c))
-        if least > 2.0 * float32_weights.MIN_TOTAL and most < 0.5 * float32_weights.MAX_TOTAL:
+        low = size * min(one, min(ratio_b, ratio_c))
+        high = size * max(one, max(ratio_b, ratio_c))
+        if low > 2.0 * float32_weights.MIN_TOTAL and high < 0.5 * float32_weights.MAX_TOTAL:
             blend_run(
-                rows[0], rows[1], rows[2], edges, steps, (ratio_b, ratio_c), shown, base
+                out[0], out[1], out[2], edges, steps, (ratio_b, ratio_c), corner_colors, base
             )  # fmt: skip
             return
     weights = block.float32_weights
     first, second, third = three_parts(weights, 0, start, stop)
     if is_clipped:
         weigh_clipped(
-            first, second, third, a, b, c, np.float64(column), line, geometry.clip_positions,
+            first, second, third, a, b, c, np.float64(column), row, geometry.clip_positions,
             geometry.viewport,
         )  # fmt: skip
     else:
         for n in range(stop - start):
             first[n], second[n], third[n] = float32_weights.weights_at(
-                a, b, c, column + n, line, geometry
+                a, b, c, column + n, row, geometry
             )
-    red, green, blue = three_parts(samples, at.RED, start, stop)
-    lay_base(red, green, blue, base)
-    multiply_float32_along_span(red, green, blue, first, second, third, at_a, at_b, at_c)
+    red, green, blue = three_parts(samples, rows.RED, start, stop)
+    fill_color(red, green, blue, base)
+    multiply_float32_span(red, green, blue, first, second, third, at_a, at_b, at_c)
 
 
 @helper
-def goes_on(whole, r, following, start):
-    """Return whether a patch goes on with the row of the face that begins with patch ``r``."""
-    n = np.uintp(whole[at.FIRST, following])
+def continues_run(ints, r, following, start):
+    """Return whether a patch continues the run of one face that begins with patch ``r``."""
+    n = np.uintp(ints[rows.FIRST, following])
     return (
-        whole[at.FACE, following] == whole[at.FACE, r]
-        and whole[at.ROW, n] == whole[at.ROW, start]
-        and whole[at.COLUMN, n] - whole[at.COLUMN, start] == np.int64(n) - np.int64(start)
+        ints[rows.FACE, following] == ints[rows.FACE, r]
+        and ints[rows.ROW, n] == ints[rows.ROW, start]
+        and ints[rows.COLUMN, n] - ints[rows.COLUMN, start] == np.int64(n) - np.int64(start)
     )
 
 
 @helper
 def blend_runs(segment, block, geometry, has_wide, base, colors):
     """Write the colours of a segment, run by run."""
-    whole, r, end = block.whole, np.uintp(segment[at.FIRST_PATCH]), np.uintp(segment[at.END_PATCH])
+    ints = block.ints
+    r, end = np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])
     while r < end:
-        start, following = np.uintp(whole[at.FIRST, r]), r + np.uintp(1)
-        while following < end and goes_on(whole, r, following, start):
+        start, following = np.uintp(ints[rows.FIRST, r]), r + np.uintp(1)
+        while following < end and continues_run(ints, r, following, start):
             following += np.uintp(1)
-        place = np.int64(segment[at.COLUMN_OF]), np.int64(segment[at.ROW_OF])
-        if segment[at.KIND] != at.SPAN:
-            place = np.int64(whole[at.COLUMN, start]), np.int64(whole[at.ROW, start])
-        corner = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+        pixel = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
+        if segment[rows.KIND] != rows.SPAN:
+            pixel = np.int64(ints[rows.COLUMN, start]), np.int64(ints[rows.ROW, start])
+        corners = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
         blend_row(
-            corner, np.int64(start), np.int64(whole[at.FIRST, following]), place, block, geometry,
+            corners, np.int64(start), np.int64(ints[rows.FIRST, following]), pixel, block, geometry,
             has_wide, base, colors,
         )  # fmt: skip
         r = following
@@ -201,23 +202,23 @@ def blend_runs(segment, block, geometry, has_wide, base, colors):
 @stage
 def find_float32_colors(
     block: Block, count, geometry: Geometry, materials: float32[:, ::1], colors: float32[:, ::1],
-    chosen: uint8[::1],
+    is_float32: uint8[::1],
 ):  # fmt: skip
     """
     Write the base colours times those of the vertices, (V, 4), interpolated in float32.
 
-    For objects where ``chosen``, (O,), is not 0; others in float64, as `show_vertex_colors` does.
-    One pass for both: vectors write past the end of a segment, which the next overwrites.
+    For objects where ``is_float32``, (O,), is not 0; others in float64, as `mix_vertex_colors`
+    does. One pass for both: vectors write past the end of a segment, which the next overwrites.
     """
     has_wide = may_be_wide(geometry.viewport)
-    for k in range(block.counts[at.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.uintp(segment[at.OWNER])
-        if chosen[owner] == 0:
-            show_colors_of(segment, block, colors, materials)
+        owner = np.uintp(segment[rows.OWNER])
+        if is_float32[owner] == 0:
+            interpolate_segment_colors(segment, block, colors, materials)
             continue
         base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-        patches = segment[at.END_PATCH] - segment[at.FIRST_PATCH]
-        is_short = segment[at.STOP] - segment[at.START] < LONG_RUN * patches
+        patches = segment[rows.END_PATCH] - segment[rows.FIRST_PATCH]
+        is_short = segment[rows.STOP] - segment[rows.START] < LONG_RUN * patches
         if not (is_short and blend_patches(segment, block, geometry, has_wide, base, colors)):
             blend_runs(segment, block, geometry, has_wide, base, colors)

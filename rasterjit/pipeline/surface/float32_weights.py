@@ -8,7 +8,7 @@ lies on, and so has w. The weights
 
 are therefore quotients of sums without cancellation: each is off by at most `WEIGHT_ERROR` of
 itself, however thin or long the face is and however much w differs. Where float32 would leave its
-range, and on clipped faces, whose edges are not known, a sample is weighed in float64 and rounded.
+range, and on clipped faces, whose edges are not known, weights are computed in float64 and rounded.
 
 A sample's weights depend on its face and its pixel alone.
 """
@@ -19,8 +19,8 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED
-from rasterjit.pipeline.surface import sample_block as at
-from rasterjit.pipeline.surface.barycentric_weights import WIDE, span_start
+from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.barycentric_weights import WIDE_EXTENT, span_start
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
@@ -43,7 +43,7 @@ beside 2**-64.
 
 RATIO_B, RATIO_C = 0, 1
 EDGE_A, EDGE_B, EDGE_C = 2, 3, 4
-"""Rows of ``single``: w of the first vertex over that of the others; edge functions."""
+"""Rows of ``floats``: w of the first vertex over that of the others; edge functions."""
 
 
 @helper
@@ -51,11 +51,11 @@ def is_wide(a, b, c, xy):
     """Return whether products of a face's extents may exceed what float64 holds exactly."""
     right = abs(xy[b, 0] - xy[a, 0]) | abs(xy[c, 0] - xy[a, 0])
     down = abs(xy[b, 1] - xy[a, 1]) | abs(xy[c, 1] - xy[a, 1])
-    return (right | down) >= WIDE
+    return (right | down) >= WIDE_EXTENT
 
 
 @helper
-def gather_screen(first, end, geometry, has_wide, whole, single):
+def gather_screen(first, end, geometry, has_wide, ints, floats):
     """
     Gather screen positions of patches' vertices, and ratios of w.
 
@@ -63,30 +63,30 @@ def gather_screen(first, end, geometry, has_wide, whole, single):
     """
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     is_affine, code, one = w.shape[0] == 0, np.uint8(0), np.float32(1.0)
-    found = False
+    any_wide = False
     for r in range(np.uintp(first), np.uintp(end)):
-        n = np.uintp(whole[at.FIRST, r])
-        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+        n = np.uintp(ints[rows.FIRST, r])
+        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
         code |= codes[a] | codes[b] | codes[c]
-        spread(whole[at.AX], n, xy[a, 0])
-        spread(whole[at.AY], n, xy[a, 1])
-        spread(whole[at.BX], n, xy[b, 0])
-        spread(whole[at.BY], n, xy[b, 1])
-        spread(whole[at.CX], n, xy[c, 0])
-        spread(whole[at.CY], n, xy[c, 1])
-        spread(single[RATIO_B], n, one if is_affine else np.float32(w[a] / w[b]))
-        spread(single[RATIO_C], n, one if is_affine else np.float32(w[a] / w[c]))
+        spread(ints[rows.AX], n, xy[a, 0])
+        spread(ints[rows.AY], n, xy[a, 1])
+        spread(ints[rows.BX], n, xy[b, 0])
+        spread(ints[rows.BY], n, xy[b, 1])
+        spread(ints[rows.CX], n, xy[c, 0])
+        spread(ints[rows.CY], n, xy[c, 1])
+        spread(floats[RATIO_B], n, one if is_affine else np.float32(w[a] / w[b]))
+        spread(floats[RATIO_C], n, one if is_affine else np.float32(w[a] / w[c]))
         if has_wide:
-            found |= is_wide(a, b, c, xy)
-    return np.int32(code & CLIPPED) | np.int32(found)
+            any_wide |= is_wide(a, b, c, xy)
+    return np.int32(code & CLIPPED) | np.int32(any_wide)
 
 
 @disjoint_helper
-def find_edges(ax, ay, bx, by, cx, cy, columns, rows, bits, half, edge_a, edge_b, edge_c):
+def find_edges(ax, ay, bx, by, cx, cy, xs, ys, bits, half, edge_a, edge_b, edge_c):
     """Write the edge functions of samples, each of a face of its own."""
     for n in range(ax.shape[0]):
-        px = np.int32((columns[n] << bits) + half)
-        py = np.int32((rows[n] << bits) + half)
+        px = np.int32((xs[n] << bits) + half)
+        py = np.int32((ys[n] << bits) + half)
         # Integers of at most 26 bits: their products, and differences of these, are exact.
         x0, y0 = np.float64(np.int32(ax[n] - px)), np.float64(np.int32(ay[n] - py))
         x1, y1 = np.float64(np.int32(bx[n] - px)), np.float64(np.int32(by[n] - py))
@@ -104,36 +104,36 @@ def is_accurate(total):
 
 
 @disjoint_helper
-def divide(edge_a, edge_b, edge_c, ratio_b, ratio_c, count, first, second, third):
+def normalize_weights(edge_a, edge_b, edge_c, ratio_b, ratio_c, count, first, second, third):
     """Write the weights; return not 0 if one of ``count`` is inaccurate."""
-    found, one = np.int32(0), np.float32(1.0)
+    any_inexact, one = np.int32(0), np.float32(1.0)
     for n in range(edge_a.shape[0]):
         w0, w1, w2 = edge_a[n], edge_b[n] * ratio_b[n], edge_c[n] * ratio_c[n]
         total = w0 + w1 + w2
-        over = one / total
-        first[n], second[n], third[n] = w0 * over, w1 * over, w2 * over
-        doubtful = np.int32(not is_accurate(total))
-        found |= doubtful if np.int32(n) < count else np.int32(0)
-    return found
+        inverse = one / total
+        first[n], second[n], third[n] = w0 * inverse, w1 * inverse, w2 * inverse
+        is_inexact = np.int32(not is_accurate(total))
+        any_inexact |= is_inexact if np.int32(n) < count else np.int32(0)
+    return any_inexact
 
 
 @helper
 def weigh_mixed(segment, block, geometry, has_wide):
     """Write the weights of a mixed segment's samples; return not 0 if any is inaccurate."""
-    whole, single, weights = block.whole, block.single, block.float32_weights
-    s = np.int64(segment[at.START])
-    count = np.int32(segment[at.STOP] - s)
+    ints, floats, weights = block.ints, block.floats, block.float32_weights
+    s = np.int64(segment[rows.START])
+    count = np.int32(segment[rows.STOP] - s)
     e = s + whole_vectors(count)
-    patches = segment[at.FIRST_PATCH], segment[at.END_PATCH]
-    unsure = gather_screen(patches[0], patches[1], geometry, has_wide, whole, single)
+    patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
+    inexact = gather_screen(patches[0], patches[1], geometry, has_wide, ints, floats)
     bits = geometry.viewport.grid_bits
-    edge_a, edge_b, edge_c = three_parts(single, EDGE_A, s, e)
+    edge_a, edge_b, edge_c = three_parts(floats, EDGE_A, s, e)
     find_edges(
-        *six_parts(whole, at.AX, s, e), part(whole, at.COLUMN, s, e), part(whole, at.ROW, s, e),
+        *six_parts(ints, rows.AX, s, e), part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e),
         bits, np.int32(1) << (bits - 1), edge_a, edge_b, edge_c,
     )  # fmt: skip
-    return unsure | divide(
-        edge_a, edge_b, edge_c, part(single, RATIO_B, s, e), part(single, RATIO_C, s, e), count,
+    return inexact | normalize_weights(
+        edge_a, edge_b, edge_c, part(floats, RATIO_B, s, e), part(floats, RATIO_C, s, e), count,
         part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e),
     )  # fmt: skip
 
@@ -150,7 +150,7 @@ def weights_at(a, b, c, column, row, geometry):
             w1, w2 = w1 * np.float32(w[a] / w[b]), w2 * np.float32(w[a] / w[c])
         total = w0 + w1 + w2
         if is_accurate(total):
-            over = np.float32(1.0) / total
-            return w0 * over, w1 * over, w2 * over
+            inverse = np.float32(1.0) / total
+            return w0 * inverse, w1 * inverse, w2 * inverse
     exact = sample_weights(a, b, c, column, row, geometry)
     return np.float32(exact[0]), np.float32(exact[1]), np.float32(exact[2])

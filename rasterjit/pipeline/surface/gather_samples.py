@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.setup import last_at_most
-from rasterjit.pipeline.surface import sample_block as entry
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import LANES, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int32, int64, uint32
 
-LONG = 16
+MIN_SPAN = 16
 """
-Fewest columns of a span, a run of one face: face numbers in a 512-bit register.
+Fewest columns of a span (a run of one face): face numbers in a 512-bit register.
 
 After shorter runs a span may begin at multiples of this only.
 """
@@ -22,7 +22,7 @@ After shorter runs a span may begin at multiples of this only.
 @helper
 def whole_vectors(count):
     """Return a count rounded up to whole vectors."""
-    return (np.int64(count) + (entry.VECTOR - 1)) & -entry.VECTOR
+    return (np.int64(count) + (rows.VECTOR - 1)) & -rows.VECTOR
 
 
 @helper
@@ -36,40 +36,40 @@ def run_end(faces, column):
 def mixed_end(faces, column, first, end):
     """Return where a mixed segment of faces first..end - 1 ends, or where a span begins."""
     stop = range_end(faces, column, np.int32(first), np.int32(end))
-    for start in range((column | (LONG - 1)) + 1, stop - LONG + 1, LONG):
+    for start in range((column | (MIN_SPAN - 1)) + 1, stop - MIN_SPAN + 1, MIN_SPAN):
         # Mostly one comparison rules a span out.
-        is_same = faces[np.uintp(start)] == faces[np.uintp(start + LONG - 1)]
-        if is_same and run_end(faces, start) >= start + LONG:
+        is_same = faces[np.uintp(start)] == faces[np.uintp(start + MIN_SPAN - 1)]
+        if is_same and run_end(faces, start) >= start + MIN_SPAN:
             return start
     return stop
 
 
 @helper
-def list_patches(faces, n, r, whole):
+def list_patches(faces, n, r, ints):
     """List the patches of some neighbours from sample ``n`` on; return the number of the next."""
-    before = np.int32(-1)
+    previous = np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
         # Branchless: the next sample overwrites one that starts no patch.
         face = faces[i]
-        whole[entry.FIRST, r], whole[entry.FACE, r] = n + i, face
-        r += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
-        before = face
+        ints[rows.FIRST, r], ints[rows.FACE, r] = n + i, face
+        r += np.uintp((face != previous) | (i % np.uintp(LANES) == np.uintp(0)))
+        previous = face
     return r
 
 
 @disjoint_helper
-def number_pixels(columns, rows, column, row):
+def write_pixels(columns, rows, column, row):
     """Write the pixels of neighbouring samples, given the first."""
     for n in range(columns.shape[0]):
         columns[n], rows[n] = column + n, row
 
 
 @helper
-def gather_corners(patches, faces, whole):
+def gather_corners(patches, faces, ints):
     """Gather the vertex numbers of each patch."""
     for r in range(np.uintp(patches)):
-        face = np.uintp(whole[entry.FACE, r])
-        whole[entry.A, r], whole[entry.B, r], whole[entry.C, r] = (
+        face = np.uintp(ints[rows.FACE, r])
+        ints[rows.A, r], ints[rows.B, r], ints[rows.C, r] = (
             faces[face, 0],
             faces[face, 1],
             faces[face, 2],
@@ -112,7 +112,7 @@ def list_samples(
         Object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``.
     background : (4,) float32, linear
     code : int
-        The same as it is shown: RGBA bytes from the lowest up.
+        The background in sRGB codes: RGBA bytes from the lowest up.
     linear : (R, W, 4) float32, or (R, 0, 4)
     color : (R, W) uint32, or (R, 0)
         May lie where the faces do: of these, none is looked at once something was written there.
@@ -122,73 +122,73 @@ def list_samples(
     int
         How many samples there are; -1 behind the last one.
     """
-    counts, segments, intervals, whole = block.counts, block.segments, block.intervals, block.whole
-    row, at, owner = counts[entry.NEXT_ROW], counts[entry.NEXT_COLUMN], counts[entry.OWNER_AT_HAND]
+    counts, segments, intervals, ints = block.counts, block.segments, block.intervals, block.ints
+    row, column, owner = counts[rows.NEXT_ROW], counts[rows.NEXT_COLUMN], counts[rows.LAST_OWNER]
     lowest, end_face = face_starts[owner], face_starts[owner + 1]
-    rows, columns = face_id.shape
+    row_count, width = face_id.shape
     n, r, k, last = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
-    is_open, reached = False, np.int64(-1)
-    while row < rows and n < entry.SAMPLES:
-        numbers, frame_row = face_id[row], first_row + row % height
-        while at < columns and n < entry.SAMPLES:
-            face = np.int64(numbers[np.uintp(at)])
+    is_open, interval_end = False, np.int64(-1)
+    while row < row_count and n < rows.SAMPLES:
+        row_faces, frame_row = face_id[row], first_row + row % height
+        while column < width and n < rows.SAMPLES:
+            face = np.int64(row_faces[np.uintp(column)])
             if face < 0:
-                end = run_end(numbers, at)
+                end = run_end(row_faces, column)
                 paint_background(
-                    background, np.uint32(code), linear[row, at:end], color[row, at:end]
+                    background, np.uint32(code), linear[row, column:end], color[row, column:end]
                 )
-                at = end
+                column = end
                 continue
             if not lowest <= face < end_face:
                 owner = last_at_most(face_starts, face)
                 lowest, end_face = face_starts[owner], face_starts[owner + 1]
                 is_open = False
             # A block may be full before the row ends.
-            wanted = numbers[: min(columns, at + entry.SAMPLES - n)]
-            end = run_end(wanted, at)
-            if end >= at + LONG:
-                whole[entry.FIRST, r], whole[entry.FACE, r] = n, face
-                segments[k, entry.KIND], segments[k, entry.OWNER] = entry.SPAN, owner
-                segments[k, entry.START], segments[k, entry.FIRST_PATCH] = n, r
-                segments[k, entry.COLUMN_OF], segments[k, entry.ROW_OF] = at, frame_row
+            limited = row_faces[: min(width, column + rows.SAMPLES - n)]
+            end = run_end(limited, column)
+            if end >= column + MIN_SPAN:
+                ints[rows.FIRST, r], ints[rows.FACE, r] = n, face
+                segments[k, rows.KIND], segments[k, rows.OWNER] = rows.SPAN, owner
+                segments[k, rows.START], segments[k, rows.FIRST_PATCH] = n, r
+                segments[k, rows.COLUMN_OF], segments[k, rows.ROW_OF] = column, frame_row
                 r += np.uintp(1)
                 k += 1
                 is_open = False
             else:
-                end = mixed_end(wanted, at, lowest, end_face)
+                end = mixed_end(limited, column, lowest, end_face)
                 if not is_open:
-                    segments[k, entry.KIND], segments[k, entry.OWNER] = entry.MIXED, owner
-                    segments[k, entry.START], segments[k, entry.FIRST_PATCH] = n, r
+                    segments[k, rows.KIND], segments[k, rows.OWNER] = rows.MIXED, owner
+                    segments[k, rows.START], segments[k, rows.FIRST_PATCH] = n, r
                     k += 1
                     is_open = True
-                stop = n + whole_vectors(end - at)
-                number_pixels(
-                    part(whole, entry.COLUMN, n, stop), part(whole, entry.ROW, n, stop),
-                    np.int32(at), np.int32(frame_row),
+                stop = n + whole_vectors(end - column)
+                write_pixels(
+                    part(ints, rows.COLUMN, n, stop), part(ints, rows.ROW, n, stop),
+                    np.int32(column), np.int32(frame_row),
                 )  # fmt: skip
-                r = list_patches(wanted[at:end], n, r, whole)
-            if reached != at:
+                r = list_patches(limited[column:end], n, r, ints)
+            if interval_end != column:
                 last += 1
-                intervals[last, entry.INTERVAL_ROW], intervals[last, entry.INTERVAL_COLUMN] = (
+                intervals[last, rows.INTERVAL_ROW], intervals[last, rows.INTERVAL_COLUMN] = (
                     row,
-                    at,
+                    column,
                 )
-                intervals[last, entry.INTERVAL_START], intervals[last, entry.INTERVAL_FRAME_ROW] = (
+                intervals[last, rows.INTERVAL_START], intervals[last, rows.INTERVAL_FRAME_ROW] = (
                     n,
                     frame_row,
                 )
-            n += end - at
-            segments[k - 1, entry.STOP], segments[k - 1, entry.END_PATCH] = n, r
-            intervals[last, entry.INTERVAL_STOP] = n
-            at = reached = end
-        if at >= columns:
-            row, at, reached = row + 1, np.int64(0), np.int64(-1)
-    counts[entry.NEXT_ROW], counts[entry.NEXT_COLUMN], counts[entry.OWNER_AT_HAND] = row, at, owner
-    counts[entry.SEGMENTS], counts[entry.PATCHES], counts[entry.INTERVALS] = k, r, last + 1
+            n += end - column
+            segments[k - 1, rows.STOP], segments[k - 1, rows.END_PATCH] = n, r
+            intervals[last, rows.INTERVAL_STOP] = n
+            column = interval_end = end
+        if column >= width:
+            row, column, interval_end = row + 1, np.int64(0), np.int64(-1)
+    counts[rows.NEXT_ROW], counts[rows.NEXT_COLUMN], counts[rows.LAST_OWNER] = row, column, owner
+    counts[rows.SEGMENTS], counts[rows.PATCHES], counts[rows.INTERVALS] = k, r, last + 1
     if n == 0:
-        for number in range(entry.COUNTS):
+        for number in range(rows.COUNTS):
             counts[number] = 0
         return np.int64(-1)
-    whole[entry.FIRST, r] = n
-    gather_corners(r, faces, whole)
+    ints[rows.FIRST, r] = n
+    gather_corners(r, faces, ints)
     return n

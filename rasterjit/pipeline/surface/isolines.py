@@ -23,7 +23,7 @@ from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state_block import float32, float64, int64
 
 FIRST_LEVEL, LEVELS = 0, 1
-"""Columns of ``places``."""
+"""Columns of ``ranges``: an object's first level, and their number."""
 
 HALF_WIDTH, LINE_RED = 0, 1
 """Columns of ``lines``; LINE_RED is followed by green and blue."""
@@ -59,7 +59,7 @@ def snapped_edges(a, b, c, column, row, xy, w, bits):
 
 @helper
 def clipped_edges(a, b, c, column, row, clip, viewport):
-    """Return what `snapped_edges` does, for a clipped face."""
+    """Return e r, and its steps right and down by a pixel, for a clipped face."""
     (ax, bx, cx), (ay, by, cy) = seen_from_sample(a, b, c, column, row, clip, viewport)
     wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]
     width, height = whole_size(viewport)
@@ -72,9 +72,9 @@ def clipped_edges(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def weighed(shares, values):
-    """Return the sum of three products."""
-    return shares[0] * values[0] + shares[1] * values[1] + shares[2] * values[2]
+def dot(a, b):
+    """Return the dot product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @helper
@@ -86,20 +86,20 @@ def lies_on_line(level, half, scalars, edges):
     between two rows of samples covers one of them.
     """
     here, right, down = edges
-    ways = scalars[0] - level, scalars[1] - level, scalars[2] - level
-    g, x, y = weighed(here, ways), weighed(right, ways), weighed(down, ways)
+    differences = scalars[0] - level, scalars[1] - level, scalars[2] - level
+    g, x, y = dot(here, differences), dot(right, differences), dot(down, differences)
     steepest = max(abs(x), abs(y))
     if not steepest > 0.0:
         return False
     # Scale them first: squares of very large or very small ones overflow or vanish.
-    away, x, y = abs(g) / steepest, x / steepest, y / steepest
-    reach = half * np.sqrt(x * x + y * y)
+    distance, x, y = abs(g) / steepest, x / steepest, y / steepest
+    half_width = half * np.sqrt(x * x + y * y)
     is_above = (g >= 0.0) == (here[0] + here[1] + here[2] > 0.0)
-    return away <= reach if is_above else away < reach
+    return distance <= half_width if is_above else distance < half_width
 
 
 @helper
-def levels_up_to(value, levels, first, count):
+def upper_bound(value, levels, first, count):
     """Return one past the last of some ascending levels that is not above a value."""
     low, high = first, first + count
     while low < high:
@@ -113,13 +113,13 @@ def levels_up_to(value, levels, first, count):
 
 @stage
 def draw_contours(
-    block: Block, count, values: float64[::1], levels: float64[::1], places: int64[:, ::1],
+    block: Block, count, values: float64[::1], levels: float64[::1], ranges: int64[:, ::1],
     lines: float32[:, ::1], geometry: Geometry,
 ):  # fmt: skip
     """
     Replace the colormap's colour by that of iso-lines, where a sample lies on one.
 
-    Right behind `scalar_colors.show_scalars`. The levels above and below a sample's scalar are the
+    After `scalar_colors.apply_colormaps`. The levels above and below a sample's scalar are the
     nearest lines. A face of three equal scalars has no line.
 
     Parameters
@@ -127,39 +127,39 @@ def draw_contours(
     values : (V,) float64
     levels : (N,) float64
         Those of each object, ascending.
-    places : (O, 2) int64
+    ranges : (O, 2) int64
         The first of an object's, and how many it has.
     lines : (O, 4) float32
         Half the width, pixels; red, green, blue, linear.
     geometry : Geometry
     """
-    whole, viewport, xy, w = block.whole, geometry.viewport, geometry.xy, geometry.w
+    ints, viewport, xy, w = block.ints, geometry.viewport, geometry.xy, geometry.w
     # The segments of objects with lines.
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
-        first_level, own = places[owner, FIRST_LEVEL], places[owner, LEVELS]
-        if own == 0:
+        first_level, level_count = ranges[owner, FIRST_LEVEL], ranges[owner, LEVELS]
+        if level_count == 0:
             continue
         half = np.float64(lines[owner, HALF_WIDTH])
         # Their faces whose scalars differ.
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             a, b, c = (
-                np.uintp(whole[rows.A, r]),
-                np.uintp(whole[rows.B, r]),
-                np.uintp(whole[rows.C, r]),
+                np.uintp(ints[rows.A, r]),
+                np.uintp(ints[rows.B, r]),
+                np.uintp(ints[rows.C, r]),
             )
             scalars = values[a], values[b], values[c]
             if scalars[0] == scalars[1] and scalars[1] == scalars[2]:
                 continue
             codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
             for n in range(
-                np.uintp(whole[rows.FIRST, r]), np.uintp(whole[rows.FIRST, r + np.uintp(1)])
+                np.uintp(ints[rows.FIRST, r]), np.uintp(ints[rows.FIRST, r + np.uintp(1)])
             ):
-                value = block.real[VALUE, n]
+                value = block.doubles[VALUE, n]
                 if not is_finite(value):
                     continue
-                column, row = np.int64(whole[rows.COLUMN, n]), np.int64(whole[rows.ROW, n])
+                column, row = np.int64(ints[rows.COLUMN, n]), np.int64(ints[rows.ROW, n])
                 if segment[rows.KIND] == rows.SPAN:
                     row = np.int64(segment[rows.ROW_OF])
                     column = (
@@ -172,12 +172,12 @@ def draw_contours(
                 else:
                     edges = snapped_edges(a, b, c, column, row, xy, w, viewport.grid_bits)
                 # The level above the sample, then that below it.
-                above = levels_up_to(value, levels, first_level, own)
+                above = upper_bound(value, levels, first_level, level_count)
                 is_drawn = False
                 if above > first_level:
                     level = levels[np.uintp(above - 1)]
                     is_drawn = lies_on_line(level, half, scalars, edges)
-                if not is_drawn and above < first_level + own:
+                if not is_drawn and above < first_level + level_count:
                     level = levels[np.uintp(above)]
                     is_drawn = lies_on_line(level, half, scalars, edges)
                 if is_drawn:

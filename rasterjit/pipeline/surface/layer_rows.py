@@ -15,7 +15,7 @@ from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state_block import float32, int64
 
-MIST_RED = rows.BEFORE_RED
+FOG_RED = rows.PRIOR_RED
 """
 Rows, three: in-scattered light of the fog in front of a surface; reused after lighting.
 
@@ -35,27 +35,27 @@ def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
 
 
 @stage
-def copy_rows(block: Block, count, source: int64, target: int64, number: int64):
-    """Copy some rows of samples, from ``source`` on, to those from ``target`` on."""
-    for k in range(number):
+def copy_rows(block: Block, count, source: int64, target: int64, height: int64):
+    """Copy ``height`` rows of samples, from ``source`` on, to those from ``target`` on."""
+    for k in range(height):
         for n in range(count):
             block.samples[target + k, n] = block.samples[source + k, n]
 
 
 @stage
-def exchange_rows(block: Block, count, one: int64, other: int64, number: int64):
-    """Swap some rows of samples, from ``one`` on, with those from ``other`` on."""
-    for k in range(number):
+def swap_rows(block: Block, count, first: int64, second: int64, height: int64):
+    """Swap ``height`` rows of samples, from ``first`` on, with those from ``second`` on."""
+    for k in range(height):
         for n in range(count):
-            kept = block.samples[one + k, n]
-            block.samples[one + k, n] = block.samples[other + k, n]
-            block.samples[other + k, n] = kept
+            saved = block.samples[first + k, n]
+            block.samples[first + k, n] = block.samples[second + k, n]
+            block.samples[second + k, n] = saved
 
 
 @stage
-def scale_rows_by_textures(block: Block, count, first: int64, channel: int64, number: int64):
-    """Multiply rows of samples by the textures' channels, from ``channel`` on."""
-    for k in range(number):
+def scale_by_textures(block: Block, count, first: int64, channel: int64, height: int64):
+    """Multiply ``height`` rows of samples by the textures' channels, from ``channel`` on."""
+    for k in range(height):
         for n in range(count):
-            shown = block.colors[texture_lookup.SHOWN + channel + k, n]
-            block.samples[first + k, n] *= shown
+            texel = block.colors[texture_lookup.SHOWN + channel + k, n]
+            block.samples[first + k, n] *= texel

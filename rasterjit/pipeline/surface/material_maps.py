@@ -26,7 +26,7 @@ from rasterjit.runtime.intrinsics import LANES, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int64
 
-NORMAL_SCALE, OCCLUSION_STRENGTH, EMITTED = 0, 1, 2
+NORMAL_SCALE, OCCLUSION_STRENGTH, EMISSIVE = 0, 1, 2
 """Columns of ``Maps.factors``; the last begins three."""
 
 MIN_TANGENT = 1e-10
@@ -37,32 +37,32 @@ MIN_TANGENT = 1e-10
 def is_mirrored(a, b, c, uv):
     """Return whether the texture is mirrored on a face, seen from the front."""
     ua, va = np.float64(uv[a, 0]), np.float64(uv[a, 1])
-    across = (np.float64(uv[b, 0]) - ua) * (np.float64(uv[c, 1]) - va)
-    back = (np.float64(uv[c, 0]) - ua) * (np.float64(uv[b, 1]) - va)
-    return across < back
+    right = (np.float64(uv[b, 0]) - ua) * (np.float64(uv[c, 1]) - va)
+    left = (np.float64(uv[c, 0]) - ua) * (np.float64(uv[b, 1]) - va)
+    return right < left
 
 
 @disjoint_helper
-def bend_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, handed, second, third, behind, right, up, out,
-    scale, matrix,
+def perturb_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, handed, second, third, backface, red, green,
+    blue, scale, matrix,
 ):  # fmt: skip
     """
-    Write normals perturbed by a normal map, world axes, any length, and 1 where there is one, or 0.
+    Write normals perturbed by a normal map, world axes, any length, and 1 where valid, else 0.
 
     Takes the shading normals and the tangents of the vertices, none of them normalized. Writes the
-    normals in place of the first vertex's tangents, and whether there is one in place of x of the
-    second's: not where there is no direction to bend to, or the map shows the shading normal.
+    normals in place of the first vertex's tangents, and whether they are valid in place of x of the
+    second's: not where there is no tangent, or the map holds the shading normal.
     """
     m = matrix
     for n in range(nx.shape[0]):
-        along = scale * (np.float64(right[n]) - 0.5)
-        aside = scale * (np.float64(up[n]) - 0.5)
-        ahead = 2.0 * np.float64(out[n]) - 1.0
-        is_flat = (along == 0.0) & (aside == 0.0)
-        # A back face gets the bent normal of its front, flipped.
-        along = (1.0 - 2.0 * np.float64(behind[n])) * along
-        aside = handed[n] * aside
+        map_x = scale * (np.float64(red[n]) - 0.5)
+        map_y = scale * (np.float64(green[n]) - 0.5)
+        map_z = 2.0 * np.float64(blue[n]) - 1.0
+        is_flat = (map_x == 0.0) & (map_y == 0.0)
+        # A back face gets the perturbed normal of its front, flipped.
+        map_x = (1.0 - 2.0 * np.float64(backface[n])) * map_x
+        map_y = handed[n] * map_y
         # Interpolate the tangent.
         weights = (0.0, second[n], third[n])
         x = blend(weights, np.float64(xa[n]), np.float64(xb[n]), np.float64(xc[n]))
@@ -75,60 +75,60 @@ def bend_normals(
         ux, uy, uz = np.float64(nx[n]), np.float64(ny[n]), np.float64(nz[n])
         length = np.sqrt(ux * ux + uy * uy + uz * uz)
         ux, uy, uz = ux / length, uy / length, uz / length
-        full = tx * tx + ty * ty + tz * tz
-        share = tx * ux + ty * uy + tz * uz
-        tx, ty, tz = tx - share * ux, ty - share * uy, tz - share * uz
-        left = tx * tx + ty * ty + tz * tz
-        is_told = (length > 0.0) & (MIN_TANGENT * full < left) & (left < np.inf)
-        length = np.sqrt(left)
+        squared = tx * tx + ty * ty + tz * tz
+        projection = tx * ux + ty * uy + tz * uz
+        tx, ty, tz = tx - projection * ux, ty - projection * uy, tz - projection * uz
+        remaining = tx * tx + ty * ty + tz * tz
+        is_valid = (length > 0.0) & (MIN_TANGENT * squared < remaining) & (remaining < np.inf)
+        length = np.sqrt(remaining)
         tx, ty, tz = tx / length, ty / length, tz / length
-        bx = along * tx + aside * (uy * tz - uz * ty) + ahead * ux
-        by = along * ty + aside * (uz * tx - ux * tz) + ahead * uy
-        bz = along * tz + aside * (ux * ty - uy * tx) + ahead * uz
-        is_told &= (bx * bx + by * by + bz * bz > 0.0) & (not is_flat)
+        bx = map_x * tx + map_y * (uy * tz - uz * ty) + map_z * ux
+        by = map_x * ty + map_y * (uz * tx - ux * tz) + map_z * uy
+        bz = map_x * tz + map_y * (ux * ty - uy * tx) + map_z * uz
+        is_valid &= (bx * bx + by * by + bz * bz > 0.0) & (not is_flat)
         xa[n], ya[n], za[n] = np.float32(bx), np.float32(by), np.float32(bz)
-        xb[n] = np.float32(1.0 if is_told else 0.0)
+        xb[n] = np.float32(1.0 if is_valid else 0.0)
 
 
 @disjoint_helper
-def take_bent(bent, is_told, normal):
-    """Write one component of the perturbed normals where there are any."""
+def replace_perturbed(perturbed, is_valid, normal):
+    """Replace one component of normals by that of the perturbed ones, where these are valid."""
     for n in range(normal.shape[0]):
-        normal[n] = bent[n] if is_told[n] > np.float32(0.0) else normal[n]
+        normal[n] = perturbed[n] if is_valid[n] > np.float32(0.0) else normal[n]
 
 
 @helper
-def scale_facets(samples, count, shown):
-    """Multiply metallic and roughness by what the textures show in blue and green."""
+def scale_metallic_roughness(samples, count, colors):
+    """Multiply metallic and roughness by the blue and green channels of the textures."""
     for n in range(count):
-        samples[rows.METALLIC, n] *= shown[texture_lookup.SHOWN + 2, n]
-        samples[rows.ROUGHNESS, n] *= shown[texture_lookup.SHOWN + 1, n]
+        samples[rows.METALLIC, n] *= colors[texture_lookup.SHOWN + 2, n]
+        samples[rows.ROUGHNESS, n] *= colors[texture_lookup.SHOWN + 1, n]
 
 
 @helper
 def scale_occlusion(samples, count, places, colors, factors):
-    """Hold back ambient light by what the textures show in red."""
+    """Multiply the occlusion factor by the red channel of the textures."""
     one = np.float32(1.0)
     for n in range(count):
         owner = np.int64(places[texture_lookup.OWNER, n])
-        shown = colors[texture_lookup.SHOWN, n]
-        share = one + factors[owner, OCCLUSION_STRENGTH] * (shown - one)
-        samples[rows.OCCLUSION, n] *= max(min(share, one), np.float32(0.0))
+        texel = colors[texture_lookup.SHOWN, n]
+        visible = one + factors[owner, OCCLUSION_STRENGTH] * (texel - one)
+        samples[rows.OCCLUSION, n] *= max(min(visible, one), np.float32(0.0))
 
 
 @helper
-def scale_emission(samples, count, shown):
-    """Multiply the light that is sent out by what the textures show."""
+def scale_emission(samples, count, colors):
+    """Multiply emitted light by the textures."""
     for k in range(3):
         for n in range(count):
-            samples[rows.EMISSIVE_RED + k, n] *= shown[texture_lookup.SHOWN + k, n]
+            samples[rows.EMISSIVE_RED + k, n] *= colors[texture_lookup.SHOWN + k, n]
 
 
 @disjoint_helper
-def add_emission(
+def add_colors(
     emitted_red, emitted_green, emitted_blue, red, green, blue
 ):  # fmt: skip
-    """Add the light that surfaces send out."""
+    """Add emitted light to three rows of colours."""
     for i in range(red.shape[0]):
         red[i] += emitted_red[i]
         green[i] += emitted_green[i]
@@ -138,44 +138,44 @@ def add_emission(
 @helper
 def gather_tangents(segment, block, uv, tangents, mirrored):
     """Gather the tangents of a segment's vertices, and the sign of the bitangent."""
-    whole, rows_of, handed = block.whole, block.single, block.real[0]
+    ints, floats, handed = block.ints, block.floats, block.doubles[0]
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = (
-            np.uintp(whole[rows.A, r]), np.uintp(whole[rows.B, r]), np.uintp(whole[rows.C, r])
+            np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
         )  # fmt: skip
-        group = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
-        way = np.float64(tangents[a, group, 3]) * mirrored
-        first, end = np.int64(whole[rows.FIRST, r]), np.int64(whole[rows.FIRST, r + np.uintp(1)])
+        is_flipped = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
+        sign = np.float64(tangents[a, is_flipped, 3]) * mirrored
+        first, end = np.int64(ints[rows.FIRST, r]), np.int64(ints[rows.FIRST, r + np.uintp(1)])
         for n in range(first, end, LANES):
             start = np.uintp(n)
-            spread(handed, start, way)
+            spread(handed, start, sign)
             for k in range(3):
-                spread(rows_of[k], start, tangents[a, group, k])
-                spread(rows_of[3 + k], start, tangents[b, group, k])
-                spread(rows_of[6 + k], start, tangents[c, group, k])
+                spread(floats[k], start, tangents[a, is_flipped, k])
+                spread(floats[3 + k], start, tangents[b, is_flipped, k])
+                spread(floats[6 + k], start, tangents[c, is_flipped, k])
 
 
 @helper
-def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
+def perturb_segment(segment, block, uv, tangents, scale, matrix, mirrored):
     """Perturb the normals of a segment by a normal map."""
     gather_tangents(segment, block, uv, tangents, mirrored)
-    s, r, w, shown = block.samples, block.single, block.weights, block.colors
+    s, f, w, colors = block.samples, block.floats, block.weights, block.colors
     a, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
     nx, ny, nz = three_parts(s, rows.NORMAL_X, a, e)
-    bx, by, bz, told = part(r, 0, a, e), part(r, 1, a, e), part(r, 2, a, e), part(r, 3, a, e)
-    bend_normals(
-        nx, ny, nz, bx, by, bz, told, *three_parts(r, 4, a, e), part(r, 7, a, e), part(r, 8, a, e),
-        part(block.real, 0, a, e), part(w, 0, a, e), part(w, 1, a, e),
-        part(block.whole, rows.BEHIND, a, e), *three_parts(shown, texture_lookup.SHOWN, a, e),
+    bx, by, bz, valid = part(f, 0, a, e), part(f, 1, a, e), part(f, 2, a, e), part(f, 3, a, e)
+    perturb_normals(
+        nx, ny, nz, bx, by, bz, valid, *three_parts(f, 4, a, e), part(f, 7, a, e), part(f, 8, a, e),
+        part(block.doubles, 0, a, e), part(w, 0, a, e), part(w, 1, a, e),
+        part(block.ints, rows.BACKFACE, a, e), *three_parts(colors, texture_lookup.SHOWN, a, e),
         scale, matrix,
     )  # fmt: skip
-    take_bent(bx, told, nx)
-    take_bent(by, told, ny)
-    take_bent(bz, told, nz)
+    replace_perturbed(bx, valid, nx)
+    replace_perturbed(by, valid, ny)
+    replace_perturbed(bz, valid, nz)
 
 
 @stage
-def bend_normals_by_maps(
+def apply_normal_maps(
     block: Block, count, table: int64[:, :, ::1], uv: float32[:, ::1],
     tangents: float32[:, :, ::1], factors: float32[:, ::1], placement: Placement,
 ):  # fmt: skip
@@ -184,21 +184,21 @@ def bend_normals_by_maps(
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         if table[owner, texturing.NORMAL, texturing.FIRST_LEVEL] >= 0:
-            bend_segment(
+            perturb_segment(
                 segment, block, uv, tangents, 2.0 * np.float64(factors[owner, NORMAL_SCALE]),
                 matrix_of(placement.relative_from_model, owner), placement.mirrored[owner],
             )  # fmt: skip
 
 
 @stage
-def scale_facets_by_maps(block: Block, count):
-    """Multiply metallic and roughness by what the textures show in blue and green."""
-    scale_facets(block.samples, count, block.colors)
+def apply_metallic_roughness_maps(block: Block, count):
+    """Multiply metallic and roughness by the blue and green channels of the textures."""
+    scale_metallic_roughness(block.samples, count, block.colors)
 
 
 @stage
-def scale_occlusion_by_maps(block: Block, count, factors: float32[:, ::1]):
-    """Hold back ambient light by what the textures show in red."""
+def apply_occlusion_maps(block: Block, count, factors: float32[:, ::1]):
+    """Multiply the occlusion factor by the red channel of the textures."""
     scale_occlusion(block.samples, count, block.places, block.colors, factors)
 
 
@@ -210,7 +210,7 @@ def find_emission(block: Block, count, factors: float32[:, ::1]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         red, green, blue = (
-            factors[owner, EMITTED], factors[owner, EMITTED + 1], factors[owner, EMITTED + 2]
+            factors[owner, EMISSIVE], factors[owner, EMISSIVE + 1], factors[owner, EMISSIVE + 2]
         )  # fmt: skip
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
             samples[rows.EMISSIVE_RED, n] = red
@@ -219,16 +219,16 @@ def find_emission(block: Block, count, factors: float32[:, ::1]):
 
 
 @stage
-def scale_emission_by_maps(block: Block, count):
-    """Multiply the light that is sent out by what the textures show."""
+def apply_emission_maps(block: Block, count):
+    """Multiply emitted light by the textures."""
     scale_emission(block.samples, count, block.colors)
 
 
 @stage
-def show_emission(block: Block, count, shown: int64):
-    """Add emission to the three rows of samples from ``shown`` on."""
+def add_emission(block: Block, count, first: int64):
+    """Add emission to the three rows of samples from ``first`` on."""
     s = block.samples
-    add_emission(
+    add_colors(
         s[rows.EMISSIVE_RED, :count], s[rows.EMISSIVE_GREEN, :count], s[rows.EMISSIVE_BLUE, :count],
-        *three_parts(s, shown, 0, count),
+        *three_parts(s, first, 0, count),
     )  # fmt: skip

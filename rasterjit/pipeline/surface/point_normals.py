@@ -11,39 +11,39 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import find_object, place_vertex
 from rasterjit.pipeline.records import Placement, Viewport
-from rasterjit.pipeline.surface import sample_block as row
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.visibility import point_rasterizer
-from rasterjit.pipeline.visibility.point_rasterizer import PointRows, Sight
+from rasterjit.pipeline.visibility.point_rasterizer import PointRows, PointView
 from rasterjit.runtime.jit import helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int32, int64
 
 
 @helper
-def pixel_of(n, segment, whole):
+def pixel_of(n, segment, ints):
     """Return the column and the row of a sample."""
-    if segment[row.KIND] == row.SPAN:
-        return np.int64(segment[row.COLUMN_OF]) + (n - segment[row.START]), np.int64(
-            segment[row.ROW_OF]
+    if segment[rows.KIND] == rows.SPAN:
+        return np.int64(segment[rows.COLUMN_OF]) + (n - segment[rows.START]), np.int64(
+            segment[rows.ROW_OF]
         )
-    return np.int64(whole[row.COLUMN, n]), np.int64(whole[row.ROW, n])
+    return np.int64(ints[rows.COLUMN, n]), np.int64(ints[rows.ROW, n])
 
 
 @helper
-def way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
+def hit_offset(face, vertex, owner, pixel, points, eye, placement, viewport):
     """Return a sphere's centre, relative to the eye, and the offset from it to a pixel's hit."""
     centre = place_vertex(vertex, owner, placement)
     radius = point_rasterizer.radius_of(points, owner, face - placement.face_starts[owner])
     ndc = point_rasterizer.ndc_of(pixel[0], pixel[1], viewport)
-    offset, _ = point_rasterizer.meet_sphere(centre, radius, ndc, sight)
+    offset, _ = point_rasterizer.meet_sphere(centre, radius, ndc, eye)
     return centre, offset
 
 
 @helper
-def point_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
+def hit_sphere(face, vertex, owner, pixel, points, eye, placement, viewport):
     """Return the point of a sphere that a pixel hits, relative to the eye, and the normal there."""
-    c, way = way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport)
-    return (c[0] + way[0], c[1] + way[1], c[2] + way[2]), way
+    c, offset = hit_offset(face, vertex, owner, pixel, points, eye, placement, viewport)
+    return (c[0] + offset[0], c[1] + offset[1], c[2] + offset[2]), offset
 
 
 @helper
@@ -54,18 +54,18 @@ def toward_viewer(point, placement):
 
 
 @helper
-def turned_to(normal, way):
+def facing_normal(normal, direction):
     """Return a normal flipped to the side of a direction; the direction if there is no normal."""
-    side = normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2]
+    cosine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
     if normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0:
-        return way
-    if side < 0.0:
+        return direction
+    if cosine < 0.0:
         return -normal[0], -normal[1], -normal[2]
     return normal
 
 
 @helper
-def unit(x, y, z):
+def normalize(x, y, z):
     """Return a vector of length one; scaled first, so that no square overflows or vanishes."""
     largest = max(abs(x), max(abs(y), abs(z)))
     shrink = 1.0 / largest if largest > 0.0 else 0.0
@@ -76,85 +76,85 @@ def unit(x, y, z):
 
 
 @helper
-def get_three(rows, first, n):
-    """Return three numbers of a sample."""
-    x, y, z = rows[first, n], rows[first + 1, n], rows[first + 2, n]
+def load_vector(array, first, n):
+    """Return a vector of a sample, from three rows."""
+    x, y, z = array[first, n], array[first + 1, n], array[first + 2, n]
     return np.float64(x), np.float64(y), np.float64(z)
 
 
 @helper
-def put_three(rows, first, n, values):
-    """Write three numbers of a sample."""
+def store_vector(array, first, n, values):
+    """Write a vector of a sample to three rows."""
     for k in range(3):
-        rows[first + k, n] = rows.dtype.type(values[k])
+        array[first + k, n] = array.dtype.type(values[k])
 
 
 @stage
-def find_point_shapes(
-    block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
+def find_point_normals(
+    block: Block, count, points: PointRows, eye: PointView, viewport: Viewport, placement: Placement
 ):
     """Write points and normals of the samples of spheres, and normals of other points."""
-    samples, whole = block.samples, block.whole
-    for k in range(block.counts[row.SEGMENTS]):
+    samples, ints = block.samples, block.ints
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.int64(segment[row.OWNER])
+        owner = np.int64(segment[rows.OWNER])
         shape = points.shapes[owner, 0]
         if shape == point_rasterizer.NOT_POINTS:
             continue
-        for r in range(np.uintp(segment[row.FIRST_PATCH]), np.uintp(segment[row.END_PATCH])):
-            face, vertex = np.int64(whole[row.FACE, r]), np.uintp(whole[row.A, r])
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            face, vertex = np.int64(ints[rows.FACE, r]), np.uintp(ints[rows.A, r])
             for n in range(
-                np.uintp(whole[row.FIRST, r]), np.uintp(whole[row.FIRST, r + np.uintp(1)])
+                np.uintp(ints[rows.FIRST, r]), np.uintp(ints[rows.FIRST, r + np.uintp(1)])
             ):
-                point = get_three(samples, row.POINT_X, n)
-                normal = get_three(samples, row.NORMAL_X, n)
+                point = load_vector(samples, rows.POINT_X, n)
+                normal = load_vector(samples, rows.NORMAL_X, n)
                 if shape == point_rasterizer.SPHERE:
-                    pixel = pixel_of(n, segment, whole)
-                    point, normal = point_on_sphere(
-                        face, vertex, owner, pixel, points, sight, placement, viewport
+                    pixel = pixel_of(n, segment, ints)
+                    point, normal = hit_sphere(
+                        face, vertex, owner, pixel, points, eye, placement, viewport
                     )
-                    put_three(samples, row.POINT_X, n, point)
-                seen = turned_to(normal, toward_viewer(point, placement))
-                put_three(samples, row.NORMAL_X, n, unit(seen[0], seen[1], seen[2]))
+                    store_vector(samples, rows.POINT_X, n, point)
+                facing = facing_normal(normal, toward_viewer(point, placement))
+                store_vector(samples, rows.NORMAL_X, n, normalize(facing[0], facing[1], facing[2]))
 
 
 @stage
 def find_point_receivers(
-    block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
+    block: Block, count, points: PointRows, eye: PointView, viewport: Viewport, placement: Placement
 ):
     """
     Write shadow receivers on points: their normals, and positions of samples on spheres.
 
     Right behind `receivers.find_receivers`.
     """
-    samples, whole, r = block.samples, block.whole, block.receivers
-    if block.counts[row.IS_LIT] == 0:
+    samples, ints, receivers = block.samples, block.ints, block.receivers
+    if block.counts[rows.IS_LIT] == 0:
         return
-    for k in range(block.counts[row.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.int64(segment[row.OWNER])
+        owner = np.int64(segment[rows.OWNER])
         shape = points.shapes[owner, 0]
         if shape == point_rasterizer.NOT_POINTS:
             continue
-        for p in range(np.uintp(segment[row.FIRST_PATCH]), np.uintp(segment[row.END_PATCH])):
-            face, vertex = np.int64(whole[row.FACE, p]), np.uintp(whole[row.A, p])
+        for p in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            face, vertex = np.int64(ints[rows.FACE, p]), np.uintp(ints[rows.A, p])
             for n in range(
-                np.uintp(whole[row.FIRST, p]), np.uintp(whole[row.FIRST, p + np.uintp(1)])
+                np.uintp(ints[rows.FIRST, p]), np.uintp(ints[rows.FIRST, p + np.uintp(1)])
             ):
-                normal = get_three(samples, row.NORMAL_X, n)
+                normal = load_vector(samples, rows.NORMAL_X, n)
                 if shape == point_rasterizer.SPHERE:
-                    pixel = pixel_of(n, segment, whole)
-                    point, normal = point_on_sphere(
-                        face, vertex, owner, pixel, points, sight, placement, viewport
+                    pixel = pixel_of(n, segment, ints)
+                    point, normal = hit_sphere(
+                        face, vertex, owner, pixel, points, eye, placement, viewport
                     )
-                    put_three(r, row.POINT, n, point)
-                put_three(r, row.NORMAL, n, normal)
+                    store_vector(receivers, rows.POINT, n, point)
+                store_vector(receivers, rows.NORMAL, n, normal)
 
 
 @kernel
 def fill_sphere_positions(
     face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
-    sight: Sight, viewport: Viewport, placement: Placement, matrices: float64[:, :, ::1],
+    eye: PointView, viewport: Viewport, placement: Placement, matrices: float64[:, :, ::1],
     from_world: float64[:, :, ::1], position: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -166,11 +166,11 @@ def fill_sphere_positions(
     rows : (int, int)
         First row, and one past the last.
     faces : (F, 3) int32, vertex numbers
-    points, sight, viewport, placement : records
+    points, eye, viewport, placement : records
     matrices : (O, 3, 4) float64
-        What takes centres, model space, to the space of the positions.
+        Transforms of centres from model space to the space of the positions.
     from_world : (O, 3, 3) float64
-        What takes ways in world axes there.
+        Linear parts of the transforms from world axes to that space.
     position : (H, W, 3) float32
         Written where spheres are.
     """
@@ -185,21 +185,21 @@ def fill_sphere_positions(
             if points.shapes[owner, 0] != point_rasterizer.SPHERE:
                 continue
             v = np.uintp(faces[face, 0])
-            _, way = way_on_sphere(face, v, owner, (x, y), points, sight, placement, viewport)
+            _, hit = hit_offset(face, v, owner, (x, y), points, eye, placement, viewport)
             for k in range(3):
                 centre = (
                     m[owner, k, 0] * p[v, 0] + m[owner, k, 1] * p[v, 1] + m[owner, k, 2] * p[v, 2]
                     + m[owner, k, 3]
                 )  # fmt: skip
                 position[y, x, k] = centre + (
-                    t[owner, k, 0] * way[0] + t[owner, k, 1] * way[1] + t[owner, k, 2] * way[2]
+                    t[owner, k, 0] * hit[0] + t[owner, k, 1] * hit[1] + t[owner, k, 2] * hit[2]
                 )
 
 
 @kernel
 def fill_point_depths(
     face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
-    sight: Sight, viewport: Viewport, placement: Placement,
+    eye: PointView, viewport: Viewport, placement: Placement,
     depth_coefficients: (float64, float64, float64), depth: float32[:, ::1],
 ):  # fmt: skip
     """
@@ -210,7 +210,7 @@ def fill_point_depths(
     face_id : (H, W) int32
     rows : (int, int)
     faces : (F, 3) int32, vertex numbers
-    points, sight, viewport, placement : records
+    points, eye, viewport, placement : records
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     depth : (H, W) float32
@@ -227,30 +227,28 @@ def fill_point_depths(
             if shape == point_rasterizer.NOT_POINTS:
                 continue
             v = np.uintp(faces[face, 0])
-            centre, way = place_vertex(v, owner, placement), (0.0, 0.0, 0.0)
+            centre, hit = place_vertex(v, owner, placement), (0.0, 0.0, 0.0)
             if shape == point_rasterizer.SPHERE:
-                centre, way = way_on_sphere(
-                    face, v, owner, (x, y), points, sight, placement, viewport
-                )
-            depth[y, x] = point_rasterizer.depth_on_sphere(centre, way, sight, depth_coefficients)
+                centre, hit = hit_offset(face, v, owner, (x, y), points, eye, placement, viewport)
+            depth[y, x] = point_rasterizer.depth_on_sphere(centre, hit, eye, depth_coefficients)
 
 
 @kernel
 def fill_point_normals(
     face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
-    sight: Sight, viewport: Viewport, placement: Placement, normal: float32[:, :, ::1],
+    eye: PointView, viewport: Viewport, placement: Placement, normal: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write the unit normal of each sample of a point: see `find_point_shapes`.
+    Write the unit normal of each sample of a point: see `find_point_normals`.
 
     Parameters
     ----------
     face_id : (H, W) int32
     rows : (int, int)
     faces : (F, 3) int32, vertex numbers
-    points, sight, viewport, placement : records
+    points, eye, viewport, placement : records
     normal : (H, W, 3) float32, world axes
-        Changed where points are: read where they have normals, which are not zero.
+        Changed where points are; read where these have normals, which are not zero.
     """
     owner = np.int64(0)
     for y in range(rows[0], rows[1]):
@@ -264,16 +262,16 @@ def fill_point_normals(
                 continue
             v = np.uintp(faces[face, 0])
             if shape == point_rasterizer.SPHERE:
-                point, own = point_on_sphere(
-                    face, v, owner, (x, y), points, sight, placement, viewport
+                point, surface_normal = hit_sphere(
+                    face, v, owner, (x, y), points, eye, placement, viewport
                 )
             else:
                 point = place_vertex(v, owner, placement)
-                own = (
+                surface_normal = (
                     np.float64(normal[y, x, 0]), np.float64(normal[y, x, 1]),
                     np.float64(normal[y, x, 2]),
                 )  # fmt: skip
-            seen = turned_to(own, toward_viewer(point, placement))
-            seen = unit(seen[0], seen[1], seen[2])
+            facing = facing_normal(surface_normal, toward_viewer(point, placement))
+            facing = normalize(facing[0], facing[1], facing[2])
             for k in range(3):
-                normal[y, x, k] = seen[k]
+                normal[y, x, k] = facing[k]

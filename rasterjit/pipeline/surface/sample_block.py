@@ -28,22 +28,22 @@ SPECULAR, SHININESS = 10, 11
 LIT = 12
 """Row: 1 where light falls on the base colour, 0 where it is the final colour."""
 OUT_RED, OUT_GREEN, OUT_BLUE = 13, 14, 15
-"""Rows: the colour that is seen, linear."""
+"""Rows: the resulting colour, linear."""
 METALLIC, ROUGHNESS, MICROFACET = 16, 17, 18
 """Rows: metallic and roughness, 0..1; 1 where the object is shaded by microfacets, else 0."""
 OCCLUSION = 19
 """Row: share of ambient and environment light that reaches the sample, 0..1."""
 EMISSIVE_RED, EMISSIVE_GREEN, EMISSIVE_BLUE = 20, 21, 22
-"""Rows: light that the surface sends out by itself, linear."""
+"""Rows: emitted light, linear."""
 SHADOW = 23
 """Row: visibility of the current light, 0..1."""
-TURNED = 24
+TURNED_AWAY = 24
 """Row: 1 where a face turns away from the current light, though its shading normal faces it."""
 MAP_U, MAP_V, MAP_DEPTH = 25, 26, 27
 """Rows: position in the current shadow map, texels from its upper left corner; stored depth."""
-ACROSS, DOWN, BIAS = 28, 29, 30
+DEPTH_RIGHT, DEPTH_DOWN, BIAS = 28, 29, 30
 """Rows: change of stored depth per texel right and down; shadow bias, stored depth."""
-FOUND, NEARER = 31, 32
+BLOCKED, BLOCKER_DEPTH = 31, 32
 """Rows: blockers of a sample, as the share of the light that they hide, and that times how much
 nearer to the light they are, in stored depth."""
 COAT_NORMAL_X, COAT = 33, 36
@@ -52,31 +52,31 @@ COAT_RED, COAT_LIT, COAT_OUT, COAT_METALLIC, COAT_ROUGHNESS = 37, 40, 41, 44, 45
 RED to BLUE, then LIT to ROUGHNESS."""
 SHEEN_RED, SHEEN_ROUGHNESS = 46, 49
 """Rows of the sheen: colour, the first of three; roughness."""
-HEAD_ON_RED, EDGE, OWN_MIRROR = 50, 53, 54
+F0_RED, F90, IS_DIELECTRIC = 50, 53, 54
 """Rows of the dielectric: F0, the first of three; specular strength, a factor on all it reflects; 1
 where the object overrides the defaults."""
-BELOW_RED, BEFORE_RED = 55, 58
+BELOW_RED, PRIOR_RED = 55, 58
 """Rows, three each: the colour before the sheen, and before the dielectric specular, is added."""
 LAYER_RED, LAYER_LIT, LAYER_OUT, LAYER_METALLIC, LAYER_ROUGHNESS = 61, 64, 65, 68, 69
 """Rows of a layer that is lit in place of the base layer: RED to BLUE, then LIT to ROUGHNESS."""
-WHITE_RED = 70
-"""Rows, three: ambient light reflected by a white mirror."""
-TINT_RED, TRANSMITTED, THICKNESS = 73, 76, 77
+MIRROR_PROBE_RED = 70
+"""Rows, three: the ambient probe, light reflected by a white mirror."""
+TINT_RED, TRANSMISSION, THICKNESS = 73, 76, 77
 """Rows of transmission: tint of the transmitted light, three; transmission factor; thickness of the
 volume below, in units of the mesh."""
-LEANING_X = 78
-"""Rows, three: the bent normal by which the sheen reads ambient light."""
+BENT_NORMAL_X = 78
+"""Rows, three: the normal bent to the viewer, by which the sheen reads ambient light."""
 
 SAMPLES = 256
 """Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
 
-ROOM = SAMPLES + 32
+STRIDE = SAMPLES + 32
 """Columns of a row of the block, padded: at a stride of a power of two, rows would evict each other
 from L1."""
 
 SEGMENTS, PATCHES, INTERVALS = 0, 1, 2
 """Elements of ``counts``: number of each."""
-NEXT_ROW, NEXT_COLUMN, OWNER_AT_HAND = 3, 4, 5
+NEXT_ROW, NEXT_COLUMN, LAST_OWNER = 3, 4, 5
 """Elements of ``counts``: where the next block begins; the object that was listed last."""
 IS_LIT = 6
 """Element of ``counts``: not 0 if light falls on any sample; set by the shadows' ``receivers``."""
@@ -90,17 +90,17 @@ INTERVAL_ROW, INTERVAL_COLUMN, INTERVAL_START, INTERVAL_STOP, INTERVAL_FRAME_ROW
 """Columns of ``intervals``: runs of pixels contiguous in a row of the picture and in the block."""
 
 A, B, C, FIRST, FACE = 0, 1, 2, 3, 4
-"""Rows of whole numbers, for each patch: vertices; its first sample; its face."""
+"""Rows of ``ints``, for each patch: vertices; its first sample; its face."""
 AX, AY, BX, BY, CX, CY = 5, 6, 7, 8, 9, 10
-"""Rows of whole numbers: where the vertices lie on the sub-pixel grid; of mixed segments."""
-UNSURE, BEHIND = 11, 12
-"""Integer rows: not 0 if a sample's weights need the exact path; 1 if its face is back-facing."""
+"""Rows of ``ints``: where the vertices lie on the sub-pixel grid; of mixed segments."""
+INEXACT, BACKFACE = 11, 12
+"""Rows of ``ints``: not 0 if weights need the exact path; 1 if the sample's face is back-facing."""
 COLUMN, ROW = 13, 14
-"""Rows of whole numbers: the pixel of each sample of a mixed segment."""
-WHOLE_ROWS = 15
+"""Rows of ``ints``: the pixel of each sample of a mixed segment."""
+INT_ROWS = 15
 
 VERTEX_ROWS = 9
-"""Rows of real numbers, float64 and float32: three for each vertex."""
+"""Rows of ``doubles`` and ``floats``: three for each vertex."""
 
 VECTOR = 16
 """Samples of the longest vectors."""
@@ -113,7 +113,7 @@ PLACE_ROWS, PLACE_OWNER = 14, 2
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
 world axes, relative to the eye."""
-MOVED, AWAY = 6, 9
+OFFSET_POINT, OFFSET_NORMAL = 6, 9
 """Rows: the same, adjusted for one light, see ``effects.shadows.receivers``."""
 RECEIVER_ROWS = 12
 
@@ -123,25 +123,25 @@ class Block(NamedTuple):
 
     counts: int64[COUNTS]
     """Counts, by the element names above; 0 before the first block of a picture."""
-    segments: int32[ROOM, 8]
-    intervals: int32[ROOM, 5]
-    whole: int32[WHOLE_ROWS, ROOM]
+    segments: int32[STRIDE, 8]
+    intervals: int32[STRIDE, 5]
+    ints: int32[INT_ROWS, STRIDE]
     """Patches, and integers of samples."""
-    weights: float64[2, ROOM]
-    """Of the second and the third vertex of each sample's face."""
-    float32_weights: float32[3, ROOM]
-    """Of all three vertices: see ``float32_weights``."""
-    samples: float32[BLOCK_ROWS, ROOM]
+    weights: float64[2, STRIDE]
+    """Barycentric weights of the second and the third vertex of each sample's face."""
+    float32_weights: float32[3, STRIDE]
+    """Barycentric weights of all three vertices: see ``float32_weights``."""
+    samples: float32[BLOCK_ROWS, STRIDE]
     """Colours, normals ...: the rows named above."""
-    real: float64[VERTEX_ROWS, ROOM]
-    single: float32[VERTEX_ROWS, ROOM]
+    doubles: float64[VERTEX_ROWS, STRIDE]
+    floats: float32[VERTEX_ROWS, STRIDE]
     """Vertex attributes of a mixed segment's faces, as a stage gathers them."""
-    places: float64[PLACE_ROWS, ROOM]
+    places: float64[PLACE_ROWS, STRIDE]
     """Texture coordinates ...: see ``texture_lookup``."""
-    numbers: int32[11, ROOM]
-    shares: float32[3, ROOM]
+    numbers: int32[11, STRIDE]
+    shares: float32[3, STRIDE]
     """Scratch memory for texture lookups."""
-    colors: float32[12, ROOM]
+    colors: float32[12, STRIDE]
     """Texture colours, and scratch memory for lookups."""
-    receivers: float64[RECEIVER_ROWS, ROOM]
+    receivers: float64[RECEIVER_ROWS, STRIDE]
     """Points and normals for shadows."""

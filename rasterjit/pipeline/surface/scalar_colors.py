@@ -12,7 +12,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
 from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.surface import sample_block as rows_of
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import span_corners
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
@@ -21,13 +21,13 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8
 
 VALUE = 3
-"""Row of ``real``: the scalar of each sample; the three rows before hold its face's vertices."""
+"""Row of ``doubles``: the scalar of each sample; the three rows before hold its face's vertices."""
 
 FIRST_ENTRY, ENTRIES = 0, 1
-"""Columns of ``entries``."""
+"""Columns of ``entries``: an object's first entry, and their number."""
 
 LOW, WIDTH = 0, 1
-"""Columns of ``rules``."""
+"""Columns of ``intervals``: the scalar of the first entry, and the width of the interval."""
 
 
 @helper
@@ -37,7 +37,7 @@ def is_finite(value):
 
 
 @helper
-def scalar_at(weights, value0, value1, value2):
+def interpolate_scalar(weights, value0, value1, value2):
     """Interpolate a scalar between three vertices; NaN or infinite if any of these is."""
     value = interpolate(weights, value0, value1, value2)
     total = value0 + value1 + value2
@@ -45,64 +45,64 @@ def scalar_at(weights, value0, value1, value2):
 
 
 @helper
-def gather_scalars(first, end, values, whole, real):
+def gather_scalars(first, end, values, ints, doubles):
     """Gather the scalars of the vertices of the faces of some patches."""
     for r in range(np.uintp(first), np.uintp(end)):
-        n = np.uintp(whole[rows_of.FIRST, r])
-        spread(real[0], n, values[np.uintp(whole[rows_of.A, r])])
-        spread(real[1], n, values[np.uintp(whole[rows_of.B, r])])
-        spread(real[2], n, values[np.uintp(whole[rows_of.C, r])])
+        n = np.uintp(ints[rows.FIRST, r])
+        spread(doubles[0], n, values[np.uintp(ints[rows.A, r])])
+        spread(doubles[1], n, values[np.uintp(ints[rows.B, r])])
+        spread(doubles[2], n, values[np.uintp(ints[rows.C, r])])
 
 
 @disjoint_helper
-def mix_scalars(found, at_a, at_b, at_c, second, third):
+def interpolate_scalars(scalars, at_a, at_b, at_c, second, third):
     """Write the scalars of samples, each of a face of its own."""
-    for n in range(found.shape[0]):
+    for n in range(scalars.shape[0]):
         weights = 0.0, second[n], third[n]
-        found[n] = scalar_at(weights, at_a[n], at_b[n], at_c[n])
+        scalars[n] = interpolate_scalar(weights, at_a[n], at_b[n], at_c[n])
 
 
 @disjoint_helper
-def scalars_along_span(found, second, third, at_a, at_b, at_c):
+def interpolate_span_scalars(scalars, second, third, at_a, at_b, at_c):
     """Write the scalars of samples of one face."""
-    for n in range(found.shape[0]):
+    for n in range(scalars.shape[0]):
         weights = 0.0, second[n], third[n]
-        found[n] = scalar_at(weights, at_a, at_b, at_c)
+        scalars[n] = interpolate_scalar(weights, at_a, at_b, at_c)
 
 
 @helper
 def entry_of(value, low, width, count):
     """Return a value's entry in a colormap; ``count`` for NaN and infinity."""
-    place = (value - low) / width * np.float64(count)
-    held = place if place >= 0.0 else 0.0
-    held = held if held <= np.float64(count - 1) else np.float64(count - 1)
-    has_place = is_finite(value) and place == place
-    return np.int64(held if has_place else np.float64(count))
+    position = (value - low) / width * np.float64(count)
+    clamped = position if position >= 0.0 else 0.0
+    clamped = clamped if clamped <= np.float64(count - 1) else np.float64(count - 1)
+    is_valid = is_finite(value) and position == position
+    return np.int64(clamped if is_valid else np.float64(count))
 
 
 @helper
-def look_up(shown, found, rule, entries, colors):
+def look_up_colors(out, scalars, interval, entries, colors):
     """Write the colours of scalars."""
-    low, width = rule
+    low, width = interval
     first, count = entries
-    for n in range(found.shape[0]):
-        entry = first + entry_of(found[n], low, width, count)
+    for n in range(scalars.shape[0]):
+        entry = first + entry_of(scalars[n], low, width, count)
         for k in range(4):
-            shown[k][n] = colors[np.uintp(entry), k]
+            out[k][n] = colors[np.uintp(entry), k]
 
 
 @helper
-def show_white(shown):
+def fill_white(out):
     """Write white, which changes no colour."""
     one = np.float32(1.0)
     for k in range(4):
-        for n in range(shown[k].shape[0]):
-            shown[k][n] = one
+        for n in range(out[k].shape[0]):
+            out[k][n] = one
 
 
 @stage
-def show_scalars(
-    block: Block, count, values: float64[::1], rules: float64[:, ::1], entries: int64[:, ::1],
+def apply_colormaps(
+    block: Block, count, values: float64[::1], intervals: float64[:, ::1], entries: int64[:, ::1],
     colors: float32[:, ::1],
 ):  # fmt: skip
     """
@@ -110,48 +110,48 @@ def show_scalars(
 
     White on objects without scalars.
     """
-    whole, weights, real = block.whole, block.weights, block.real
-    for k in range(block.counts[rows_of.SEGMENTS]):
+    ints, weights, doubles = block.ints, block.weights, block.doubles
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.uintp(segment[rows_of.OWNER])
-        s, e = np.int64(segment[rows_of.START]), np.int64(segment[rows_of.STOP])
-        shown = (
+        owner = np.uintp(segment[rows.OWNER])
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        out = (
             part(block.colors, SHOWN, s, e), part(block.colors, SHOWN + 1, s, e),
             part(block.colors, SHOWN + 2, s, e), part(block.colors, SHOWN + 3, s, e),
         )  # fmt: skip
         if entries[owner, ENTRIES] == 0:
-            show_white(shown)
+            fill_white(out)
             continue
-        found = part(real, VALUE, s, e)
+        scalars = part(doubles, VALUE, s, e)
         second, third = part(weights, 0, s, e), part(weights, 1, s, e)
-        if segment[rows_of.KIND] == rows_of.MIXED:
+        if segment[rows.KIND] == rows.MIXED:
             gather_scalars(
-                segment[rows_of.FIRST_PATCH], segment[rows_of.END_PATCH], values, whole, real
+                segment[rows.FIRST_PATCH], segment[rows.END_PATCH], values, ints, doubles
             )
-            mix_scalars(found, *three_parts(real, 0, s, e), second, third)
+            interpolate_scalars(scalars, *three_parts(doubles, 0, s, e), second, third)
         else:
-            a, b, c = span_corners(segment, whole)
-            scalars_along_span(found, second, third, values[a], values[b], values[c])
-        look_up(
-            shown, found, (rules[owner, LOW], rules[owner, WIDTH]),
+            a, b, c = span_corners(segment, ints)
+            interpolate_span_scalars(scalars, second, third, values[a], values[b], values[c])
+        look_up_colors(
+            out, scalars, (intervals[owner, LOW], intervals[owner, WIDTH]),
             (entries[owner, FIRST_ENTRY], entries[owner, ENTRIES]), colors,
         )  # fmt: skip
 
 
 @stage
 def multiply_alphas(block: Block, count, is_blended: uint8[::1]):
-    """Multiply the alphas of blended objects by those that `show_scalars` has written."""
-    samples, shown = block.samples, block.colors
-    for k in range(block.counts[rows_of.SEGMENTS]):
+    """Multiply the alphas of blended objects by those that `apply_colormaps` has written."""
+    samples, colors = block.samples, block.colors
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        if is_blended[np.uintp(segment[rows_of.OWNER])] != 0:
-            for n in range(np.uintp(segment[rows_of.START]), np.uintp(segment[rows_of.STOP])):
-                samples[rows_of.ALPHA, n] *= shown[SHOWN + 3, n]
+        if is_blended[np.uintp(segment[rows.OWNER])] != 0:
+            for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
+                samples[rows.ALPHA, n] *= colors[SHOWN + 3, n]
 
 
 @kernel
 def fill_scalars(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, values: float64[::1],
+    face_id: int32[:, ::1], row_range: (int64, int64), geometry: Geometry, values: float64[::1],
     scalar: float32[:, ::1],
 ):  # fmt: skip
     """
@@ -160,14 +160,14 @@ def fill_scalars(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
         First row, and one past the last.
     geometry : Geometry
     values : (V,) float64
     scalar : (H, W) float32
         Written; NaN where nothing is.
     """
-    for row in range(rows[0], rows[1]):
+    for row in range(row_range[0], row_range[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face < 0:
@@ -175,5 +175,5 @@ def fill_scalars(
                 continue
             a, b, c = corners_of(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            found = scalar_at(weights, values[a], values[b], values[c])
-            scalar[row, column] = np.float32(found)
+            value = interpolate_scalar(weights, values[a], values[b], values[c])
+            scalar[row, column] = np.float32(value)

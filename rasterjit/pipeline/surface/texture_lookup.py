@@ -57,7 +57,7 @@ Four rows of whole numbers: the texels around a place, lower left first, upper r
 
 In `HALVES` from the first of the picture.
 """
-WHOLE_ROWS = 11
+INT_ROWS = 11
 
 COARSER, ALONG, UPWARD = 0, 1, 2
 """Rows of weights: of the coarser level, of the texels to the right, and of those above."""
@@ -666,7 +666,7 @@ def multiply_textures_below_highlights(
 def lookup_memory(room: int) -> tuple[Any, Any, Any]:
     """Return a thread's memory for looking up textures of up to ``room`` samples."""
     return (
-        np.empty((WHOLE_ROWS, room), np.int32),
+        np.empty((INT_ROWS, room), np.int32),
         np.empty((SHARE_ROWS, room), np.float32),
         np.empty((COLOR_ROWS, room), np.float32),
     )

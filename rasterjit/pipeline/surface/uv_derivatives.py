@@ -188,9 +188,9 @@ def find_coordinates(block: Block, count, uv: float32[:, ::1]):
     """
     Write the texture coordinates of each sample, and its object.
 
-    Leaves those of the vertices of mixed segments in ``single``, for `find_steps`.
+    Leaves those of the vertices of mixed segments in ``floats``, for `find_steps`.
     """
-    whole, weights, places, single = block.whole, block.weights, block.places, block.single
+    whole, weights, places, single = block.ints, block.weights, block.places, block.floats
     for k in range(block.counts[sample_block.SEGMENTS]):
         segment = block.segments[k]
         s, e = np.int64(segment[sample_block.START]), np.int64(segment[sample_block.STOP])
@@ -219,7 +219,7 @@ def find_coordinates(block: Block, count, uv: float32[:, ::1]):
 @helper
 def find_steps_of_mixed(segment, block, viewport, is_affine):
     """Write the steps of the samples of a mixed segment, as if none of its faces was clipped."""
-    whole, real, single, places = block.whole, block.real, block.single, block.places
+    whole, real, single, places = block.ints, block.doubles, block.floats, block.places
     s = np.int64(segment[sample_block.START])
     e = s + whole_vectors(segment[sample_block.STOP] - s)
     mix_steps(
@@ -237,7 +237,7 @@ def find_steps_of_span(segment, block, uv, viewport, xy, codes, w):
     places, bits = block.places, viewport.grid_bits
     s, e = np.int64(segment[sample_block.START]), np.int64(segment[sample_block.STOP])
     column, row = np.int64(segment[sample_block.COLUMN_OF]), np.int64(segment[sample_block.ROW_OF])
-    (a, b, c), ends = span_places(segment, block.whole, uv)
+    (a, b, c), ends = span_places(segment, block.ints, uv)
     if (codes[a] | codes[b] | codes[c]) & CLIPPED:
         return
     fill_steps(
@@ -282,7 +282,7 @@ def find_steps(
     Write the texture coordinates' differences to the next sample right and down, for mip levels.
 
     These lie ``viewport.spacing`` pixels away. Only for objects with mipmapped textures.
-    After `find_coordinates`, as long as ``single``, ``real`` and ``whole`` hold what that and the
+    After `find_coordinates`, as long as ``floats``, ``doubles`` and ``ints`` hold what that and the
     weights have gathered.
     """
     xy, codes, w, clip_positions = geometry.xy, geometry.codes, geometry.w, geometry.clip_positions
@@ -297,5 +297,5 @@ def find_steps(
             find_steps_of_span(segment, block, uv, viewport, xy, codes, w)
         if clip_positions.shape[0] != 0:
             find_steps_of_clipped(
-                segment, block.whole, block.places, uv, codes, clip_positions, viewport
+                segment, block.ints, block.places, uv, codes, clip_positions, viewport
             )

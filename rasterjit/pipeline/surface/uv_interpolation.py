@@ -118,7 +118,7 @@ def find_places(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
 
     Instead of weights and `uv_derivatives.find_coordinates`, where nothing else reads weights.
     """
-    whole, places, has_wide = block.whole, block.places, may_be_wide(geometry.viewport)
+    whole, places, has_wide = block.ints, block.places, may_be_wide(geometry.viewport)
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):

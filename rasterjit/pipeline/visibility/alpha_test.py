@@ -78,7 +78,7 @@ Elements of ``Question.asked``: the first sample in the list and how many, their
 offset from the pixels' centres, sub-pixel units.
 """
 
-NTH, BATCH_COUNT, OWNER_AT_HAND, WAITING, LEFT_COLUMN, TOP_ROW, MOVED_X, MOVED_Y = range(8)
+NTH, BATCH_COUNT, LAST_OWNER, WAITING, LEFT_COLUMN, TOP_ROW, MOVED_X, MOVED_Y = range(8)
 """
 Elements of ``Holes.asked``: a triangle's index in its batch, the batch's size, its object, how many
 samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel units.
@@ -140,7 +140,7 @@ def gather_patches(faces, own, xy, codes, w, whole, real):
         n = np.uintp(whole[at.FIRST, r])
         a, b, c = corners_of(own, np.uintp(whole[at.FACE, r]))
         whole[at.A, r], whole[at.B, r], whole[at.C, r] = a, b, c
-        spread(whole[at.UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
+        spread(whole[at.INEXACT], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
         for k in range(3):
             vertex = a if k == 0 else (b if k == 1 else c)
             spread(whole[at.AX + 2 * k], n, xy[vertex, 0])
@@ -158,14 +158,14 @@ def find_weights(weights, count, patches, shift, whole, real, geometry):
         *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
         part(whole, at.COLUMN, 0, size), part(whole, at.ROW, 0, size), count,
         (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
-        1.0, part(whole, at.UNSURE, 0, size), part(whole, at.BEHIND, 0, size),
+        1.0, part(whole, at.INEXACT, 0, size), part(whole, at.BACKFACE, 0, size),
         part(weights, 0, 0, size), part(weights, 1, 0, size),
     )  # fmt: skip
     if unsure != 0:
         for r in range(patches):
             a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
             for i in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)]):
-                if whole[at.UNSURE, i] != 0:
+                if whole[at.INEXACT, i] != 0:
                     column, row = whole[at.COLUMN, i], whole[at.ROW, i]
                     exact = barycentric.shifted_weights(a, b, c, column, row, shift, geometry)
                     weights[0, i], weights[1, i] = exact[1], exact[2]
@@ -367,7 +367,7 @@ def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
 def show_waiting(waiting, asked, tile, lists, question):
     """Run the alpha test on queued samples; write those that pass to the frame's tile if nearer."""
     places, faces, nearness = lists
-    owner, query = asked[OWNER_AT_HAND], question.asked
+    owner, query = asked[LAST_OWNER], question.asked
     query[OBJECT], query[SHIFT_X], query[SHIFT_Y] = owner, asked[MOVED_X], asked[MOVED_Y]
     for first in range(0, waiting, PART):
         stop = min(first + PART, waiting)
@@ -416,7 +416,7 @@ def keep_shown(
         The queue's length: 0 if it was flushed, because it was full, the batch ended or the next
         triangle is of another object.
     """
-    n, owner = np.uintp(asked[NTH]), asked[OWNER_AT_HAND]
+    n, owner = np.uintp(asked[NTH]), asked[LAST_OWNER]
     waiting = note_nearer(
         n, asked[WAITING], batch, asked[LEFT_COLUMN], asked[TOP_ROW], tile[0], own, empty[0], lists
     )
@@ -450,7 +450,7 @@ def find_owner(face, guess, holes):
 @helper
 def keep(n, owner, holes):
     """Move triangle ``n`` of the batch from its scratch tile to the queue; see `keep_shown`."""
-    holes.asked[NTH], holes.asked[OWNER_AT_HAND] = n, owner
+    holes.asked[NTH], holes.asked[LAST_OWNER] = n, owner
     holes.asked[WAITING] = call_bound(holes.call)
 
 
@@ -462,7 +462,7 @@ def alpha_memory(room: int = PART) -> tuple[Any, ...]:
     # As `whole_vectors`, which is compiled: calling it here would wait for Numba.
     room = -(-room // at.VECTOR) * at.VECTOR + LANES
     return (
-        np.empty((at.WHOLE_ROWS, room), np.int32),
+        np.empty((at.INT_ROWS, room), np.int32),
         np.empty((at.VERTEX_ROWS, room), np.float64),
         np.empty((at.VERTEX_ROWS, room), np.float32),
         np.empty(room, np.float32),

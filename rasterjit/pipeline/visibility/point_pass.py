@@ -29,7 +29,7 @@ from rasterjit.pipeline.visibility.point_rasterizer import (
     SQUARE,
     UNSEEN,
     PointRows,
-    Sight,
+    PointView,
     draw_points,
     merge_pictures,
 )
@@ -61,14 +61,14 @@ class PointsSeen(NamedTuple):
     """The points of a picture, for passes that need positions and normals on them."""
 
     rows: PointRows
-    sight: Sight
+    sight: PointView
     viewport: Viewport
     picture: tuple[NDArray[Any], NDArray[np.int32]] | None = None
     """Depth and face number, (H, W), of points that are not triangles; ``None`` if no transparency
     or multisampling needs them."""
 
     @property
-    def read(self) -> tuple[PointRows, Sight, Viewport]:
+    def read(self) -> tuple[PointRows, PointView, Viewport]:
         """What stages and kernels read."""
         return self.rows, self.sight, self.viewport
 
@@ -86,7 +86,7 @@ class DrawnPoints(NamedTuple):
     relative_from_model: NDArray[np.float64]
     """(O, 4, 4): to world axes with the origin at the eye."""
     points: PointRows
-    sight: Sight
+    sight: PointView
     depth_coefficients: tuple[float, float, float]
 
 
@@ -94,7 +94,7 @@ def sight_of(
     clip_from_relative: NDArray[np.float64],
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
-) -> Sight:
+) -> PointView:
     """Return the camera's rays through a picture, or through a part of one."""
     right, up, deeper, further = (row[:3] for row in clip_from_relative.tolist())
     # Away from the eye w grows, or, where w is constant, the stored depth falls.
@@ -105,7 +105,7 @@ def sight_of(
     width = viewport.left + viewport.width + viewport.right
     height = viewport.top + viewport.height + viewport.bottom
     across, down = lengths_across(clip_from_relative, (width, height))
-    return Sight(np.ascontiguousarray(clip_from_relative), away, across, down)
+    return PointView(np.ascontiguousarray(clip_from_relative), away, across, down)
 
 
 def _turn(a: list[float], b: list[float], c: list[float]) -> float:

@@ -71,7 +71,7 @@ class PointRows(NamedTuple):
     """(O,): factors that turn sizes into pixels of this picture or scene units."""
 
 
-class Sight(NamedTuple):
+class PointView(NamedTuple):
     """The camera's rays: how they run through pixels."""
 
     matrix: float64[:, ::1]
@@ -524,7 +524,7 @@ def are_pixels(owner, points):
 @kernel
 def draw_points(
     vertices: (int64, int64), positions: float64[:, ::1], relative_from_model: float64[:, :, ::1],
-    points: PointRows, sight: Sight, depth_coefficients: (float64, float64, float64),
+    points: PointRows, sight: PointView, depth_coefficients: (float64, float64, float64),
     viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), counts: int64[::1],
     scratch: (float64[:, ::1], int32[:, ::1], float64[::1]),
 ):  # fmt: skip
@@ -539,7 +539,7 @@ def draw_points(
     relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
     points : PointRows
-    sight : Sight
+    sight : PointView
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
