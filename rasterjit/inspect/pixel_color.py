@@ -198,7 +198,7 @@ def _light_terms(
     for n, materials in enumerate((diffuse, black)):
         facets = surface.microfacets
         if facets is not None:
-            facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
+            facets = facets._replace(lobes=np.eye(2, dtype=np.float32)[n])
         kinds.append(surface._replace(materials=materials, microfacets=facets))
     dark = np.zeros(3, np.float32)
     for n, name in enumerate(_light_names(drawn)):

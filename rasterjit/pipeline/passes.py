@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         alphas: records.Alphas
         microfacets: records.Microfacets
         fields: PlannedFields
-        transmission: records.Transmission
+        transmission: records.TransmissionRows
         layers: records.Layers
 
     class PlannedLighting(records.Lighting):

@@ -260,11 +260,11 @@ class Layers(NamedTuple):
 
 
 IOR, F0, F90, ATTENUATION_COLOR, INVERSE_DISTANCE = 0, 1, 2, 3, 6
-"""Columns of ``Transmission.factors``: F90 is a factor on all specular reflection; attenuation has
-three channels, at a distance whose inverse follows."""
+"""Columns of ``TransmissionRows.factors``: F90 is a factor on all specular reflection;
+attenuation has three channels, at a distance whose inverse follows."""
 
 
-class Transmission(NamedTuple):
+class TransmissionRows(NamedTuple):
     """Transmission and volume of the objects."""
 
     rows: Any
@@ -302,7 +302,7 @@ class Surface(NamedTuple):
     """The points in view, and the camera's rays: ``point_pass.PointsSeen.read`` | None -> none."""
     in_float32: Any = None
     """(O,) uint8: 1 where vertex colours are interpolated in float32 | None -> nowhere."""
-    transmission: Transmission | None = None
+    transmission: TransmissionRows | None = None
     """Transmission | None -> none in view."""
     layers: Layers | None = None
     """Clearcoat, sheen, custom specular | None -> none in view."""

@@ -150,7 +150,7 @@ def view_fields(
     }
 
 
-class TileLists(NamedTuple):
+class TileBins(NamedTuple):
     """Input and output arrays of binning."""
 
     faces: Faces
@@ -385,7 +385,7 @@ class CommandBuffer:
         max_faces = len(faces[0]) + len(faces[1])
         columns = -(-width // setup.TILE_SIZE)
         tiles = columns * -(-height // setup.TILE_SIZE)
-        lists = TileLists(
+        lists = TileBins(
             faces, screen,
             Objects(
                 arrays.face_starts,
@@ -424,7 +424,7 @@ class CommandBuffer:
         return calls
 
     def _record_binning(
-        self, lists: TileLists, viewport: Viewport, *readers: Bound
+        self, lists: TileBins, viewport: Viewport, *readers: Bound
     ) -> tuple[tuple[Bound, ...], tuple[Any, ...]]:
         """
         Record binning.

@@ -19,7 +19,7 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
     Textures,
-    Transmission,
+    TransmissionRows,
 )
 from rasterjit.pipeline.visibility.primitive_expansion import runs_between
 from rasterjit.scene.first_corners import corner_offsets
@@ -265,7 +265,7 @@ class MaterialTables:
         return join_microfacets(self.meshes)
 
     @cached_property
-    def through(self) -> Transmission:
+    def through(self) -> TransmissionRows:
         """Transmission of all objects."""
         return plan_arrays.join_through(self.meshes)
 

@@ -26,7 +26,7 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
     Textures,
-    Transmission,
+    TransmissionRows,
 )
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.visibility.primitive_expansion import LineRule, PointRule, Primitive
@@ -340,7 +340,7 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
-def join_through(meshes: Sequence[Mesh]) -> Transmission:
+def join_through(meshes: Sequence[Mesh]) -> TransmissionRows:
     """Join the transmission of the objects."""
     runs = runs_of(meshes)
     rows, factors = [], []
@@ -350,7 +350,7 @@ def join_through(meshes: Sequence[Mesh]) -> Transmission:
         inside = *own.attenuation_color, 1.0 / own.attenuation_distance
         rows.append((own.transmission * is_transmissive(mesh), own.thickness * _joint_scale(mesh)))
         factors.append((own.ior, *mirrored, *inside))
-    return Transmission(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
+    return TransmissionRows(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
 
 
 def _joint_scale(mesh: Mesh) -> float:

@@ -226,7 +226,7 @@ def test_rows_have_room_for_what_is_written_behind_the_last_sample():
     for name, most in lists.items():
         assert BLOCK.fields[Block._fields.index(name)].shape[0] >= most
     # The first samples of patches, and one past the last sample.
-    assert BLOCK.fields[Block._fields.index("whole")].shape[1] > SAMPLES
+    assert BLOCK.fields[Block._fields.index("ints")].shape[1] > SAMPLES
 
 
 @pytest.mark.parametrize("split", [SAMPLES - 1, 120, 113, 1])

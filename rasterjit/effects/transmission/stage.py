@@ -227,7 +227,7 @@ def transmit(
     levels : (M, 3) int64
         First texel, width and height of each level.
     factors : (O, 7) float32
-        ``Transmission.factors``.
+        ``TransmissionRows.factors``.
     scales : (O,) float64
         Units of the world in one of each object.
     clip : (4, 4) float64
