@@ -299,14 +299,14 @@ def careless_stages() -> SimpleNamespace:
     exact.__dict__.update(vars(setup), narrow_edge=edge)
     planning = twin(
         batches, setup=exact, is_above=is_above, bound_triangles=bound_triangles,
-        plan_depths=plan_depths, plan_edge=plan_edge, REAL=float32[:, ::1],
+        plan_depths=plan_depths, plan_edge=plan_edge, FLOAT64=float32[:, ::1],
     )  # fmt: skip
     covering = twin(
         tile_rasterizer, plan_batch=planning.plan_batch, order_triangles=planning.order_triangles,
         edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
-        REAL=planning.REAL, SPANS=in_float32(tile_rasterizer.SPANS),
+        FLOAT64=planning.FLOAT64, SPANS=in_float32(tile_rasterizer.SPANS),
         SCRATCH=in_float32(tile_rasterizer.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.

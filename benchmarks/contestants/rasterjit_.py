@@ -99,8 +99,8 @@ class Visibility:
         drawable = self._stages.Drawable(
             vertices, self._faces, self._objects, NEARER_IS_LESS, self._viewport
         )
-        wanted = self._stages.Wanted()
-        self._coverage = self._stages.find_visible(
+        wanted = self._stages.Options()
+        self._coverage = self._stages.run_visibility(
             drawable, wanted, self._workers, lambda stage: None
         )
 

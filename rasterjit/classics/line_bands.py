@@ -222,7 +222,7 @@ def draw_short_line(pixels, colors, places, width, height, ends, start_color, en
 
     ``colors`` and ``places`` are room for the pixels of one chunk.
     """
-    (first, last, steps), strides, (minor_start, minor_end) = bresenham.seen_run(
+    (first, last, steps), strides, (minor_start, minor_end) = bresenham.visible_run(
         ends, width, height
     )
     reciprocal = (1 << bresenham.FRACTION_BITS) // max(steps, 1)

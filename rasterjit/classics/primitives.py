@@ -60,9 +60,9 @@ import numpy as np
 from rasterjit.pipeline.bresenham import (
     FRACTION_BITS,
     channel_of,
+    draw_gradient_run,
+    draw_run,
     packed_color,
-    walk,
-    walk_plain,
 )
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
@@ -602,7 +602,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
                 minor = (minor + begin * gain) << shift
                 gain <<= shift
                 if is_plain:
-                    walk_plain(pixels, run, minor, gain, colors[0])
+                    draw_run(pixels, run, minor, gain, colors[0])
                 else:
                     length = abs(major1 - major0)
                     t = t0 + (t1 - t0) * ((abs(offset) + np.float64(begin)) / length)
@@ -614,7 +614,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
                         ramp_gain(colors, 2, change),
                         ramp_gain(colors, 3, change),
                     )
-                    walk(pixels, run, minor, gain, ramp_color(colors, t), color_gain)
+                    draw_gradient_run(pixels, run, minor, gain, ramp_color(colors, t), color_gain)
         x0, y0, t0 = x1, y1, t1
     # Join the end to the path
     end_point = points.shape[0] - 1

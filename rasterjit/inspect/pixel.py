@@ -237,10 +237,10 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=alpha_tests, primitives=primitives, is_affine=plan.is_affine,
     )  # fmt: skip
-    wanted = visibility_pass.Wanted(
+    wanted = visibility_pass.Options(
         lists=True, clip_positions=True, depth_type=plan.depth_format.kind
     )
-    coverage = visibility_pass.find_visible(drawable, wanted, workers, lambda _: None)
+    coverage = visibility_pass.run_visibility(drawable, wanted, workers, lambda _: None)
     lists = coverage.lists
     if objects.culled_windings.any():
         # List the culled faces as well.

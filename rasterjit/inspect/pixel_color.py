@@ -398,7 +398,7 @@ def _find_samples(
     if alpha_tests is not None:
         alpha_tests = alpha_tests._replace(geometry=geometry)
     finder = fragment_bands.Finder(geometry, alpha_tests)
-    lists = fragment_bands.part_lists(
+    lists = fragment_bands.split_tile_lists(
         drawn.seen.coverage, geometry.viewport, plan.layers.is_blended, workers
     )
     first = y - y % TILE_SIZE

@@ -55,7 +55,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry import setup
-from rasterjit.pipeline.geometry.barycentric import seen_from_sample
+from rasterjit.pipeline.geometry.barycentric import relative_to_sample
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import tile_rasterizer
@@ -263,7 +263,7 @@ def segment_error(a, b, column, row, geometry):
     """
     clip = geometry.clip_positions
     width, height = setup.whole_size(geometry.viewport)
-    (u0, u1, _), (v0, v1, _) = seen_from_sample(
+    (u0, u1, _), (v0, v1, _) = relative_to_sample(
         a, b, b, column, row, clip, geometry.viewport
     )  # fmt: skip
     w0, w1 = abs(clip[a, 3]), abs(clip[b, 3])
@@ -296,7 +296,7 @@ def clipped_error(a, b, c, column, row, geometry):
     w0, w1, w2 = abs(clip[a, 3]), abs(clip[b, 3]), abs(clip[c, 3])
     p0, p1, p2 = abs(clip[a, 0]) + w0, abs(clip[b, 0]) + w1, abs(clip[c, 0]) + w2
     q0, q1, q2 = abs(clip[a, 1]) + w0, abs(clip[b, 1]) + w1, abs(clip[c, 1]) + w2
-    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, clip, geometry.viewport)
+    (u0, u1, u2), (v0, v1, v2) = relative_to_sample(a, b, c, column, row, clip, geometry.viewport)
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     s0 = cross_error(p1, u1, q1, v1, p2, u2, q2, v2)
     s1 = cross_error(p2, u2, q2, v2, p0, u0, q0, v0)

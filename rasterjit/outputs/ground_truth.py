@@ -24,7 +24,7 @@ from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import point_normals, scalar_colors
 from rasterjit.pipeline.visibility import reversed_depth as depths
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.point_pass import PointsSeen
+from rasterjit.pipeline.visibility.point_pass import PicturePoints
 from rasterjit.pipeline.visibility.point_rasterizer import SPHERE
 from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.threads import Workers, fill_rows
@@ -165,7 +165,7 @@ def _matrices(name: str, plan: RenderPlan, cache: SceneCache, placement: Placeme
     return box_matrices(_rest_boxes(cache)) if name == "nocs" else placement.relative_from_model
 
 
-def _rotations(name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen) -> Float64:
+def _rotations(name: str, plan: RenderPlan, cache: SceneCache, points: PicturePoints) -> Float64:
     """Return the matrices from world directions to that space, (O, 3, 3)."""
     if name == "position_camera":
         view = np.asarray(plan.camera.view_matrix())[:3, :3]
@@ -246,7 +246,7 @@ def _fill_points(
     geometry: Geometry,
     placement: Placement,
     face_id: Int32,
-    points: PointsSeen,
+    points: PicturePoints,
     result: Buffers,
     workers: Workers,
 ) -> None:
@@ -303,7 +303,7 @@ def _rest_boxes(cache: SceneCache) -> Float64:
     return Shapes(list(cache.cut.meshes)).rest_boxes[cache.cut.owners[:-1]]
 
 
-def _model_axes(world_from_model: Float64, points: PointsSeen) -> Float64:
+def _model_axes(world_from_model: Float64, points: PicturePoints) -> Float64:
     """Return the matrices from world to model directions, (O, 3, 3); 0 but for spheres."""
     axes = np.zeros((len(world_from_model), 3, 3))
     for number in np.flatnonzero(points.rows.shapes[:, 0] == SPHERE):

@@ -95,7 +95,7 @@ def plane_at(corners, owner, positions, matrices, x, y):
     if corners[1] == corners[2]:
         dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
         first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
-        t = barycentric.share_along(first, second, w0, w1)
+        t = barycentric.segment_parameter(first, second, w0, w1)
         return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0, False
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     winding = b0 * w0 + b1 * w1 + b2 * w2

@@ -59,33 +59,33 @@ def load_view(number, loads):
 
 
 @helper
-def cut_faces(finding, cutting):
+def clip_faces(visibility, clipping):
     """Clip faces to the near and far plane and the guard band; return how many, -1: no room."""
-    counts, vertex_starts, piece_starts, lengths, room = cutting
-    count = call_bound(finding[FIND_CLIPPED])
+    counts, vertex_starts, piece_starts, lengths, capacity = clipping
+    count = call_bound(visibility[FIND_CLIPPED])
     if count == 0:
         return count
     if count > counts.shape[0]:
         return np.int64(-1)
     for n in range(lengths.shape[0]):
         store_int64(lengths[n], count)
-    call_bound(finding[TRANSFORM_POSITIONS])
-    call_bound(finding[COUNT_VERTICES])
+    call_bound(visibility[TRANSFORM_POSITIONS])
+    call_bound(visibility[COUNT_VERTICES])
     vertex_starts[0], piece_starts[0] = 0, 0
     for n in range(count):
         vertex_starts[n + 1] = vertex_starts[n] + counts[n]
         piece_starts[n + 1] = piece_starts[n] + max(counts[n] - 2, np.int64(0))
-    if vertex_starts[count] > room:
+    if vertex_starts[count] > capacity:
         return np.int64(-1)
-    call_bound(finding[CLIP])
-    call_bound(finding[PROJECT_CLIPPED])
+    call_bound(visibility[CLIP])
+    call_bound(visibility[PROJECT_CLIPPED])
     return count
 
 
 @helper
-def list_triangles(listing, pieces, set_up, start, sort):
+def list_triangles(binning, pieces, set_up, start, bin_all):
     """List the triangles of each tile; return how many there are, or -1 where room was missing."""
-    counts, sums, starts, room, piece_count, lengths = listing
+    counts, sums, starts, capacity, piece_count, lengths = binning
     store_int64(piece_count, pieces)
     tiles = starts.shape[0] - 1
     for n in range(tiles + 1):
@@ -94,45 +94,46 @@ def list_triangles(listing, pieces, set_up, start, sort):
         sums[n] = 0
     end = call_bound(set_up)
     call_bound(start)
-    if starts[tiles] > room:
+    if starts[tiles] > capacity:
         return np.int64(-1)
     for n in range(lengths.shape[0]):
         store_int64(lengths[n], end)
-    call_bound(sort)
+    call_bound(bin_all)
     return end
 
 
 @helper
-def find_faces(finding, cutting, listing, tile_depths):
+def find_faces(visibility, clipping, binning, tile_depths):
     """Find the face at every pixel; return how many were cut, or -1 where room was missing."""
-    counts, tiles = listing[0], tile_depths.shape[0]
-    seen = call_bound(finding[TRANSFORM])
+    counts, tiles = binning[0], tile_depths.shape[0]
+    seen = call_bound(visibility[TRANSFORM])
     cut = np.int64(0)
     if seen & CLIPPED:
-        cut = cut_faces(finding, cutting)
+        cut = clip_faces(visibility, clipping)
         if cut < 0:
             return cut
-    pieces = cutting[2][cut] if cut > 0 else np.int64(0)
+    pieces = clipping[2][cut] if cut > 0 else np.int64(0)
     listed = list_triangles(
-        listing, pieces, finding[SET_UP], finding[START_LISTS], finding[BIN]
+        binning, pieces, visibility[SET_UP], visibility[START_LISTS], visibility[BIN]
     )  # fmt: skip
     if listed < 0:
         return listed
     for n in range(tiles):
         tile_depths[n] = -np.inf
     if counts[0, tiles] > 0:
-        call_bound(finding[FIND_TILE_DEPTHS])
-    call_bound(finding[DRAW_TILES])
+        call_bound(visibility[FIND_TILE_DEPTHS])
+    call_bound(visibility[DRAW_TILES])
     return cut
 
 
 @helper
-def list_for_samples(finding, cutting, listing, cut):
+def list_for_samples(visibility, clipping, binning, cut):
     """List the triangles of each tile once more, if pixels have several samples; -1: no room."""
-    if finding.shape[0] == END_OF_SAMPLES:
-        pieces = cutting[2][cut] if cut > 0 else np.int64(0)
+    if visibility.shape[0] == END_OF_SAMPLES:
+        pieces = clipping[2][cut] if cut > 0 else np.int64(0)
         listed = list_triangles(
-            listing, pieces, finding[SET_UP_SAMPLES], finding[START_SAMPLES], finding[BIN_SAMPLES]
+            binning, pieces, visibility[SET_UP_SAMPLES], visibility[START_SAMPLES],
+            visibility[BIN_SAMPLES]
         )  # fmt: skip
         if listed < 0:
             return listed
@@ -154,12 +155,12 @@ def call_all(calls, limits, number):
     for k in range(calls.shape[0]):
         if not is_called(calls[k]):
             continue
-        block, told = calls[k, CALL_BLOCK], calls[k, CALL_NUMBER]
+        block, number_address = calls[k, CALL_BLOCK], calls[k, CALL_NUMBER]
         if block != 0:
             for n in range(COUNTS):
                 store_int64(block + n * WORD, np.int64(0))
-        if told != 0:
-            store_int64(told, number)
+        if number_address != 0:
+            store_int64(number_address, number)
         call_at(calls[k, CALL_ADDRESS], calls[k, CALL_STATE], block, np.int64(0))
     has_room = True
     for k in range(limits.shape[0]):
@@ -172,19 +173,19 @@ def count_covered(face_id):
     """Return the number of pixels covered by a face."""
     covered = np.int64(0)
     for row in range(face_id.shape[0]):
-        some = np.int32(0)
+        in_row = np.int32(0)
         for column in range(face_id.shape[1]):
-            some += np.int32(face_id[row, column] >= 0)
-        covered += some
+            in_row += np.int32(face_id[row, column] >= 0)
+        covered += in_row
     return covered
 
 
 @kernel
 def draw_views(
-    chosen: int64[:, ::1], loads: int64[:, ::1], finding: int64[:, ::1],
-    cutting: (int64[::1], int64[::1], int64[::1], int64[::1], int64),
-    listing: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
-    listing_samples: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
+    chosen: int64[:, ::1], loads: int64[:, ::1], visibility: int64[:, ::1],
+    clipping: (int64[::1], int64[::1], int64[::1], int64[::1], int64),
+    binning: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
+    sample_binning: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
     tile_depths: float32[::1], face_id: int32[:, ::1], calls: int64[:, ::1], limits: int64[:, ::1],
     white: int64[::1], totals: int64[:, ::1], is_drawn: uint8[::1],
 ):  # fmt: skip
@@ -197,12 +198,12 @@ def draw_views(
         For each view, which of those at hand it is, and its number, as it is told.
     loads : (K, 4) int64
         What is copied before each, see ``LOAD_FROM``; the first at hand is number 0.
-    finding : (11, 2) or (14, 2) int64
+    visibility : (11, 2) or (14, 2) int64
         How to call the kernels that find the faces, see ``TRANSFORM``.
-    cutting : (counts (C,), vertex_starts (C+1,), piece_starts (C+1,), addresses (n,), int)
+    clipping : (counts (C,), vertex_starts (C+1,), piece_starts (C+1,), addresses (n,), int)
         Of at most C faces that are cut: how many vertices each has then, and running sums of these
         and of its pieces; words that are told how many faces are cut; the room for new vertices.
-    listing : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int, int, lengths (n,))
+    binning : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int, int, lengths (n,))
         What those kernels count, the room for the lists of all tiles, the address of the word that
         tells how many pieces there are, and those of words that are told how many triangles were
         listed.
@@ -225,51 +226,51 @@ def draw_views(
     """
     for n in range(chosen.shape[0]):
         load_view(chosen[n, 0], loads)
-        cut = find_faces(finding, cutting, listing, tile_depths)
+        cut = find_faces(visibility, clipping, binning, tile_depths)
         # Later calls may overwrite the faces.
         covered = count_covered(face_id)
         if cut >= 0:
-            cut = list_for_samples(finding, cutting, listing_samples, cut)
+            cut = list_for_samples(visibility, clipping, sample_binning, cut)
         if cut < 0 or not call_all(calls, limits, chosen[n, 1]):
             is_drawn[n] = 0
             continue
         for k in range(COVERED):
-            totals[n, k] = listing[1][k]
+            totals[n, k] = binning[1][k]
         totals[n, COVERED], totals[n, CUT] = covered, cut
         totals[n, LIT], totals[n, LIT_WHITE] = white[0], white[1]
         is_drawn[n] = 1
 
 
 @kernel
-def begin_mix(
-    sharing: int64[::1], rows: int64, behind: float32[:, :, ::1], mixed: float32[:, :, ::1]
+def start_resolve(
+    call: int64[::1], rows: int64, background: float32[:, :, ::1], sums: float32[:, :, ::1]
 ):
     """
     List the faces of some rows with several samples a pixel, and start sums with the background.
 
     Parameters
     ----------
-    sharing : (2,) int64
-        How to call ``coverage_resolve.share_samples`` for these rows.
+    call : (2,) int64
+        How to call ``coverage_resolve.list_coverage`` for these rows.
     rows : int
         Address of the word that is told how many rows all images of faces have together.
-    behind : (R, W, 4) float32, or (1, 1, 4) if all is alike
+    background : (R, W, 4) float32, or (1, 1, 4) if all is alike
         What is behind all faces, linear.
-    mixed : (R, 4, W) float32
+    sums : (R, 4, W) float32
         Written.
     """
-    layers = call_bound(sharing)
-    store_int64(rows, layers * mixed.shape[0])
-    down, right = np.int64(behind.shape[0] > 1), np.int64(behind.shape[1] > 1)
-    for row in range(mixed.shape[0]):
-        for k in range(mixed.shape[1]):
-            part = mixed[row, k]
+    layers = call_bound(call)
+    store_int64(rows, layers * sums.shape[0])
+    down, right = np.int64(background.shape[0] > 1), np.int64(background.shape[1] > 1)
+    for row in range(sums.shape[0]):
+        for k in range(sums.shape[1]):
+            part = sums[row, k]
             for i in range(part.shape[0]):
-                part[i] = behind[row * down, i * right, k]
+                part[i] = background[row * down, i * right, k]
 
 
 @kernel
-def keep_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
+def copy_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
     """
     Copy a view's output into the batch's array.
 
@@ -282,15 +283,15 @@ def keep_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
     pictures : (N, P) uint32
         Writes the row of the view.
     """
-    kept = pictures[number]
+    row = pictures[number]
     for n in range(picture.shape[0]):
-        kept[n] = picture[n]
+        row[n] = picture[n]
 
 
 @kernel
-def keep_numbers(
-    number: int64, face_id: int32[:, ::1], step: int64, numbers: int32[::1],
-    kept: int32[:, :, ::1],
+def write_face_values(
+    number: int64, face_id: int32[:, ::1], step: int64, face_values: int32[::1],
+    values: int32[:, :, ::1],
 ):  # fmt: skip
     """
     Write a per-face table's value at each pixel, -1 where nothing is.
@@ -302,15 +303,15 @@ def keep_numbers(
     face_id : (H, W) int32
     step : int
         Every how many rows and columns it is looked at.
-    numbers : (F+1,) int32
+    face_values : (F+1,) int32
         Of each face.
-    kept : (N, H / step, W / step) int32
+    values : (N, H / step, W / step) int32
         Rounded up. Writes the picture of the view.
     """
-    for row in range(kept.shape[1]):
-        for column in range(kept.shape[2]):
+    for row in range(values.shape[1]):
+        for column in range(values.shape[2]):
             face = face_id[row * step, column * step]
-            kept[number, row, column] = numbers[face] if face >= 0 else np.int32(-1)
+            values[number, row, column] = face_values[face] if face >= 0 else np.int32(-1)
 
 
 @kernel
@@ -323,7 +324,7 @@ def count_white(
     Parameters
     ----------
     lit : (1, H / step, W / step) int32
-        As `keep_numbers` writes it: 1 where what is seen is lit.
+        As `write_face_values` writes it: 1 where what is seen is lit.
     step : int
         Every how many rows and columns it is looked at.
     color : (H, W) uint32
@@ -344,7 +345,7 @@ def count_white(
 
 @kernel
 def measure_depths(
-    number: int64, way: int64[::1], factors: float64[::1], stored: float32[:, ::1],
+    number: int64, method: int64[::1], factors: float64[::1], stored: float32[:, ::1],
     face_id: int32[:, ::1], depths: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -354,7 +355,7 @@ def measure_depths(
     ----------
     number : int
         That of the view.
-    way, factors : (1,) int64, (3,) float64
+    method, factors : (1,) int64, (3,) float64
         Of stored depth s: ``RATIO`` a / s / b; ``BETWEEN`` a (1 + s) - b s; ``SCALED``
         ((-2 s - 1) a - b) / c.
     stored : (H, W) float32
@@ -363,23 +364,23 @@ def measure_depths(
         Writes the picture of the view.
     """
     a, b, c = factors[0], factors[1], factors[2]
-    kind = way[0]
+    kind = method[0]
     for row in range(face_id.shape[0]):
         for column in range(face_id.shape[1]):
-            share = np.float64(stored[row, column])
+            s = np.float64(stored[row, column])
             if kind == RATIO:
-                depth = a / share / b
+                depth = a / s / b
             elif kind == BETWEEN:
-                depth = a * (1.0 - -share) + b * -share
+                depth = a * (1.0 - -s) + b * -s
             else:
-                depth = ((-2.0 * share - 1.0) * a - b) / c
+                depth = ((-2.0 * s - 1.0) * a - b) / c
             is_seen = face_id[row, column] >= 0
             depths[number, row, column] = np.float32(depth if is_seen else np.inf)
 
 
 @kernel
 def measure_distances(
-    number: int64, way: int64[::1], axis: float64[::1], relative: float32[:, :, ::1],
+    number: int64, is_parallel: int64[::1], axis: float64[::1], relative: float32[:, :, ::1],
     distances: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -389,7 +390,7 @@ def measure_distances(
     ----------
     number : int
         That of the view.
-    way, axis : (1,) int64, (4,) float64
+    is_parallel, axis : (1,) int64, (4,) float64
         Whether lines of sight are parallel: then distances are along an axis x, y, z, of a length.
     relative : (H, W, 3) float32
         The points, relative to the eye; NaN where nothing is.
@@ -402,7 +403,7 @@ def measure_distances(
             right = np.float64(relative[row, column, 0])
             up = np.float64(relative[row, column, 1])
             back = np.float64(relative[row, column, 2])
-            if way[0] != 0:
+            if is_parallel[0] != 0:
                 far = -((x * right + y * up) + z * back) / length
             else:
                 far = np.sqrt((right * right + up * up) + back * back)

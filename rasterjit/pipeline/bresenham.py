@@ -219,7 +219,7 @@ def is_inside(ends, width, height):
 
 
 @helper
-def walk(pixels, run, minor, minor_gain, color, gain):
+def draw_gradient_run(pixels, run, minor, minor_gain, color, gain):
     """
     Write the pixels of one visible run, all of them inside the target.
 
@@ -237,7 +237,7 @@ def walk(pixels, run, minor, minor_gain, color, gain):
 
 
 @helper
-def walk_plain(pixels, run, minor, minor_gain, pixel):
+def draw_run(pixels, run, minor, minor_gain, pixel):
     """Write the pixels of one visible run of one colour."""
     first, last, major_index, major_stride, minor_stride = run
     for _ in range(first, last + 1):
@@ -247,7 +247,7 @@ def walk_plain(pixels, run, minor, minor_gain, pixel):
 
 
 @helper
-def walk_seen(pixels, depth, slack, ramp, run, minor, minor_gain, pixel):
+def draw_visible_run(pixels, depth, slack, ramp, run, minor, minor_gain, pixel):
     """
     Write the pixels of one visible run of one colour that pass the depth test.
 
@@ -265,7 +265,7 @@ def walk_seen(pixels, depth, slack, ramp, run, minor, minor_gain, pixel):
 
 
 @helper
-def seen_run(ends, width, height):
+def visible_run(ends, width, height):
     """
     Return which pixels of a line are seen and how it runs through the flat target.
 
@@ -297,12 +297,12 @@ def seen_run(ends, width, height):
 @helper
 def enter_line(ends, width, height):
     """
-    Return how a line is walked from its first pixel that is seen.
+    Return how a line is drawn from its first visible pixel.
 
-    Its run, as `walk` takes it (first > last if nothing is seen); the minor coordinate there and
-    its gain; the number of all steps, and the reciprocal of it that gains share.
+    Its run, as `draw_gradient_run` takes it (first > last if nothing is seen); the minor coordinate
+    there and its gain; the number of all steps, and the reciprocal of it that gains share.
     """
-    (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
+    (first, last, steps), strides, (minor_start, minor_end) = visible_run(ends, width, height)
     reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
     minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
     minor = np.int64(0)
@@ -322,11 +322,11 @@ def draw_line(pixels, width, height, ends, start_color, end_color):
     if run[0] > run[1]:
         return
     if start_color == end_color:
-        walk_plain(pixels, run, minor, minor_gain, packed_channels(start_color))
+        draw_run(pixels, run, minor, minor_gain, packed_channels(start_color))
         return
     color = entry_color(start_color, end_color, run[0], steps)
     gain = color_gain(start_color, end_color, steps, reciprocal)
-    walk(pixels, run, minor, minor_gain, color, gain)
+    draw_gradient_run(pixels, run, minor, minor_gain, color, gain)
 
 
 @helper

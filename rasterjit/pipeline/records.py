@@ -299,7 +299,7 @@ class Surface(NamedTuple):
     fields: Fields | None = None
     """Scalars of vertices | None -> none."""
     points: Any = None
-    """The points in view, and the camera's rays: ``point_pass.PointsSeen.read`` | None -> none."""
+    """The points in view, and the camera's rays: `PicturePoints.read` | None -> none."""
     in_float32: Any = None
     """(O,) uint8: 1 where vertex colours are interpolated in float32 | None -> nowhere."""
     transmission: TransmissionRows | None = None

@@ -596,7 +596,7 @@ class CommandBuffer:
         if lit_faces is None:
             return step, None
         lit = np.empty((1, *self._face_id[::step, ::step].shape), np.int32)
-        self._calls.call(batch_driver.keep_numbers, 0, self._face_id, step, lit_faces, lit)
+        self._calls.call(batch_driver.write_face_values, 0, self._face_id, step, lit_faces, lit)
         return step, lit
 
     def _record_outputs(self) -> None:
@@ -616,7 +616,7 @@ class CommandBuffer:
             if name in plan.outputs:
                 numbers = ground_truth.object_table(name, cache.shapes)[cache.shapes.object_numbers]
                 self._add_call(
-                    name, batch_driver.keep_numbers, self._face_id, 1, numbers,
+                    name, batch_driver.write_face_values, self._face_id, 1, numbers,
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
         if "position" in plan.outputs:
@@ -643,4 +643,4 @@ class CommandBuffer:
     def _add_copy(self, name: str, picture: NDArray[Any]) -> None:
         """Record the copy of an output into the batched array."""
         words = picture.reshape(-1).view(np.uint32)
-        self._add_call(name, batch_driver.keep_picture, words, np.empty((0, len(words)), np.uint32))
+        self._add_call(name, batch_driver.copy_picture, words, np.empty((0, len(words)), np.uint32))

@@ -173,7 +173,7 @@ def peel(
     finder = fragment_bands.at_samples(finder, 1)
     viewport = finder.geometry.viewport
     everything = np.ones(len(seen.objects.face_starts) - 1, np.uint8)
-    lists = fragment_bands.part_lists(seen.coverage, viewport, everything, workers)
+    lists = fragment_bands.split_tile_lists(seen.coverage, viewport, everything, workers)
     shape = count, viewport.height, viewport.width
     depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
     faces = np.full(shape, -1, np.int32)

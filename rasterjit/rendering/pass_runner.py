@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.batch_driver import begin_mix
+from rasterjit.pipeline.batch_driver import start_resolve
 from rasterjit.pipeline.fragments import coverage_resolve
 from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
@@ -331,7 +331,7 @@ When = tuple[NDArray[np.int64], int, int]
 
 
 class Sharing(NamedTuple):
-    """Arguments of ``coverage_resolve.share_samples``, for N samples of R rows."""
+    """Arguments of ``coverage_resolve.list_coverage``, for N samples of R rows."""
 
     opaque: NDArray[np.int32]
     """(N, B, W): the faces at all samples of a band."""
@@ -371,7 +371,7 @@ class ImmediateCalls:
 
         ``mixed``, (R, 4, W), is written: see `Shading.mixing`.
         """
-        count = int(coverage_resolve.share_samples(*sharing))
+        count = int(coverage_resolve.list_coverage(*sharing))
         mixed[:] = behind.transpose(0, 2, 1)
         found = sharing.shown[:count], first_row, sharing.shares, sharing.rest
         shading.mix(*found, mixed, has_codes)
@@ -433,8 +433,8 @@ class RecordedCalls:
         # How many images of faces there are is known when they are listed.
         told = stages.place_of(0) + WORD
         self.call(
-            begin_mix,
-            self.bound(coverage_resolve.share_samples, *sharing).words,
+            start_resolve,
+            self.bound(coverage_resolve.list_coverage, *sharing).words,
             told,
             behind,
             mixed,

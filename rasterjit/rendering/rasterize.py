@@ -158,11 +158,11 @@ def rasterize(
     sign = -1.0 if depth == "standard" else 1.0
     depth_format = ndc_format(quality.depth_format, sign)
     try:
-        coverage = visibility_pass.find_visible(
+        coverage = visibility_pass.run_visibility(
             visibility_pass.Drawable(
                 positions, face_numbers, objects, depth_format.coefficients, viewport
             ),
-            visibility_pass.Wanted(depth_type=depth_format.kind, precision=quality.precision),
+            visibility_pass.Options(depth_type=depth_format.kind, precision=quality.precision),
             workers,
             lambda _: None,
         )

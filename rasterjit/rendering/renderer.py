@@ -367,7 +367,7 @@ def find_visible(
         hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
     # Run visibility, then derive what shading and outputs read.
-    coverage = drawing.find_visible(drawable, wanted, workers, clock, kept=kept, face_id=face_id)
+    coverage = drawing.run_visibility(drawable, wanted, workers, clock, kept=kept, face_id=face_id)
     geometry = kept.made(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,
         viewport, plan.is_affine,

@@ -31,7 +31,7 @@ from rasterjit.pipeline.fragments.fragment_bands import (
     at_samples,
     find_areas,
     find_layers,
-    part_lists,
+    split_tile_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, ShadingNeeds, rows_where
@@ -298,7 +298,7 @@ def lay_faces(
             (images[level + 1], (depths, level + 2, most)),
             (opaque, (depths, level + 1, level + 1)),
         ):
-            calls.call(compositing.lay_under, colors, faces, behind, sums, when=when)
+            calls.call(compositing.composite_under, colors, faces, behind, sums, when=when)
     calls.shade(shader.shading, opaque, first_row, target)
     shader.show_behind(calls, opaque, first_row, target, no_color(target))
     if transparent:
@@ -370,12 +370,12 @@ def finish_mixed(
     calls: AnyCalls, shader: Shader, shares: NDArray[np.float32], rest: NDArray[np.float32],
     mixed: NDArray[np.float32], target: ColorRows,
 ) -> None:  # fmt: skip
-    """Write the colour of resolved rows; see ``coverage_resolve.finish_mix``."""
+    """Write the colour of resolved rows; see ``coverage_resolve.finish_light``."""
     if shader.has_codes:
         calls.call(coverage_resolve.finish_codes, shares, rest, mixed, target.color)
     else:
         table = srgb_encoding.encoding_table(shader.encoding)
-        calls.call(coverage_resolve.finish_mix, shares, rest, mixed, table, *target)
+        calls.call(coverage_resolve.finish_light, shares, rest, mixed, table, *target)
 
 
 def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
@@ -413,13 +413,13 @@ def kernels_of(plan: RenderPlan) -> Rows:
     rows, kernels = shared_kernels(plan, layers), []
     has_samples, codes = layers.samples != 1, layers.mixes_codes
     if layers.has_blended and codes:
-        kernels = [srgb_compositing.hide_behind, srgb_compositing.lay_codes]
+        kernels = [srgb_compositing.mark_hidden, srgb_compositing.composite_codes]
         if has_samples:
             kernels = [compositing.list_faces, srgb_compositing.mix_codes]
         if layers.in_order:
-            kernels = [drawing_order.keep_drawn, *kernels]
+            kernels = [drawing_order.drop_hidden, *kernels]
     elif layers.has_blended:
-        kernels = [compositing.start_sums, compositing.lay_under, compositing.finish_sums]
+        kernels = [compositing.start_sums, compositing.composite_under, compositing.finish_sums]
         kernels += [compositing.list_faces, compositing.mix_samples] * has_samples
     rows += rows_where(SEVERAL, *kernels)
     if codes:
@@ -438,11 +438,11 @@ def shared_kernels(plan: RenderPlan, layers: PixelLayers) -> Rows:
     if plan.mixes_plain_codes:
         from rasterjit.pipeline.fragments import constant_colors
 
-        return [*rows, KernelRow(constant_colors.mix_plain_codes)]
+        return [*rows, KernelRow(constant_colors.average_codes)]
     opaque = "a row of tiles is opaque" if layers.has_blended else ""
     if layers.samples != "area":
-        rows.append(KernelRow(coverage_resolve.share_samples, "", opaque))
-    finish = coverage_resolve.finish_codes if layers.mixes_codes else coverage_resolve.finish_mix
+        rows.append(KernelRow(coverage_resolve.list_coverage, "", opaque))
+    finish = coverage_resolve.finish_codes if layers.mixes_codes else coverage_resolve.finish_light
     return [*rows, KernelRow(finish, "", opaque)]
 
 
@@ -476,7 +476,7 @@ def shade(
     """
     shader, tones = before_tones(at_samples(shader, plan.samples))
     viewport = shader.geometry.viewport
-    lists = part_lists(coverage, viewport, plan.is_blended, workers)
+    lists = split_tile_lists(coverage, viewport, plan.is_blended, workers)
     shader, table = shader.ready(), srgb_encoding.encoding_table(shader.encoding)
     nothing = np.empty((viewport.height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
@@ -524,14 +524,14 @@ def shade_rows(
         rows_of_band = slice(start, start + band.opaque.shape[1])
         part = ColorRows(target.linear[rows_of_band], target.color[rows_of_band])
         if plan.in_order and levels > 1:
-            drawing_order.keep_drawn(band.transparent)
+            drawing_order.drop_hidden(band.transparent)
         if plan.samples != 1 and shader.plain is not None:
             starts = shader.placement.face_starts
-            constant_colors.mix_plain_codes(band.opaque, *shader.plain, starts, part.color)
+            constant_colors.average_codes(band.opaque, *shader.plain, starts, part.color)
         elif plan.samples != 1 and levels == 0:
             mix_opaque(band, shader, part, memory)
         elif shader.has_codes:
-            lay_in_codes = lay_codes if plan.samples == 1 else mix_codes
+            lay_in_codes = composite_codes if plan.samples == 1 else mix_codes
             lay_in_codes(band, shader, part.color, memory)
         else:
             lay = lay_layers if plan.samples == 1 else mix_layers
@@ -544,7 +544,7 @@ def rows_at_once(images: int, width: int) -> int:
     return min(max(MAX_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
 
 
-def lay_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:
+def composite_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:
     """Write the colour of some rows, (R, W), one sample each: layers over each other."""
     levels, width = band.transparent.shape[1], color.shape[1]
     for part in parts_of(len(color), rows_at_once(levels + 1, width)):
@@ -557,9 +557,9 @@ def lay_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Mem
         # Front to back: nothing is shaded behind opaque layers.
         for level in range(levels):
             shader.code(images[level], first, stack[level])
-            srgb_compositing.hide_behind(stack, level, images[level + 1])
+            srgb_compositing.mark_hidden(stack, level, images[level + 1])
         shader.code_last(images[levels], first, stack[levels])
-        srgb_compositing.lay_codes(stack, target)
+        srgb_compositing.composite_codes(stack, target)
 
 
 def mix_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:
@@ -607,7 +607,7 @@ def shade_codes(
     else:
         shader = fragment_bands.at_samples(shader, plan.samples).ready()
     viewport = shader.geometry.viewport
-    lists = fragment_bands.part_lists(coverage, viewport, plan.is_blended, workers)
+    lists = fragment_bands.split_tile_lists(coverage, viewport, plan.is_blended, workers)
     packed = None if color is None else color.view(np.uint32)[:, :, 0]
     light = decoded_codes(shader.encoding).copy()
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.fragments.coverage_resolve import code_samples, mix_shares
+from rasterjit.pipeline.fragments.coverage_resolve import accumulate_layers, encode_samples
 from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.lighting.gouraud import list_vertices, write_vertices
 from rasterjit.pipeline.passes import Pass, PyrenderNeeds, ShadingArrays, ShadingNeeds, fixed
@@ -648,8 +648,8 @@ def mixing_passes(
     passes: list[Pass] = []
     if has_codes:
         passes, shown = pixel_passes(shown, effects)
-        passes.append(fixed(code_samples, shown, table))
-    return [*passes, fixed(mix_shares, shown, int(needs.alphas), *target)]
+        passes.append(fixed(encode_samples, shown, table))
+    return [*passes, fixed(accumulate_layers, shown, int(needs.alphas), *target)]
 
 
 def output_passes(

@@ -517,7 +517,7 @@ def cover_samples(
     finder = fragment_bands.at_samples(finder, samples)
     viewport = finder.geometry.viewport
     nothing = np.zeros(len(seen.objects.face_starts) - 1, np.uint8)
-    lists = fragment_bands.part_lists(coverage, viewport, nothing, workers)
+    lists = fragment_bands.split_tile_lists(coverage, viewport, nothing, workers)
     covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
 
     def cover_tiles(first: int) -> None:

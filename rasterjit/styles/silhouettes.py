@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, first_sample, turn_of
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, first_sample, winding_of
 from rasterjit.pipeline.records import Objects, ScreenVertices
 from rasterjit.runtime.intrinsics import call_bound
 from rasterjit.runtime.jit import helper, kernel
@@ -94,7 +94,7 @@ def find_windings(faces, objects, screen, any_codes, windings):
                     continue
                 if bits & CLIPPED:
                     return False
-            winding = turn_of((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
+            winding = winding_of((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
             windings[face] = np.int8(0 if winding == culled else winding)
     return True
 

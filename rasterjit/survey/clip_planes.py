@@ -483,7 +483,7 @@ def _mesh_depths(
         depth_range_out = np.array(EMPTY_RANGE)
         blocks = _blocks_outside(mesh, rows, planes)
         if len(blocks):
-            depth_range.find_seen_depths(
+            depth_range.find_visible_depths(
                 writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
                 CORNERS[mesh.primitive], depth_range_out, np.empty((8, 4)),
             )  # fmt: skip
@@ -582,7 +582,7 @@ def kernels_of(camera: Camera) -> Rows:
     reached = "an object may reach the near or far plane"
     return [
         KernelRow(depth_range.box_faces, "", f"{reached} and has more than {MAX_UNBOXED} faces"),
-        KernelRow(depth_range.find_seen_depths, "", reached),
+        KernelRow(depth_range.find_visible_depths, "", reached),
     ]
 
 

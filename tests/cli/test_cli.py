@@ -1518,13 +1518,13 @@ def say_that_something_compiles():
 def impatient(monkeypatch):
     """Compiling that is told of at once; every picture compiles."""
     monkeypatch.setattr(progress, "PATIENCE", 0.0)
-    find_visible = drawing.find_visible
+    run_visibility = drawing.run_visibility
 
     def compile_and_find(*arguments, **options):
         say_that_something_compiles()
-        return find_visible(*arguments, **options)
+        return run_visibility(*arguments, **options)
 
-    monkeypatch.setattr(drawing, "find_visible", compile_and_find)
+    monkeypatch.setattr(drawing, "run_visibility", compile_and_find)
 
 
 @pytest.mark.parametrize("is_kept", [True, False])

@@ -138,7 +138,10 @@ def test_differences_of_other_sizes_and_of_floats_are_shown():
     sheet = side_by_side(depth, nearer)
     assert sheet[:, :2, 0].tolist() == [[0, 255], [0, 255]]
     assert sheet[:, 10:12, 0].tolist() == [[127, 255], [0, 255]]
-    assert (sheet[:, 20:, :3] == DIFFERENCE_COLOR).all(axis=2).tolist() == [[True, False], [False, False]]
+    assert (sheet[:, 20:, :3] == DIFFERENCE_COLOR).all(axis=2).tolist() == [
+        [True, False],
+        [False, False],
+    ]
 
 
 def test_signs_of_zero_and_bits_of_nan_count(tmp_path):

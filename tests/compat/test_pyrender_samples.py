@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from rasterjit.compat import pyrender
-from rasterjit.pipeline.fragments.constant_colors import mix_plain_codes
+from rasterjit.pipeline.fragments.constant_colors import average_codes
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.survey.plan import RenderPlan
 
@@ -89,7 +89,7 @@ def test_plain_codes_are_means_rounded_half_up(samples):
     codes, behind = rng.integers(0, 1 << 24, 4).astype(np.uint32), 0x123456
     color = np.empty((12, 100), np.uint32)
     opaque_codes = codes | np.uint32(0xFF000000)
-    mix_plain_codes(opaque, opaque_codes, behind | 0xFF000000, starts, color)
+    average_codes(opaque, opaque_codes, behind | 0xFF000000, starts, color)
 
     owners = np.searchsorted(starts, opaque, side="right") - 1
     shown = np.where(opaque < 0, behind | 0xFF000000, opaque_codes[owners]).astype(np.uint32)

@@ -149,7 +149,7 @@ def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
     monkeypatch.setattr(maps, "_reflections", lambda *a: calls.append(a[0]) or filtered(*a))
     # Skies of other tests may be about to go.
     gc.collect()
-    before = len(maps._known)
+    before = len(maps._filtered_skies)
     environment = rj.Environment(skies.sunny(64, 32))
     workers = Workers(1)
     unmirrored = maps.environment_record(environment, False, workers)
@@ -161,11 +161,11 @@ def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
     assert second.reflections is first.reflections
     assert len(calls) == 1
     assert (first.intensity, second.intensity) == (1.0, 2.0)
-    assert second.turn.tolist() == [0.0, 1.0]
+    assert second.yaw.tolist() == [0.0, 1.0]
     calls.clear()
     del environment, turned, first, second, unmirrored
     gc.collect()
-    assert len(maps._known) == before
+    assert len(maps._filtered_skies) == before
 
 
 def test_one_colour_is_not_filtered():

@@ -63,7 +63,7 @@ def test_plain_scene_has_each_kernel_in_one_form(used):
     assert len(used) == len({*used})
 
 
-THROUGH = {"transmission.halve_picture", "transmission.hold_back", "transmission.transmit"}
+THROUGH = {"transmission.downsample", "transmission.remove_transmitted", "transmission.transmit"}
 MAPS = {
     "material_maps.apply_normal_maps", "material_maps.apply_emission_maps",
     "material_maps.apply_metallic_roughness_maps", "material_maps.apply_occlusion_maps",
@@ -71,7 +71,7 @@ MAPS = {
 FILTERED = {
     "prefilter_stage.add_ring", "prefilter_stage.average_columns", "prefilter_stage.project_rows",
 }  # fmt: skip
-TESTED = {"alpha_test.find_alphas", "alpha_test.keep_shown"}
+TESTED = {"alpha_test.find_alphas", "alpha_test.queue_triangle"}
 BELOW = "texture_lookup.multiply_textures_below_highlights"
 FACES_BELOW = "attributes.multiply_face_colors_below_highlights"
 DULL = "light_stages.add_diffuse_lights"
@@ -105,7 +105,7 @@ GONE = {
     "highlights": {"light_stages.add_blinn_phong_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
-        "attributes.find_microfacets", "environment.mirror_environment",
+        "attributes.find_microfacets", "environment.add_reflections",
         "light_stages.add_microfacet_lights", "light_stages.set_microfacet_ambient",
         "material_maps.apply_metallic_roughness_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED,
         *THROUGH,
@@ -120,30 +120,30 @@ GONE = {
     },
     "flat": {"attributes.find_centroids"},
     "shadows": {
-        "receivers.find_depth_ranges", "receivers.find_receivers", "receivers.move_turned",
-        "shadows.filter_pcf", "shadows.place_on_map",
+        "receivers.find_depth_ranges", "receivers.find_receivers", "receivers.offset_turned_away",
+        "shadows.filter_pcf", "shadows.project_to_map",
     },
     # What is only seen is not filtered.
     "environment light": {
-        "environment.mirror_environment", "environment.shed_light", LEANING, *FILTERED,
+        "environment.add_reflections", "environment.add_sky", LEANING, *FILTERED,
     },
     "environment background": {"environment.show_environment"},
     "environment": {
-        "environment.mirror_environment", "environment.shed_light",
+        "environment.add_reflections", "environment.add_sky",
         "environment.show_environment", LEANING, *FILTERED,
     },
     "eye-dome lighting": {
-        "eye_dome.darken_samples", "eye_dome.find_shares", "eye_dome.take_logarithms",
+        "eye_dome.darken_samples", "eye_dome.find_shading", "eye_dome.find_nearness",
     },
-    "fog": {"fog.cover_exponentially"},
+    "fog": {"fog.apply_exp_fog"},
     "transmission": THROUGH,
-    "tone mapping": {"tone_map.show_over"},
+    "tone mapping": {"tone_map.map_over_color"},
     "ambient occlusion": {
-        "ambient_occlusion.find_occlusion", "ambient_occlusion.look_around",
+        "ambient_occlusion.find_occlusion", "ambient_occlusion.trace_horizons",
         "ambient_occlusion.occlude_samples", "ambient_occlusion.smooth_occlusion",
     },
     "vignette": {"vignette.darken_rows"},
-    "outline": {"outline.find_edges", "outline.draw_marks"},
+    "outline": {"outline.find_edges", "outline.dilate_marks"},
     "section": {"cap_triangulation.fill_outlines", "cap_triangulation.find_contacts"},
     "wireframe": {
         "wireframe.draw_edges", "wireframe.fill_slack", "wireframe.find_pixels",
@@ -152,13 +152,13 @@ GONE = {
     # Texts are laid over the picture in NumPy.
     "labels": set(),
     "transparency": {
-        "attributes.find_alphas", "compositing.finish_sums", "compositing.lay_under",
+        "attributes.find_alphas", "compositing.finish_sums", "compositing.composite_under",
         "compositing.start_sums", "srgb_encoding.encode_rows", "scalar_colors.multiply_alphas",
-        "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.show_over",
+        "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.map_over_color",
     },
     "anti-aliasing": {
-        "compositing.list_faces", "compositing.mix_samples", "coverage_resolve.finish_mix",
-        "coverage_resolve.mix_shares", "coverage_resolve.share_samples",
+        "compositing.list_faces", "compositing.mix_samples", "coverage_resolve.finish_light",
+        "coverage_resolve.accumulate_layers", "coverage_resolve.list_coverage",
     },
 }  # fmt: skip
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
@@ -167,7 +167,7 @@ INSTEAD = {
     "textures": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
-    "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
+    "transparency": {"light_stages.write_opaque_codes", "tone_map.map_samples"},
     "vertex colors": {"attributes.fill_base_colors"},
 }
 """Simpler ones that do in their place."""

@@ -479,7 +479,7 @@ def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
 def test_scene_without_shadows_reads_no_maps(monkeypatch):
     scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
     monkeypatch.setattr(shadow_maps, "draw_shadows", None)
-    monkeypatch.setattr(visible_cells, "seen_cells", None)
+    monkeypatch.setattr(visible_cells, "depth_cells", None)
     rj.render(scene, camera, size=SIZE)
 
 
@@ -500,12 +500,12 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
     placed = u, v, depth, across, down, bias
     with np.errstate(all="ignore"):
         if kind == "cube":
-            shadows_stage.map_cube_rows(*rows, row, size, *placed)
+            shadows_stage.project_samples_to_cube(*rows, row, size, *placed)
         else:
-            shadows_stage.map_rows(*rows, row, *placed)
+            shadows_stage.project_samples(*rows, row, *placed)
         assert np.isfinite((u, v)).all()
         texels = np.full(sides * size * size, 0.05, np.float32)
-        cells = shadow_maps.find_limits(texels.reshape(sides, size, size), 9.0)
+        cells = shadow_maps.find_occlusion_limits(texels.reshape(sides, size, size), 9.0)
         around = np.float32([[0, 0], [2, 0], [-2, 1], [0, -2]])
         for beside in (0, 1, 7):
             own = *(np.roll(one, beside) for one in placed), texels, size, np.float32(sides)
@@ -534,7 +534,7 @@ def test_soft_shadow_of_a_sample_does_not_depend_on_its_block(size, sides):
     across, down = rng.uniform(-0.1, 0.1, (2, count)).astype(np.float32)
     placed = u, v, depth, across, down, np.full(count, 1e-3, np.float32)
     maps = texels.ravel(), size, np.float32(sides), np.float32(60.0)
-    cells, spiral = shadow_maps.find_limits(texels, 60.0), shadow_maps.spiral(size)
+    cells, spiral = shadow_maps.find_occlusion_limits(texels, 60.0), shadow_maps.spiral(size)
     pattern = shadow_maps.disk_points()
 
     def read(some):

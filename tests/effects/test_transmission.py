@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.transmission import halve_again_and_again, level_table
+from rasterjit.effects.transmission import build_mip_levels, level_table
 from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.pixel_projection import clip_from_relative
@@ -287,7 +287,7 @@ def test_blur_grows_with_roughness_and_index():
 
 def test_levels_are_halves_by_weights_1_3_3_1():
     picture = np.random.default_rng(1).random((13, 22, 4), dtype=np.float32)
-    texels, levels = halve_again_and_again(picture, True, Workers(2))
+    texels, levels = build_mip_levels(picture, True, Workers(2))
     assert levels.tolist() == level_table((22, 13), 9).tolist()
     assert [row[1:] for row in levels.tolist()] == [
         [22, 13],
@@ -309,13 +309,13 @@ def test_levels_are_halves_by_weights_1_3_3_1():
                 for step, weight in ((-1, 0.125), (0, 0.375), (1, 0.375), (2, 0.125))
             ]
             want = sum(parts)
-    assert len(halve_again_and_again(picture, False, Workers(1))[1]) == 1
+    assert len(build_mip_levels(picture, False, Workers(1))[1]) == 1
 
 
 def test_light_beyond_float32_is_no_nan():
     picture = np.ones((4, 4, 4), np.float32)
     picture[1, 1, :3] = np.inf, np.nan, 3e38
-    texels, _ = halve_again_and_again(picture, True, Workers(1))
+    texels, _ = build_mip_levels(picture, True, Workers(1))
     assert np.isfinite(texels).all()
 
 

@@ -351,7 +351,7 @@ def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
     untouched = {*stages} - {name for names in ran for name in names}
     # Of several samples with glass among them, rows of tiles without glass alone are mixed so.
     has_glass = {"rich", "everything"} & {*case.split()}
-    assert untouched <= ({"code_samples", "mix_shares"} if has_glass else set())
+    assert untouched <= ({"encode_samples", "accumulate_layers"} if has_glass else set())
     assert {name for names in ran for name in names} <= {*stages}
     # Where a picture is drawn in one go, in this order.
     if len({*ran}) == 1 and not untouched:
@@ -384,7 +384,7 @@ def test_kernels_are_told_with_the_form_that_is_called(cube):
     options = {"outputs": ("motion_visible",), "size": SIZE}
     for before, has_holes in ((camera, False), (beside, True)):
         plan = rj.explain(scene, camera, previous=rj.PreviousView(camera=before), **options)
-        assert (("alpha_test.keep_shown", "") in told(plan)) == has_holes
+        assert (("alpha_test.queue_triangle", "") in told(plan)) == has_holes
 
 
 def test_buffers_have_the_bytes_of_arrays(cube):

@@ -67,7 +67,7 @@ def test_arc_cosine_keeps_its_error():
 
 
 @pytest.mark.parametrize("eye", [20.0, 60.0, 90.0, 130.0])
-def test_blocked_share_is_its_integral(eye):
+def test_blocked_light_is_its_integral(eye):
     viewer = math.radians(eye)
     full = np.linspace(0.0, viewer, 20001)
     for horizon in np.linspace(0.0, viewer, 9):
@@ -75,9 +75,9 @@ def test_blocked_share_is_its_integral(eye):
         values = np.sin(angles) * np.abs(np.sin(viewer - angles))
         exact = np.sum((values[1:] + values[:-1]) / 2.0) * (full[1] - full[0])
         numbers = [math.cos(horizon), math.cos(viewer), math.sin(viewer)]
-        got = ao.blocked_share(*map(np.float32, numbers), np.float32(viewer))
+        got = ao.blocked_light(*map(np.float32, numbers), np.float32(viewer))
         assert abs(float(got) - exact) < 3e-4
-    assert ao.blocked_share(np.float32(1.0), np.float32(0.6), np.float32(0.8), np.float32(0.9)) == 0
+    assert ao.blocked_light(np.float32(1.0), np.float32(0.6), np.float32(0.8), np.float32(0.9)) == 0
 
 
 def test_pattern_holds_every_direction_and_offset_once():

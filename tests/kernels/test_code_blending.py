@@ -24,7 +24,7 @@ def lay(layers, background):
     """Lay rows of codes, (K, W, 4), the nearest first, over a row of them, (W, 4)."""
     stack = packed(np.concatenate([layers, [background]]))[:, np.newaxis]
     color = np.empty(stack.shape[1:], np.uint32)
-    srgb_compositing.lay_codes(stack, color)
+    srgb_compositing.composite_codes(stack, color)
     return unpacked(color)
 
 
@@ -77,15 +77,15 @@ def test_nothing_behind_alpha_255_is_shaded_and_nobody_sees_the_difference():
     layers, background = random_codes(rng, 4, 200), random_codes(rng, 200)
     stack = packed(np.concatenate([layers, [background]]))[:, np.newaxis]
     want, have = np.empty((2, 1, 200), np.uint32)
-    srgb_compositing.lay_codes(stack, want)
+    srgb_compositing.composite_codes(stack, want)
     hidden = np.zeros((4, 200), bool)
     for level in range(4):
         behind = np.zeros((1, 200), np.int32)
-        srgb_compositing.hide_behind(stack, level, behind)
+        srgb_compositing.mark_hidden(stack, level, behind)
         hidden[level] = behind[0] < 0
     np.testing.assert_array_equal(hidden, np.cumsum(layers[..., 3] == 255, axis=0) > 0)
     # What is hidden is not shaded: anything may be there.
-    srgb_compositing.lay_codes(stack, have)
+    srgb_compositing.composite_codes(stack, have)
     np.testing.assert_array_equal(have, want)
 
 

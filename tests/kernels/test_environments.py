@@ -44,10 +44,10 @@ def add(samples, environment, *, viewer=VIEWER, occlusion=None):
     """Return what the environment adds."""
     before = samples[block.OUT_RED : block.OUT_BLUE + 1].copy()
     samples[block.OCCLUSION] = 1.0 if occlusion is None else occlusion
-    light = environment.irradiance, environment.turn, environment.intensity
+    light = environment.irradiance, environment.yaw, environment.intensity
     blocks.run(
-        samples, (environment_stage.shed_light, *light),
-        (environment_stage.mirror_environment, environment, viewer),
+        samples, (environment_stage.add_sky, *light),
+        (environment_stage.add_reflections, environment, viewer),
     )  # fmt: skip
     return samples[block.OUT_RED : block.OUT_BLUE + 1] - before
 
@@ -63,12 +63,12 @@ def test_angles_keep_their_error():
     ).astype(np.float32)
     for y, x in pairs:
         exact = math.atan2(float(y), float(x)) / (2.0 * math.pi)
-        assert abs(float(environment_stage.turns(y, x)) - exact) <= 6e-8
+        assert abs(float(environment_stage.angle_of(y, x)) - exact) <= 6e-8
     eighths = {(0, 1): 0, (1, 1): 1, (1, 0): 2, (1, -1): 3, (-1, -1): -3, (-1, 0): -2, (-1, 1): -1}
     for (y, x), eighth in eighths.items():
-        assert environment_stage.turns(np.float32(y), np.float32(x)) == eighth / 8
-    assert environment_stage.turns(np.float32(0.0), np.float32(-2.0)) == 0.5
-    assert environment_stage.turns(np.float32(0.0), np.float32(0.0)) == 0.0
+        assert environment_stage.angle_of(np.float32(y), np.float32(x)) == eighth / 8
+    assert environment_stage.angle_of(np.float32(0.0), np.float32(-2.0)) == 0.5
+    assert environment_stage.angle_of(np.float32(0.0), np.float32(0.0)) == 0.0
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (2, 1), (8, 4), (33, 20)])
@@ -78,7 +78,7 @@ def test_a_picture_is_looked_up_like_its_twin(width, height):
     around = record(rj.Environment(image), False)
     poles = [(0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1), (-1, 0, -1e-9)]
     for x, y, z in np.concatenate([units(rng, 100), poles]).astype(np.float32):
-        found = environment_stage.sharp_color(
+        found = environment_stage.sky_color(
             x, y, z, around.texels, around.width, around.height, around.gradient
         )
         # Five values of light a texel, and places good to 1e-6 of the picture.
@@ -94,7 +94,7 @@ def test_a_pole_has_one_colour_from_all_sides_the_mean_of_its_row(width, height,
     row = image[0 if y > 0.0 else -1].mean(axis=0)
     for longitude in np.linspace(0.0, 2.0 * np.pi, 23):
         x, z = 1e-5 * np.cos(longitude), 1e-5 * np.sin(longitude)
-        found = environment_stage.sharp_color(
+        found = environment_stage.sky_color(
             *np.float32((x, y, z)), around.texels, around.width, around.height, around.gradient
         )
         assert np.abs(found - row).max() < 1e-3
@@ -106,7 +106,7 @@ def test_the_middle_of_a_texel_shows_that_texel():
     around = record(rj.Environment(image), False)
     for (row, column), _ in np.ndenumerate(image[:, :, 0]):
         x, y, z = skies.directions(32, 16)[row, column].astype(np.float32)
-        found = environment_stage.sharp_color(x, y, z, around.texels, 32, 16, around.gradient)
+        found = environment_stage.sky_color(x, y, z, around.texels, 32, 16, around.gradient)
         assert np.abs(found - image[row, column]).max() < 2e-5
 
 
@@ -117,8 +117,8 @@ def test_what_is_no_direction_reads_a_texel_all_the_same():
         place = (np.float32(bad),) * 3
         # Without the compiler NumPy warns of what these directions do.
         with np.errstate(all="ignore"):
-            found = environment_stage.sharp_color(*place, around.texels, 8, 4, around.gradient)
-            plain = environment_stage.sharp_color(*place, around.texels, 0, 0, around.gradient)
+            found = environment_stage.sky_color(*place, around.texels, 8, 4, around.gradient)
+            plain = environment_stage.sky_color(*place, around.texels, 0, 0, around.gradient)
         assert found == (0.25, 0.25, 0.25)
         assert plain == tuple(around.gradient[environment_stage.HORIZON])
 
@@ -151,7 +151,7 @@ def test_a_gradient_is_looked_up_like_its_twin():
     environment = rj.Environment.gradient((0.1, 0.2, 0.9), (0.9, 0.8, 0.7), (0.3, 0.2, 0.1))
     around = record(environment, False)
     for x, y, z in units(np.random.default_rng(4), 50).astype(np.float32):
-        found = environment_stage.sharp_color(x, y, z, around.texels, 0, 0, around.gradient)
+        found = environment_stage.sky_color(x, y, z, around.texels, 0, 0, around.gradient)
         assert found == pytest.approx(naive.gradient(environment.sky, (x, y, z)), abs=3e-7)
 
 

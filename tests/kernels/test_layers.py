@@ -17,7 +17,7 @@ def lay(colors, background):
     for color in colors:
         behind = np.zeros((1, 1), np.int32)
         image = np.array(color, np.float32).reshape(1, 1, 4)
-        compositing.lay_under(image, np.zeros((1, 1), np.int32), behind, sums)
+        compositing.composite_under(image, np.zeros((1, 1), np.int32), behind, sums)
         hidden.append(int(behind[0, 0]) == -1)
     compositing.finish_sums(sums, linear)
     return linear[0, 0], hidden

@@ -369,21 +369,21 @@ def test_cone_and_range_that_end_nothing_leave_the_bits_of_a_point_light():
 
 FIND_ROOTS = """
 import re, sys
-from rasterjit.effects.environment.stage import mirror_environment
+from rasterjit.effects.environment.stage import add_reflections
 from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.surface.material_maps import apply_normal_maps
 from rasterjit.runtime import compiler, store
 
 for own in (
     lights.add_blinn_phong_lights, lights.add_diffuse_lights, lights.set_microfacet_ambient,
-    lights.add_microfacet_lights, mirror_environment, apply_normal_maps,
+    lights.add_microfacet_lights, add_reflections, apply_normal_maps,
 )[: int(sys.argv[1])]:
     _, module = compiler.lower(own, own.kind, own.__name__, store.host())
     print(own.__name__, len(re.findall(r"call .*@llvm[.]sqrt[.]v[0-9]+f", str(module))))
 """
 ROOTS = {
     "add_blinn_phong_lights": 3, "add_diffuse_lights": 1, "set_microfacet_ambient": 1,
-    "add_microfacet_lights": 5, "mirror_environment": 3, "apply_normal_maps": 2,
+    "add_microfacet_lights": 5, "add_reflections": 3, "apply_normal_maps": 2,
 }  # fmt: skip
 """How many square roots a sample takes, at least, in each stage."""
 

@@ -241,7 +241,7 @@ def test_a_line_seen_end_on_shows_its_nearer_end():
 
 def lay(shares, rgba, pixels, light):
     color = np.array(pixels, np.uint8).reshape(1, -1, 4)
-    coverage.lay_lines(
+    coverage.blend_lines(
         np.array([shares], np.float32), np.array(rgba, np.uint8).view(np.uint32), light,
         encoding_table(), color.view(np.uint32)[:, :, 0],
     )  # fmt: skip
@@ -395,7 +395,7 @@ def test_plan_and_kernels_name_what_is_drawn(cube, camera, monkeypatch):
     def refuse(*_):
         raise AssertionError("nobody asked for it")
 
-    for name in ("project_lines", "list_lines", "cover_lines", "lay_lines"):
+    for name in ("project_lines", "list_lines", "cover_lines", "blend_lines"):
         monkeypatch.setattr(coverage, name, refuse)
     draw(cube, camera, quality=rj.Quality())
     plain = rj.Scene()

@@ -187,8 +187,8 @@ def drawn_planes(corners, depths, bits):
     for first in range(0, len(corners), batches.BATCH):
         some = slice(first, first + batches.BATCH)
         count = len(corners[some])
-        whole = np.zeros((batches.WHOLE_ROWS, batches.ROOM), np.int32)
-        real = np.zeros((batches.REAL_ROWS, batches.ROOM))
+        whole = np.zeros((batches.INT_ROWS, batches.STRIDE), np.int32)
+        real = np.zeros((batches.FLOAT_ROWS, batches.STRIDE))
         for k, start in enumerate((batches.PAIRS_A, batches.PAIRS_B, batches.PAIRS_C)):
             whole.reshape(-1)[start : start + 2 * count] = corners[some, k].ravel()
         real[:3, :count] = depths[some].T

@@ -37,7 +37,7 @@ def cloud_of(positions, points, matrix=FLAT, viewport=None, kind=np.float64):
     count = len(points.scales)
     return drawing.DrawnPoints(
         np.ascontiguousarray(positions, kind), np.tile(np.eye(4), (count, 1, 1)), points,
-        drawing.sight_of(matrix, COEFFICIENTS, viewport), COEFFICIENTS,
+        drawing.view_of(matrix, COEFFICIENTS, viewport), COEFFICIENTS,
     )  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def test_parts_of_a_picture_have_the_pixels_of_the_whole():
         assert (faces >= 0).sum() > 50
         for region in (Region(0, 0, 11, 9), Region(11, 5, 18, 18), Region(28, 22, 1, 1)):
             viewport = viewport_of(SIZE, 8, region)
-            part = cloud._replace(sight=drawing.sight_of(matrix, COEFFICIENTS, viewport))
+            part = cloud._replace(view=drawing.view_of(matrix, COEFFICIENTS, viewport))
             some = draw(part, viewport)
             rows = slice(region.top, region.top + region.height)
             columns = slice(region.left, region.left + region.width)

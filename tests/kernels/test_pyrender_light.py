@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rasterjit.pipeline import srgb_encoding
-from rasterjit.pipeline.fragments.drawing_order import keep_drawn
+from rasterjit.pipeline.fragments.drawing_order import drop_hidden
 from rasterjit.pipeline.lighting import blinn_phong, light_stages, pyrender
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
@@ -160,7 +160,7 @@ def test_a_face_behind_one_that_was_drawn_before_is_left_out():
         count = rng.integers(0, 6)
         faces[sample, :count, row, column] = rng.permutation(9)[:count]
     have = faces.copy()
-    keep_drawn(have)
+    drop_hidden(have)
     for sample, row, column in np.ndindex(2, 4, 6):
         # Draw in order, with a depth test.
         nearest, drawn = 99, []

@@ -15,19 +15,19 @@ FACES = np.array([[0, -1, 2], [3, 3, -1]], np.int32)
 def test_pictures_are_copied_to_their_rows():
     kept = np.zeros((3, 6), np.uint32)
     picture = np.arange(6, dtype=np.uint32) << np.uint32(28)
-    batch_driver.keep_picture(1, picture, kept)
+    batch_driver.copy_picture(1, picture, kept)
     assert kept.tolist() == [[0] * 6, picture.tolist(), [0] * 6]
 
 
 def test_numbers_are_those_of_faces():
     kept = np.zeros((2, 2, 3), np.int32)
-    batch_driver.keep_numbers(1, FACES, 1, np.array([5, 6, 7, 8, -1], np.int32), kept)
+    batch_driver.write_face_values(1, FACES, 1, np.array([5, 6, 7, 8, -1], np.int32), kept)
     assert kept.tolist() == [[[0] * 3] * 2, [[5, -1, 7], [8, 8, -1]]]
 
 
 def test_numbers_are_of_every_few_rows_and_columns():
     faces, kept = np.arange(35, dtype=np.int32).reshape(5, 7), np.zeros((1, 3, 4), np.int32)
-    batch_driver.keep_numbers(0, faces, 2, 10 * np.arange(36, dtype=np.int32), kept)
+    batch_driver.write_face_values(0, faces, 2, 10 * np.arange(36, dtype=np.int32), kept)
     assert kept[0].tolist() == (10 * faces[::2, ::2]).tolist()
 
 

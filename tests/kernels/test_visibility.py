@@ -13,28 +13,28 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import triangle_batches
 from rasterjit.pipeline.geometry.triangle_batches import (
-    ASKED,
     BATCH,
     BUCKETS,
     COUNT,
     FIRST,
     GRID_BITS,
     LEFT_COLUMN,
-    ORDERED,
-    PUT_IN_ORDER,
-    SEEN_OF_THEM,
+    MAX_SORTED,
+    PARTS,
+    PREFETCH,
+    REQUEST_SIZE,
     SHIFT_X,
     SHIFT_Y,
-    TO_COME,
+    SORTED,
+    SORTED_DRAWN,
     TOP_ROW,
-    WAYS,
     order_memory,
     order_triangles,
 )
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.pipeline.visibility import tile_rasterizer
 from rasterjit.pipeline.visibility import visibility_pass as drawing
-from rasterjit.pipeline.visibility.tile_rasterizer import FORGETTING_BITS, MIN_ORDERED, REMEMBERED
+from rasterjit.pipeline.visibility.tile_rasterizer import MAX_HISTORY, MIN_SORTED, RETRY_BITS
 from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
 
@@ -184,8 +184,8 @@ def test_boxes_of_wide_triangles_are_cut_to_the_rows_that_they_reach(reach):
         middle = rng.uniform(0, 64, (count, 1, 2))
         way = rng.uniform(-1, 1, (count, 1, 2)) * reach * np.array([[-1.0], [0.3], [1.0]])
         corners = np.rint((middle + way + rng.uniform(-1, 1, (count, 3, 2))) * 2**bits)
-        whole = np.zeros((batches.WHOLE_ROWS, batches.ROOM), np.int32)
-        real = np.zeros((batches.REAL_ROWS, batches.ROOM))
+        whole = np.zeros((batches.INT_ROWS, batches.STRIDE), np.int32)
+        real = np.zeros((batches.FLOAT_ROWS, batches.STRIDE))
         shift = np.int32(70), np.int32(-90)
         for k, start in enumerate((batches.PAIRS_A, batches.PAIRS_B, batches.PAIRS_C)):
             whole.reshape(-1)[start : start + 2 * count] = (corners[:, k] - shift).ravel()
@@ -410,7 +410,7 @@ def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
         """Return the tile with some of the triangles, and the depths of its cells at the end."""
         listed = np.arange(first, end, dtype=np.int32)
         drawer = tile_rasterizer.tile_drawer(listed, faces, screen, kind)
-        drawer.drawing.asked[SEEN_OF_THEM] = 1000  # So that they are not put in order.
+        drawer.drawing.request[SORTED_DRAWN] = 1000  # So that they are not put in order.
         frame = np.empty(size[::-1], kind), np.empty(size[::-1], np.int32)
         starts, floor = np.array([0, len(listed)], np.int64), np.full(1, empty)
         tile_rasterizer.draw_tiles(
@@ -459,10 +459,10 @@ def soup_in_a_tile(seed, count, kind):
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        (np.float32, MIN_ORDERED + 50), (np.float64, MIN_ORDERED + 50), (np.int32, 700),
-        (np.float32, 2 * ORDERED + 100),
-        pytest.param(np.float64, 2 * ORDERED + 100, marks=pytest.mark.takes_long),
-        pytest.param(np.int32, 2 * ORDERED + 100, marks=pytest.mark.takes_long),
+        (np.float32, MIN_SORTED + 50), (np.float64, MIN_SORTED + 50), (np.int32, 700),
+        (np.float32, 2 * MAX_SORTED + 100),
+        pytest.param(np.float64, 2 * MAX_SORTED + 100, marks=pytest.mark.takes_long),
+        pytest.param(np.int32, 2 * MAX_SORTED + 100, marks=pytest.mark.takes_long),
     ],
 )  # fmt: skip
 def test_order_changes_no_bit(kind, count):
@@ -472,20 +472,20 @@ def test_order_changes_no_bit(kind, count):
     frames, asked = [], []
     for seen in (0, 10 * count):
         drawer = tile_rasterizer.tile_drawer(listed, faces, screen, kind)
-        drawer.drawing.asked[SEEN_OF_THEM] = seen
+        drawer.drawing.request[SORTED_DRAWN] = seen
         frame = np.empty((64, 64), kind), np.empty((64, 64), np.int32)
         tile_rasterizer.draw_tiles(
             only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
         )
         frames.append(frame)
-        asked.append(drawer.drawing.asked)
+        asked.append(drawer.drawing.request)
     assert frames[0][0].tobytes() == frames[1][0].tobytes()
     assert frames[0][1].tobytes() == frames[1][1].tobytes()
     ordered, listed = asked
-    assert ordered[PUT_IN_ORDER] == count
-    assert 0 < ordered[SEEN_OF_THEM] < count
+    assert ordered[SORTED] == count
+    assert 0 < ordered[SORTED_DRAWN] < count
     # What is not put in order counts a little, so that it is tried again.
-    assert (listed[PUT_IN_ORDER], listed[SEEN_OF_THEM]) == (count >> FORGETTING_BITS, 10 * count)
+    assert (listed[SORTED], listed[SORTED_DRAWN]) == (count >> RETRY_BITS, 10 * count)
 
 
 def test_lists_are_put_in_order_again_after_a_while():
@@ -494,23 +494,23 @@ def test_lists_are_put_in_order_again_after_a_while():
     listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
     starts, floor = np.array([0, count], np.int64), np.full(1, -np.inf, np.float32)
     drawer = tile_rasterizer.tile_drawer(listed, faces, screen, np.float32)
-    asked = drawer.drawing.asked
-    asked[PUT_IN_ORDER], asked[SEEN_OF_THEM] = 1000, 600
+    asked = drawer.drawing.request
+    asked[SORTED], asked[SORTED_DRAWN] = 1000, 600
     frame = np.empty((64, 64), np.float32), np.empty((64, 64), np.int32)
     was_ordered = []
     for _ in range(6):
-        before = asked[PUT_IN_ORDER]
+        before = asked[SORTED]
         tile_rasterizer.draw_tiles(
             only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
         )
-        was_ordered.append(asked[PUT_IN_ORDER] - before == count)
+        was_ordered.append(asked[SORTED] - before == count)
     assert was_ordered == [False] * 5 + [True]
     # Long ago counts less.
-    asked[PUT_IN_ORDER], asked[SEEN_OF_THEM] = 8 * REMEMBERED, 2 * REMEMBERED
+    asked[SORTED], asked[SORTED_DRAWN] = 8 * MAX_HISTORY, 2 * MAX_HISTORY
     tile_rasterizer.draw_tiles(
         only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
     )
-    assert asked[PUT_IN_ORDER] == 4 * REMEMBERED + count
+    assert asked[SORTED] == 4 * MAX_HISTORY + count
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (70, -90)])
@@ -530,13 +530,13 @@ def test_triangles_are_put_in_order(shift, spread):
     faces = Faces(numbers, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     listed = random.permutation(count).astype(np.int32)
     origin, first, some = np.array([128, 64]), 20, 250
-    asked, (order, surveyed) = np.zeros(ASKED, np.int64), order_memory()
-    asked[[FIRST, COUNT, TO_COME]] = first, some, count - first - some
+    asked, (order, surveyed) = np.zeros(REQUEST_SIZE, np.int64), order_memory()
+    asked[[FIRST, COUNT, PREFETCH]] = first, some, count - first - some
     asked[[LEFT_COLUMN, TOP_ROW, GRID_BITS, SHIFT_X, SHIFT_Y]] = *origin, bits, *shift
     batch = tile_rasterizer.scratch_memory()[2:4]
     order_triangles(asked, listed, faces, screen, *batch, surveyed, order)
     entries, ends, bounds = order
-    assert ends[WAYS * BUCKETS - 1] == some
+    assert ends[PARTS * BUCKETS - 1] == some
     chosen, boxes = entries[:some] & 0xFFFFFFFF, entries[:some] >> 32
     assert sorted(chosen) == sorted(listed[first : first + some])
     # The box of cells around the pixels whose centres the box of each triangle encloses.
@@ -555,12 +555,12 @@ def test_triangles_are_put_in_order(shift, spread):
     # Each range lies behind those before it, and none in it is nearer than is known.
     near, start, last = depth[chosen].max(axis=1), 0, np.inf
     for bucket in range(BUCKETS):
-        stop = ends[WAYS * (bucket + 1) - 1]
+        stop = ends[PARTS * (bucket + 1) - 1]
         assert (near[start:stop] <= bounds[bucket]).all()
         if start < stop:
             assert near[start:stop].max() <= last
             last, start = near[start:stop].min(), stop
-    assert (ends[WAYS - 1] < some) == (spread > 0.0)
+    assert (ends[PARTS - 1] < some) == (spread > 0.0)
 
 
 def test_larger_depth_wins_when_reversed():

@@ -73,13 +73,13 @@ def test_without_diagnose_no_kernel_runs_and_no_list_is_kept(cube, camera, monke
     for name in ("count_samples", "find_fates", "largest_error"):
         monkeypatch.setattr(diagnostics_stage, name, forbidden)
     kept = []
-    find_visible = visibility_pass.find_visible
+    run_visibility = visibility_pass.run_visibility
 
     def watched(*arguments, **options):
-        kept.append(find_visible(*arguments, **options))
+        kept.append(run_visibility(*arguments, **options))
         return kept[-1]
 
-    monkeypatch.setattr(visibility_pass, "find_visible", watched)
+    monkeypatch.setattr(visibility_pass, "run_visibility", watched)
     frame = rj.render(cube, camera, size=(16, 8), threads=1)
     assert kept[0].lists is None
     assert "diagnostics" not in frame.stats.seconds

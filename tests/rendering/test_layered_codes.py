@@ -228,7 +228,7 @@ def test_where_nothing_is_mixed_codes_change_nothing(cube, camera, monkeypatch, 
     def refuse(*_):
         raise AssertionError("nothing is mixed")
 
-    for name in ("lay_codes", "hide_behind", "mix_codes", "decode_rows"):
+    for name in ("composite_codes", "mark_hidden", "mix_codes", "decode_rows"):
         monkeypatch.setattr(srgb_compositing, name, refuse)
     scene = scene_of([cube])
     scene.tone_map = rj.ToneMap("aces")

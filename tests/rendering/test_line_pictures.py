@@ -186,7 +186,7 @@ def test_a_scene_of_triangles_compiles_nothing_of_lines():
         for what in (mesh, lines)
     ]
     assert {name for name in kernels[1] - kernels[0] if "line" in name} == {
-        "line_tessellation.place_segments", "line_tessellation.count_pieces",
+        "line_tessellation.project_segments", "line_tessellation.count_pieces",
         "line_tessellation.write_pieces",
     }  # fmt: skip
     assert not any("line_tessellation" in name for name in kernels[0])

@@ -330,7 +330,7 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
     told = [k for k in list_kernels(half.plan) if k.name.startswith("alpha_test.")]
     assert [(k.name, k.condition) for k in told] == [
         (f"alpha_test.{name}", "something casts a shadow on what is seen")
-        for name in ("keep_shown", "find_alphas")
+        for name in ("queue_triangle", "find_alphas")
     ]
     darkened = [bright.linear.sum() - frame.linear.sum() for frame in (half, full)]
     assert darkened[1] > 10.0
@@ -340,13 +340,13 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
 @pytest.fixture
 def fitted(monkeypatch):
     """Catch the scenery that shadow maps are fitted to."""
-    caught, original = [], maps.scenery_of
+    caught, original = [], maps.collect_scenery
 
     def catch(*arguments):
         caught.append(original(*arguments))
         return caught[-1]
 
-    monkeypatch.setattr(maps, "scenery_of", catch)
+    monkeypatch.setattr(maps, "collect_scenery", catch)
     return caught
 
 
@@ -463,7 +463,7 @@ def test_least_values_of_rectangles_are_not_above_those_of_a_loop():
     for height, width in ((1, 1), (1, 7), (9, 5), (23, 40)):
         values = rng.normal(size=(height, width)).astype(np.float32)
         rows, columns = (np.sort(rng.integers(0, n, (2, 300)), axis=0) for n in (height, width))
-        found = visible_cells._least_within(values, *rows, *columns)
+        found = visible_cells._min_within(values, *rows, *columns)
         want = [
             values[top : bottom + 1, left : right + 1].min()
             for top, bottom, left, right in zip(*rows, *columns, strict=True)

@@ -151,13 +151,13 @@ def test_another_process_gives_the_same_bits():
 
 def test_depth_of_the_frame_is_kept_where_something_asks_for_it(busy, camera, monkeypatch):
     kept = []
-    find_visible = visibility_pass.find_visible
+    run_visibility = visibility_pass.run_visibility
 
     def watched(*arguments, **options):
-        kept.append(find_visible(*arguments, **options).depth.shape)
-        return find_visible(*arguments, **options)
+        kept.append(run_visibility(*arguments, **options).depth.shape)
+        return run_visibility(*arguments, **options)
 
-    monkeypatch.setattr(visibility_pass, "find_visible", watched)
+    monkeypatch.setattr(visibility_pass, "run_visibility", watched)
     ways = ({}, {"diagnose": True}, {"outputs": ("color", "depth")})
     frames = [
         rj.render(busy, camera, size=(24, 16), **{"outputs": ("color",), **way}) for way in ways

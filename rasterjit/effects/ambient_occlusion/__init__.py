@@ -34,12 +34,12 @@ from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
 LENS = "lens of occlusion"
-"""What recorded calls find of each view: see `Occlusion.differ`."""
+"""Key of a view's lens in recorded calls: see `Occlusion.differ`."""
 
 
 def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[np.float32]:
     """
-    Return the share of ambient light that reaches each pixel, (H, W), 0..1.
+    Compute the visibility of ambient light at each pixel, (H, W), 0..1.
 
     Parameters
     ----------
@@ -58,21 +58,21 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     smooth = empty(face_id.shape, np.float32)
     per_task = rows_per_task(face_id.shape, workers)
     bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
-    own = geometry, context.placement, lens, snap, pattern, rough, tolerance
+    shared = geometry, context.placement, lens, snap, pattern, rough, tolerance
     # Keep bound kernels alive while others call them.
     bounds, scratches = zip(*(stage.scratch_of(depth, lens) for _ in bands), strict=True)
     workers.hold(bounds)
-    looks = [
-        (face_id, rows, depth, *own, scratch)
+    calls = [
+        (face_id, rows, depth, *shared, scratch)
         for rows, scratch in zip(bands, scratches, strict=True)
     ]
-    workers.run(stage.find_occlusion, looks)
+    workers.run(stage.find_occlusion, calls)
     for source, first, strength, target in (
         (rough, -2, 1.0, smooth), (smooth, -1, effect.strength, rough),
     ):  # fmt: skip
         rest = first, depth, tolerance, strength, target
-        smooths = [(source, rows, *rest, np.empty((2, width), np.float32)) for rows in bands]
-        workers.run(stage.smooth_occlusion, smooths)
+        passes = [(source, rows, *rest, np.empty((2, width), np.float32)) for rows in bands]
+        workers.run(stage.smooth_occlusion, passes)
     return rough
 
 
@@ -94,7 +94,7 @@ class Occlusion(LooksAround, BatchedEffect):
     joins_faces = True
 
     def decide(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
-        """Return it, with a radius."""
+        """Return the effect, with a radius."""
         effect = facts.fields[self.field]
         return replace(effect, radius=radius_of(effect, planning.scene))
 
@@ -121,7 +121,7 @@ class Occlusion(LooksAround, BatchedEffect):
     def prepare(
         self, context: FrameContext, data: AmbientOcclusion, seen: Sequence[Any]
     ) -> NDArray[np.float32]:
-        """Return the share of ambient light that reaches each pixel, (H, W) float32."""
+        """Return the visibility of ambient light at each pixel, (H, W) float32."""
         return find_occlusion(data, context)
 
     def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[Any]]:
@@ -133,15 +133,15 @@ class Occlusion(LooksAround, BatchedEffect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and smooth it."""
-        kernels = stage.find_occlusion, stage.look_around, stage.smooth_occlusion
+        kernels = stage.find_occlusion, stage.trace_horizons, stage.smooth_occlusion
         return {"prepare": rows_where("", *kernels)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return what it is found in."""
+        """Return the pictures that it is computed in."""
         return [("ambient occlusion, smooth, rough and its range", 3, "float32", plan.size)]
 
     def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return shares that let all light through."""
+        """Return a visibility of 1 for each pixel."""
         return np.ones_like(record)
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:

@@ -31,7 +31,7 @@ from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.surface import sample_block as entry
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import VECTOR, Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import call_bound, flat, part
@@ -44,8 +44,8 @@ BLOCK_COLUMNS = 128
 STEPS = 4
 """Samples on each side of a slice."""
 
-FARTHEST_STEP = np.float32(256.0)
-"""Longest way on the screen, pixels: beyond, samples would miss most of what lies between."""
+MAX_STEP = np.float32(256.0)
+"""Longest step on the screen, pixels: beyond, samples would miss most of what lies between."""
 
 PATTERN = 4
 """Side of the square of pixels that holds every direction and step length once."""
@@ -53,13 +53,13 @@ PATTERN = 4
 DEPTH_ROUNDING = np.float32(2.0**-22)
 """Slack for the rounding of a float32 depth and of the arithmetic with it, as a share of it."""
 
-MIN = np.float32(1e-30)
-"""Added to what is divided by or taken the root of; far below any length in units of the radius."""
+TINY = np.float32(1e-30)
+"""Added to divisors and under roots; far below any length in units of the radius."""
 
 PI_HALF = np.float32(1.5707963)
 
-SLOPES_APART = np.float32(2.0)
-FOOTPRINTS_APART = np.float32(2.0)
+MAX_SLOPES = np.float32(2.0)
+MAX_FOOTPRINTS = np.float32(2.0)
 """Pixels average if their depths differ by less than this many slopes and footprints of a pixel."""
 
 STRIDE = BLOCK_COLUMNS + 16
@@ -67,9 +67,8 @@ STRIDE = BLOCK_COLUMNS + 16
 
 (
     COLUMN, DEPTH, PW, NX, NY, NZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, RISE_A, RISE_B,
-    RISE_C, SLACK, WAY_A, WAY_B, WAY_C, SHARE, EYE_COSINE, EYE_SINE, REACH, AHEAD, BEHIND,
-    STEP_X, STEP_Y, JITTER, BLOCKED, OPEN, TOLERANCE, STRETCH, RIGHT, LOW,
-    CHANGE, HEIGHT,
+    RISE_C, SLACK, ALONG_A, ALONG_B, ALONG_C, N_LENGTH, EYE_COSINE, EYE_SINE, RADIUS, HORIZON_0,
+    HORIZON_1, STEP_X, STEP_Y, JITTER, BLOCKED, OPEN, TOLERANCE, INV_LENGTH, DX, DY, DZ, HEIGHT,
 ) = (row * STRIDE for row in range(42))  # fmt: skip
 """
 Where the rows of scratch begin. They lie a constant apart, so that loops over several vectorize.
@@ -77,14 +76,14 @@ Where the rows of scratch begin. They lie a constant apart, so that loops over s
 - COLUMN, DEPTH, PW: column, stored depth, and how a homogeneous length becomes one in radii.
 - N: normal of the face, toward the viewer, world axes. V: unit vector to the viewer.
 - A, B, C: way to the surface at the next column, the next row, and the next unit of depth; RISE:
-  height of those above the face's plane; WAY: their length along the slice, in that plane.
+  height of those above the face's plane; ALONG: their length along the slice, in that plane.
 - SLACK: height that counts as none.
-- SHARE, STRETCH: length of the normal in the slice, and one over it; EYE: elevation of the line of
-  sight; REACH: radius in pixels.
-- AHEAD, BEHIND: cosine of the horizon's elevation on both sides.
+- N_LENGTH, INV_LENGTH: length of the normal in the slice, and one over it; EYE: elevation of the
+  line of sight; RADIUS: radius in pixels.
+- HORIZON_0, HORIZON_1: cosine of the horizon's elevation on both sides.
 - STEP, JITTER: direction on the screen, and how far into its length a step begins.
 - BLOCKED, OPEN: sums over the slices.
-- RIGHT, LOW, CHANGE: way to a sample, in columns, rows and stored depth; HEIGHT: how high above the
+- DX, DY, DZ: way to a sample, in columns, rows and stored depth; HEIGHT: how high above the
   plane it is, 0 where it is not.
 - TOLERANCE: largest difference of depth to pixels of the same surface.
 """
@@ -100,15 +99,15 @@ def screen_pattern() -> np.ndarray:
     angle. Offsets are in 0..1, in an order unlike that of the directions.
     """
     cosine, sine = 0.9951847266721969, 0.0980171403295606  # of 1 / 32 of a half turn
-    across, down = 0.9987954562051724, 0.049067674327418015  # of half of that
-    turns = []
+    x, y = 0.9987954562051724, 0.049067674327418015  # of half of that
+    directions = []
     for _ in range(PATTERN * PATTERN):
-        turns.append((across, down))
-        across, down = across * cosine - down * sine, across * sine + down * cosine
+        directions.append((x, y))
+        x, y = x * cosine - y * sine, x * sine + y * cosine
     # Neighbours in x, y and on diagonals look in directions that lie far apart.
     order = (0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5)
-    later = (0, 5, 10, 15, 7, 2, 13, 8, 14, 11, 4, 1, 9, 12, 3, 6)
-    table = [(*turns[k], (n + 0.5) / 16.0) for k, n in zip(order, later, strict=True)]
+    step_order = (0, 5, 10, 15, 7, 2, 13, 8, 14, 11, 4, 1, 9, 12, 3, 6)
+    table = [(*directions[k], (n + 0.5) / 16.0) for k, n in zip(order, step_order, strict=True)]
     return np.array(table, np.float32).reshape(PATTERN, PATTERN, 3)
 
 
@@ -128,7 +127,7 @@ def arc_cosine(x):
 
 
 @helper
-def blocked_share(horizon, eye_cosine, eye_sine, eye_angle):
+def blocked_light(horizon, eye_cosine, eye_sine, eye_angle):
     """
     Return the cosine-weighted light of half a slice from below the horizon.
 
@@ -141,8 +140,8 @@ def blocked_share(horizon, eye_cosine, eye_sine, eye_angle):
     double_cosine = np.float32(1.0) - np.float32(2.0) * sine * sine
     swing = double_sine * eye_cosine - double_cosine * eye_sine + eye_sine
     angle = min(arc_cosine(cosine), eye_angle)
-    share = np.float32(0.5) * (np.float32(0.5) * swing - angle * eye_cosine)
-    return max(share, np.float32(0.0))
+    light = np.float32(0.5) * (np.float32(0.5) * swing - angle * eye_cosine)
+    return max(light, np.float32(0.0))
 
 
 @helper
@@ -152,19 +151,19 @@ def gather_faces(faces, depth, left, s, geometry, placement):
 
     The last one is there once more, until vectors are full.
     """
-    count, known, owner = np.int64(0), np.int64(-1), np.int64(0)
+    count, last_face, owner = np.int64(0), np.int64(-1), np.int64(0)
     x = y = z = np.float32(0.0)
-    for at in range(np.uintp(faces.shape[0])):
-        face = np.int64(faces[at])
+    for column in range(np.uintp(faces.shape[0])):
+        face = np.int64(faces[column])
         if face < 0:
             continue
-        if face != known:
-            known = face
+        if face != last_face:
+            last_face = face
             owner = find_object(face, placement.face_starts, owner)
             a, b, c = corners_of(geometry.faces, face)
             normal = face_normal(a, b, c, owner, placement)
             x, y, z = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
-        s[COLUMN + count], s[DEPTH + count] = np.float32(left + np.int64(at)), depth[at]
+        s[COLUMN + count], s[DEPTH + count] = np.float32(left + np.int64(column)), depth[column]
         s[NX + count], s[NY + count], s[NZ + count] = x, y, z
         count += 1
     while count % VECTOR != 0:
@@ -175,7 +174,7 @@ def gather_faces(faces, depth, left, s, geometry, placement):
 
 
 @disjoint_helper
-def place_block(s, count, row, lens, viewer, snap, pattern):
+def set_up_block(s, count, row, lens, viewer, snap, pattern):
     """Find how points and heights change with column (a), row (b) and stored depth (c)."""
     one, two, parts = np.float32(1.0), np.float32(2.0), (lens[0], lens[1], lens[2], lens[3])
     for i in range(min(count, BLOCK_COLUMNS)):
@@ -187,19 +186,19 @@ def place_block(s, count, row, lens, viewer, snap, pattern):
         cx, cy, cz = change(parts[2], x, y, z)
         # Turn the normal toward the viewer.
         ex, ey, ez = viewer[0] - viewer[3] * x, viewer[1] - viewer[3] * y, viewer[2] - viewer[3] * z
-        scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + MIN)
+        scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + TINY)
         vx, vy, vz = ex * scale, ey * scale, ez * scale
         nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
-        turn = one if nx * vx + ny * vy + nz * vz >= np.float32(0.0) else -one
-        nx, ny, nz = turn * nx, turn * ny, turn * nz
+        sign = one if nx * vx + ny * vy + nz * vz >= np.float32(0.0) else -one
+        nx, ny, nz = sign * nx, sign * ny, sign * nz
         # Find the heights, and which of them are rounding.
         rise_a = nx * ax + ny * ay + nz * az
         rise_b = nx * bx + ny * by + nz * bz
         rise_c = nx * cx + ny * cy + nz * cz
-        slope = (abs(rise_a) + abs(rise_b)) / (abs(rise_c) + MIN)
+        slope = (abs(rise_a) + abs(rise_b)) / (abs(rise_c) + TINY)
         step = np.sqrt(ax * ax + ay * ay + az * az)
-        deep = np.sqrt(cx * cx + cy * cy + cz * cz) + MIN
-        tolerance = SLOPES_APART * slope + FOOTPRINTS_APART * step / deep
+        deep = np.sqrt(cx * cx + cy * cy + cz * cz) + TINY
+        tolerance = MAX_SLOPES * slope + MAX_FOOTPRINTS * step / deep
         s[SLACK + i] = snap * (abs(rise_a) + abs(rise_b))
         s[TOLERANCE + i] = tolerance + two * DEPTH_ROUNDING * abs(depth)
         s[NX + i], s[NY + i], s[NZ + i] = nx, ny, nz
@@ -209,18 +208,18 @@ def place_block(s, count, row, lens, viewer, snap, pattern):
         s[CX + i], s[CY + i], s[CZ + i] = cx, cy, cz
         s[RISE_A + i], s[RISE_B + i], s[RISE_C + i] = rise_a, rise_b, rise_c
         s[BLOCKED + i], s[OPEN + i] = np.float32(0.0), np.float32(0.0)
-        own = np.uintp(np.int32(s[COLUMN + i]) % np.int32(PATTERN) * np.int32(3))
-        s[STEP_X + i], s[STEP_Y + i] = pattern[own], pattern[own + np.uintp(1)]
-        s[JITTER + i] = pattern[own + np.uintp(2)]
+        cell = np.uintp(np.int32(s[COLUMN + i]) % np.int32(PATTERN) * np.int32(3))
+        s[STEP_X + i], s[STEP_Y + i] = pattern[cell], pattern[cell + np.uintp(1)]
+        s[JITTER + i] = pattern[cell + np.uintp(2)]
 
 
 @disjoint_helper
-def place_slice(s, count, turned):
-    """Lay a slice along the direction of each pixel, or at a right angle to it if ``turned``."""
+def set_up_slice(s, count, quarter_turns):
+    """Lay a slice along the direction of each pixel, at ``quarter_turns``."""
     one = np.float32(1.0)
     for i in range(min(count, BLOCK_COLUMNS)):
-        right = (one - turned) * s[STEP_X + i] - turned * s[STEP_Y + i]
-        low = (one - turned) * s[STEP_Y + i] + turned * s[STEP_X + i]
+        right = (one - quarter_turns) * s[STEP_X + i] - quarter_turns * s[STEP_Y + i]
+        low = (one - quarter_turns) * s[STEP_Y + i] + quarter_turns * s[STEP_X + i]
         nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
         vx, vy, vz = s[VX + i], s[VY + i], s[VZ + i]
         ax, ay, az = s[AX + i], s[AY + i], s[AZ + i]
@@ -231,53 +230,53 @@ def place_slice(s, count, turned):
         along = ex * vx + ey * vy + ez * vz
         ex, ey, ez = ex - along * vx, ey - along * vy, ez - along * vz
         length = np.sqrt(ex * ex + ey * ey + ez * ez)
-        scale = one / (length + MIN)
+        scale = one / (length + TINY)
         ex, ey, ez = ex * scale, ey * scale, ez * scale
-        s[REACH + i] = min(s[PW + i] * scale, FARTHEST_STEP)
+        s[RADIUS + i] = min(s[PW + i] * scale, MAX_STEP)
         # Find the normal in the slice, and the way in the face's plane.
         n_along = nx * ex + ny * ey + nz * ez
         n_toward = nx * vx + ny * vy + nz * vz
-        share = np.sqrt(n_along * n_along + n_toward * n_toward)
-        stretch = one / (share + MIN)
-        cosine, sine = -n_along * stretch, n_toward * stretch
+        n_length = np.sqrt(n_along * n_along + n_toward * n_toward)
+        inverse = one / (n_length + TINY)
+        cosine, sine = -n_along * inverse, n_toward * inverse
         tx, ty, tz = sine * ex + cosine * vx, sine * ey + cosine * vy, sine * ez + cosine * vz
-        s[SHARE + i], s[STRETCH + i] = share, stretch
+        s[N_LENGTH + i], s[INV_LENGTH + i] = n_length, inverse
         s[EYE_COSINE + i], s[EYE_SINE + i] = cosine, sine
-        s[WAY_A + i] = tx * ax + ty * ay + tz * az
-        s[WAY_B + i] = tx * bx + ty * by + tz * bz
-        s[WAY_C + i] = tx * cx + ty * cy + tz * cz
-        s[AHEAD + i], s[BEHIND + i] = one, one
+        s[ALONG_A + i] = tx * ax + ty * ay + tz * az
+        s[ALONG_B + i] = tx * bx + ty * by + tz * bz
+        s[ALONG_C + i] = tx * cx + ty * cy + tz * cz
+        s[HORIZON_0 + i], s[HORIZON_1 + i] = one, one
 
 
 @disjoint_helper
-def find_heights(s, count, side, turned, number, row, size, depths):
+def find_heights(s, count, side, quarter_turns, sample, row, size, depths):
     """Take one sample for each pixel, on one side of its slice; tell if any is above its plane."""
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    found = np.int32(0)
+    any_above = np.int32(0)
     for i in range(min(count, BLOCK_COLUMNS)):
         # Find the pixel to look at.
-        part = (number + s[JITTER + i]) * np.float32(1.0 / STEPS)
-        step = side * (one + max(s[REACH + i] - one, zero) * part * part)
+        part = (sample + s[JITTER + i]) * np.float32(1.0 / STEPS)
+        step = side * (one + max(s[RADIUS + i] - one, zero) * part * part)
         dx, dy, depth = s[STEP_X + i], s[STEP_Y + i], s[DEPTH + i]
-        right = np.floor(step * ((one - turned) * dx - turned * dy) + half)
-        low = np.floor(step * ((one - turned) * dy + turned * dx) + half)
+        right = np.floor(step * ((one - quarter_turns) * dx - quarter_turns * dy) + half)
+        low = np.floor(step * ((one - quarter_turns) * dy + quarter_turns * dx) + half)
         x, y = s[COLUMN + i] + right, row + low
         is_inside = (x >= zero) & (x < size[0]) & (y >= zero) & (y < size[1])
         x, y = clamped(x, zero, size[0] - one), clamped(y, zero, size[1] - one)
-        place = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
-        there = depths[np.uintp(place & np.uint32(0x7FFFFFFF))]
-        is_inside = is_inside & (there > np.float32(-np.inf))
+        pixel = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
+        other = depths[np.uintp(pixel & np.uint32(0x7FFFFFFF))]
+        is_inside = is_inside & (other > np.float32(-np.inf))
         # Find how high above the plane it is.
-        change = there - depth if is_inside else zero
+        dz = other - depth if is_inside else zero
         rise_c = s[RISE_C + i]
-        rounding = DEPTH_ROUNDING * (abs(there) + abs(depth)) * abs(rise_c)
-        height = right * s[RISE_A + i] + low * s[RISE_B + i] + change * rise_c
+        rounding = DEPTH_ROUNDING * (abs(other) + abs(depth)) * abs(rise_c)
+        height = right * s[RISE_A + i] + low * s[RISE_B + i] + dz * rise_c
         height = height - s[SLACK + i] - rounding
         is_above = is_inside & (height > zero)
-        found = np.int32(found | np.int32(is_above))
+        any_above = np.int32(any_above | np.int32(is_above))
         s[HEIGHT + i] = height if is_above else zero
-        s[RIGHT + i], s[LOW + i], s[CHANGE + i] = right, low, change
-    return found
+        s[DX + i], s[DY + i], s[DZ + i] = right, low, dz
+    return any_above
 
 
 @disjoint_helper
@@ -286,12 +285,12 @@ def raise_horizon(s, count, side, lens, horizon):
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     across, down, deeper = lens[0, 3], lens[1, 3], lens[2, 3]
     for i in range(min(count, BLOCK_COLUMNS)):
-        height, right, low, change = s[HEIGHT + i], s[RIGHT + i], s[LOW + i], s[CHANGE + i]
+        height, right, low, dz = s[HEIGHT + i], s[DX + i], s[DY + i], s[DZ + i]
         # Find how far along the plane it is.
-        flat = side * (right * s[WAY_A + i] + low * s[WAY_B + i] + change * s[WAY_C + i])
-        w = s[PW + i] + right * across + low * down + change * deeper
-        high = height * s[STRETCH + i]
-        squared = flat * flat + high * high + MIN
+        flat = side * (right * s[ALONG_A + i] + low * s[ALONG_B + i] + dz * s[ALONG_C + i])
+        w = s[PW + i] + right * across + low * down + dz * deeper
+        high = height * s[INV_LENGTH + i]
+        squared = flat * flat + high * high + TINY
         length = np.sqrt(squared)
         # Ignore samples beyond the radius.
         scale = one / (length * w * w)
@@ -306,55 +305,55 @@ def raise_horizon(s, count, side, lens, horizon):
 def add_slice(s, count):
     """Add up what the horizons on both sides block, and the light there would be without."""
     for i in range(min(count, BLOCK_COLUMNS)):
-        cosine, sine, share = s[EYE_COSINE + i], s[EYE_SINE + i], s[SHARE + i]
+        cosine, sine, n_length = s[EYE_COSINE + i], s[EYE_SINE + i], s[N_LENGTH + i]
         angle = arc_cosine(cosine)
         back = PI_HALF + PI_HALF - angle
-        blocked = s[BLOCKED + i] + share * blocked_share(s[AHEAD + i], cosine, sine, angle)
-        s[BLOCKED + i] = blocked + share * blocked_share(s[BEHIND + i], -cosine, sine, back)
-        s[OPEN + i] += share * (sine + (PI_HALF - angle) * cosine)
+        blocked = s[BLOCKED + i] + n_length * blocked_light(s[HORIZON_0 + i], cosine, sine, angle)
+        s[BLOCKED + i] = blocked + n_length * blocked_light(s[HORIZON_1 + i], -cosine, sine, back)
+        s[OPEN + i] += n_length * (sine + (PI_HALF - angle) * cosine)
 
 
 @helper
 def write_block(s, faces, occlusion, tolerance):
     """Write the visibility; 1 where nothing is, or beyond the range of float32."""
     n = np.int64(0)
-    for at in range(np.uintp(faces.shape[0])):
-        occlusion[at], tolerance[at] = np.float32(1.0), np.float32(0.0)
-        if faces[at] < 0:
+    for column in range(np.uintp(faces.shape[0])):
+        occlusion[column], tolerance[column] = np.float32(1.0), np.float32(0.0)
+        if faces[column] < 0:
             continue
         blocked, full = s[BLOCKED + n], s[OPEN + n]
         if full > np.float32(0.0):
-            share = max(np.float32(0.0), blocked / full)
-            occlusion[at] = max(np.float32(1.0) - share, np.float32(0.0))
-        tolerance[at] = s[TOLERANCE + n]
+            fraction = max(np.float32(0.0), blocked / full)
+            occlusion[column] = max(np.float32(1.0) - fraction, np.float32(0.0))
+        tolerance[column] = s[TOLERANCE + n]
         n += 1
 
 
 @kernel
-def look_around(
-    asked: int64[::1], depth: float32[:, ::1], lens: float32[:, ::1], s: float32[::1]
+def trace_horizons(
+    request: int64[::1], depth: float32[:, ::1], lens: float32[:, ::1], s: float32[::1]
 ):  # fmt: skip
     """
-    Look along both slices of the pixels of a block; `find_occlusion` calls it by its address.
+    Find what both slices block at the pixels of a block; `find_occlusion` calls it by address.
 
     Parameters
     ----------
-    asked : (2,) int64
+    request : (2,) int64
         How many pixels there are, and their row.
     depth, lens : arrays
         As `find_occlusion` takes them.
     s : float32
-        Scratch, as `place_block` left it; changes rows BLOCKED and OPEN.
+        Scratch, as `set_up_block` left it; changes rows BLOCKED and OPEN.
     """
-    count, row, depths = asked[0], np.float32(asked[1]), flat(depth)
+    count, row, depths = request[0], np.float32(request[1]), flat(depth)
     size = np.float32(depth.shape[1]), np.float32(depth.shape[0])
     for slice_number in range(2):
-        turned = np.float32(slice_number)
-        place_slice(s, count, turned)
+        quarter_turns = np.float32(slice_number)
+        set_up_slice(s, count, quarter_turns)
         for n in range(2 * STEPS):
-            side, number = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
-            horizon = AHEAD + (n // STEPS) * STRIDE
-            if find_heights(s, count, side, turned, number, row, size, depths) != 0:
+            side, sample = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
+            horizon = HORIZON_0 + (n // STEPS) * STRIDE
+            if find_heights(s, count, side, quarter_turns, sample, row, size, depths) != 0:
                 raise_horizon(s, count, side, lens, s[horizon : horizon + count])
         add_slice(s, count)
 
@@ -362,18 +361,18 @@ def look_around(
 class Scratch(NamedTuple):
     """The memory that a thread needs to find occlusion; keep its `Bound` kernel as long."""
 
-    look: int64[::1]
-    """(2,): how to call `look_around`."""
-    asked: int64[::1]
+    horizons: int64[::1]
+    """(2,): how to call `trace_horizons`."""
+    request: int64[::1]
     block: float32[::1]
     viewer: float32[::1]
 
 
 def scratch_of(depth: np.ndarray, lens: np.ndarray) -> tuple[Bound, Scratch]:
-    """Return `look_around`, bound to a picture and this thread's memory, and that memory."""
-    asked, block = np.empty(2, np.int64), np.empty(SCRATCH, np.float32)
-    bound = Bound(look_around, asked, depth, lens, block)
-    return bound, Scratch(bound.words, asked, block, np.empty(4, np.float32))
+    """Return `trace_horizons`, bound to a picture and this thread's memory, and that memory."""
+    request, block = np.empty(2, np.int64), np.empty(SCRATCH, np.float32)
+    bound = Bound(trace_horizons, request, depth, lens, block)
+    return bound, Scratch(bound.words, request, block, np.empty(4, np.float32))
 
 
 @kernel
@@ -415,31 +414,31 @@ def find_occlusion(
             right = min(left + BLOCK_COLUMNS, width)
             faces = part(face_id, row, left, right)
             count = gather_faces(faces, part(depth, row, left, right), left, s, geometry, placement)
-            own = flat(pattern[row % PATTERN])
-            place_block(s, count, np.float32(row), lens, viewer, np.float32(snap), own)
-            scratch.asked[0], scratch.asked[1] = count, row
-            call_bound(scratch.look)
+            pattern_row = flat(pattern[row % PATTERN])
+            set_up_block(s, count, np.float32(row), lens, viewer, np.float32(snap), pattern_row)
+            scratch.request[0], scratch.request[1] = count, row
+            call_bound(scratch.horizons)
             write_block(
                 s, faces, part(occlusion, row, left, right), part(tolerance, row, left, right)
             )
 
 
 @disjoint_helper
-def add_neighbour(mine, tolerance, theirs, found, total, number):
+def add_neighbour(depth, tolerance, other_depth, values, total, counts):
     """Add a neighbour's value where it is on the same surface."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    for i in range(mine.shape[0]):
-        is_same = abs(theirs[i] - mine[i]) <= tolerance[i]
-        total[i] += found[i] if is_same else zero
-        number[i] += one if is_same else zero
+    for i in range(depth.shape[0]):
+        is_same = abs(other_depth[i] - depth[i]) <= tolerance[i]
+        total[i] += values[i] if is_same else zero
+        counts[i] += one if is_same else zero
 
 
 @disjoint_helper
-def add_four(mine, tolerance, a, b, c, d, of_a, of_b, of_c, of_d, total, number):
-    """Do the same for four neighbours, one after the other."""
+def add_four_neighbours(depth, tolerance, a, b, c, d, of_a, of_b, of_c, of_d, total, counts):
+    """Add four neighbours as `add_neighbour` does, one after the other."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    for i in range(mine.shape[0]):
-        here, within, added, count = mine[i], tolerance[i], total[i], number[i]
+    for i in range(depth.shape[0]):
+        here, within, added, count = depth[i], tolerance[i], total[i], counts[i]
         is_a, is_b = abs(a[i] - here) <= within, abs(b[i] - here) <= within
         is_c, is_d = abs(c[i] - here) <= within, abs(d[i] - here) <= within
         added += of_a[i] if is_a else zero
@@ -448,7 +447,7 @@ def add_four(mine, tolerance, a, b, c, d, of_a, of_b, of_c, of_d, total, number)
         added += of_d[i] if is_d else zero
         count += (one if is_a else zero) + (one if is_b else zero)
         count += (one if is_c else zero) + (one if is_d else zero)
-        total[i], number[i] = added, count
+        total[i], counts[i] = added, count
 
 
 @helper
@@ -463,43 +462,43 @@ def covered_columns(depth):
 
 
 @helper
-def add_row(row, there, first, begin, end, depth, tolerance, occlusion, total, number):
+def add_row(row, source, first, begin, end, depth, tolerance, occlusion, total, counts):
     """Add the neighbours in a row, from ``first`` on, of the columns from ``begin`` to ``end``."""
     low, high = max(begin, -first), min(end, depth.shape[1] - first - PATTERN + 1)
     if low < high:
-        add_four(
+        add_four_neighbours(
             part(depth, row, low, high), part(tolerance, row, low, high),
-            part(depth, there, low + first, high + first),
-            part(depth, there, low + first + 1, high + first + 1),
-            part(depth, there, low + first + 2, high + first + 2),
-            part(depth, there, low + first + 3, high + first + 3),
-            part(occlusion, there, low + first, high + first),
-            part(occlusion, there, low + first + 1, high + first + 1),
-            part(occlusion, there, low + first + 2, high + first + 2),
-            part(occlusion, there, low + first + 3, high + first + 3),
-            total[low:high], number[low:high],
+            part(depth, source, low + first, high + first),
+            part(depth, source, low + first + 1, high + first + 1),
+            part(depth, source, low + first + 2, high + first + 2),
+            part(depth, source, low + first + 3, high + first + 3),
+            part(occlusion, source, low + first, high + first),
+            part(occlusion, source, low + first + 1, high + first + 1),
+            part(occlusion, source, low + first + 2, high + first + 2),
+            part(occlusion, source, low + first + 3, high + first + 3),
+            total[low:high], counts[low:high],
         )  # fmt: skip
     else:
         low = high = end
     # At the sides of the picture, some of them are beyond it.
     for start, stop in ((begin, low), (high, end)):
-        for across in range(first, first + PATTERN):
-            left, right = max(start, -across), min(stop, depth.shape[1] - across)
+        for offset in range(first, first + PATTERN):
+            left, right = max(start, -offset), min(stop, depth.shape[1] - offset)
             if left < right:
                 add_neighbour(
                     part(depth, row, left, right), part(tolerance, row, left, right),
-                    part(depth, there, left + across, right + across),
-                    part(occlusion, there, left + across, right + across),
-                    total[left:right], number[left:right],
+                    part(depth, source, left + offset, right + offset),
+                    part(occlusion, source, left + offset, right + offset),
+                    total[left:right], counts[left:right],
                 )  # fmt: skip
 
 
 @disjoint_helper
-def finish_row(total, number, strength, smooth):
-    """Write the means."""
+def finish_row(total, counts, strength, smooth):
+    """Write the mean visibility of a row."""
     one = np.float32(1.0)
     for i in range(smooth.shape[0]):
-        mean = total[i] / max(number[i], one) if number[i] > np.float32(0.0) else one
+        mean = total[i] / max(counts[i], one) if counts[i] > np.float32(0.0) else one
         smooth[i] = one - strength * (one - mean)
 
 
@@ -531,14 +530,14 @@ def smooth_occlusion(
         This thread's own.
     """
     height, width = occlusion.shape
-    total, number = scratch[0], scratch[1]
+    total, counts = scratch[0], scratch[1]
     for row in range(rows[0], rows[1]):
         for i in range(np.uintp(width)):
-            total[i], number[i] = np.float32(0.0), np.float32(0.0)
+            total[i], counts[i] = np.float32(0.0), np.float32(0.0)
         begin, end = covered_columns(depth[row])
-        for there in range(max(row + first, 0), min(row + first + PATTERN, height)):
-            add_row(row, there, first, begin, end, depth, tolerance, occlusion, total, number)
-        finish_row(total, number, np.float32(strength), smooth[row])
+        for source in range(max(row + first, 0), min(row + first + PATTERN, height)):
+            add_row(row, source, first, begin, end, depth, tolerance, occlusion, total, counts)
+        finish_row(total, counts, np.float32(strength), smooth[row])
 
 
 @stage
@@ -554,10 +553,10 @@ def occlude_samples(block: Block, count, occlusion: float32[:, ::1]):
     occlusion : (H, W) float32
         Of the frame, 0..1.
     """
-    own = block.samples[entry.OCCLUSION]
-    for k in range(block.counts[entry.INTERVALS]):
+    visibility = block.samples[rows.OCCLUSION]
+    for k in range(block.counts[rows.INTERVALS]):
         _, column, start, stop = interval_of(block, k)
-        row = block.intervals[k, entry.INTERVAL_FRAME_ROW]
-        there = occlusion[row, column : column + stop - start]
+        row = block.intervals[k, rows.INTERVAL_FRAME_ROW]
+        pixels = occlusion[row, column : column + stop - start]
         for i in range(np.uintp(stop - start)):
-            own[np.uintp(start) + i] = own[np.uintp(start) + i] * there[i]
+            visibility[np.uintp(start) + i] = visibility[np.uintp(start) + i] * pixels[i]

@@ -24,7 +24,7 @@ from rasterjit.survey.plan import RenderPlan
 
 
 class Plate(NamedTuple):
-    """The picture behind what is drawn."""
+    """The background image of a frame."""
 
     image: NDArray[Any]
     """(H, W, 4) uint8 or float32, as `BackgroundImage` has it."""
@@ -56,16 +56,16 @@ class Plate(NamedTuple):
         rows, columns = face_id.shape
         left, top = self.corner[0], self.corner[1] + first_row
         part = np.ascontiguousarray(self.image[top : top + rows, left : left + columns])
-        is_open = face_id < 0
-        if linear.shape[1] > 0 and part.dtype == np.uint8 and is_open.all():
+        is_empty = face_id < 0
+        if linear.shape[1] > 0 and part.dtype == np.uint8 and is_empty.all():
             _decode(part, linear)
         elif linear.shape[1] > 0:
             light = part if part.dtype == np.float32 else _decode(part, np.empty_like(linear))
             # Four floats at once: a mask of each takes four times as long.
-            whole = linear.view(np.complex128), light.view(np.complex128)
-            np.copyto(*whole, where=is_open[..., None])
+            wide_pixels = linear.view(np.complex128), light.view(np.complex128)
+            np.copyto(*wide_pixels, where=is_empty[..., None])
         if color.shape[1] > 0:
-            np.copyto(color, _codes(part), where=is_open)
+            np.copyto(color, _codes(part), where=is_empty)
 
 
 def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
@@ -83,8 +83,8 @@ def _decode(part: NDArray[np.uint8], light: NDArray[np.float32]) -> NDArray[np.f
     return light
 
 
-class PictureBehind(BackdropEffect):
-    """Show a picture where no face is."""
+class BackgroundPicture(BackdropEffect):
+    """Show a background image where no face is."""
 
     name = "background image"
     follows_facts = True
@@ -109,12 +109,12 @@ class PictureBehind(BackdropEffect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that turn codes into light, or light into codes."""
-        is_of_codes = plan.data(self.name).image.dtype == np.uint8
-        kernel = srgb_compositing.decode_rows if is_of_codes else srgb_encoding.encode_rows
-        wanted = "light is mixed or asked for" if is_of_codes else "codes are mixed or asked for"
-        return {"background": rows_where(wanted, kernel)}
+        is_8bit = plan.data(self.name).image.dtype == np.uint8
+        kernel = srgb_compositing.decode_rows if is_8bit else srgb_encoding.encode_rows
+        condition = "light is mixed or asked for" if is_8bit else "codes are mixed or asked for"
+        return {"background": rows_where(condition, kernel)}
 
     places: ClassVar = {"background": Plate.show}
 
 
-BACKGROUND_IMAGE = PictureBehind()
+BACKGROUND_IMAGE = BackgroundPicture()

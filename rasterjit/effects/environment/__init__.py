@@ -35,7 +35,7 @@ from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
 RAYS = "rays through the background"
-"""Name of its per-view array."""
+"""Key of a view's rays in recorded calls."""
 
 
 class Sky(NamedTuple):
@@ -80,7 +80,7 @@ class Sky(NamedTuple):
 
 def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
     """
-    Return the directions that a camera looks along, (3, 3) float64, in world axes.
+    Return the rays of a camera's pixels, (3, 3) float64, in world axes.
 
     Row 0 is the direction at the middle of the frame, rows 1 and 2 its change with x and y in
     normalized device coordinates; see ``stage.color_along``. Only their ratios matter.
@@ -89,7 +89,7 @@ def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64
 
 
 def rays_of(clip: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the same, given ``clip_from_relative``, (4, 4), whatever signs its zeros have."""
+    """Return `background_rays` of ``clip_from_relative``, (4, 4), whatever signs its zeros have."""
     with np.errstate(all="ignore"):
         rows = (clip[:, :3] + 0.0) / np.abs(clip[[0, 1, 3], :3]).max()
     x, y, depth, w = rows.tolist()
@@ -114,14 +114,14 @@ def _cross(a: Any, b: Any) -> list[float]:
     ]
 
 
-class SeenAlone(Environment):
+class BackgroundOnly(Environment):
     """An environment that is only a background, without light."""
 
     lights = False
 
 
 class EnvironmentLight(BatchedEffect):
-    """Light what is seen from all around."""
+    """Light samples by an environment."""
 
     name = "environment light"
     key = "v"
@@ -137,7 +137,7 @@ class EnvironmentLight(BatchedEffect):
         return "" if facts.environment.lights else "the environment is black"
 
     def decide(self, facts: Facts, planning: Planning) -> Environment | None:
-        """Return what is around the scene."""
+        """Return the environment."""
         return facts.environment
 
     def describe(self, facts: Facts) -> str:
@@ -158,8 +158,8 @@ class EnvironmentLight(BatchedEffect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that filter a panorama."""
         used = "a panorama is used for the first time"
-        own = prefilter_stage
-        kernels = own.average_columns, own.add_ring, own.project_rows
+        module = prefilter_stage
+        kernels = module.average_columns, module.add_ring, module.project_rows
         return {"prepare": rows_where(used, *kernels)}
 
     def neutral(self, record: EnvironmentRecord) -> EnvironmentRecord:
@@ -171,26 +171,26 @@ class EnvironmentLight(BatchedEffect):
         around = scene.environment
         if around is None:
             return scene
-        alone = SeenAlone(around.sky, around.intensity, around.rotation, around.background)
+        alone = BackgroundOnly(around.sky, around.intensity, around.rotation, around.background)
         return with_field(scene, "environment", alone)
 
     @staticmethod
-    def shed(around: EnvironmentRecord, needs: ShadingNeeds) -> list[Pass]:
-        """Return the passes that add light from all sides, and what microfacets mirror of it."""
-        shed = Pass(
-            environment_stage.shed_light,
-            lambda _: (around.irradiance, around.turn, around.intensity),
+    def add_light(around: EnvironmentRecord, needs: ShadingNeeds) -> list[Pass]:
+        """Return the passes that add irradiance, and reflections for microfacets."""
+        light_pass = Pass(
+            environment_stage.add_sky,
+            lambda _: (around.irradiance, around.yaw, around.intensity),
         )
         if not needs.microfacets:
-            return [shed]
-        mirrored = Pass(environment_stage.mirror_environment, lambda a: (around, a.viewer))
+            return [light_pass]
+        reflection_pass = Pass(environment_stage.add_reflections, lambda a: (around, a.viewer))
         if not needs.layers:
-            return [shed, mirrored]
+            return [light_pass, reflection_pass]
         from rasterjit.pipeline.lighting import layered_materials
 
-        return [shed, *layered_materials.ambient_passes(needs, mirrored, shed)]
+        return [light_pass, *layered_materials.ambient_passes(needs, reflection_pass, light_pass)]
 
-    places: ClassVar = {"around": shed}
+    places: ClassVar = {"around": add_light}
 
 
 class EnvironmentBackground(BatchedEffect):
@@ -211,7 +211,7 @@ class EnvironmentBackground(BatchedEffect):
         return "" if facts.environment.background else "its background is False"
 
     def decide(self, facts: Facts, planning: Planning) -> Environment | None:
-        """Return what is around the scene."""
+        """Return the environment."""
         return facts.environment
 
     def describe(self, facts: Facts) -> str:
@@ -219,21 +219,21 @@ class EnvironmentBackground(BatchedEffect):
         return "where no face is"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernel that shows it."""
+        """Return the kernel that writes it."""
         return {"background": rows_where("", environment_stage.show_environment)}
 
     def prepare(self, context: FrameContext, data: Environment, seen: Sequence[Any]) -> Sky:
-        """Return the environment as this picture sees it."""
+        """Return the environment as the background of this picture."""
         plan = context.plan
         rays = background_rays(plan.camera, plan.size)
         return Sky(rays, plan.size, backdrop_record(data), tone_of(plan), plan.corner)
 
     def share(self, plan: RenderPlan, data: Environment, field: Field) -> Sky:
-        """Return the environment as each view sees it."""
+        """Return the environment as the background of each view."""
         return Sky(field(RAYS, (3, 3), np.float64), plan.size, backdrop_record(data), tone_of(plan))
 
     def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[np.float64]]:
-        """Return the directions that each view looks along."""
+        """Return the rays of each view."""
         if scene.environment is None or not scene.environment.background:
             return {}
         return {RAYS: np.array([rays_of(clip) for clip in group.views.clip_from_relative])}

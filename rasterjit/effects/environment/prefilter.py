@@ -30,10 +30,10 @@ from rasterjit.scene.environment import Environment, Panorama, SkyGradient
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.survey.packed_scene import writable
 
-NARROWEST, WIDEST = 64, 1024
+MIN_COPY_WIDTH, MAX_COPY_WIDTH = 64, 1024
 """Columns of the coarsest and the finest copy of a picture: 5.6 and 0.35 degrees a texel."""
 
-WIDEST_LEVEL = 512
+MAX_LEVEL_WIDTH = 512
 """Most columns of a filtered picture; the sharpest lobe is 1.2 degrees across."""
 
 RING_TEXELS = 4.0
@@ -46,23 +46,23 @@ TEXELS_AROUND = 8.0
 """Columns of the finest copy that a lobe is read from, times alpha: the middle of the lobe, 150
 alpha degrees wide, is three texels across."""
 
-BEYOND = 3.0
-"""One minus a cosine is never so much."""
+MAX_VERSINE = 3.0
+"""Above one minus any cosine."""
 
 GRADIENT_SIZE = 256
 """Columns of the picture that a sky without one is filtered from."""
 
 PI = 3.141592653589793
 
-FOURTH = 7.0 / 8.0, -10.0 / 8.0, 3.0 / 8.0
-SIXTH = 33.0 / 16.0, -63.0 / 16.0, 35.0 / 16.0, -5.0 / 16.0
-"""Of the integrals of the Legendre polynomials of degree 4 and 6, by falling powers."""
+LEGENDRE_4 = 7.0 / 8.0, -10.0 / 8.0, 3.0 / 8.0
+LEGENDRE_6 = 33.0 / 16.0, -63.0 / 16.0, 35.0 / 16.0, -5.0 / 16.0
+"""Factors of the integrals of the Legendre polynomials of degree 4 and 6, by falling powers."""
 
 SPOTS_WIDTH = 128
 """Columns of the copy of a picture that is searched for bright spots: 2.8 degrees a texel."""
 
 MAX_SPOTS, SPOT_COSINE = 32, 0.99026807
-"""Spots of a picture, and the cosine of 8 degrees: of one's radius."""
+"""Most spots of a picture, and the cosine of one's radius, 8 degrees."""
 
 BRIGHT, MIN_FLUX = 4.0, 0.004
 """A spot is brighter than `BRIGHT` times the mean, and sends at least the share `MIN_FLUX` of all
@@ -72,10 +72,10 @@ NO_LIGHT = Irradiance(
     np.zeros((stage.IRRADIANCE_TERMS, 3), np.float32), np.zeros((0, 3), np.float32),
     np.zeros((0, 6), np.float32),
 )  # fmt: skip
-"""Of an environment that is only seen."""
+"""The irradiance of an environment that is only a background."""
 
 NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.int64))
-"""Of an environment that nothing mirrors, or whose light is alike on all sides."""
+"""The reflections of an environment that nothing mirrors, or whose light is alike on all sides."""
 
 
 class FilteredPanorama(NamedTuple):
@@ -86,39 +86,39 @@ class FilteredPanorama(NamedTuple):
     """``None`` until something mirrors it."""
 
 
-_known: weakref.WeakKeyDictionary[Panorama | SkyGradient, FilteredPanorama] = (
+_filtered_skies: weakref.WeakKeyDictionary[Panorama | SkyGradient, FilteredPanorama] = (
     weakref.WeakKeyDictionary()
 )
-"""Of every sky that has been used and is still held."""
+"""The filtered data of every sky that has been used and is still held."""
 
 
 def environment_record(
-    environment: Environment, is_mirrored: bool, workers: Workers
+    environment: Environment, has_reflections: bool, workers: Workers
 ) -> EnvironmentRecord:
     """
-    Return what the kernels read of an environment that lights a scene.
+    Return the record of an environment that lights a scene.
 
     Parameters
     ----------
     environment : rasterjit.Environment
-    is_mirrored : bool
-        Whether any object mirrors it: only then is it filtered.
+    has_reflections : bool
+        Whether any object mirrors it: only then is it filtered for that.
     workers : Workers
     """
     sky = environment.sky
-    found = _known.get(sky)
-    if found is None:
-        found = FilteredPanorama(_irradiance(sky), None)
-    if is_mirrored and found.reflections is None:
-        found = found._replace(reflections=_reflections(sky, workers))
-    _known[sky] = found
+    filtered = _filtered_skies.get(sky)
+    if filtered is None:
+        filtered = FilteredPanorama(_irradiance(sky), None)
+    if has_reflections and filtered.reflections is None:
+        filtered = filtered._replace(reflections=_reflections(sky, workers))
+    _filtered_skies[sky] = filtered
     record = backdrop_record(environment)
-    reflections = found.reflections if is_mirrored else NO_REFLECTIONS
-    return record._replace(irradiance=found.irradiance, reflections=reflections)
+    reflections = filtered.reflections if has_reflections else NO_REFLECTIONS
+    return record._replace(irradiance=filtered.irradiance, reflections=reflections)
 
 
 def backdrop_record(environment: Environment) -> EnvironmentRecord:
-    """Return what the kernels read of an environment that is only seen."""
+    """Return the record of an environment that is only a background."""
     sky = environment.sky
     sine, cosine = sine_cosine(environment.rotation)
     texels, width, height = np.zeros((1, 3), np.float32), 0, 0
@@ -152,9 +152,9 @@ def _irradiance(sky: Panorama | SkyGradient) -> Irradiance:
         image = _scaled(image, width)
     spots = _bright_spots(image)
     for x, y, z, *color in spots.tolist():
-        shares, heights = _harmonics_of_cosine(x, y, z)
-        terms -= np.outer(shares, color)
-        bands -= np.outer(heights, color)
+        spot_terms, spot_bands = _harmonics_of_cosine(x, y, z)
+        terms -= np.outer(spot_terms, color)
+        bands -= np.outer(spot_bands, color)
     return Irradiance(*(part.astype(np.float32) for part in (terms, bands, spots)))
 
 
@@ -191,7 +191,7 @@ def _harmonics_of_cosine(x: float, y: float, z: float) -> tuple[list[float], lis
 
 def _bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
     """
-    Return the directions of small places that send much light, and what falls from there, (N, 6).
+    Return the directions of small bright spots, and their irradiance, (N, 6).
 
     What is brighter than `BRIGHT` times the mean is given to spots, the brightest texel and what
     lies around it first.
@@ -200,31 +200,31 @@ def _bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
     longitudes = [sine_cosine(360.0 * ((n + 0.5) / width - 0.5)) for n in range(width)]
     sines, cosines = np.array(longitudes).T
     y, s, area = (column[:, np.newaxis] for column in _latitudes(height))
-    away = np.stack(np.broadcast_arrays(s * cosines, y, s * sines), axis=2).reshape(-1, 3)
+    directions = np.stack(np.broadcast_arrays(s * cosines, y, s * sines), axis=2).reshape(-1, 3)
     colors = image.astype(np.float64).reshape(-1, 3)
-    level = colors[:, 0] + colors[:, 1] + colors[:, 2]
+    light = colors[:, 0] + colors[:, 1] + colors[:, 2]
     areas = np.repeat(area[:, 0] / width, width)
-    least = _added(level * areas) * MIN_FLUX
-    excess = np.maximum(level - BRIGHT / (4.0 * PI) * _added(level * areas), 0.0)
+    min_flux = _sum(light * areas) * MIN_FLUX
+    excess = np.maximum(light - BRIGHT / (4.0 * PI) * _sum(light * areas), 0.0)
     spots: list[list[float]] = []
     while len(spots) < MAX_SPOTS and excess.any():
-        x, y, z = away[excess.argmax()].tolist()
-        cosine = away[:, 0] * x + away[:, 1] * y + away[:, 2] * z
+        x, y, z = directions[excess.argmax()].tolist()
+        cosine = directions[:, 0] * x + directions[:, 1] * y + directions[:, 2] * z
         (near,) = np.nonzero((cosine >= SPOT_COSINE) & (excess > 0.0))
         flux = excess[near] * areas[near]
-        if _added(flux) < least:
+        if _sum(flux) < min_flux:
             break
-        toward = [_added(flux * away[near, k]) for k in range(3)]
+        toward = [_sum(flux * directions[near, k]) for k in range(3)]
         length = math.sqrt(toward[0] ** 2 + toward[1] ** 2 + toward[2] ** 2)
-        falling = [_added(flux * colors[near, k] / level[near]) / PI for k in range(3)]
-        spots.append([*(part / length for part in toward), *falling])
+        irradiance = [_sum(flux * colors[near, k] / light[near]) / PI for k in range(3)]
+        spots.append([*(part / length for part in toward), *irradiance])
         excess[near] = 0.0
     return np.array(spots).reshape(-1, 6)
 
 
 def _copy_width(width: int) -> int:
     """Return the columns of the finest copy of a picture: a power of two."""
-    return min(max(1 << (width.bit_length() - 1), NARROWEST), WIDEST)
+    return min(max(1 << (width.bit_length() - 1), MIN_COPY_WIDTH), MAX_COPY_WIDTH)
 
 
 def _latitudes(height: int) -> NDArray[np.float64]:
@@ -241,19 +241,19 @@ def _row_edges(height: int) -> NDArray[np.float64]:
 
 
 def _scaled(image: NDArray[np.float32], width: int) -> NDArray[np.float32]:
-    """Return a picture of other sides, (width/2, width, 3): the means of the light by area."""
+    """Resize a picture to (width/2, width, 3): the means of the light by area."""
     height = width // 2
     rows, columns = image.shape[:2]
     if columns != width:
-        wide = np.empty((rows, width, 3), np.float32)
+        resized = np.empty((rows, width, 3), np.float32)
         edges = np.arange(columns + 1) / columns, np.arange(width + 1) / width
-        prefilter_stage.average_columns(writable(image), *edges, wide)
-        image = wide
+        prefilter_stage.average_columns(writable(image), *edges, resized)
+        image = resized
     if rows != height:
         upright = np.ascontiguousarray(image.swapaxes(0, 1))
-        short = np.empty((width, height, 3), np.float32)
-        prefilter_stage.average_columns(upright, _row_edges(rows), _row_edges(height), short)
-        image = np.ascontiguousarray(short.swapaxes(0, 1))
+        turned_back = np.empty((width, height, 3), np.float32)
+        prefilter_stage.average_columns(upright, _row_edges(rows), _row_edges(height), turned_back)
+        image = np.ascontiguousarray(turned_back.swapaxes(0, 1))
     return image
 
 
@@ -279,27 +279,27 @@ def _project(
     top, bottom = edges[:-1], edges[1:]
     first = (top * top - bottom * bottom) / 2.0
     second = top * top * top - bottom * bottom * bottom - (top - bottom)
-    fourth = _legendre_sum(top, FOURTH) - _legendre_sum(bottom, FOURTH)
-    sixth = _legendre_sum(top, SIXTH) - _legendre_sum(bottom, SIXTH)
+    fourth = _legendre_sum(top, LEGENDRE_4) - _legendre_sum(bottom, LEGENDRE_4)
+    sixth = _legendre_sum(top, LEGENDRE_6) - _legendre_sum(bottom, LEGENDRE_6)
     y, s, area = _latitudes(height)
     terms, bands = np.empty((stage.IRRADIANCE_TERMS, 3)), np.empty((2, 3))
     for k in range(3):
         prefilter_stage.project_rows(writable(channels[k]), cosines, sines, sums)
         # What each texel of a row stands for: a share of the row's area, over 4 pi.
         plain, cosine, sine, double_cosine, double_sine = sums / (2.0 * width)
-        share = area / (2.0 * PI)
+        weight = area / (2.0 * PI)
         terms[:, k] = [
-            _added(plain * (top - bottom)),
-            2.0 * _added(cosine * s * share),
-            2.0 * _added(plain * first),
-            2.0 * _added(sine * s * share),
-            15.0 / 4.0 * _added(cosine * y * s * share),
-            15.0 / 4.0 * _added(sine * y * s * share),
-            15.0 / 4.0 * _added(double_sine * s * s * share),
-            5.0 / 16.0 * _added(plain * second),
-            15.0 / 16.0 * _added(double_cosine * s * s * share),
+            _sum(plain * (top - bottom)),
+            2.0 * _sum(cosine * s * weight),
+            2.0 * _sum(plain * first),
+            2.0 * _sum(sine * s * weight),
+            15.0 / 4.0 * _sum(cosine * y * s * weight),
+            15.0 / 4.0 * _sum(sine * y * s * weight),
+            15.0 / 4.0 * _sum(double_sine * s * s * weight),
+            5.0 / 16.0 * _sum(plain * second),
+            15.0 / 16.0 * _sum(double_cosine * s * s * weight),
         ]
-        bands[:, k] = -3.0 / 8.0 * _added(plain * fourth), 13.0 / 64.0 * _added(plain * sixth)
+        bands[:, k] = -3.0 / 8.0 * _sum(plain * fourth), 13.0 / 64.0 * _sum(plain * sixth)
     return terms, bands
 
 
@@ -311,7 +311,7 @@ def _legendre_sum(y: NDArray[np.float64], factors: tuple[float, ...]) -> NDArray
     return total * y
 
 
-def _added(values: NDArray[np.float64]) -> float:
+def _sum(values: NDArray[np.float64]) -> float:
     """Return a sum, from the first to the last."""
     total = 0.0
     for value in values.tolist():
@@ -329,7 +329,7 @@ def _reflections(sky: Panorama | SkyGradient, workers: Workers) -> Reflections:
         image = sky.image
     copies = {}
     width = _copy_width(image.shape[1])
-    while width >= NARROWEST:
+    while width >= MIN_COPY_WIDTH:
         image = copies[width] = _scaled(image, width)
         width //= 2
     texels, levels, first = [], [], 0
@@ -356,8 +356,8 @@ def _filtered(
 ) -> NDArray[np.float32]:
     """Return the picture that a surface of one degree of roughness mirrors, (H, W, 3)."""
     alpha = math.ldexp(1.0, level - stage.ROUGH_LEVELS)
-    finest = min(max(round(TEXELS_AROUND / alpha), NARROWEST), max(copies))
-    width = min(finest, WIDEST_LEVEL)
+    finest = min(max(round(TEXELS_AROUND / alpha), MIN_COPY_WIDTH), max(copies))
+    width = min(finest, MAX_LEVEL_WIDTH)
     height = width // 2
     sums, totals = np.zeros((3, height, width)), np.zeros((height, width))
     used = [copy for copy in copies if copy <= finest]
@@ -371,7 +371,7 @@ def _filtered(
 
 def _ring(width: int, is_first: bool, is_last: bool) -> NDArray[np.float64]:
     """
-    Return where the ring that is read from a copy of a picture begins and ends, (4,).
+    Return the bounds of the ring that is read from a copy of a picture, (4,).
 
     In one minus the cosine, half the square of a small angle: it counts more and more from the
     angle that is so many texels wide up to twice that angle, where the finer copy has faded.
@@ -379,7 +379,7 @@ def _ring(width: int, is_first: bool, is_last: bool) -> NDArray[np.float64]:
     angle = RING_TEXELS * 2.0 * PI / width
     start = angle * angle / 2.0
     ends = [-1.0, -1.0] if is_first else [start, 4.0 * start]
-    ends += [BEYOND, BEYOND] if is_last else [4.0 * start, 16.0 * start]
+    ends += [MAX_VERSINE, MAX_VERSINE] if is_last else [4.0 * start, 16.0 * start]
     return np.array(ends)
 
 

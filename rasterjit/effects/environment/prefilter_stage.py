@@ -53,10 +53,10 @@ def average_columns(
             column = first
             while column <= last and source_edges[column] < high:
                 end = min(high, source_edges[column + 1])
-                share = (end - max(low, source_edges[column])) / (high - low)
-                red += share * source[row, column, 0]
-                green += share * source[row, column, 1]
-                blue += share * source[row, column, 2]
+                weight = (end - max(low, source_edges[column])) / (high - low)
+                red += weight * source[row, column, 0]
+                green += weight * source[row, column, 1]
+                blue += weight * source[row, column, 2]
                 column += 1
             out[row, n, 0], out[row, n, 1], out[row, n, 2] = red, green, blue
 
@@ -92,7 +92,7 @@ def add_ring(
     cosines: float64[::1], total: float64[:, ::1], out: float32[:, :, :, ::1],
 ):  # fmt: skip
     """
-    Add what a ring around each direction contributes to the means of a filtered picture.
+    Add a ring around each direction to the weighted sums of a filtered picture.
 
     Columns are numbered ``q k + p`` in a picture of q times as many columns as the narrower of the
     two, B: its phase p comes first in the arrays, so that neighbours in memory lie equally far
@@ -125,27 +125,27 @@ def add_ring(
     per_source, per_out = steps // (phases_in * base), steps // (phases_out * base)
     for row in range(rows[0], rows[1]):
         y, s = out_heights[0, row], out_heights[1, row]
-        for other in range(source.shape[1]):
-            level = y * source_heights[0, other]
-            reach = s * source_heights[1, other]
-            if 1.0 - (level + reach) >= ring[3] or level + reach <= 0.0:
+        for source_row in range(source.shape[1]):
+            vertical = y * source_heights[0, source_row]
+            horizontal = s * source_heights[1, source_row]
+            if 1.0 - (vertical + horizontal) >= ring[3] or vertical + horizontal <= 0.0:
                 continue
             for phase in range(phases_out):
                 for p in range(phases_in):
-                    turn = (2 * p + 1) * per_source // 2 - (2 * phase + 1) * per_out // 2
+                    offset = (2 * p + 1) * per_source // 2 - (2 * phase + 1) * per_out // 2
                     for k in range(base):
-                        c = level + reach * cosines[(k * (steps // base) + turn) % steps]
-                        away = 1.0 - c
-                        if c <= 0.0 or away <= ring[0] or away >= ring[3]:
+                        c = vertical + horizontal * cosines[(k * (steps // base) + offset) % steps]
+                        versine = 1.0 - c
+                        if c <= 0.0 or versine <= ring[0] or versine >= ring[3]:
                             continue
-                        weight = lobe_weight(c, alpha_squared) * source_heights[2, other]
-                        weight *= ramp(away, ring[0], ring[1])
-                        weight *= 1.0 - ramp(away, ring[2], ring[3])
+                        weight = lobe_weight(c, alpha_squared) * source_heights[2, source_row]
+                        weight *= ramp(versine, ring[0], ring[1])
+                        weight *= 1.0 - ramp(versine, ring[2], ring[3])
                         total[row, phase] += weight
                         for channel in range(3):
                             add_weighted(
                                 np.float32(weight),
-                                source[channel, other, p, k : k + base],
+                                source[channel, source_row, p, k : k + base],
                                 out[channel, row, phase],
                             )
 
@@ -155,7 +155,7 @@ def project_rows(
     source: float32[:, ::1], cosines: float64[::1], sines: float64[::1], sums: float64[:, ::1]
 ):  # fmt: skip
     """
-    Write the sums over each row that the irradiance polynomial rests on.
+    Project each row of a picture: write its sums over cosines and sines of longitude.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 IRRADIANCE_TERMS = 9
-"""Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
+"""Terms of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
 
 ZENITH, HORIZON, GROUND = 0, 1, 2
 """Rows of ``EnvironmentRecord.gradient``."""
@@ -59,12 +59,12 @@ ROUGH_LEVELS = 8
 """Filtered levels; from each to the next the roughness grows by sqrt(2), up to 1 for the last."""
 
 MIN_ROUGHNESS = np.float32(0.08838835)
-"""Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
+"""Roughness of the first filtered level, 2**-3.5; below, it is mixed with the picture."""
 
-TOWARD, LEVEL, FACING, PLACE = 0, 3, 4, 5
-"""Rows of ``floats``: what `find_mirrors` writes, three for a direction, and `find_places`, two."""
+DIRECTION, LEVEL, COSINE, UV = 0, 3, 4, 5
+"""Rows of ``floats``: `find_reflections` writes them, three for a direction, and `find_uvs` two."""
 
-FALLING = 3
+IRRADIANCE = 3
 """Rows of ``colors``, three: what `find_irradiance` writes."""
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
@@ -83,7 +83,7 @@ class Irradiance(NamedTuple):
 
 
 class Reflections(NamedTuple):
-    """What is around the scene, filtered for rough surfaces."""
+    """The environment filtered for rough surfaces."""
 
     texels: float32[:, ::1]
     """(N, 3) float32, linear RGB: level by level, row by row from the top."""
@@ -92,10 +92,10 @@ class Reflections(NamedTuple):
 
 
 class EnvironmentRecord(NamedTuple):
-    """Light from all around, and what is seen behind all faces."""
+    """An environment, as light and as background."""
 
     irradiance: Irradiance
-    turn: float32[::1]
+    yaw: float32[::1]
     """(2,) float32: cosine and sine of the angle that it is turned by about y."""
     intensity: float32
     """float32, factor on all of its light."""
@@ -110,7 +110,7 @@ class EnvironmentRecord(NamedTuple):
 
 
 @helper
-def turns(y, x):
+def angle_of(y, x):
     """
     Return the angle of (x, y) from the x axis in whole turns, -1/2..1/2, to 6e-8; float32.
 
@@ -134,28 +134,28 @@ def turns(y, x):
 
 
 @helper
-def place_of(x, y, z):
-    """Return where a direction of any length lies on a picture: shares of width and height."""
+def panorama_uv(x, y, z):
+    """Return u and v of a direction of any length in an equirectangular picture, 0..1."""
     half = np.float32(0.5)
-    across = turns(z, x) + half
-    down = half - np.float32(2.0) * turns(y, np.sqrt(x * x + z * z))
+    u = angle_of(z, x) + half
+    v = half - np.float32(2.0) * angle_of(y, np.sqrt(x * x + z * z))
     zero, one = np.float32(0.0), np.float32(1.0)
-    return clamped(across, zero, one), clamped(down, zero, one)
+    return clamped(u, zero, one), clamped(v, zero, one)
 
 
 @helper
-def turned(x, z, turn):
-    """Return x and z of a direction as the picture has them, which is turned about y."""
-    return turn[0] * x - turn[1] * z, turn[1] * x + turn[0] * z
+def rotate_y(x, z, yaw):
+    """Return x and z of a direction rotated about y to the axes of the picture."""
+    return yaw[0] * x - yaw[1] * z, yaw[1] * x + yaw[0] * z
 
 
 @helper
-def blend3(one, other, share):
-    """Return the colour between two; equal ones give exactly themselves."""
+def lerp3(a, b, t):
+    """Interpolate two colours; equal ones give exactly themselves."""
     return (
-        one[0] + share * (other[0] - one[0]),
-        one[1] + share * (other[1] - one[1]),
-        one[2] + share * (other[2] - one[2]),
+        a[0] + t * (b[0] - a[0]),
+        a[1] + t * (b[1] - a[1]),
+        a[2] + t * (b[2] - a[2]),
     )
 
 
@@ -180,27 +180,27 @@ def row_mean(texels, first, width):
 
 
 @helper
-def filtered_texel(texels, first, width, height, place):
+def filtered_texel(texels, first, width, height, uv):
     """
-    Return the bilinear mix of the four texels around a place.
+    Return a picture sampled at u and v, bilinearly.
 
     Towards a pole, half a texel beyond the last row, it becomes the mean of that row.
     """
     half = np.float32(0.5)
-    x, down = place[0] * np.float32(width) - half, place[1] * np.float32(height) - half
-    y = clamped(down, np.float32(0.0), np.float32(height - 1))
+    x, row_y = uv[0] * np.float32(width) - half, uv[1] * np.float32(height) - half
+    y = clamped(row_y, np.float32(0.0), np.float32(height - 1))
     left, top = np.floor(x), np.floor(y)
     column, row = np.int64(left), np.int64(top)
     column0 = column if column >= 0 else width - 1
     column1 = column + 1 if column + 1 < width else np.int64(0)
     row0, row1 = first + row * width, first + min(row + 1, height - 1) * width
-    share = x - left
-    upper = blend3(texel_at(texels, row0 + column0), texel_at(texels, row0 + column1), share)
-    lower = blend3(texel_at(texels, row1 + column0), texel_at(texels, row1 + column1), share)
-    color = blend3(upper, lower, y - top)
-    beyond = abs(down - y)
+    fraction = x - left
+    upper = lerp3(texel_at(texels, row0 + column0), texel_at(texels, row0 + column1), fraction)
+    lower = lerp3(texel_at(texels, row1 + column0), texel_at(texels, row1 + column1), fraction)
+    color = lerp3(upper, lower, y - top)
+    beyond = abs(row_y - y)
     if beyond > np.float32(0.0):
-        return blend3(color, row_mean(texels, row0, width), beyond + beyond)
+        return lerp3(color, row_mean(texels, row0, width), beyond + beyond)
     return color
 
 
@@ -208,17 +208,17 @@ def filtered_texel(texels, first, width, height, place):
 def gradient_color(gradient, height):
     """Return the colour of a sky without picture, where the sine of the elevation is ``height``."""
     side = ZENITH if height > np.float32(0.0) else GROUND
-    share = clamped(abs(height), np.float32(0.0), np.float32(1.0))
+    fraction = clamped(abs(height), np.float32(0.0), np.float32(1.0))
     low = gradient[HORIZON, 0], gradient[HORIZON, 1], gradient[HORIZON, 2]
-    return blend3(low, (gradient[side, 0], gradient[side, 1], gradient[side, 2]), share)
+    return lerp3(low, (gradient[side, 0], gradient[side, 1], gradient[side, 2]), fraction)
 
 
 @helper
-def sharp_color(x, y, z, texels, width, height, gradient):
-    """Return what is seen towards a direction of any length, which is turned already."""
+def sky_color(x, y, z, texels, width, height, gradient):
+    """Return the colour of the sky along a direction of any length, in the axes of the picture."""
     if width == 0:
         return gradient_color(gradient, y * unit_scale(x, y, z))
-    return filtered_texel(texels, np.int64(0), width, height, place_of(x, y, z))
+    return filtered_texel(texels, np.int64(0), width, height, panorama_uv(x, y, z))
 
 
 @helper
@@ -231,38 +231,38 @@ def level_at_roughness(roughness):
 
 
 @helper
-def level_color(level, place, height, environment, reflections):
-    """Return one level at a place of it; level 0 is a picture, or a gradient at a height."""
+def level_color(level, uv, height, environment, reflections):
+    """Sample one level at u and v; level 0 is a picture, or a gradient at a height."""
     if level == 0 or reflections.levels.shape[0] == 0:
         if environment.width == 0:
             return gradient_color(environment.gradient, height)
         first, size = np.int64(0), (environment.width, environment.height)
-        return filtered_texel(environment.texels, first, size[0], size[1], place)
+        return filtered_texel(environment.texels, first, size[0], size[1], uv)
     row = level - 1
     levels = reflections.levels
     return filtered_texel(
         reflections.texels, levels[row, FIRST_TEXEL], levels[row, LEVEL_WIDTH],
-        levels[row, LEVEL_HEIGHT], place,
+        levels[row, LEVEL_HEIGHT], uv,
     )  # fmt: skip
 
 
 @helper
-def mirrored_color(level, place, height, environment, reflections):
-    """Return what a surface mirrors, of two levels; black where `find_mirrors` tells no level."""
+def reflection_color(level, uv, height, environment, reflections):
+    """Return a reflection, of two levels; black where `find_reflections` writes no level."""
     if level < np.float32(0.0):
         return np.float32(0.0), np.float32(0.0), np.float32(0.0)
     finer = np.int64(level)
-    share = level - np.float32(finer)
-    color = level_color(finer, place, height, environment, reflections)
-    if share > np.float32(0.0):
-        coarser = level_color(finer + 1, place, height, environment, reflections)
-        color = blend3(color, coarser, share)
+    fraction = level - np.float32(finer)
+    color = level_color(finer, uv, height, environment, reflections)
+    if fraction > np.float32(0.0):
+        coarser = level_color(finer + 1, uv, height, environment, reflections)
+        color = lerp3(color, coarser, fraction)
     return color
 
 
 @helper
 def polynomial(x, y, z, terms, k):
-    """Return the irradiance over pi of one channel to degree 2, for a normal turned already."""
+    """Return the irradiance over pi of one channel to degree 2, for a normal in its axes."""
     one, three = np.float32(1.0), np.float32(3.0)
     total = terms[0, k] + terms[1, k] * x + terms[2, k] * y + terms[3, k] * z
     total += terms[4, k] * (x * y) + terms[5, k] * (y * z) + terms[6, k] * (z * x)
@@ -280,12 +280,12 @@ def legendre(y):
 
 
 @disjoint_helper
-def find_irradiance(irradiance, turn, nx, ny, nz, red, green, blue):
+def find_irradiance(irradiance, yaw, nx, ny, nz, red, green, blue):
     """Write the light that falls on samples from all sides, over pi."""
     zero = np.float32(0.0)
     terms, bands = irradiance.terms, irradiance.bands
     for i in range(red.shape[0]):
-        x, z = turned(nx[i], nz[i], turn)
+        x, z = rotate_y(nx[i], nz[i], yaw)
         red[i] = polynomial(x, ny[i], z, terms, 0)
         green[i] = polynomial(x, ny[i], z, terms, 1)
         blue[i] = polynomial(x, ny[i], z, terms, 2)
@@ -297,9 +297,9 @@ def find_irradiance(irradiance, turn, nx, ny, nz, red, green, blue):
             blue[i] += bands[0, 2] * four + bands[1, 2] * six
     for n in range(irradiance.spots.shape[0]):
         spot = irradiance.spots[n]
-        # Turned back, as normals are not turned here.
+        # To world axes, as the normals here.
         y = spot[1]
-        x, z = turn[0] * spot[0] + turn[1] * spot[2], turn[0] * spot[2] - turn[1] * spot[0]
+        x, z = yaw[0] * spot[0] + yaw[1] * spot[2], yaw[0] * spot[2] - yaw[1] * spot[0]
         for i in range(red.shape[0]):
             cosine = max(zero, x * nx[i] + y * ny[i] + z * nz[i])
             red[i] += spot[3] * cosine
@@ -311,30 +311,30 @@ def find_irradiance(irradiance, turn, nx, ny, nz, red, green, blue):
 
 @disjoint_helper
 def add_irradiance(
-    intensity, occlusion, shares, light_red, light_green, light_blue, red, green, blue, out_red,
+    intensity, occlusion, weights, light_red, light_green, light_blue, red, green, blue, out_red,
     out_green, out_blue,
 ):  # fmt: skip
-    """Add to each sample its share of the light from all sides, times its base colour."""
+    """Add to each sample its irradiance times its base colour."""
     for i in range(out_red.shape[0]):
-        arriving = shares[i] * intensity * occlusion[i]
-        out_red[i] += arriving * (red[i] * light_red[i])
-        out_green[i] += arriving * (green[i] * light_green[i])
-        out_blue[i] += arriving * (blue[i] * light_blue[i])
+        scale = weights[i] * intensity * occlusion[i]
+        out_red[i] += scale * (red[i] * light_red[i])
+        out_green[i] += scale * (green[i] * light_green[i])
+        out_blue[i] += scale * (blue[i] * light_blue[i])
 
 
 @helper
-def shares_of_channel(base, metallic, dielectric, shares):
+def channel_weights(base, metallic, dielectric, brdf):
     """
     Return the weights of one channel: of the prefiltered reflection, and of irradiance.
 
     A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse. Multiple
     scattering is in the second.
     """
-    once, often = pbr.scattering_albedos(base, shares)
+    single, multiple = pbr.scattering_albedos(base, brdf)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
     return (
-        dielectric[0] + metallic * (once - dielectric[0]),
-        (dielectric[1] + inside * base) * (np.float32(1.0) - metallic) + metallic * often,
+        dielectric[0] + metallic * (single - dielectric[0]),
+        (dielectric[1] + inside * base) * (np.float32(1.0) - metallic) + metallic * multiple,
     )
 
 
@@ -366,69 +366,69 @@ def mirror_direction(normal, point, toward_viewer, alpha):
 
 
 @disjoint_helper
-def find_mirrors(
-    turn, toward_viewer, nx, ny, nz, px, py, pz, roughness, x, y, z, level, facing
+def find_reflections(
+    yaw, toward_viewer, nx, ny, nz, px, py, pz, roughness, x, y, z, level, facing
 ):  # fmt: skip
     """
-    Write the directions that samples mirror, turned, the level to read, and the viewer's cosine.
+    Write the reflection directions of samples, in the axes of the picture, and what to read there.
 
-    The level is -1 where the direction is not a number: what is mirrored cannot be told.
+    ``facing`` is the viewer's cosine. The level is -1 where the direction is not a number.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(x.shape[0]):
         rough = clamped(roughness[i], zero, one)
         normal, point = (nx[i], ny[i], nz[i]), (px[i], py[i], pz[i])
         (dx, dy, dz), facing[i] = mirror_direction(normal, point, toward_viewer, rough * rough)
-        is_told = abs(dx) + abs(dy) + abs(dz) < np.float32(np.inf)
-        x[i], z[i] = turned(dx, dz, turn)
+        is_valid = abs(dx) + abs(dy) + abs(dz) < np.float32(np.inf)
+        x[i], z[i] = rotate_y(dx, dz, yaw)
         y[i] = dy
-        own = level_at_roughness(rough)
-        level[i] = own if is_told else np.float32(-1.0)
+        rough_level = level_at_roughness(rough)
+        level[i] = rough_level if is_valid else np.float32(-1.0)
 
 
 @disjoint_helper
-def find_places(x, y, z, across, down):
-    """Write where directions lie on a picture."""
+def find_uvs(x, y, z, u, v):
+    """Write u and v of directions."""
     for i in range(x.shape[0]):
-        across[i], down[i] = place_of(x[i], y[i], z[i])
+        u[i], v[i] = panorama_uv(x[i], y[i], z[i])
 
 
 @disjoint_helper
-def find_heights(x, y, z):
-    """Write the sines of the elevation of directions in place of y."""
+def find_elevations(x, y, z):
+    """Write the sines of the elevation of directions over y."""
     for i in range(x.shape[0]):
         y[i] *= unit_scale(x[i], y[i], z[i])
 
 
 @disjoint_helper
-def read_mirrored(
-    environment, reflections, microfacet, across, down, height, level, red, green, blue
+def read_reflections(
+    environment, reflections, microfacet, u, v, height, level, red, green, blue
 ):  # fmt: skip
-    """Write what samples of microfacets mirror."""
+    """Write the reflections of samples of microfacets."""
     for i in range(red.shape[0]):
         if microfacet[i] > np.float32(0.0):
-            red[i], green[i], blue[i] = mirrored_color(
-                level[i], (across[i], down[i]), height[i], environment, reflections
+            red[i], green[i], blue[i] = reflection_color(
+                level[i], (u[i], v[i]), height[i], environment, reflections
             )
 
 
 @disjoint_helper
-def add_mirrored(
-    intensity, occlusion, light, metallic, roughness, microfacet, facing, base, mirrored, out
+def add_split_sum(
+    intensity, occlusion, light, metallic, roughness, microfacet, facing, base, reflection, out
 ):  # fmt: skip
-    """Write what is seen of one channel in place of what is mirrored, by split sum."""
+    """Write one channel of the shaded light over that of the reflection, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out.shape[0]):
-        shares = pbr.env_brdf(facing[i], clamped(roughness[i], zero, one))
-        dielectric = pbr.scattering_albedos(pbr.DIELECTRIC_F0, shares)
+        brdf = pbr.env_brdf(facing[i], clamped(roughness[i], zero, one))
+        dielectric = pbr.scattering_albedos(pbr.DIELECTRIC_F0, brdf)
         metal = clamped(metallic[i], zero, one)
-        direct, around = shares_of_channel(base[i], metal, dielectric, shares)
-        arriving = microfacet[i] * intensity * occlusion[i]
-        mirrored[i] = out[i] + arriving * (direct * mirrored[i] + around * light[i])
+        direct, around = channel_weights(base[i], metal, dielectric, brdf)
+        scale = microfacet[i] * intensity * occlusion[i]
+        reflection[i] = out[i] + scale * (direct * reflection[i] + around * light[i])
 
 
 @stage
-def shed_light(block: Block, count, irradiance: Irradiance, turn: float32[::1], intensity: float32):
+def add_sky(block: Block, count, irradiance: Irradiance, yaw: float32[::1], intensity: float32):
     """
     Add irradiance to all samples except microfacet ones.
 
@@ -438,13 +438,13 @@ def shed_light(block: Block, count, irradiance: Irradiance, turn: float32[::1], 
         Reads normals of length one, base colours and rows LIT and OCCLUSION; adds to rows
         OUT_RED...
     count : int
-    irradiance, turn, intensity
+    irradiance, yaw, intensity
         As ``EnvironmentRecord`` has them.
     """
     s = block.samples
     if pbr.is_any_above_zero(s[rows.LIT, :count]):
-        light = three_rows(block.colors, FALLING, count)
-        find_irradiance(irradiance, turn, *three_rows(s, rows.NORMAL_X, count), *light)
+        light = three_rows(block.colors, IRRADIANCE, count)
+        find_irradiance(irradiance, yaw, *three_rows(s, rows.NORMAL_X, count), *light)
         add_irradiance(
             intensity, part(s, rows.OCCLUSION, 0, count), part(s, rows.LIT, 0, count), *light,
             *three_rows(s, rows.RED, count), *three_rows(s, rows.OUT_RED, count),
@@ -452,7 +452,7 @@ def shed_light(block: Block, count, irradiance: Irradiance, turn: float32[::1], 
 
 
 @stage
-def mirror_environment(
+def add_reflections(
     block: Block, count, environment: EnvironmentRecord, toward_viewer: float32[::1]
 ):
     """
@@ -473,35 +473,35 @@ def mirror_environment(
     if not pbr.is_any_above_zero(microfacet):
         return
     normals, roughness = three_rows(s, rows.NORMAL_X, count), part(s, rows.ROUGHNESS, 0, count)
-    x, y, z = three_parts(r, TOWARD, 0, count)
-    level, facing = part(r, LEVEL, 0, count), part(r, FACING, 0, count)
-    across, down = part(r, PLACE, 0, count), part(r, PLACE + 1, 0, count)
-    find_mirrors(
-        environment.turn, toward_viewer, *normals, *three_rows(s, rows.POINT_X, count), roughness,
+    x, y, z = three_parts(r, DIRECTION, 0, count)
+    level, facing = part(r, LEVEL, 0, count), part(r, COSINE, 0, count)
+    u, v = part(r, UV, 0, count), part(r, UV + 1, 0, count)
+    find_reflections(
+        environment.yaw, toward_viewer, *normals, *three_rows(s, rows.POINT_X, count), roughness,
         x, y, z, level, facing,
     )  # fmt: skip
-    find_places(x, y, z, across, down)
+    find_uvs(x, y, z, u, v)
     if environment.width == 0:
-        find_heights(x, y, z)
-    read_mirrored(
-        environment, environment.reflections, microfacet, across, down, y, level,
+        find_elevations(x, y, z)
+    read_reflections(
+        environment, environment.reflections, microfacet, u, v, y, level,
         *three_parts(c, 0, 0, count),
     )  # fmt: skip
-    light = three_rows(c, FALLING, count)
-    find_irradiance(environment.irradiance, environment.turn, *normals, *light)
+    light = three_rows(c, IRRADIANCE, count)
+    find_irradiance(environment.irradiance, environment.yaw, *normals, *light)
     for k in range(3):
-        mirrored, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)
-        add_mirrored(
+        reflection, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)
+        add_split_sum(
             environment.intensity, part(s, rows.OCCLUSION, 0, count), light[k],
             part(s, rows.METALLIC, 0, count), roughness, microfacet, facing,
-            part(s, rows.RED + k, 0, count), mirrored, out,
+            part(s, rows.RED + k, 0, count), reflection, out,
         )  # fmt: skip
-        pbr.write_microfacets(mirrored, microfacet, out)
+        pbr.write_microfacets(reflection, microfacet, out)
 
 
 @helper
 def ray_at(rays, x, y):
-    """Return the direction seen at a place in normalized device coordinates, length about one."""
+    """Return the direction at a point in normalized device coordinates, length about one."""
     rx = rays[0, 0] + x * rays[1, 0] + y * rays[2, 0]
     ry = rays[0, 1] + x * rays[1, 1] + y * rays[2, 1]
     rz = rays[0, 2] + x * rays[1, 2] + y * rays[2, 2]
@@ -512,9 +512,9 @@ def ray_at(rays, x, y):
 
 @helper
 def color_along(ray, environment):
-    """Return the light that comes from the environment against a ray."""
-    x, z = turned(ray[0], ray[2], environment.turn)
-    color = sharp_color(
+    """Return the light of the environment along a ray."""
+    x, z = rotate_y(ray[0], ray[2], environment.yaw)
+    color = sky_color(
         x, ray[1], z, environment.texels, environment.width, environment.height,
         environment.gradient,
     )  # fmt: skip
@@ -565,5 +565,5 @@ def show_environment(
                 linear[row, column, 3] = np.float32(1.0)
             if color.shape[1] > 0:
                 red, green, blue = map_pixel(tone, red, green, blue)
-                shown = red, green, blue, np.float32(1.0)
-                color[row, column] = encode_pixel(shown, table)
+                display = red, green, blue, np.float32(1.0)
+                color[row, column] = encode_pixel(display, table)

@@ -35,7 +35,7 @@ DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -
 """Where neighbours lie: to the right and down."""
 
 FIELD_OF_VIEW = 2.0 * (math.sqrt(2.0) - 1.0)
-"""Height of what is seen over its distance, at the 45 degrees that are taken where no eye is."""
+"""Height of a view of 45 degrees over its distance, assumed for parallel projections."""
 
 
 def neighbour_offsets(radius: float) -> NDArray[np.int64]:
@@ -58,7 +58,7 @@ def nearness_of_depth(camera: Camera, size: tuple[int, int]) -> float:
     return depth * FIELD_OF_VIEW / (height * LN_2)
 
 
-def find_shares(
+def find_shading(
     effect: EyeDome,
     camera: Camera,
     size: tuple[int, int],
@@ -83,10 +83,10 @@ def find_shares(
     bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
     nearness = workers.memory.empty(depth.shape, np.float32)
     if is_perspective(camera):
-        workers.run(lambda rows: eye_dome_stage.take_logarithms(depth, rows, nearness), bands)
+        workers.run(lambda rows: eye_dome_stage.find_nearness(depth, rows, nearness), bands)
     else:
         np.multiply(depth, np.float32(nearness_of_depth(camera, size)), out=nearness)
-    shares, offsets = (
+    shading, offsets = (
         workers.memory.empty(depth.shape, np.float32),
         neighbour_offsets(effect.radius),
     )
@@ -94,10 +94,10 @@ def find_shares(
 
     def find_band(rows: tuple[int, int]) -> None:
         total = np.empty(width, np.float32)
-        eye_dome_stage.find_shares(nearness, rows, offsets, factor, shares, total)
+        eye_dome_stage.find_shading(nearness, rows, offsets, factor, shading, total)
 
     workers.run(find_band, bands)
-    return shares
+    return shading
 
 
 class EyeDomeLighting(LooksAround):
@@ -133,19 +133,19 @@ class EyeDomeLighting(LooksAround):
     ) -> NDArray[np.float32]:
         """Return the share of its light that each pixel keeps, (H, W) float32."""
         plan, depth = context.plan, context.seen.coverage.reversed_depth
-        return find_shares(data, plan.camera, plan.size, depth, context.workers)
+        return find_shading(data, plan.camera, plan.size, depth, context.workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernels that find it."""
-        kernels = [eye_dome_stage.take_logarithms] if is_perspective(plan.camera) else []
-        return {"prepare": rows_where("", *kernels, eye_dome_stage.find_shares)}
+        """Return the kernels that compute it."""
+        kernels = [eye_dome_stage.find_nearness] if is_perspective(plan.camera) else []
+        return {"prepare": rows_where("", *kernels, eye_dome_stage.find_shading)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return what it is found in."""
+        """Return the pictures that it is computed in."""
         return [("nearness and what it leaves of light", 2, "float32", plan.size)]
 
     def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return shares that keep all light."""
+        """Return a shading of 1 for each pixel."""
         return np.ones_like(record)
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
@@ -153,9 +153,9 @@ class EyeDomeLighting(LooksAround):
         return "on", add_to_field(scene, self.field, EyeDome())
 
     @staticmethod
-    def darken(shares: NDArray[np.float32], shown: int) -> list[Pass]:
+    def darken(shading: NDArray[np.float32], first: int) -> list[Pass]:
         """Return the stage that multiplies three rows of colours."""
-        return [fixed(eye_dome_stage.darken_samples, shares, shown)]
+        return [fixed(eye_dome_stage.darken_samples, shading, first)]
 
     places: ClassVar = {"seen": darken}
 

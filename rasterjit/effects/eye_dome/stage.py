@@ -19,16 +19,16 @@ from rasterjit.runtime.state_block import float32, int64
 
 
 @disjoint_helper
-def take_row(depth, nearness):
+def log_row(depth, nearness):
     """Write log2 of the stored depths of a row; -inf where nothing is."""
     nothing = np.float32(-np.inf)
     for i in range(nearness.shape[0]):
-        found = log2(max(depth[i], MIN_NORMAL))
-        nearness[i] = found if depth[i] > nothing else nothing
+        log = log2(max(depth[i], MIN_NORMAL))
+        nearness[i] = log if depth[i] > nothing else nothing
 
 
 @kernel
-def take_logarithms(depth: float32[:, ::1], rows: (int64, int64), nearness: float32[:, ::1]):
+def find_nearness(depth: float32[:, ::1], rows: (int64, int64), nearness: float32[:, ::1]):
     """
     Find how near pixels are to the eye.
 
@@ -42,30 +42,30 @@ def take_logarithms(depth: float32[:, ::1], rows: (int64, int64), nearness: floa
         Writes these rows: log2 of the depth; -inf where nothing is.
     """
     for row in range(rows[0], rows[1]):
-        take_row(depth[row], nearness[row])
+        log_row(depth[row], nearness[row])
 
 
 @disjoint_helper
-def add_neighbour(own, there, total):
+def add_neighbour(nearness, neighbour, total):
     """Add by how much neighbours are nearer."""
     zero = np.float32(0.0)
     for i in range(total.shape[0]):
-        nearer = there[i] - own[i]
+        nearer = neighbour[i] - nearness[i]
         total[i] += nearer if nearer > zero else zero
 
 
 @disjoint_helper
-def finish_row(own, total, factor, shares):
+def finish_row(nearness, total, factor, shading):
     """Write the shares of light that are left; 1 where nothing is."""
-    for i in range(shares.shape[0]):
-        share = exp2(-(factor * total[i]))
-        shares[i] = share if own[i] > np.float32(-np.inf) else np.float32(1.0)
+    for i in range(shading.shape[0]):
+        shade = exp2(-(factor * total[i]))
+        shading[i] = shade if nearness[i] > np.float32(-np.inf) else np.float32(1.0)
 
 
 @kernel
-def find_shares(
+def find_shading(
     nearness: float32[:, ::1], rows: (int64, int64), offsets: int64[:, ::1], factor: float32,
-    shares: float32[:, ::1], total: float32[::1],
+    shading: float32[:, ::1], total: float32[::1],
 ):  # fmt: skip
     """
     Find the share of its light that each pixel keeps.
@@ -80,7 +80,7 @@ def find_shares(
         How far to the right and down neighbours lie, pixels.
     factor : float32
         Halvings of the light for each unit of nearness that neighbours have more, in sum.
-    shares : (H, W) float32
+    shading : (H, W) float32
         Writes these rows, 0..1.
     total : (W,) float32
         This thread's own scratch.
@@ -90,19 +90,19 @@ def find_shares(
         for i in range(np.uintp(width)):
             total[i] = np.float32(0.0)
         for n in range(offsets.shape[0]):
-            across, there = offsets[n, 0], row + offsets[n, 1]
-            begin, end = max(0, -across), min(width, width - across)
-            if there < 0 or there >= height or begin >= end:
+            dx, source = offsets[n, 0], row + offsets[n, 1]
+            begin, end = max(0, -dx), min(width, width - dx)
+            if source < 0 or source >= height or begin >= end:
                 continue
             add_neighbour(
                 part(nearness, row, begin, end),
-                part(nearness, there, begin + across, end + across), total[begin:end],
+                part(nearness, source, begin + dx, end + dx), total[begin:end],
             )  # fmt: skip
-        finish_row(nearness[row], total, factor, shares[row])
+        finish_row(nearness[row], total, factor, shading[row])
 
 
 @stage
-def darken_samples(block: Block, count, shares: float32[:, ::1], shown: int64):
+def darken_samples(block: Block, count, shading: float32[:, ::1], first: int64):
     """
     Multiply the colour of each sample by the share of its pixel.
 
@@ -111,18 +111,18 @@ def darken_samples(block: Block, count, shares: float32[:, ::1], shown: int64):
     block : Block
         Changes three rows of colours.
     count : int
-    shares : (H, W) float32
+    shading : (H, W) float32
         Of the frame, 0..1.
-    shown : int
+    first : int
         The first of the rows.
     """
-    red, green, blue = block.samples[shown], block.samples[shown + 1], block.samples[shown + 2]
+    red, green, blue = block.samples[first], block.samples[first + 1], block.samples[first + 2]
     for k in range(block.counts[INTERVALS]):
         _, column, start, stop = interval_of(block, k)
         row = block.intervals[k, INTERVAL_FRAME_ROW]
-        there = shares[row, column : column + stop - start]
+        shades = shading[row, column : column + stop - start]
         for i in range(np.uintp(stop - start)):
-            place = np.uintp(start) + i
-            red[place] = red[place] * there[i]
-            green[place] = green[place] * there[i]
-            blue[place] = blue[place] * there[i]
+            n = np.uintp(start) + i
+            red[n] = red[n] * shades[i]
+            green[n] = green[n] * shades[i]
+            blue[n] = blue[n] * shades[i]

@@ -23,10 +23,10 @@ from rasterjit.survey.effect import BatchedEffect, Field, Planning
 from rasterjit.survey.facts import Facts, is_fog_in_reach
 from rasterjit.survey.plan import RenderPlan
 
-HALVINGS = 1.4426950408889634
-"""One over ln 2: the binary exponent of e."""
+LOG2_E = 1.4426950408889634
+"""One over ln 2."""
 
-SQUARED_HALVINGS = 1.2011224087864498
+SQRT_LOG2_E = 1.2011224087864498
 """Its square root: a density that is squared takes one of two equal factors."""
 
 MAX = float(np.finfo(np.float32).max)
@@ -36,7 +36,7 @@ class FogRecord(NamedTuple):
     """The fog of a frame."""
 
     fog: Fog
-    above: NDArray[np.float32]
+    eye_y: NDArray[np.float32]
     """(1,) scene units: height of the eye over where the fog has its density."""
     finds_points: bool
     """Whether samples may be lit at centroids of faces, so that fog must find their positions."""
@@ -53,7 +53,7 @@ def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 class FogEffect(BatchedEffect):
-    """Cover lit samples."""
+    """Apply fog to lit samples."""
 
     name = "fog"
     field = "fog"
@@ -81,7 +81,7 @@ class FogEffect(BatchedEffect):
 
     def share(self, plan: RenderPlan, data: FogRecord, field: Field) -> FogRecord:
         """Return the fog, with the height of each view's eye."""
-        return data._replace(above=field("height above fog", (1,), np.float32))
+        return data._replace(eye_y=field("height above fog", (1,), np.float32))
 
     def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[np.float32]]:
         """Return the heights of the eyes."""
@@ -93,23 +93,23 @@ class FogEffect(BatchedEffect):
         return record._replace(fog=Fog(record.fog.color, "exp", density=0.0))
 
     @staticmethod
-    def cover(record: FogRecord, needs: ShadingNeeds) -> list[Pass]:
-        """Return the passes that lay fog over what is seen."""
+    def apply(record: FogRecord, needs: ShadingNeeds) -> list[Pass]:
+        """Return the passes that apply fog."""
         fog, passes, color = record.fog, [], np.array(record.fog.color, np.float32)
         if record.finds_points:
             find = Pass(attributes.find_points, lambda a: (a.placement, a.surface.materials, 1))
             passes = [Pass(attributes.gather_positions, lambda a: (a.placement.positions,)), find]
         if fog.mode == "linear":
             start, end = fog.start or 0.0, fog.end or 0.0
-            per_range = 1.0 / (end - start) if end > start else 0.0
-            line = np.float32(end), np.float32(per_range), color
-            return [*passes, Pass(fog_stage.cover_linearly, lambda a: (*line, a.viewer))]
-        halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
-        density, falloff = (fog.density or 0.0) * halvings, (fog.falloff or 0.0) * HALVINGS
-        own = np.float32(density), np.float32(fog.mode == "exp2"), record.above, np.float32(falloff)
-        return [*passes, Pass(fog_stage.cover_exponentially, lambda a: (*own, color, a.viewer))]
+            inv_range = 1.0 / (end - start) if end > start else 0.0
+            linear = np.float32(end), np.float32(inv_range), color
+            return [*passes, Pass(fog_stage.apply_linear_fog, lambda a: (*linear, a.viewer))]
+        scale = SQRT_LOG2_E if fog.mode == "exp2" else LOG2_E
+        density, falloff = (fog.density or 0.0) * scale, (fog.falloff or 0.0) * LOG2_E
+        exp = np.float32(density), np.float32(fog.mode == "exp2"), record.eye_y, np.float32(falloff)
+        return [*passes, Pass(fog_stage.apply_exp_fog, lambda a: (*exp, color, a.viewer))]
 
-    places: ClassVar = {"sample": cover}
+    places: ClassVar = {"sample": apply}
 
 
 FOG = FogEffect()

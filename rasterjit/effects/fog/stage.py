@@ -22,11 +22,11 @@ from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32
 
-NEARLY_LEVEL = np.float32(0.25)
+MIN_RISE = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""
 
-DEEPEST = np.float32(1e9)
-"""Optical depths are clamped to this: their squares stay finite."""
+MAX_DEPTH = np.float32(1e9)
+"""Optical depths are clamped to this: their is_squared stay finite."""
 
 LN_2 = np.float32(0.69314718)
 
@@ -58,7 +58,7 @@ def mean_density(low, rise):
     The mean is at least the lesser of the ends, which also holds where both are beyond float32.
     """
     first, last = exp2(-low), exp2(-(low + rise))
-    is_level = abs(rise) < NEARLY_LEVEL
+    is_level = abs(rise) < MIN_RISE
     y = rise * LN_2
     series = np.float32(-1.0 / 120.0) * y + np.float32(1.0 / 24.0)
     series = series * y - np.float32(1.0 / 6.0)
@@ -68,40 +68,40 @@ def mean_density(low, rise):
 
 
 @disjoint_helper
-def cover_evenly(end, per_range, color, viewer, px, py, pz, red, green, blue):
-    """Cover samples with fog whose share grows evenly with distance."""
+def blend_linear(end, inv_range, color, viewer, px, py, pz, red, green, blue):
+    """Blend samples with fog that grows linearly with distance."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(red.shape[0]):
         distance = distance_to(px[i], py[i], pz[i], viewer)
-        share = min(max(zero, (end - distance) * per_range), one)
-        rest = one - share
-        red[i] = red[i] * share + color[0] * rest
-        green[i] = green[i] * share + color[1] * rest
-        blue[i] = blue[i] * share + color[2] * rest
+        transmittance = min(max(zero, (end - distance) * inv_range), one)
+        opacity = one - transmittance
+        red[i] = red[i] * transmittance + color[0] * opacity
+        green[i] = green[i] * transmittance + color[1] * opacity
+        blue[i] = blue[i] * transmittance + color[2] * opacity
 
 
 @disjoint_helper
-def cover_by_powers(
-    density, squares, above, falloff, color, viewer, px, py, pz, red, green, blue
+def blend_exponential(
+    density, is_squared, eye_y, falloff, color, viewer, px, py, pz, red, green, blue
 ):  # fmt: skip
-    """Cover samples with fog that keeps a share 2**-x of the colour, or 2**-(x**2)."""
+    """Blend samples with fog of transmittance 2**-x, or 2**-(x**2)."""
     one = np.float32(1.0)
     for i in range(red.shape[0]):
         distance = distance_to(px[i], py[i], pz[i], viewer)
         start = start_height(py[i], distance, viewer)
-        low, rise = (above + start) * falloff, (py[i] - start) * falloff
+        low, rise = (eye_y + start) * falloff, (py[i] - start) * falloff
         depth = density * distance * mean_density(low, rise)
-        depth = min(depth, DEEPEST)
-        depth *= depth * squares + (one - squares)
-        share = exp2(-depth)
-        rest = one - share
-        red[i] = red[i] * share + color[0] * rest
-        green[i] = green[i] * share + color[1] * rest
-        blue[i] = blue[i] * share + color[2] * rest
+        depth = min(depth, MAX_DEPTH)
+        depth *= depth * is_squared + (one - is_squared)
+        transmittance = exp2(-depth)
+        opacity = one - transmittance
+        red[i] = red[i] * transmittance + color[0] * opacity
+        green[i] = green[i] * transmittance + color[1] * opacity
+        blue[i] = blue[i] * transmittance + color[2] * opacity
 
 
 @helper
-def unit_viewer(toward_viewer):
+def normalize_viewer(toward_viewer):
     """Return the direction to the viewer with a length of one, if there is one, and w."""
     x, y, z, w = toward_viewer[0], toward_viewer[1], toward_viewer[2], toward_viewer[3]
     scale = unit_scale(x, y, z)
@@ -109,52 +109,52 @@ def unit_viewer(toward_viewer):
 
 
 @stage
-def cover_linearly(
-    block: Block, count, end: float32, per_range: float32, color: float32[::1],
+def apply_linear_fog(
+    block: Block, count, end: float32, inv_range: float32, color: float32[::1],
     toward_viewer: float32[::1],
 ):  # fmt: skip
     """
-    Cover samples with fog whose share grows evenly with distance.
+    Apply fog that grows linearly with distance.
 
     Parameters
     ----------
     block : Block
         Reads rows POINT_X.., changes rows OUT_RED...
     count : int
-    end, per_range : float32
+    end, inv_range : float32
         Scene units, and one over them; see ``FogRecord``.
     color : (3,) float32, linear
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
     s = block.samples
-    cover_evenly(
-        end, per_range, color, unit_viewer(toward_viewer), *three_parts(s, rows.POINT_X, 0, count),
-        *three_parts(s, rows.OUT_RED, 0, count),
+    blend_linear(
+        end, inv_range, color, normalize_viewer(toward_viewer),
+        *three_parts(s, rows.POINT_X, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip
 
 
 @stage
-def cover_exponentially(
-    block: Block, count, density: float32, squares: float32, above: float32[::1], falloff: float32,
-    color: float32[::1], toward_viewer: float32[::1],
+def apply_exp_fog(
+    block: Block, count, density: float32, is_squared: float32, eye_y: float32[::1],
+    falloff: float32, color: float32[::1], toward_viewer: float32[::1],
 ):  # fmt: skip
     """
-    Cover samples with fog that keeps a share 2**-x of the colour, or 2**-(x**2).
+    Apply fog of transmittance 2**-x, or 2**-(x**2), of an optical depth x.
 
     Parameters
     ----------
     block, count, color, toward_viewer
-        As `cover_linearly` takes them.
+        As `apply_linear_fog` takes them.
     density, falloff : float32
         See ``FogRecord``.
-    above : (1,) float32, scene units
+    eye_y : (1,) float32, scene units
         Height of the eye over where the fog has its density.
-    squares : float32
+    is_squared : float32
         1: the depth is squared, 0: it is not.
     """
     s = block.samples
-    cover_by_powers(
-        density, squares, above[0], falloff, color, unit_viewer(toward_viewer),
+    blend_exponential(
+        density, is_squared, eye_y[0], falloff, color, normalize_viewer(toward_viewer),
         *three_parts(s, rows.POINT_X, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip

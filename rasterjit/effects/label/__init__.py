@@ -34,26 +34,26 @@ from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import blending_note
 
-SHARES = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
+ANCHORS = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
 """Where an anchor lies in a box, of its width or height; else in the middle."""
 
-FARTHEST = 1e9
-"""Pixels from the picture's corner beyond which a place is nowhere near."""
+MAX_PIXEL = 1e9
+"""Pixels from the picture's corner beyond which an anchor is not visible."""
 
 LOW_BITS = (1 << BUCKET_BITS) - 1
-"""Those of a float32 in one bucket."""
+"""The bits of a float32 that are interpolated within one bucket."""
 
-SHOWN, HIDDEN, ELSEWHERE = 1, 0, -1
+VISIBLE, HIDDEN, OUTSIDE = 1, 0, -1
 """Visibility of a label in a picture or part: visible, occluded, or outside."""
 
 
 class Texts(NamedTuple):
-    """The labels of a scene, where they stand."""
+    """The labels of a scene, and their points."""
 
     labels: tuple[Label, ...]
     points: Float64
     """(N, 3), world space."""
-    places: Float64 | None = None
+    anchors: Float64 | None = None
     """(N, 2), pixels of the whole picture; ``None`` -> where the camera sees the points."""
 
 
@@ -69,15 +69,15 @@ class Box(NamedTuple):
     """Pixels around the text."""
 
 
-def box_of(label: Label, place: Sequence[float]) -> Box:
-    """Return the pixels of a label whose anchor lies at a place, pixels of the whole picture."""
+def box_of(label: Label, anchor: Sequence[float]) -> Box:
+    """Return the box of a label, given its anchor in pixels of the whole picture."""
     layout = lay_out(label.text, label.size, _side(label, "left", "right"), label.font)
     padding = 0 if label.background is None else math.floor(PADDING * label.size + 0.5)
     width, height = layout.width + 2 * padding, layout.height + 2 * padding
     corner = []
     for axis, sides, length in ((0, ("left", "right"), width), (1, ("top", "bottom"), height)):
-        share = SHARES.get(_side(label, *sides), 0.5)
-        corner.append(math.floor(place[axis] + label.offset[axis] - share * length + 0.5))
+        fraction = ANCHORS.get(_side(label, *sides), 0.5)
+        corner.append(math.floor(anchor[axis] + label.offset[axis] - fraction * length + 0.5))
     return Box(corner[0], corner[1], width, height, padding)
 
 
@@ -88,18 +88,18 @@ def _side(label: Label, first: str, last: str) -> str:
 
 def draw_label(
     label: Label,
-    place: Sequence[float],
+    anchor: Sequence[float],
     corner: tuple[int, int],
     color: NDArray[np.uint8],
     in_codes: bool,
 ) -> None:
     """
-    Lay a label over a picture, or a part of one.
+    Draw a label over a picture, or a part of one.
 
     Parameters
     ----------
     label : Label
-    place : (float, float)
+    anchor : (float, float)
         Where its anchor lies, pixels of the whole picture.
     corner : (int, int)
         First column and row of the part, in the whole picture.
@@ -108,7 +108,7 @@ def draw_label(
     in_codes : bool
         Whether codes are mixed, not light.
     """
-    box, (height, width) = box_of(label, place), color.shape[:2]
+    box, (height, width) = box_of(label, anchor), color.shape[:2]
     left, top = max(box.left - corner[0], 0), max(box.top - corner[1], 0)
     right = min(box.left - corner[0] + box.width, width)
     bottom = min(box.top - corner[1] + box.height, height)
@@ -120,9 +120,9 @@ def draw_label(
         left + corner[0] - box.left - box.padding,
         top + corner[1] - box.top - box.padding,
     )
-    cover = text_coverage(layout, label.size, (*first, right - left, bottom - top))
-    layers = [] if label.background is None else [(np.ones_like(cover), label.background)]
-    mix(color[top:bottom, left:right], [*layers, (cover, label.color)], in_codes)
+    coverage = text_coverage(layout, label.size, (*first, right - left, bottom - top))
+    layers = [] if label.background is None else [(np.ones_like(coverage), label.background)]
+    mix(color[top:bottom, left:right], [*layers, (coverage, label.color)], in_codes)
 
 
 def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_codes: bool) -> None:
@@ -141,18 +141,18 @@ def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_cod
     light = pixels[..., :3] / 255.0 if in_codes else decoding_table()[pixels[..., :3]].astype(float)
     alpha = pixels[..., 3] / 255.0
     is_touched = np.zeros(alpha.shape, bool)
-    for cover, (*own, opacity) in layers:
-        values = np.array(own, np.float64)
+    for coverage, (*rgb, opacity) in layers:
+        values = np.array(rgb, np.float64)
         if in_codes:
             values = encoded(values) / 255.0
-        share = cover * opacity
-        through = (1.0 - share) * alpha
-        total = share + through
-        some = share > 0.0
-        mixed = share[..., np.newaxis] * values + through[..., np.newaxis] * light
-        np.divide(mixed, total[..., np.newaxis], out=light, where=some[..., np.newaxis])
-        np.copyto(alpha, total, where=some)
-        is_touched |= some
+        front = coverage * opacity
+        back = (1.0 - front) * alpha
+        total = front + back
+        is_covered = front > 0.0
+        weighted = front[..., np.newaxis] * values + back[..., np.newaxis] * light
+        np.divide(weighted, total[..., np.newaxis], out=light, where=is_covered[..., np.newaxis])
+        np.copyto(alpha, total, where=is_covered)
+        is_touched |= is_covered
     codes = np.floor(255.0 * light + 0.5).astype(np.uint8) if in_codes else encoded(light)
     np.copyto(pixels[..., :3], codes, where=is_touched[..., np.newaxis])
     np.copyto(pixels[..., 3], np.floor(255.0 * alpha + 0.5).astype(np.uint8), where=is_touched)
@@ -166,25 +166,25 @@ def encoded(light: Float64) -> NDArray[np.uint8]:
     return (entries >> BUCKET_BITS).astype(np.uint8)
 
 
-def find_seen(texts: Texts, context: FrameContext) -> NDArray[np.int8]:
-    """Return what a picture, or a part of one, knows of each label: (N,), see ``SHOWN``."""
-    found = np.full(len(texts.labels), SHOWN, np.int8)
+def find_states(texts: Texts, context: FrameContext) -> NDArray[np.int8]:
+    """Return the visibility of each label in a picture, or a part of one: (N,), see ``VISIBLE``."""
+    out = np.full(len(texts.labels), VISIBLE, np.int8)
     plan = context.plan
     if not plan.facts.draws_faces:
-        return found
+        return out
     face_id, (left, top) = context.seen.coverage.face_id, plan.corner
     height, width = face_id.shape
-    for n, (label, place) in enumerate(zip(texts.labels, places_of(texts, plan), strict=True)):
+    for n, (label, anchor) in enumerate(zip(texts.labels, anchors_of(texts, plan), strict=True)):
         if not label.hidden:
             continue
-        found[n] = ELSEWHERE
-        x, y = place.tolist()
-        if abs(x) < FARTHEST and abs(y) < FARTHEST:
+        out[n] = OUTSIDE
+        x, y = anchor.tolist()
+        if abs(x) < MAX_PIXEL and abs(y) < MAX_PIXEL:
             column, row = math.floor(x) - left, math.floor(y) - top
             if 0 <= column < width and 0 <= row < height:
                 face = int(face_id[row, column])
-                found[n] = HIDDEN if face >= 0 and hides(face, texts.points[n], context) else SHOWN
-    return found
+                out[n] = HIDDEN if face >= 0 and hides(face, texts.points[n], context) else VISIBLE
+    return out
 
 
 def hides(face: int, point: Float64, context: FrameContext) -> bool:
@@ -199,21 +199,21 @@ def hides(face: int, point: Float64, context: FrameContext) -> bool:
     plan, placement, arrays = context.plan, context.placement, context.cache.shapes.arrays
     owner = int(np.searchsorted(placement.face_starts, face, side="right")) - 1
     matrix = placement.relative_from_model[owner]
-    corners = [_moved(matrix, arrays.positions[vertex]) for vertex in arrays.faces[face]]
-    own = (point - plan.camera.eye_position()).tolist()
+    corners = [_transform(matrix, arrays.positions[vertex]) for vertex in arrays.faces[face]]
+    relative = (point - plan.camera.eye_position()).tolist()
     x, y, z, w = placement.toward_viewer.tolist()
-    toward = [x - w * own[0], y - w * own[1], z - w * own[2]]
+    toward = [x - w * relative[0], y - w * relative[1], z - w * relative[2]]
     length = math.sqrt(_dot(toward, toward))
     if not length > 0.0:
         return False
-    ray = [one / length for one in toward]
-    reaches = [_dot(_less(corner, own), ray) for corner in corners]
-    normal = _cross(_less(corners[1], corners[0]), _less(corners[2], corners[0]))
+    ray = [value / length for value in toward]
+    distances = [_dot(_subtract(corner, relative), ray) for corner in corners]
+    normal = _cross(_subtract(corners[1], corners[0]), _subtract(corners[2], corners[0]))
     slope = _dot(normal, ray)
-    ahead = min(reaches)
+    distance = min(distances)
     if slope != 0.0:
-        ahead = min(_dot(normal, _less(corners[0], own)) / slope, max(reaches))
-    return ahead > pixel_width(plan, length if w else 1.0)
+        distance = min(_dot(normal, _subtract(corners[0], relative)) / slope, max(distances))
+    return distance > pixel_width(plan, length if w else 1.0)
 
 
 def pixel_width(plan: RenderPlan, distance: float) -> float:
@@ -224,30 +224,30 @@ def pixel_width(plan: RenderPlan, distance: float) -> float:
     return 2.0 * distance * per_distance / (math.sqrt(_dot(across, across)) * plan.size[0])
 
 
-def places_of(texts: Texts, plan: RenderPlan) -> Float64:
+def anchors_of(texts: Texts, plan: RenderPlan) -> Float64:
     """Return where the points are seen, (N, 2): pixels of the whole picture, NaN if not."""
-    if texts.places is not None:
-        return texts.places
-    found = project(plan.camera, texts.points, plan.size)
+    if texts.anchors is not None:
+        return texts.anchors
+    projected = project(plan.camera, texts.points, plan.size)
     planes = near_far(plan.camera)
-    least, most = 0.0, math.inf
+    near, far = 0.0, math.inf
     if planes is not None:
         # A plane that is not given is put where it cuts nothing.
         if not planes.is_near_open and planes.near_steps is None:
-            least = planes.near
+            near = planes.near
         if not planes.is_far_open and planes.far_steps is None:
-            most = planes.far
-    is_between = (found.depth >= least) & (found.depth <= most)
-    return np.where(is_between[:, np.newaxis], found.pixels, np.nan)
+            far = planes.far
+    is_between = (projected.depth >= near) & (projected.depth <= far)
+    return np.where(is_between[:, np.newaxis], projected.pixels, np.nan)
 
 
-def _moved(matrix: Float64, position: Float64) -> list[float]:
+def _transform(matrix: Float64, position: Float64) -> list[float]:
     """Return a position in model space relative to the eye, given (3, 4)."""
     x, y, z = position.tolist()
     return [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix.tolist()]
 
 
-def _less(one: Sequence[float], other: Sequence[float]) -> list[float]:
+def _subtract(one: Sequence[float], other: Sequence[float]) -> list[float]:
     """Return a difference of vectors."""
     return [a - b for a, b in zip(one, other, strict=True)]
 
@@ -280,7 +280,7 @@ class Labels(LooksAround, Bends):
             return Absent(self, facts)
         labels = tuple(node.label for node in nodes if node.label is not None)
         points = [
-            _moved(node.world_matrix[:3], np.array(label.position))
+            _transform(node.world_matrix[:3], np.array(label.position))
             for node, label in zip(nodes, labels, strict=True)
         ]
         return Planned(self, facts, Texts(labels, np.array(points)))
@@ -301,22 +301,22 @@ class Labels(LooksAround, Bends):
         """Return the texts, each where a lens shows its point."""
         # What is too far for numbers is seen nowhere.
         with np.errstate(all="ignore"):
-            return data._replace(places=pixels(data.points - eye))
+            return data._replace(anchors=pixels(data.points - eye))
 
     def see(self, context: FrameContext) -> NDArray[np.int8]:
-        """Return what a picture, or a part of it, knows of each text."""
-        return find_seen(context.plan.data(self.name), context)
+        """Return the visibility of each text in a picture, or a part of it."""
+        return find_states(context.plan.data(self.name), context)
 
     def join(
         self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], NDArray[np.int8]]]
     ) -> NDArray[np.int8]:
-        """Return what is known of each text, given what parts of the picture know."""
-        return np.maximum.reduce([known for _, known in parts])
+        """Return the visibility of each text, given that in parts of the picture."""
+        return np.maximum.reduce([states for _, states in parts])
 
     def prepare(
         self, context: FrameContext, data: Texts, seen: Sequence[tuple[Any, Any]]
     ) -> NDArray[np.int8]:
-        """Return which texts are seen."""
+        """Return the visibility of the texts."""
         return seen[0][1]
 
     def without(self, scene: Scene) -> Scene:
@@ -327,12 +327,12 @@ class Labels(LooksAround, Bends):
     def draw_over(texts: Texts, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Draw the texts over the colour, (H, W, 4)."""
         plan = context.plan
-        known = {} if plan.drawn is None else plan.drawn[0]
-        seen = known[LABELS.name] if LABELS.name in known else find_seen(texts, context)
-        places = places_of(texts, plan)
-        for label, place, one in zip(texts.labels, places, seen, strict=True):
-            x, y = place.tolist()
-            if one == SHOWN and abs(x) < FARTHEST and abs(y) < FARTHEST:
+        cached = {} if plan.drawn is None else plan.drawn[0]
+        states = cached[LABELS.name] if LABELS.name in cached else find_states(texts, context)
+        anchors = anchors_of(texts, plan)
+        for label, anchor, state in zip(texts.labels, anchors, states, strict=True):
+            x, y = anchor.tolist()
+            if state == VISIBLE and abs(x) < MAX_PIXEL and abs(y) < MAX_PIXEL:
                 draw_label(label, (x, y), plan.corner, color, plan.quality.blending == "srgb8")
 
     places: ClassVar = {"overlay": draw_over}

@@ -36,7 +36,7 @@ EDGE_BITS = {
 }
 
 LENS, MARKS = "lens of outlines", "marks of outlines"
-"""What recorded calls find of each view: see `Outlines.differ`."""
+"""Keys of a view's arrays in recorded calls: see `Outlines.differ`."""
 
 
 def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint8]) -> None:
@@ -60,16 +60,16 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)
     marks = context.own(MARKS, np.zeros(face_id.shape, np.uint8))
     rgba = opaque_codes(effect.color).view(np.uint32)
-    target, reach = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
+    target, disc = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
     per_task = rows_per_task(face_id.shape, workers)
     bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
-    own = coverage.reversed_vertex_depth, geometry, context.placement, lens, snap, kinds
+    shared = coverage.reversed_vertex_depth, geometry, context.placement, lens, snap, kinds
     edges = [
-        (face_id, rows, depth, *own, least_cosine, marks, outline_stage.scratch_memory(width))
+        (face_id, rows, depth, *shared, least_cosine, marks, outline_stage.scratch_memory(width))
         for rows in bands
     ]
     workers.run(outline_stage.find_edges, edges)
-    workers.run(outline_stage.draw_marks, [(marks, rows, reach, rgba, target) for rows in bands])
+    workers.run(outline_stage.dilate_marks, [(marks, rows, disc, rgba, target) for rows in bands])
 
 
 def disc_rows(width: int) -> NDArray[np.int32]:
@@ -83,8 +83,8 @@ def disc_rows(width: int) -> NDArray[np.int32]:
     first = -(width // 2) + (1 - width % 2)
     rows = []
     for down in range(first, width // 2 + 1):
-        room = (width / 2.0) * (width / 2.0) - (down - offset) * (down - offset)
-        half = math.floor(math.sqrt(max(room, 0.0)) + offset)
+        squared = (width / 2.0) * (width / 2.0) - (down - offset) * (down - offset)
+        half = math.floor(math.sqrt(max(squared, 0.0)) + offset)
         rows.append((down, -half + (1 - width % 2), half + 1))
     return np.array(rows, np.int32)
 
@@ -115,10 +115,10 @@ class Outlines(LooksAround, BatchedEffect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and draw edges."""
-        return {"overlay": rows_where("", outline_stage.find_edges, outline_stage.draw_marks)}
+        return {"overlay": rows_where("", outline_stage.find_edges, outline_stage.dilate_marks)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return where edges are noted."""
+        """Return the picture of marked edges."""
         return [("marks of outlines", 1, "uint8", plan.size)]
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:

@@ -30,15 +30,15 @@ JUMP = np.float32(2.0)
 DEPTH_ROUNDING = np.float32(2.0**-21)
 """Slack for the rounding of two float32 depths and their slopes, as a share of the depth."""
 
-SPANS = np.float32(2.0)
+FACES = np.float32(2.0)
 """
-Faces of one surface that may follow each other from one pixel to the next, if they reach as far.
+Faces of one surface that may follow each other from one pixel to the next, if they disc as far.
 
 So a face that is seen edge-on, whose slope says nothing, hides no jump.
 """
 
-MIN = np.float32(1e-30)
-"""Added to what is divided by; the lens has entries up to 1."""
+TINY = np.float32(1e-30)
+"""Added to divisors; the lens has entries up to 1."""
 
 NORMAL = 0
 """Rows of scratch: normal of the face, toward the viewer, world axes."""
@@ -53,7 +53,7 @@ def scratch_memory(width: int) -> tuple[Any, Any]:
 
 
 @helper
-def steepest(a, b, c, axis, codes, xy, grid_bits, depths):
+def max_slope(a, b, c, axis, codes, xy, grid_bits, depths):
     """Return the largest change of stored depth from one pixel to the next on faces like this."""
     if (codes[a] | codes[b] | codes[c]) & (CLIPPED | INVALID):
         return np.float32(np.inf)
@@ -63,7 +63,7 @@ def steepest(a, b, c, axis, codes, xy, grid_bits, depths):
     last = max(xy[a, axis], max(xy[b, axis], xy[c, axis]))
     pixel = np.float32(np.int64(1) << grid_bits)
     return (
-        SPANS * span * max(pixel / max(np.float32(last - first), np.float32(1.0)), np.float32(1.0))
+        FACES * span * max(pixel / max(np.float32(last - first), np.float32(1.0)), np.float32(1.0))
     )
 
 
@@ -80,15 +80,15 @@ def slopes_at(lens, viewer, column, row, depth, normal):
         + ny * (viewer[1] - viewer[3] * y)
         + nz * (viewer[2] - viewer[3] * z)
     )
-    turn = np.float32(1.0) if toward >= np.float32(0.0) else np.float32(-1.0)
+    sign = np.float32(1.0) if toward >= np.float32(0.0) else np.float32(-1.0)
     rise_x = nx * across[0] + ny * across[1] + nz * across[2]
     rise_y = nx * down[0] + ny * down[1] + nz * down[2]
     rise = nx * deeper[0] + ny * deeper[1] + nz * deeper[2]
-    rise = rise + MIN if rise >= np.float32(0.0) else rise - MIN
+    rise = rise + TINY if rise >= np.float32(0.0) else rise - TINY
     step = across[0] * across[0] + across[1] * across[1] + across[2] * across[2]
     deep = deeper[0] * deeper[0] + deeper[1] * deeper[1] + deeper[2] * deeper[2]
-    footprint = np.sqrt(step / (deep + MIN))
-    return (turn * nx, turn * ny, turn * nz), -rise_x / rise, -rise_y / rise, footprint
+    footprint = np.sqrt(step / (deep + TINY))
+    return (sign * nx, sign * ny, sign * nz), -rise_x / rise, -rise_y / rise, footprint
 
 
 @helper
@@ -96,31 +96,31 @@ def fill_row(
     faces, depth, row, lens, viewer, snap, vertex_depths, geometry, placement, s, owners
 ):  # fmt: skip
     """Write normal, slopes, slack and object of each pixel of a row; object -1 where nothing is."""
-    known, owner = np.int64(-1), np.int64(0)
+    last_face, owner = np.int64(-1), np.int64(0)
     normal = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    most_x = most_y = np.float32(0.0)
+    max_x = max_y = np.float32(0.0)
     codes, xy, bits = geometry.codes, geometry.xy, geometry.viewport.grid_bits
     for column in range(np.uintp(faces.shape[0])):
         face = np.int64(faces[column])
         owners[column] = -1
         if face < 0:
             continue
-        if face != known:
-            known = face
+        if face != last_face:
+            last_face = face
             owner = find_object(face, placement.face_starts, owner)
             a, b, c = corners_of(geometry.faces, face)
             x, y, z = face_normal(a, b, c, owner, placement)
             normal = np.float32(x), np.float32(y), np.float32(z)
-            most_x = steepest(a, b, c, 0, codes, xy, bits, vertex_depths)
-            most_y = steepest(a, b, c, 1, codes, xy, bits, vertex_depths)
+            max_x = max_slope(a, b, c, 0, codes, xy, bits, vertex_depths)
+            max_y = max_slope(a, b, c, 1, codes, xy, bits, vertex_depths)
         stored = depth[column]
-        turned, slope_x, slope_y, footprint = slopes_at(
+        facing, slope_x, slope_y, footprint = slopes_at(
             lens, viewer, np.float32(column), np.float32(row), stored, normal
         )
         for k in range(3):
-            s[NORMAL + k, column] = turned[k]
-        s[SLOPE_X, column] = clamped(slope_x, -most_x, most_x)
-        s[SLOPE_Y, column] = clamped(slope_y, -most_y, most_y)
+            s[NORMAL + k, column] = facing[k]
+        s[SLOPE_X, column] = clamped(slope_x, -max_x, max_x)
+        s[SLOPE_Y, column] = clamped(slope_y, -max_y, max_y)
         s[SLACK, column] = (
             JUMP * footprint
             + snap * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))
@@ -228,34 +228,34 @@ def find_edges(
     slack, least = np.float32(snap), np.float32(least_cosine)
     for row in range(rows[0], min(rows[1] + 1, height)):
         this, other = row & 1, 1 - (row & 1)
-        s, t, own, above = lines[this], lines[other], owners[this], owners[other]
+        s, t, row_owners, previous_owners = lines[this], lines[other], owners[this], owners[other]
         fill_row(
             face_id[row], depth[row], row, lens, viewer, slack, vertex_depths, geometry,
-            placement, s, own,
+            placement, s, row_owners,
         )  # fmt: skip
         for i in range(np.uintp(width)):
             face = np.int64(face_id[row, i])
             if row > rows[0] and face_id[row - 1, i] != face:
                 side = edge_between(
-                    i, i, SLOPE_Y, np.int64(face_id[row - 1, i]), face,
-                    depth[row - 1, i], depth[row, i], t, s, above[i], own[i], kinds, least,
-                    corners, positions,
+                    i, i, SLOPE_Y, np.int64(face_id[row - 1, i]), face, depth[row - 1, i],
+                    depth[row, i], t, s, previous_owners[i], row_owners[i], kinds, least, corners,
+                    positions,
                 )  # fmt: skip
                 if side != 0:
                     marks[row - 1 if side < 0 else row, i] = 1
             j = i + np.uintp(1)
             if row < rows[1] and j < width and face_id[row, j] != face:
                 side = edge_between(
-                    i, j, SLOPE_X, face, np.int64(face_id[row, j]), depth[row, i],
-                    depth[row, j], s, s, own[i], own[j], kinds, least, corners, positions,
+                    i, j, SLOPE_X, face, np.int64(face_id[row, j]), depth[row, i], depth[row, j], s,
+                    s, row_owners[i], row_owners[j], kinds, least, corners, positions,
                 )  # fmt: skip
                 if side != 0:
                     marks[row, i if side < 0 else j] = 1
 
 
 @kernel
-def draw_marks(
-    marks: uint8[:, ::1], rows: (int64, int64), reach: int32[:, ::1], color: uint32[::1],
+def dilate_marks(
+    marks: uint8[:, ::1], rows: (int64, int64), disc: int32[:, ::1], color: uint32[::1],
     target: uint32[:, ::1],
 ):  # fmt: skip
     """
@@ -267,7 +267,7 @@ def draw_marks(
         1 where a line runs.
     rows : (int, int)
         The rows to draw, first and one past the last.
-    reach : (D, 3) int32
+    disc : (D, 3) int32
         For each row of the disc: how far down it lies from the mark, and its first column and the
         one past its last, relative to the mark.
     color : (1,) uint32
@@ -278,14 +278,14 @@ def draw_marks(
     height, width = marks.shape
     value = color[0]
     for row in range(rows[0], rows[1]):
-        for n in range(reach.shape[0]):
-            source = row - np.int64(reach[n, 0])
+        for n in range(disc.shape[0]):
+            source = row - np.int64(disc[n, 0])
             if source < 0 or source >= height:
                 continue
             for i in range(np.uintp(width)):
                 if marks[source, i] == 0:
                     continue
-                first = max(np.int64(i) + reach[n, 1], 0)
-                last = min(np.int64(i) + reach[n, 2], width)
+                first = max(np.int64(i) + disc[n, 1], 0)
+                last = min(np.int64(i) + disc[n, 2], width)
                 for column in range(np.uintp(first), np.uintp(last)):
                     target[row, column] = value

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.outline import disc_rows
-from rasterjit.effects.outline.stage import draw_marks
+from rasterjit.effects.outline.stage import dilate_marks
 from rasterjit.effects.wireframe import draw_edges
 from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.pipeline.geometry.setup import NEAR
@@ -34,7 +34,7 @@ MARK = np.array([255, 255, 255, 255], np.uint8)
 
 
 class Sections(LooksAround, HasModes):
-    """Say by what a scene is cut: what is drawn is what is left of it."""
+    """Cut a scene by planes: report by which."""
 
     name = "section"
     field = "section"
@@ -134,12 +134,12 @@ class SectionLines(LooksAround):
                 *rows_where("", wireframe_stage.find_pixels, wireframe_stage.fill_slack),
                 KernelRow(wireframe_stage.project_edges, hiding),
                 KernelRow(wireframe_stage.draw_edges, hiding),
-                KernelRow(draw_marks),
+                KernelRow(dilate_marks),
             ]
         }
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return where lines are noted."""
+        """Return the pictures of hidden and marked lines."""
         return [
             ("slack of hidden lines", 1, "float32", plan.size),
             ("marks of section lines", 4, "uint8", plan.size),
@@ -168,25 +168,25 @@ class SectionLines(LooksAround):
             if not plane.lines or not len(edges):
                 continue
             if plan.cull != "front":
-                is_behind = _behind_their_solids(plane, edges, cut.sides[number], context)
+                is_behind = _are_behind_solids(plane, edges, cut.sides[number], context)
                 edges = np.ascontiguousarray(edges[~is_behind])
-            drawn = np.zeros(color.shape, np.uint8)
-            draw_edges(edges, geometry, coefficients, MARK, drawn, hidden_by, workers)
-            marks, reach = drawn[:, :, 0].copy(), disc_rows(plane.line_width)
+            canvas = np.zeros(color.shape, np.uint8)
+            draw_edges(edges, geometry, coefficients, MARK, canvas, hidden_by, workers)
+            marks, disc = canvas[:, :, 0].copy(), disc_rows(plane.line_width)
             rgba = opaque_codes(plane.line_color).view(np.uint32)
 
             def draw_band(
                 rows: tuple[int, int], marks: NDArray[np.uint8] = marks,
-                reach: NDArray[np.int32] = reach, rgba: NDArray[np.uint32] = rgba,
+                disc: NDArray[np.int32] = disc, rgba: NDArray[np.uint32] = rgba,
             ) -> None:  # fmt: skip
-                draw_marks(marks, rows, reach, rgba, target)
+                dilate_marks(marks, rows, disc, rgba, target)
 
             workers.run(draw_band, bands)
 
     places: ClassVar = {"overlay": draw_over}
 
 
-def _behind_their_solids(
+def _are_behind_solids(
     plane: SectionPlane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
 ) -> NDArray[np.bool_]:
     """
@@ -195,15 +195,15 @@ def _behind_their_solids(
     """
     geometry, placement = context.seen.geometry, context.placement
     result = np.zeros(len(edges), bool)
-    x, y, z, share = placement.toward_viewer.tolist()
+    x, y, z, w = placement.toward_viewer.tolist()
     for owner in np.unique(sides[sides[:, 0] >= 0, 1]).tolist():
         rows = np.flatnonzero((sides[:, 1] == owner) & (sides[:, 0] >= 0))
         corners = np.column_stack([edges[rows], sides[rows, 0]])
         matrix = placement.relative_from_model[owner]
-        own = placement.positions[corners]
-        points = np.stack([dot_rows(own, line[:3]) + line[3] for line in matrix], axis=-1)
+        positions = placement.positions[corners]
+        points = np.stack([dot_rows(positions, line[:3]) + line[3] for line in matrix], axis=-1)
         a, b, c = np.moveaxis(points, 1, 0)
-        toward = np.array([x, y, z]) - share * a
+        toward = np.array([x, y, z]) - w * a
         facing = sides[rows, 2] * dot_rows(np.cross(b - a, c - a), toward)
         hidden = rows[(facing < 0.0) & (dot_rows(toward, np.array(plane.normal)) < 0.0)]
         first, last = placement.face_starts[owner : owner + 2].tolist()

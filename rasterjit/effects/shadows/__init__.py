@@ -37,11 +37,11 @@ MAX_TEXELS_TO_TRY = 1 << 26
 """Of the shadow maps that are tried where nobody asked for them: 268 MB."""
 
 NO_LIGHT = np.empty(0, np.float32)
-"""Stands for the light where it is not known which samples turn away from it."""
+"""Argument in place of a light, where samples that turn away from it are not skipped."""
 
 Shadows: TypeAlias = maps.ShadowRecord | maps.PlannedShadows
 
-Seen = Sequence[tuple[Camera, visible_cells.SeenDepth]]
+Views = Sequence[tuple[Camera, visible_cells.DepthRanges]]
 
 
 def describe_shadows(lights: Sequence[Light]) -> str:
@@ -64,13 +64,13 @@ def mapped_lights(facts: Facts) -> list[CastingLight]:
 
 
 def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that find what shadows fall on: once, whatever lights there are."""
-    has_facets = int(needs.microfacets)
+    """Return the passes that find shadow receivers: once, whatever lights there are."""
+    has_microfacets = int(needs.microfacets)
 
-    def found(a: ShadingArrays) -> tuple[Any, ...]:
-        return a.placement.positions, a.placement.relative_from_model, has_facets
+    def arguments(a: ShadingArrays) -> tuple[Any, ...]:
+        return a.placement.positions, a.placement.relative_from_model, has_microfacets
 
-    passes = [Pass(receivers.find_receivers, found)]
+    passes = [Pass(receivers.find_receivers, arguments)]
     if needs.points:
         passes.append(
             Pass(point_normals.find_point_receivers, lambda a: (*a.surface.points, a.placement))
@@ -79,7 +79,7 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
 
 
 def can_turn_away(needs: ShadingNeeds) -> bool:
-    """Tell whether a light is surely nothing to samples whose normals turn away from it."""
+    """Tell whether a light adds nothing to samples whose normals turn away from it."""
     # Coats have normals of their own; of sheen, glass and pyrender's shader it is not known.
     return not (needs.layers or needs.transmission or needs.pyrender)
 
@@ -114,56 +114,56 @@ class ShadowMaps(LooksAround):
         """Tell that maps are fitted to what is seen."""
         return True
 
-    def see(self, context: FrameContext) -> visible_cells.SeenDepth:
-        """Return what maps are fitted to, as far as the depth of a picture tells."""
+    def see(self, context: FrameContext) -> visible_cells.DepthRanges:
+        """Return the ranges of a picture's depth, which maps are fitted to."""
         layers = context.plan.layers
-        is_open = layers is not None and not layers.has_blended
-        starts = context.placement.face_starts if is_open else None
-        return visible_cells.see_depth(context.seen.coverage, context.workers, starts)
+        asks_objects = layers is not None and not layers.has_blended
+        starts = context.placement.face_starts if asks_objects else None
+        return visible_cells.read_depth_ranges(context.seen.coverage, context.workers, starts)
 
     def join(
         self,
         size: tuple[int, int],
-        parts: Sequence[tuple[tuple[int, int], visible_cells.SeenDepth]],
-    ) -> visible_cells.SeenDepth:
-        """Return what the depth of a picture tells, from that of its parts."""
-        return visible_cells.join_depths(size, parts)
+        parts: Sequence[tuple[tuple[int, int], visible_cells.DepthRanges]],
+    ) -> visible_cells.DepthRanges:
+        """Return the depth ranges of a picture, from those of its parts."""
+        return visible_cells.merge_depth_ranges(size, parts)
 
-    def prepare(self, context: FrameContext, data: Any, seen: Seen) -> maps.ShadowRecord | None:
+    def prepare(self, context: FrameContext, data: Any, seen: Views) -> maps.ShadowRecord | None:
         """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
         plan, cache, placement, workers = context[:4]
         facts, arrays = plan.facts, cache.shapes.arrays
         # The vertices of an object are lit wherever they are.
-        is_whole = plan.facts.in_view & facts.inventory.is_gouraud
+        always_lit = plan.facts.in_view & facts.inventory.is_gouraud
         # Behind glass, and between pixel centres, more is visible than the depth buffer holds.
-        is_open = plan.facts.in_view & (plan.layers is not None)
+        may_be_seen = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
             boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
-            is_open &= visible_cells.missed_objects(plan.camera, boxes, seen[0][1])
+            may_be_seen &= visible_cells.unseen_objects(plan.camera, boxes, seen[0][1])
         vertices = visibility_pass.ModelVertices(
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
         )
         alpha_tests = None
         if facts.shades_through_holes:
             alpha_tests = cache.tables.alpha_tests(facts.counts.textured_holes > 0)
-        cells = [visible_cells.seen_cells(*one) for one in seen]
+        cells = [visible_cells.depth_cells(*view) for view in seen]
         casters = maps.Casters(
             vertices, arrays.faces, placement, cache.shapes.boxes, facts.inventory.casts_shadows,
             alpha_tests, arrays.primitives,
         )  # fmt: skip
-        scenery = maps.scenery_of(
-            casters, is_whole, is_open, np.concatenate(cells), plan.camera, plan.size
+        scenery = maps.collect_scenery(
+            casters, always_lit, may_be_seen, np.concatenate(cells), plan.camera, plan.size
         )
         normals = cache.tables.normals if plan.facts.shades_smoothly else None
         eye = plan.camera.eye_position()
         return maps.draw_shadows(mapped_lights(facts), eye, scenery, normals, workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
+        """Return the kernels that draw the maps: those of a picture, with the lights as cameras."""
         cast = "something casts a shadow on what is seen"
         facts = plan.facts
         drawn = visibility_pass.kernels_of(
-            visibility_pass.Wanted(), facts.shades_through_holes, facts.counts.primitives
+            visibility_pass.Options(), facts.shades_through_holes, facts.counts.primitives
         )
         rows = [
             row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)
@@ -179,15 +179,15 @@ class ShadowMaps(LooksAround):
             if light.shadow is not None
         ]
         return [
-            (f"shadow map, {own.size} texels", sides, "float32", (own.size, own.size))
-            for own, sides in shadows
+            (f"shadow map, {shadow.size} texels", sides, "float32", (shadow.size, shadow.size))
+            for shadow, sides in shadows
         ]
 
     def neutral(self, record: maps.ShadowRecord) -> maps.ShadowRecord:
         """Return shadows of lights that have no map."""
-        places = record.places.copy()
-        places[:, shadows_stage.FIRST] = -1
-        return record._replace(places=places)
+        layouts = record.layouts.copy()
+        layouts[:, shadows_stage.FIRST] = -1
+        return record._replace(layouts=layouts)
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with lights that cast none."""
@@ -218,11 +218,11 @@ class ShadowMaps(LooksAround):
     @staticmethod
     def dim(shadows: Shadows, needs: ShadingNeeds, n: int, of_vertices: bool) -> list[Pass]:
         """Return the passes that write row SHADOW before a light is added; none: it stays."""
-        first, size, kind, sides = shadows.places[n].tolist()
-        has_map = shadows.places[: n + 1, shadows_stage.FIRST] >= 0
+        first, size, kind, sides = shadows.layouts[n].tolist()
+        has_map = shadows.layouts[: n + 1, shadows_stage.FIRST] >= 0
         if first < 0:
             # Reset: the row holds the shadow of the light before.
-            return [fixed(shadows_stage.let_light_through)] if has_map[:-1][-1:].any() else []
+            return [fixed(shadows_stage.make_visible)] if has_map[:-1][-1:].any() else []
         passes = []
         if has_map.sum() == 1 and not of_vertices:
             passes += receiver_passes(needs)
@@ -230,35 +230,35 @@ class ShadowMaps(LooksAround):
         # A vertex's own plane faces the light where it is lit.
         if needs.normals and not of_vertices:
 
-            def moved(a: ShadingArrays) -> tuple[Any, ...]:
+            def offset_arguments(a: ShadingArrays) -> tuple[Any, ...]:
                 light, matrices = a.lighting.lights[n], a.placement.relative_from_model
                 return light, shadows.normals, matrices
 
-            passes.append(Pass(receivers.move_turned, moved))
+            passes.append(Pass(receivers.offset_turned_away, offset_arguments))
             point = OFFSET_POINT
         if sides == 1:
-            passes.append(Pass(shadows_stage.place_on_map, lambda _: (point, shadows.maps[n])))
+            passes.append(Pass(shadows_stage.project_to_map, lambda _: (point, shadows.maps[n])))
         else:
             passes.append(
-                Pass(shadows_stage.place_on_cube, lambda _: (point, shadows.maps[n], size))
+                Pass(shadows_stage.project_to_cube, lambda _: (point, shadows.maps[n], size))
             )
-        is_of_faces = int(not of_vertices)
+        on_faces = int(not of_vertices)
         turns_away = not of_vertices and can_turn_away(needs)
 
-        def own(_: ShadingArrays) -> tuple[Any, ...]:
+        def map_args(_: ShadingArrays) -> tuple[Any, ...]:
             texels = shadows.texels[first : first + sides * size * size]
-            return texels, size, sides, is_of_faces
+            return texels, size, sides, on_faces
 
-        def soft(a: ShadingArrays) -> tuple[Any, ...]:
+        def soft_arguments(a: ShadingArrays) -> tuple[Any, ...]:
             width = np.float32(shadows.maps[n][shadows_stage.WIDENING])
-            looked = shadows.cells[n], shadows.pattern, shadows.spiral
-            return *own(a), width, *looked, a.lighting.lights[n] if turns_away else NO_LIGHT
+            tables = shadows.cells[n], shadows.pattern, shadows.spiral
+            return *map_args(a), width, *tables, a.lighting.lights[n] if turns_away else NO_LIGHT
 
         if kind == filters.HARD:
-            return [*passes, Pass(shadows_stage.filter_hard, own)]
+            return [*passes, Pass(shadows_stage.filter_hard, map_args)]
         if kind == filters.PCF:
-            return [*passes, Pass(shadows_stage.filter_pcf, own)]
-        return [*passes, Pass(shadows_stage.filter_soft, soft)]
+            return [*passes, Pass(shadows_stage.filter_pcf, map_args)]
+        return [*passes, Pass(shadows_stage.filter_soft, soft_arguments)]
 
     places: ClassVar = {"light": dim}
 

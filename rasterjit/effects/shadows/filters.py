@@ -20,35 +20,35 @@ import numpy as np
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 HARD, PCF, SOFT = 0, 1, 2
-"""Filters, as ``ShadowRecord.places`` numbers them."""
+"""Filters, as ``ShadowRecord.layouts`` numbers them."""
 
 DEPTH_ROUNDING = np.float32(2.0**-20)
 """Share of a stored depth that rounding of it, of the plane and of their difference may reach:
 sixteen roundings of float32."""
 
-SEARCHED = np.float32(2.5)
+MIN_SEARCH = np.float32(2.5)
 """Least blocker search radius, texels: the narrowest penumbra, and gaps between search points."""
 
-SPREAD = np.float32(1.5)
-"""How many times as far aside as the light's disk reaches is searched: what the points that are
+SEARCH_SCALE = np.float32(1.5)
+"""Search radius over that of the light's disk on the map: what the points that are
 looked at miss at that radius hides none of the disk yet."""
 
-NARROWEST = np.float32(1.5)
+MIN_PENUMBRA = np.float32(1.5)
 """Least radius of a penumbra, texels: its edge is as smooth as that of 3 x 3 comparisons."""
 
-MAX_RADIUS = np.float32(0.25)
+MAX_PENUMBRA = np.float32(0.25)
 """Largest radius of a penumbra, sides of a map."""
 
 CELL = 4
-"""Side of the cells of the first level of a map, texels: see ``maps.find_limits``."""
+"""Side of the cells of the first level of a map, texels: see ``maps.find_occlusion_limits``."""
 
-AT_HAND = np.float32(5.0)
-"""Radius of the search that no level of cells shortens, texels. What shades from farther away is so
+NEAR_RADIUS = np.float32(5.0)
+"""Search radius that no level of cells shortens, texels. What shades from farther away is so
 high above a sample that its own face seldom is."""
 
 
 @helper
-def limits(v, size, sides):
+def map_top(v, size, sides):
     """Return the first row of the map that a sample lies in; ``sides`` None: there is one map."""
     if sides is None:
         return np.float32(0.0)
@@ -59,7 +59,7 @@ def limits(v, size, sides):
 
 
 @helper
-def cells_of(size, sides, side):
+def count_cells(size, sides, side):
     """Return the number of cells of a side, texels, in all maps of a light."""
     count = (size + side - 1) // side
     if sides is None:
@@ -86,64 +86,66 @@ def is_nearer(texels, i, j, size, plane):
 
 
 @disjoint_helper
-def read_hard(u, v, depth, across, down, bias, texels, size, sides, share):
+def read_hard(u, v, depth, dz_du, dz_dv, bias, texels, size, sides, lit):
     """Compare each sample with the texel it lies in."""
     half, last = np.float32(0.5), np.float32(size - 1)
-    for i in range(share.shape[0]):
-        top = limits(v[i], size, sides)
+    for i in range(lit.shape[0]):
+        top = map_top(v[i], size, sides)
         row, column = np.floor(v[i]), np.floor(u[i])
         inside = (column >= np.float32(0.0)) & (column <= last) & (row >= top) & (row <= top + last)
         column = min(max(column, np.float32(0.0)), last)
         row = min(max(row, top), top + last)
-        plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
+        plane = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
         plane += bias[i]
         shaded = is_nearer(texels, column, row, size, plane)
-        share[i] = np.float32(1.0) - (shaded if inside else np.float32(0.0))
+        lit[i] = np.float32(1.0) - (shaded if inside else np.float32(0.0))
 
 
 @helper
-def compare_four(texels, at, plane, step, first, last):
+def compare_four(texels, index, plane, step, first, last):
     """Return the weighted comparisons with four texels of a row: weights first, 1, 1, last."""
     zero, one = np.float32(0.0), np.float32(1.0)
     two = np.float32(2.0) * step
-    total = first if texels[np.uintp(at)] > plane else zero
-    total += one if texels[np.uintp(np.uint32(at + np.uint32(1)))] > plane + step else zero
-    total += one if texels[np.uintp(np.uint32(at + np.uint32(2)))] > plane + two else zero
-    total += last if texels[np.uintp(np.uint32(at + np.uint32(3)))] > plane + (two + step) else zero
+    total = first if texels[np.uintp(index)] > plane else zero
+    total += one if texels[np.uintp(np.uint32(index + np.uint32(1)))] > plane + step else zero
+    total += one if texels[np.uintp(np.uint32(index + np.uint32(2)))] > plane + two else zero
+    total += (
+        last if texels[np.uintp(np.uint32(index + np.uint32(3)))] > plane + (two + step) else zero
+    )
     return total
 
 
 @disjoint_helper
-def read_pcf(u, v, depth, across, down, bias, texels, size, sides, share):
+def read_pcf(u, v, depth, dz_du, dz_dv, bias, texels, size, sides, lit):
     """Compare each sample with 3 x 3 texels, each between four by their weight."""
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
     length, last = np.float32(size), np.float32(size - 4)
-    for i in range(share.shape[0]):
-        top = limits(v[i], size, sides)
+    for i in range(lit.shape[0]):
+        top = map_top(v[i], size, sides)
         inside = (u[i] >= zero) & (u[i] <= length) & (v[i] >= top) & (v[i] <= top + length)
         left, above = np.floor(u[i] - half), np.floor(v[i] - half)
         right, below = u[i] - half - left, v[i] - half - above
         column = min(max(left - one, zero), last)
         row = min(max(above - one, top), top + last)
-        plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
+        plane = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
         plane += bias[i]
-        at = texel_at(column, row, size)
-        step, gain = across[i], down[i]
-        total = (one - below) * compare_four(texels, at, plane, step, one - right, right)
-        at = np.uint32(at + np.uint32(size))
-        total += compare_four(texels, at, plane + gain, step, one - right, right)
-        at = np.uint32(at + np.uint32(size))
+        index = texel_at(column, row, size)
+        step, gain = dz_du[i], dz_dv[i]
+        total = (one - below) * compare_four(texels, index, plane, step, one - right, right)
+        index = np.uint32(index + np.uint32(size))
+        total += compare_four(texels, index, plane + gain, step, one - right, right)
+        index = np.uint32(index + np.uint32(size))
         plane += np.float32(2.0) * gain
-        total += compare_four(texels, at, plane, step, one - right, right)
-        at = np.uint32(at + np.uint32(size))
-        total += below * compare_four(texels, at, plane + gain, step, one - right, right)
+        total += compare_four(texels, index, plane, step, one - right, right)
+        index = np.uint32(index + np.uint32(size))
+        total += below * compare_four(texels, index, plane + gain, step, one - right, right)
         shaded = total * np.float32(1.0 / 9.0)
-        share[i] = one - (min(shaded, one) if inside else zero)
+        lit[i] = one - (min(shaded, one) if inside else zero)
 
 
 @helper
-def is_shading(
-    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy
+def is_blocker(
+    u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, dx, dy
 ):  # fmt: skip
     """
     Tell whether the texel ``dx``, ``dy`` texels from a sample is a blocker, and how far above it.
@@ -152,127 +154,127 @@ def is_shading(
     the light's disk as seen from the sample.
     """
     half, zero = np.float32(0.5), np.float32(0.0)
-    last, top = np.float32(size - 1), limits(v, size, sides)
-    at_u, at_v = np.floor(u + dx), np.floor(v + dy)
-    column, row = min(max(at_u, zero), last), min(max(at_v, top), top + last)
+    last, top = np.float32(size - 1), map_top(v, size, sides)
+    texel_u, texel_v = np.floor(u + dx), np.floor(v + dy)
+    column, row = min(max(texel_u, zero), last), min(max(texel_v, top), top + last)
     right, below = column + half - u, row + half - v
-    plane = depth + across * right + down * below
+    plane = depth + dz_du * right + dz_dv * below
     plane += bias
     stored = texels[np.uintp(texel_at(column, row, size))]
     above = stored - depth
     # What is below the sample counts where it is close by.
-    looked = max(SPREAD * (widening * above) + SEARCHED, -SEARCHED)
-    shades = (stored > plane) & (right * right + below * below <= looked * looked)
-    return shades & (column == at_u) & (row == at_v), above
+    radius = max(SEARCH_SCALE * (widening * above) + MIN_SEARCH, -MIN_SEARCH)
+    shades = (stored > plane) & (right * right + below * below <= radius * radius)
+    return shades & (column == texel_u) & (row == texel_v), above
 
 
 @disjoint_helper
-def find_shading(
-    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer
+def add_blockers(
+    u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, dx, dy, weights, heights
 ):  # fmt: skip
     """
-    Add up what texels ``dx``, ``dy`` texels from each sample hide of the light.
+    Add up the weights, and the weighted heights, of blockers ``dx``, ``dy`` texels from samples.
 
     A blocker is weighted by the share of the disk that it hides, with the texels around it that no
     other search point covers.
     """
     zero, area = np.float32(0.0), dx * dx + dy * dy
-    for i in range(found.shape[0]):
-        shades, above = is_shading(
-            u[i], v[i], depth[i], across[i], down[i], bias[i], texels, size, sides, widening, dx, dy
+    for i in range(weights.shape[0]):
+        shades, above = is_blocker(
+            u[i], v[i], depth[i], dz_du[i], dz_dv[i], bias[i], texels, size, sides, widening, dx, dy
         )
-        reach = max(widening * above, zero) + NARROWEST
-        weight = area / (reach * reach) if shades else zero
-        found[i] += weight
-        nearer[i] += weight * above if shades else zero
+        radius = max(widening * above, zero) + MIN_PENUMBRA
+        weight = area / (radius * radius) if shades else zero
+        weights[i] += weight
+        heights[i] += weight * above if shades else zero
 
 
 @disjoint_helper
-def mark_shading(
-    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, marks
+def mark_blockers(
+    u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, dx, dy, marks
 ):  # fmt: skip
     """Write 1 where the texel ``dx``, ``dy`` texels from a sample is a blocker."""
     for i in range(marks.shape[0]):
-        shades, _ = is_shading(
-            u[i], v[i], depth[i], across[i], down[i], bias[i], texels, size, sides, widening, dx, dy
+        shades, _ = is_blocker(
+            u[i], v[i], depth[i], dz_du[i], dz_dv[i], bias[i], texels, size, sides, widening, dx, dy
         )
         marks[i] = np.float32(1.0) if shades else marks[i]
 
 
 @helper
-def compare_two(texels, at, plane, step, right):
+def compare_two(texels, index, plane, step, right):
     """Return the comparisons with two texels of a row, the second of weight ``right``."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    total = (one - right) if texels[np.uintp(at)] > plane else zero
-    beside = texels[np.uintp(np.uint32(at + np.uint32(1)))]
+    total = (one - right) if texels[np.uintp(index)] > plane else zero
+    beside = texels[np.uintp(np.uint32(index + np.uint32(1)))]
     return total + (right if beside > plane + step else zero)
 
 
 @disjoint_helper
 def read_penumbra(
-    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer, share
+    u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, dx, dy, weights, heights, lit
 ):  # fmt: skip
-    """Subtract what one comparison in the penumbra of each sample finds in shadow."""
+    """Subtract one comparison in the penumbra of each sample from its visibility."""
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
-    last, most = np.float32(size - 2), MAX_RADIUS * np.float32(size)
-    for i in range(share.shape[0]):
-        top = limits(v[i], size, sides)
-        above = nearer[i] / (found[i] if found[i] > zero else one)
-        radius = min(max(NARROWEST, widening * above), most)
-        at_u, at_v = u[i] + dx * radius - half, v[i] + dy * radius - half
-        left, upper = np.floor(at_u), np.floor(at_v)
-        right, below = at_u - left, at_v - upper
+    last, max_radius = np.float32(size - 2), MAX_PENUMBRA * np.float32(size)
+    for i in range(lit.shape[0]):
+        top = map_top(v[i], size, sides)
+        above = heights[i] / (weights[i] if weights[i] > zero else one)
+        radius = min(max(MIN_PENUMBRA, widening * above), max_radius)
+        texel_u, texel_v = u[i] + dx * radius - half, v[i] + dy * radius - half
+        left, upper = np.floor(texel_u), np.floor(texel_v)
+        right, below = texel_u - left, texel_v - upper
         column, row = min(max(left, zero), last), min(max(upper, top), top + last)
-        plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
+        plane = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
         plane += bias[i]
-        at = texel_at(column, row, size)
-        total = (one - below) * compare_two(texels, at, plane, across[i], right)
-        plane += down[i]
-        under = np.uint32(at + np.uint32(size))
-        total += below * compare_two(texels, under, plane, across[i], right)
-        share[i] -= total if found[i] > zero else zero
+        index = texel_at(column, row, size)
+        total = (one - below) * compare_two(texels, index, plane, dz_du[i], right)
+        plane += dz_dv[i]
+        under = np.uint32(index + np.uint32(size))
+        total += below * compare_two(texels, under, plane, dz_du[i], right)
+        lit[i] -= total if weights[i] > zero else zero
 
 
 @disjoint_helper
-def finish_penumbra(u, v, size, sides, comparisons, share):
-    """Turn what is left of the comparisons into a share of light."""
+def normalize_visibility(u, v, size, sides, comparisons, lit):
+    """Divide the visibility by the number of comparisons; 1 outside of the map."""
     length, one, zero = np.float32(size), np.float32(1.0), np.float32(0.0)
-    for i in range(share.shape[0]):
-        top = limits(v[i], size, sides)
+    for i in range(lit.shape[0]):
+        top = map_top(v[i], size, sides)
         inside = (u[i] >= zero) & (u[i] <= length) & (v[i] >= top) & (v[i] <= top + length)
-        share[i] = max(share[i] / comparisons, zero) if inside else one
+        lit[i] = max(lit[i] / comparisons, zero) if inside else one
 
 
 @disjoint_helper
 def is_any_above_zero(row):
     """Tell whether any number of a row is above 0."""
-    found = np.int32(0)
+    is_any = np.int32(0)
     for i in range(row.shape[0]):
         # Not ``|=``: that would be 64 bits wide, and halve the vectors.
-        found = np.int32(found | np.int32(row[i] > np.float32(0.0)))
-    return found != 0
+        is_any = np.int32(is_any | np.int32(row[i] > np.float32(0.0)))
+    return is_any != 0
 
 
 @disjoint_helper
 def may_be_shaded(u, v, depth, facing, size, sides, cells, side):
-    """Tell whether something beyond a ring may shade any sample, by the cells of that side."""
-    zero, share = np.float32(0.0), np.float32(1.0) / np.float32(side)
+    """Tell whether blockers beyond a ring may shade any sample, by the cells of that side."""
+    zero, inverse = np.float32(0.0), np.float32(1.0) / np.float32(side)
     count = np.int32((size + side - 1) // side)
-    last, found = np.float32(count) - np.float32(1.0), np.int32(0)
+    last, is_any = np.float32(count) - np.float32(1.0), np.int32(0)
     for i in range(facing.shape[0]):
-        top = limits(v[i], size, sides)
-        column = min(max(np.floor(u[i] * share), zero), last)
-        row = min(max(np.floor((v[i] - top) * share), zero), last)
+        top = map_top(v[i], size, sides)
+        column = min(max(np.floor(u[i] * inverse), zero), last)
+        row = min(max(np.floor((v[i] - top) * inverse), zero), last)
         row += np.floor(top / np.float32(size)) * np.float32(count)
-        at = texel_at(column, row, count)
-        is_found = (depth[i] < cells[np.uintp(at)]) & (facing[i] > zero)
-        found = np.int32(found | np.int32(is_found))
-    return found != 0
+        index = texel_at(column, row, count)
+        is_deep = (depth[i] < cells[np.uintp(index)]) & (facing[i] > zero)
+        is_any = np.int32(is_any | np.int32(is_deep))
+    return is_any != 0
 
 
 @helper
 def mark_shaded(
-    u, v, depth, across, down, bias, texels, size, sides, widening, cells, spiral, facing, marks
+    u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, cells, spiral, facing, marks
 ):  # fmt: skip
     """
     Write 1 for samples with a blocker, 0 for others: ring by ring, as far as any may have one.
@@ -283,7 +285,7 @@ def mark_shaded(
         marks[i] = np.float32(0.0)
     if not is_any_above_zero(facing):
         return
-    farthest, radius = MAX_RADIUS * np.float32(size) + np.float32(1.0), AT_HAND
+    farthest, radius = MAX_PENUMBRA * np.float32(size) + np.float32(1.0), NEAR_RADIUS
     k, first, side = np.int64(0), np.int64(0), np.int64(CELL)
     while k < spiral.shape[0]:
         dx, dy = spiral[k, 0], spiral[k, 1]
@@ -292,11 +294,11 @@ def mark_shaded(
         if dx * dx + dy * dy > radius * radius:
             if not may_be_shaded(u, v, depth, facing, size, sides, cells[first:], side):
                 break
-            first += cells_of(size, sides, side)
+            first += count_cells(size, sides, side)
             radius = np.float32(2 * side)
             side *= 2
-        mark_shading(
-            u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, marks
+        mark_blockers(
+            u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, dx, dy, marks
         )  # fmt: skip
         k += 1
     for i in range(marks.shape[0]):
@@ -305,24 +307,24 @@ def mark_shaded(
 
 @helper
 def read_soft(
-    u, v, depth, across, down, bias, texels, size, sides, widening, pattern, spiral, found, nearer,
-    share,
+    u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, pattern, spiral, weights,
+    heights, lit,
 ):  # fmt: skip
     """Estimate the penumbra of samples that have blockers, and filter over it (PCSS)."""
     comparisons = np.float32(pattern.shape[0])
-    farthest = MAX_RADIUS * np.float32(size) + np.float32(1.0)
-    for i in range(share.shape[0]):
-        found[i], nearer[i], share[i] = np.float32(0.0), np.float32(0.0), comparisons
+    farthest = MAX_PENUMBRA * np.float32(size) + np.float32(1.0)
+    for i in range(lit.shape[0]):
+        weights[i], heights[i], lit[i] = np.float32(0.0), np.float32(0.0), comparisons
     for k in range(spiral.shape[0]):
         dx, dy = spiral[k, 0], spiral[k, 1]
         if dx * dx + dy * dy <= farthest * farthest:
-            find_shading(
-                u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found,
-                nearer,
+            add_blockers(
+                u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, dx, dy, weights,
+                heights,
             )  # fmt: skip
     for k in range(pattern.shape[0]):
         read_penumbra(
-            u, v, depth, across, down, bias, texels, size, sides, widening, pattern[k, 0],
-            pattern[k, 1], found, nearer, share,
+            u, v, depth, dz_du, dz_dv, bias, texels, size, sides, widening, pattern[k, 0],
+            pattern[k, 1], weights, heights, lit,
         )  # fmt: skip
-    finish_penumbra(u, v, size, sides, comparisons, share)
+    normalize_visibility(u, v, size, sides, comparisons, lit)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.shadows.filters import DEPTH_ROUNDING, is_nearer, limits
+from rasterjit.effects.shadows.filters import DEPTH_ROUNDING, is_nearer, map_top
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import disjoint_helper, helper
 
@@ -22,18 +22,18 @@ SNAPPING = np.float32(1.0 / 64.0)
 """What a plane may be off in a map, as a share of its slope, texels: four times what vertices are
 rounded by there."""
 
-FLAT = np.float32(1.0 / 16.0)
+MAX_BEND = np.float32(1.0 / 16.0)
 """Most that three texels in a row bend, as a share of their gain in depth, if they show a plane."""
 
-SURE = np.float32(0.25)
-"""Distance behind the contact line at which a sample is surely in shadow, texels."""
+MIN_BEHIND = np.float32(0.25)
+"""Least distance behind the contact line of a sample surely in shadow, texels."""
 
-TOUCHING = np.float32(4.0)
+MAX_CONTACT = np.float32(4.0)
 """How far along a row or a column a plane may go on from a sample until it comes down, texels: what
 is 3 texels away, in a row at 45 degrees. Farther in, no filter finds any light."""
 
-FARTHEST = np.float32(7.0)
-"""Texels from the first of a plane to the second one that lies behind where it comes down."""
+MAX_STEPS = np.float32(7.0)
+"""Most texels from the first of a plane to the second one behind its contact line."""
 
 DROP = np.float32(6.0)
 """How far below a sample's plane what the map shows does not go on from a plane above it, texels of
@@ -41,28 +41,28 @@ the gain of that one."""
 
 
 @helper
-def least_height(depth, across, down):
-    """Return how far from a plane what is stored of it may lie, in stored depth."""
-    return SNAPPING * (abs(across) + abs(down)) + DEPTH_ROUNDING * abs(depth)
+def height_tolerance(depth, dz_du, dz_dv):
+    """Return how far stored depths of a plane may lie from it."""
+    return SNAPPING * (abs(dz_du) + abs(dz_dv)) + DEPTH_ROUNDING * abs(depth)
 
 
 @helper
-def height_at(texels, at, aside, share, plane):
+def height_at(texels, index, cross, weight, plane):
     """Return the height over a plane, between a texel and the next one across, by their weight."""
-    near, far = texels[np.uintp(at)], texels[np.uintp(at + aside)]
-    return near * (np.float32(1.0) - share) + far * share - plane
+    near, far = texels[np.uintp(index)], texels[np.uintp(index + cross)]
+    return near * (np.float32(1.0) - weight) + far * weight - plane
 
 
 @helper
-def is_above(texels, at, aside, low, high):
+def is_above(texels, index, cross, low, high):
     """Tell whether a texel is nearer than one depth, and the next one across than another."""
-    return (texels[np.uintp(at)] > low) & (texels[np.uintp(at + aside)] > high)
+    return (texels[np.uintp(index)] > low) & (texels[np.uintp(index + cross)] > high)
 
 
 @helper
-def side_of(first, second, third, last, beyond, away, is_above_both, least):
+def plane_beside(first, second, third, last, beyond, distance, is_above_both, tolerance):
     """
-    Return the gain of a plane on one side of a sample, and whether it may cover the sample.
+    Fit a plane to the texels on one side of a sample: return its gain, and whether it may cover it.
 
     Parameters
     ----------
@@ -70,11 +70,11 @@ def side_of(first, second, third, last, beyond, away, is_above_both, least):
         Heights over the sample's plane, in stored depth, of three texels on that side.
     last, beyond : float32
         Heights of the two next texels on the other side.
-    away : float32
+    distance : float32
         From the sample to the first of the three, texels.
     is_above_both : bool
         Whether the first is nearer than the sample's plane on both sides of the sample.
-    least : float32
+    tolerance : float32
         How far two planes may lie apart and be the same.
 
     Returns
@@ -85,35 +85,35 @@ def side_of(first, second, third, last, beyond, away, is_above_both, least):
     """
     zero = np.float32(0.0)
     gain = (third - first) * np.float32(0.5)
-    room = FLAT * gain + least
+    slack = MAX_BEND * gain + tolerance
     # Where nothing is, infinitely far, this is no number.
-    is_plane = abs(third - second - second + first) <= room
-    here = first - gain * away
-    is_close = (here > SURE * gain + least) & (here <= TOUCHING * gain)
+    is_plane = abs(third - second - second + first) <= slack
+    height = first - gain * distance
+    is_close = (height > MIN_BEHIND * gain + tolerance) & (height <= MAX_CONTACT * gain)
     # It is there all the way if nothing lower is seen.
     lower, lowest = first - gain, first - gain - gain
-    is_there = (lower <= zero) | (last >= lower - room)
-    is_there = is_there & ((lowest <= zero) | (beyond >= lowest - room))
-    return (gain if is_plane else zero), is_close & is_there & is_above_both
+    is_unbroken = (lower <= zero) | (last >= lower - slack)
+    is_unbroken = is_unbroken & ((lowest <= zero) | (beyond >= lowest - slack))
+    return (gain if is_plane else zero), is_close & is_unbroken & is_above_both
 
 
 @helper
-def sides_along(texels, at, stride, aside, x, y, plane, step, rise, least):
+def steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tolerance):
     """
-    Return the steeper one of the planes on both sides of a sample, along a row or a column.
+    Fit planes on both sides of a sample, along a row or a column, and return the steeper one.
 
     Parameters
     ----------
     texels : (N,) float32
-    at : int32
+    index : int32
         The texel before the sample.
-    stride, aside : int32
+    stride, cross : int32
         To the next texel along, and to the next one across.
     x, y : float32
         Where the sample is, from that texel, along and across.
     plane, step, rise : float32
         Stored depth of the sample's plane beside that texel, its gain by a texel along and across.
-    least : float32
+    tolerance : float32
 
     Returns
     -------
@@ -126,18 +126,18 @@ def sides_along(texels, at, stride, aside, x, y, plane, step, rise, least):
     """
     two, one = np.int32(2), np.float32(1.0)
     double = step + step
-    a = height_at(texels, at - two * stride, aside, y, plane - double)
-    b = height_at(texels, at - stride, aside, y, plane - step)
-    c = height_at(texels, at, aside, y, plane)
-    d = height_at(texels, at + stride, aside, y, plane + step)
-    e = height_at(texels, at + two * stride, aside, y, plane + double)
-    f = height_at(texels, at + two * stride + stride, aside, y, plane + (double + step))
+    a = height_at(texels, index - two * stride, cross, y, plane - double)
+    b = height_at(texels, index - stride, cross, y, plane - step)
+    c = height_at(texels, index, cross, y, plane)
+    d = height_at(texels, index + stride, cross, y, plane + step)
+    e = height_at(texels, index + two * stride, cross, y, plane + double)
+    f = height_at(texels, index + two * stride + stride, cross, y, plane + (double + step))
     # What covers the sample goes on to both sides of it.
-    low, high = plane - rise * y + least, plane + rise * (one - y) + least
-    has_c = is_above(texels, at, aside, low, high)
-    has_d = is_above(texels, at + stride, aside, low + step, high + step)
-    ahead, covers_ahead = side_of(d, e, f, c, b, one - x, has_d, least)
-    back, covers_back = side_of(c, b, a, d, e, x, has_c, least)
+    low, high = plane - rise * y + tolerance, plane + rise * (one - y) + tolerance
+    has_c = is_above(texels, index, cross, low, high)
+    has_d = is_above(texels, index + stride, cross, low + step, high + step)
+    ahead, covers_ahead = plane_beside(d, e, f, c, b, one - x, has_d, tolerance)
+    back, covers_back = plane_beside(c, b, a, d, e, x, has_c, tolerance)
     is_ahead = ahead >= back
     return (
         (ahead if is_ahead else back), (d if is_ahead else c), is_ahead,
@@ -146,9 +146,9 @@ def sides_along(texels, at, stride, aside, x, y, plane, step, rise, least):
 
 
 @helper
-def comes_down(
-    texels, at, stride, aside, y, plane, step, first, gain, is_ahead, before, after, least
-):
+def ends_at_contact(
+    texels, index, stride, cross, y, plane, step, first, gain, is_ahead, before, after, tolerance
+):  # fmt: skip
     """
     Tell whether the map shows that a plane ends where it comes down to the sample's own.
 
@@ -157,83 +157,82 @@ def comes_down(
 
     Parameters
     ----------
-    texels, at, stride, aside, y, plane, step, least
-        As `sides_along` takes them.
+    texels, at, stride, cross, y, plane, step, least
+        As `steeper_plane` takes them.
     first, gain, is_ahead
         As it returns them.
     before, after : float32
-        How many texels of the map lie before the one ``at``, and after it.
+        How many texels of the map lie before ``index``, and after it.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     # Count from the first texel to the second one below the sample's plane.
-    count = np.ceil((first - least) / (gain if gain > zero else one)) + one
-    count = clamped(count, zero, FARTHEST)
+    count = np.ceil((first - tolerance) / (gain if gain > zero else one)) + one
+    count = clamped(count, zero, MAX_STEPS)
     k = (one - count) if is_ahead else count
     is_on_map = (k >= -before) & (k <= after)
     k = k if is_on_map else zero
-    beyond = height_at(texels, at + np.int32(k) * stride, aside, y, plane + step * k)
-    room = FLAT * gain + least
+    beyond = height_at(texels, index + np.int32(k) * stride, cross, y, plane + step * k)
+    slack = MAX_BEND * gain + tolerance
     # Where nothing is, this is infinite or no number.
-    is_far_below = not (beyond >= -(DROP * gain + room))
-    return is_on_map & ((abs(beyond) <= room) | is_far_below)
+    is_far_below = not (beyond >= -(DROP * gain + slack))
+    return is_on_map & ((abs(beyond) <= slack) | is_far_below)
 
 
 @disjoint_helper
-def darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share):
+def darken_covered(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, lit):
     """
-    Set unsure samples to shadow if a touching surface covers them.
+    Set candidates to shadow if a touching surface covers them.
 
     Of the planes around a sample the steepest one decides: across the line where it comes down.
     """
     zero, half, two = np.float32(0.0), np.float32(0.5), np.float32(2.0)
     length, four, one = np.float32(size), np.float32(4.0), np.float32(1.0)
-    for i in range(share.shape[0]):
-        top = limits(v[i], size, sides)
+    for i in range(lit.shape[0]):
+        top = map_top(v[i], size, sides)
         left = clamped(np.floor(u[i] - half), two, length - four)
         upper = clamped(np.floor(v[i] - half), top + two, top + length - four)
         x, y = u[i] - half - left, v[i] - half - upper
-        at, row = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
-        least = least_height(depth[i], across[i], down[i])
-        beside, below = depth[i] - across[i] * x, depth[i] - down[i] * y
-        gain, first, is_ahead, covers = sides_along(
-            texels, at, np.int32(1), row, x, y, beside, across[i], down[i], least
+        index, row = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
+        tolerance = height_tolerance(depth[i], dz_du[i], dz_dv[i])
+        beside, below = depth[i] - dz_du[i] * x, depth[i] - dz_dv[i] * y
+        gain, first, is_ahead, covers = steeper_plane(
+            texels, index, np.int32(1), row, x, y, beside, dz_du[i], dz_dv[i], tolerance
         )
-        other, its_first, its_ahead, it_covers = sides_along(
-            texels, at, row, np.int32(1), y, x, below, down[i], across[i], least
+        other, other_first, other_ahead, other_covers = steeper_plane(
+            texels, index, row, np.int32(1), y, x, below, dz_dv[i], dz_du[i], tolerance
         )
         is_row = gain >= other
-        ends = comes_down(
-            texels, at, (np.int32(1) if is_row else row), (row if is_row else np.int32(1)),
-            (y if is_row else x), (beside if is_row else below),
-            (across[i] if is_row else down[i]), (first if is_row else its_first),
-            (gain if is_row else other), (is_ahead if is_row else its_ahead),
-            (left if is_row else upper - top),
-            (length - one - left if is_row else top + length - one - upper), least,
+        ends = ends_at_contact(
+            texels, index, (np.int32(1) if is_row else row), (row if is_row else np.int32(1)),
+            (y if is_row else x), (beside if is_row else below), (dz_du[i] if is_row else dz_dv[i]),
+            (first if is_row else other_first), (gain if is_row else other),
+            (is_ahead if is_row else other_ahead), (left if is_row else upper - top),
+            (length - one - left if is_row else top + length - one - upper), tolerance,
         )  # fmt: skip
-        is_dark = (covers if is_row else it_covers) & ends & (unsure[i] > zero)
-        share[i] = zero if is_dark else share[i]
+        is_dark = (covers if is_row else other_covers) & ends & (candidates[i] > zero)
+        lit[i] = zero if is_dark else lit[i]
 
 
 @disjoint_helper
-def mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsure):
+def mark_candidates(u, v, depth, dz_du, dz_dv, texels, size, sides, lit, candidates):
     """Write 1 where the texel of a lit sample is nearer than its plane, else 0; tell if any is."""
     zero, half, last = np.float32(0.0), np.float32(0.5), np.float32(size - 1)
-    found = np.int32(0)
-    for i in range(share.shape[0]):
-        top = limits(v[i], size, sides)
-        at_u, at_v = np.floor(u[i]), np.floor(v[i])
-        column, row = clamped(at_u, zero, last), clamped(at_v, top, top + last)
-        plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
-        plane += least_height(depth[i], across[i], down[i])
-        is_unsure = (share[i] > zero) & (is_nearer(texels, column, row, size, plane) > zero)
-        is_unsure = is_unsure & (at_u == column) & (at_v == row)
-        unsure[i] = np.float32(1.0) if is_unsure else zero
-        found = np.int32(found | np.int32(is_unsure))
-    return found
+    is_any = np.int32(0)
+    for i in range(lit.shape[0]):
+        top = map_top(v[i], size, sides)
+        texel_u, texel_v = np.floor(u[i]), np.floor(v[i])
+        column, row = clamped(texel_u, zero, last), clamped(texel_v, top, top + last)
+        plane = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
+        plane += height_tolerance(depth[i], dz_du[i], dz_dv[i])
+        is_candidate = (lit[i] > zero) & (is_nearer(texels, column, row, size, plane) > zero)
+        is_candidate = is_candidate & (texel_u == column) & (texel_v == row)
+        candidates[i] = np.float32(1.0) if is_candidate else zero
+        is_any = np.int32(is_any | np.int32(is_candidate))
+    return is_any
 
 
 @helper
-def close_contacts(u, v, depth, across, down, texels, size, sides, unsure, share):
+def close_contacts(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, lit):
     """Remove the light that a filter leaks where surfaces touch."""
-    if mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsure) != 0:
-        darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share)
+    if mark_candidates(u, v, depth, dz_du, dz_dv, texels, size, sides, lit, candidates) != 0:
+        darken_covered(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, lit)

@@ -53,7 +53,7 @@ BORDER = 3
 SOFT_BORDER = 1.0 / 16.0
 """The same for each of the six maps of a soft point light, as a share of a map's side."""
 
-NEAREST = 1e-5
+MIN_NEAR = 1e-5
 """Least near plane of a light's map, as a share of its far plane."""
 
 SLACK = 1e-6
@@ -69,12 +69,12 @@ COMPARISONS = 32
 SPIRAL_GROWTH = 1.0905077326652577
 """Growth of the radius between two points of a spiral: eight to an octave."""
 
-GOLDEN_TURN = 137.50776405003785
+GOLDEN_ANGLE = 137.50776405003785
 """Degrees between the points of a sunflower: 180 (3 - sqrt 5)."""
 
 
 class Scenery(NamedTuple):
-    """What there is to cast shadows, and what they fall on; in world axes, relative to the eye."""
+    """Shadow casters, and the space that receives shadows; in world axes, relative to the eye."""
 
     vertices: visibility_pass.ModelVertices
     """The camera's; a light's takes another matrix to clip space."""
@@ -96,7 +96,7 @@ class Scenery(NamedTuple):
 
 
 class Window(NamedTuple):
-    """What a map has to show: bounds along its axes (over the depth, if not parallel)."""
+    """Bounds of a map along its axes (over the depth, if not parallel)."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -107,17 +107,17 @@ class Window(NamedTuple):
 class PlannedShadows(NamedTuple):
     """The shadow maps of all lights, before any is drawn."""
 
-    places: NDArray[np.int64]
+    layouts: NDArray[np.int64]
     """As those of `ShadowRecord`: the first texel is 0 for each light that may have maps."""
 
 
 def plan_shadows(lights: Sequence[CastingLight]) -> PlannedShadows:
     """Return which lights, those of ``Lighting.lights``, may have maps, and of which kind."""
-    places = np.full((len(lights), shadows_stage.PLACE_COLUMNS), -1, np.int64)
-    for place, light in zip(places, lights, strict=True):
+    layouts = np.full((len(lights), shadows_stage.LAYOUT_COLUMNS), -1, np.int64)
+    for layout, light in zip(layouts, lights, strict=True):
         if light.shadow is not None:
-            place[:] = 0, 0, FILTERS[light.shadow.filter], 6 if has_cube(light) else 1
-    return PlannedShadows(places)
+            layout[:] = 0, 0, FILTERS[light.shadow.filter], 6 if has_cube(light) else 1
+    return PlannedShadows(layouts)
 
 
 class ShadowRecord(NamedTuple):
@@ -125,7 +125,7 @@ class ShadowRecord(NamedTuple):
 
     maps: Any
     """(L, 23) float64: how a point comes to lie in a light's map."""
-    places: Any
+    layouts: Any
     """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
     texels: Any
     """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
@@ -135,7 +135,7 @@ class ShadowRecord(NamedTuple):
     """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
     nearest on."""
     cells: Any
-    """L of (N,) float32, of a soft light what `find_limits` returns, or None."""
+    """L of (N,) float32, of a soft light what `find_occlusion_limits` returns, or None."""
     normals: Any
     """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 
@@ -166,8 +166,8 @@ def draw_shadows(
         ``None``: no light has a map.
     """
     rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
-    places = np.zeros((len(lights), shadows_stage.PLACE_COLUMNS), np.int64)
-    places[:, shadows_stage.FIRST] = -1
+    layouts = np.zeros((len(lights), shadows_stage.LAYOUT_COLUMNS), np.int64)
+    layouts[:, shadows_stage.FIRST] = -1
     drawings, count = [], 0
     for n, light in enumerate(lights):
         shadow = light.shadow
@@ -175,7 +175,7 @@ def draw_shadows(
             continue
         fitted = _fit(light, eye, scenery, rows[n])
         if any(matrix is not None for matrix in fitted):
-            places[n] = count, shadow.size, FILTERS[shadow.filter], len(fitted)
+            layouts[n] = count, shadow.size, FILTERS[shadow.filter], len(fitted)
             for k, matrix in enumerate(fitted):
                 part = slice(count, count + shadow.size * shadow.size)
                 drawings.append((n, k, shadow, part, matrix))
@@ -185,17 +185,17 @@ def draw_shadows(
     # Draw them into one array, and find from where soft ones shade.
     texels = workers.memory.empty((count,), np.float32)
     for n, _, shadow, part, matrix in drawings:
-        whole = texels[part].reshape(shadow.size, shadow.size)
-        _draw(matrix, rows[n], whole, scenery, workers)
+        map_texels = texels[part].reshape(shadow.size, shadow.size)
+        _draw(matrix, rows[n], map_texels, scenery, workers)
     cells: list[NDArray[np.float32] | None] = [None] * len(lights)
-    for n, (first, size, kind, sides) in enumerate(places.tolist()):
+    for n, (first, size, kind, sides) in enumerate(layouts.tolist()):
         if first >= 0 and kind == filters.SOFT:
-            own = texels[first : first + sides * size * size].reshape(sides, size, size)
-            cells[n] = find_limits(own, float(rows[n, shadows_stage.WIDENING]))
-    largest = max(int(side) for side in places[:, shadows_stage.SIZE])
+            light_texels = texels[first : first + sides * size * size].reshape(sides, size, size)
+            cells[n] = find_occlusion_limits(light_texels, float(rows[n, shadows_stage.WIDENING]))
+    largest = max(int(side) for side in layouts[:, shadows_stage.SIZE])
     return ShadowRecord(
         rows,
-        places,
+        layouts,
         texels,
         disk_points(),
         spiral(largest),
@@ -216,21 +216,21 @@ def _draw(
         texels.fill(-np.inf)
         return
     size = len(texels)
-    nobody = np.zeros(len(scenery.face_starts) - 1, np.int8)
+    no_culling = np.zeros(len(scenery.face_starts) - 1, np.int8)
     coefficients = (
         (0.5, -0.5, 0.0) if row[shadows_stage.PARALLEL] else (row[shadows_stage.NEAR], 0.0, 0.0)
     )
     drawable = visibility_pass.Drawable(
         scenery.vertices._replace(clip_from_relative=matrix), scenery.faces,
-        Objects(scenery.face_starts, nobody), tuple(map(float, coefficients)),
+        Objects(scenery.face_starts, no_culling), tuple(map(float, coefficients)),
         viewport_of((size, size), SUBPIXEL_BITS), scenery.alpha_tests,
         primitives_of(
             scenery.primitives, scenery.vertices.relative_from_model, scenery.vertices.positions,
             matrix, (size, size),
         ),
     )  # fmt: skip
-    visibility_pass.find_visible(
-        drawable, visibility_pass.Wanted(faces=False), workers, lambda _: None, depth=texels
+    visibility_pass.run_visibility(
+        drawable, visibility_pass.Options(faces=False), workers, lambda _: None, depth=texels
     )
 
 
@@ -244,10 +244,10 @@ def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float
     row[shadows_stage.BIAS_TEXELS] = shadow.bias
     if isinstance(light, DirectionalLight):
         return [_fit_parallel(light, scenery, row)]
-    place = np.array(light.position) - eye
+    point = np.array(light.position) - eye
     if not has_cube(light):
-        return [_fit_spot(light, place, scenery, row)]
-    return _fit_cube(light, place, scenery, row)
+        return [_fit_spot(light, point, scenery, row)]
+    return _fit_cube(light, point, scenery, row)
 
 
 def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
@@ -261,9 +261,9 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     nearest = float(box_low[:, 2].min())
     tangent = half_tangent(shadow)
     # Make room for what shades from aside.
-    room = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
-    low[:2] -= room
-    high[:2] += room
+    margin = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
+    low[:2] -= margin
+    high[:2] += margin
     between = (
         (box_high[:, :2] >= low[:2]).all(axis=1)
         & (box_low[:, :2] <= high[:2]).all(axis=1)
@@ -288,48 +288,48 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     return _clip_matrix(row, shadow.size, depth)
 
 
-def _fit_spot(light: Any, place: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
+def _fit_spot(light: Any, point: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
     """Fit the map of a spot light to what is seen inside its cone."""
     axes, shadow = basis(light.direction, scenery.right), light.shadow
     sine, cosine = transforms.sine_cosine(light.outer_angle)
-    cells = project_on(axes, scenery.cells - place)
-    boxes = project_on(axes, scenery.boxes - place)
+    cells = project_on(axes, scenery.cells - point)
+    boxes = project_on(axes, scenery.boxes - point)
     window = _window(cells, boxes, sine / cosine, light.range, shadow)
     if window is None:
         return None
-    origin = tuple(project_on(axes, place).tolist())
+    origin = tuple(project_on(axes, point).tolist())
     _write_row(row, axes, origin, window, shadow, BORDER)
     _write_depth(row, window, shadow)
     return _clip_matrix(row, shadow.size, _depth_row(row, axes[2], window))
 
 
-def _fit_cube(light: Any, place: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
+def _fit_cube(light: Any, point: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
     """Fit the six maps of a point light: the sides of a cube, a little larger each."""
     shadow, sides = light.shadow, []
     border = BORDER if shadow.filter != "soft" else max(BORDER, int(SOFT_BORDER * shadow.size))
     border = min(border, shadow.size // 4)
-    reach = shadow.size / (shadow.size - 2.0 * border)
+    tangent = shadow.size / (shadow.size - 2.0 * border)
     for k in range(3):
         for sign in (1.0, -1.0):
             axes = np.zeros((3, 3))
             axes[0, (k + 1) % 3] = axes[1, (k + 2) % 3] = 1.0
             axes[2, k] = sign
-            cells = project_on(axes, scenery.cells - place)
-            boxes = project_on(axes, scenery.boxes - place)
-            sides.append((axes, _window(cells, boxes, reach, light.range, shadow)))
+            cells = project_on(axes, scenery.cells - point)
+            boxes = project_on(axes, scenery.boxes - point)
+            sides.append((axes, _window(cells, boxes, tangent, light.range, shadow)))
     windows = [window for _, window in sides if window is not None]
     if not windows:
         return [None] * 6
     near, far = min(w.near for w in windows), max(w.far for w in windows)
-    window = Window((-reach, -reach), (reach, reach), max(near, NEAREST * far), far)
-    _write_row(row, np.eye(3), tuple(place.tolist()), window, shadow, 0)
+    window = Window((-tangent, -tangent), (tangent, tangent), max(near, MIN_NEAR * far), far)
+    _write_row(row, np.eye(3), tuple(point.tolist()), window, shadow, 0)
     _write_depth(row, window, shadow)
     matrices: list[Float64 | None] = []
-    for axes, seen in sides:
+    for axes, bounds in sides:
         side = row.copy()
-        _write_row(side, axes, tuple(project_on(axes, place).tolist()), window, shadow, 0)
+        _write_row(side, axes, tuple(project_on(axes, point).tolist()), window, shadow, 0)
         depth = _depth_row(side, axes[2], window)
-        matrices.append(None if seen is None else _clip_matrix(side, shadow.size, depth))
+        matrices.append(None if bounds is None else _clip_matrix(side, shadow.size, depth))
     return matrices
 
 
@@ -337,7 +337,7 @@ def _window(
     cells: Float64, boxes: Float64, tangent: float, end: float | None, shadow: Shadow
 ) -> Window | None:
     """
-    Return what the map of a light that shines from a point has to show, if anything.
+    Return the bounds of the map of a light that shines from a point, if anything is in them.
 
     Parameters
     ----------
@@ -351,22 +351,22 @@ def _window(
     """
     low, high = _sides(cells, tangent)
     end = math.inf if end is None else end
-    seen = (low <= high).all(axis=1) & (low[:, 2] < end)
-    if not seen.any():
+    is_seen = (low <= high).all(axis=1) & (low[:, 2] < end)
+    if not is_seen.any():
         return None
-    bounds = low[seen].min(axis=0), high[seen].max(axis=0)
+    bounds = low[is_seen].min(axis=0), high[is_seen].max(axis=0)
     far = min(float(bounds[1][2]), end)
     box_low, box_high = _sides(boxes, tangent)
     half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
     # Make room for what shades from aside: at most half as much again.
-    nearest = max(float(box_low[:, 2].min(initial=math.inf)), NEAREST * far)
-    room = min(half / min(nearest, far), float((bounds[1] - bounds[0])[:2].max()) / 2.0)
-    least = np.maximum(bounds[0][:2] - room, -tangent)
-    most = np.minimum(bounds[1][:2] + room, tangent)
+    nearest = max(float(box_low[:, 2].min(initial=math.inf)), MIN_NEAR * far)
+    margin = min(half / min(nearest, far), float((bounds[1] - bounds[0])[:2].max()) / 2.0)
+    side_low = np.maximum(bounds[0][:2] - margin, -tangent)
+    side_high = np.minimum(bounds[1][:2] + margin, tangent)
     between = (
         (box_low <= box_high).all(axis=1)
-        & (box_high[:, :2] >= least).all(axis=1)
-        & (box_low[:, :2] <= most).all(axis=1)
+        & (box_high[:, :2] >= side_low).all(axis=1)
+        & (box_low[:, :2] <= side_high).all(axis=1)
         & (box_low[:, 2] <= far)
     )
     if not between.any():
@@ -374,9 +374,9 @@ def _window(
     near = min(float(box_low[between, 2].min()), float(bounds[0][2]))
     slack = SLACK * (1.0 + tangent)
     return Window(
-        (float(least[0]) - slack, float(least[1]) - slack),
-        (float(most[0]) + slack, float(most[1]) + slack),
-        max(near * (1.0 - 1e-3), NEAREST * far),
+        (float(side_low[0]) - slack, float(side_low[1]) - slack),
+        (float(side_high[0]) + slack, float(side_high[1]) + slack),
+        max(near * (1.0 - 1e-3), MIN_NEAR * far),
         far * (1.0 + 1e-3),
     )
 
@@ -390,13 +390,13 @@ def _sides(corners: Float64, tangent: float) -> tuple[Float64, Float64]:
     """
     depth = corners[..., 2]
     nearest, farthest = depth.min(axis=1), depth.max(axis=1)
-    before = nearest > 0.0
-    over = np.where(before[:, np.newaxis], depth, 1.0)
+    is_in_front = nearest > 0.0
+    divisor = np.where(is_in_front[:, np.newaxis], depth, 1.0)
     low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
     for k in range(2):
-        aside = corners[..., k] / over
-        low[:, k] = np.where(before, np.maximum(aside.min(axis=1), -tangent), -tangent)
-        high[:, k] = np.where(before, np.minimum(aside.max(axis=1), tangent), tangent)
+        aside = corners[..., k] / divisor
+        low[:, k] = np.where(is_in_front, np.maximum(aside.min(axis=1), -tangent), -tangent)
+        high[:, k] = np.where(is_in_front, np.minimum(aside.max(axis=1), tangent), tangent)
     low[:, 2], high[:, 2] = np.maximum(nearest, 0.0), np.where(farthest > 0.0, farthest, -1.0)
     return low, high
 
@@ -412,8 +412,8 @@ def _write_row(
     """Write axes, origin and scale of a map."""
     row[:9] = axes.ravel()
     row[shadows_stage.ORIGIN : shadows_stage.ORIGIN + 3] = origin
-    room = shadow.size - 2.0 * border
-    focal = [room / (high - low) for low, high in zip(window.low, window.high, strict=True)]
+    inner_size = shadow.size - 2.0 * border
+    focal = [inner_size / (high - low) for low, high in zip(window.low, window.high, strict=True)]
     if shadow.filter == "soft":
         # A penumbra is round: texels are square.
         focal = [min(focal)] * 2
@@ -428,7 +428,7 @@ def _write_row(
 
 
 def _write_depth(row: Float64, window: Window, shadow: Shadow) -> None:
-    """Write what a texel is in depth, for a light that shines from a point."""
+    """Write the depth of a texel, for a light that shines from a point."""
     focal = float(row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2].min())
     row[shadows_stage.TEXEL] = 1.0 / focal
     half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
@@ -460,7 +460,7 @@ def _clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
 
 
 class Casters(NamedTuple):
-    """The objects of a scene, as things that cast shadows."""
+    """The objects of a scene as shadow casters."""
 
     vertices: visibility_pass.ModelVertices
     faces: NDArray[np.int32]
@@ -476,23 +476,23 @@ class Casters(NamedTuple):
     """The objects whose faces are segments or points."""
 
 
-def scenery_of(
+def collect_scenery(
     casters: Casters,
-    is_whole: NDArray[np.bool_],
-    is_open: NDArray[np.bool_],
+    always_lit: NDArray[np.bool_],
+    may_be_seen: NDArray[np.bool_],
     cells: Float64,
     camera: Camera,
     size: tuple[int, int],
 ) -> Scenery:
     """
-    Return what casts shadows and what they fall on.
+    Return the casters of shadows, and the space that receives them.
 
     Parameters
     ----------
     casters : Casters
-    is_whole : (O,) bool
+    always_lit : (O,) bool
         Which objects shadows are looked up on wherever they are, seen or not.
-    is_open : (O,) bool
+    may_be_seen : (O,) bool
         Which of the others may be seen where the depth of the frame does not tell.
     cells : (N, 8, 3) float64
         What the depth of the frame says is seen, see ``visible_cells``.
@@ -506,25 +506,25 @@ def scenery_of(
     starts = placement.face_starts
     if not casts.all():
         counts = np.where(casts, np.diff(starts), 0)
-        kept = np.repeat(casts, np.diff(starts))
-        faces = np.ascontiguousarray(faces[kept])
+        is_kept = np.repeat(casts, np.diff(starts))
+        faces = np.ascontiguousarray(faces[is_kept])
         starts = np.concatenate(([0], np.cumsum(counts)))
         if alpha_tests is not None:
             colors = alpha_tests.face_colors
-            colors = np.ascontiguousarray(colors[kept]) if len(colors) else colors
+            colors = np.ascontiguousarray(colors[is_kept]) if len(colors) else colors
             alpha_tests = alpha_tests._replace(face_starts=starts, face_colors=colors)
         primitives = tuple(
-            one._replace(faces=(int(starts[one.number]), int(starts[one.number + 1])))
-            for one in primitives
-            if casts[one.number]
+            item._replace(faces=(int(starts[item.number]), int(starts[item.number + 1])))
+            for item in primitives
+            if casts[item.number]
         )
     return Scenery(
         vertices, faces, starts, boxes[finite & casts],
         np.concatenate(
             [
                 cells,
-                boxes[finite & is_whole],
-                view_cells(camera, size, boxes[finite & is_open & ~is_whole]),
+                boxes[finite & always_lit],
+                view_cells(camera, size, boxes[finite & may_be_seen & ~always_lit]),
             ]
         ),
         alpha_tests, primitives, _right_of(camera),
@@ -547,7 +547,7 @@ def disk_points() -> NDArray[np.float32]:
     points = []
     for n in range(COMPARISONS):
         radius = math.sqrt((n + 0.5) / COMPARISONS)
-        sine, cosine = transforms.sine_cosine(n * GOLDEN_TURN)
+        sine, cosine = transforms.sine_cosine(n * GOLDEN_ANGLE)
         points.append((radius * cosine, radius * sine))
     return np.array(points, np.float32)
 
@@ -561,16 +561,16 @@ def spiral(size: int) -> NDArray[np.float32]:
     same array each time for a side: it is not to be written to.
     """
     points, radius = [], 1.0
-    while radius <= float(filters.MAX_RADIUS) * size + 1.0:
-        sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_TURN)
+    while radius <= float(filters.MAX_PENUMBRA) * size + 1.0:
+        sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_ANGLE)
         points.append((radius * cosine, radius * sine))
         radius *= SPIRAL_GROWTH
     return np.array(points, np.float32)
 
 
-def find_limits(texels: NDArray[np.float32], widening: float) -> NDArray[np.float32]:
+def find_occlusion_limits(texels: NDArray[np.float32], widening: float) -> NDArray[np.float32]:
     """
-    Find how deep samples must lie to be shaded from far away.
+    Find the stored depths below which distant texels may shade samples.
 
     Parameters
     ----------
@@ -583,22 +583,23 @@ def find_limits(texels: NDArray[np.float32], widening: float) -> NDArray[np.floa
     -------
     (N,) float32
         Levels of square cells, of ``filters.CELL`` texels and then twice as many each time, for
-        each map row by row; see `filters.cells_of`. What lies farther from a sample than the level
-        before reaches, two of its cells, shades none whose stored depth is at least its cell's.
-        The first level is about all beyond ``filters.AT_HAND``.
+        each map row by row; see `filters.count_cells`. What lies farther from a sample than the
+        level before reaches, two of its cells, shades none whose stored depth is at least its
+        cell's.
+        The first level is about all beyond ``filters.NEAR_RADIUS``.
     """
-    radius, side, levels = float(filters.AT_HAND), filters.CELL, []
-    highest = _highest(texels, side)
-    while not levels or radius <= float(filters.MAX_RADIUS) * texels.shape[-1] + 1.0:
+    radius, side, levels = float(filters.NEAR_RADIUS), filters.CELL, []
+    depths = _max_depths(texels, side)
+    while not levels or radius <= float(filters.MAX_PENUMBRA) * texels.shape[-1] + 1.0:
         # A point looks at the texel that it lies in, whose middle is less than one away.
-        above = radius - 1.0 - float(filters.SEARCHED)
-        above = above / (float(filters.SPREAD) * widening) if widening > 0.0 else math.inf
-        count = highest.shape[-1]
-        wide = np.pad(highest, ((0, 0), (2, 2), (2, 2)), constant_values=-np.inf)
-        wide = reduce(np.maximum, [wide[:, k : k + count] for k in range(5)])
-        wide = reduce(np.maximum, [wide[:, :, k : k + count] for k in range(5)])
-        levels.append(wide - np.float32(above))
-        radius, side, highest = 2.0 * side, 2 * side, _highest(highest, 2)
+        height = radius - 1.0 - float(filters.MIN_SEARCH)
+        height = height / (float(filters.SEARCH_SCALE) * widening) if widening > 0.0 else math.inf
+        count = depths.shape[-1]
+        dilated = np.pad(depths, ((0, 0), (2, 2), (2, 2)), constant_values=-np.inf)
+        dilated = reduce(np.maximum, [dilated[:, k : k + count] for k in range(5)])
+        dilated = reduce(np.maximum, [dilated[:, :, k : k + count] for k in range(5)])
+        levels.append(dilated - np.float32(height))
+        radius, side, depths = 2.0 * side, 2 * side, _max_depths(depths, 2)
     # What is beyond the next ring is beyond this one.
     for near, far in zip(levels[-2::-1], levels[:0:-1], strict=True):
         count = near.shape[-1]
@@ -606,7 +607,7 @@ def find_limits(texels: NDArray[np.float32], widening: float) -> NDArray[np.floa
     return np.concatenate([level.ravel() for level in levels])
 
 
-def _highest(texels: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+def _max_depths(texels: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     """Return the greatest stored depth in each cell of a side, texels, of maps (M, S, S)."""
     rest = -texels.shape[-1] % side
     if rest:

@@ -19,14 +19,14 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import matrix_of
 from rasterjit.pipeline.lighting.pbr import is_any_above_zero
-from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import LANES, nine_parts, part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int64
 
-EDGEWISE = 1.0 / 16.0
+MIN_FACING = 1.0 / 16.0
 """A face turns away from a light if it faces it by less than this share of what its shading normal
 does: the plane of one that is seen edgewise says nothing about its neighbours."""
 
@@ -35,21 +35,21 @@ CELL = 16
 
 
 @helper
-def gather_corners(patches, values, whole, rows):
+def gather_corners(patches, values, ints, out):
     """Gather three numbers for each vertex of the faces of all patches, for each sample."""
     for r in range(np.uintp(patches)):
-        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
-        for start in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)], LANES):
+        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        for start in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)], LANES):
             n = np.uintp(start)
             for k in range(3):
-                spread(rows[k], n, values[a, k])
-                spread(rows[3 + k], n, values[b, k])
-                spread(rows[6 + k], n, values[c, k])
+                spread(out[k], n, values[a, k])
+                spread(out[3 + k], n, values[b, k])
+                spread(out[6 + k], n, values[c, k])
 
 
 @disjoint_helper
-def place_rows(
-    px, py, pz, nx, ny, nz, ax, ay, az, bx, by, bz, cx, cy, cz, second, third, m, moved
+def find_points(
+    px, py, pz, nx, ny, nz, ax, ay, az, bx, by, bz, cx, cy, cz, second, third, m, translation
 ):  # fmt: skip
     """Write the points of samples of one object, and the normals of their faces, any length."""
     for i in range(px.shape[0]):
@@ -66,16 +66,16 @@ def place_rows(
             m[6] * x + m[7] * y + m[8] * z,
         )
         x, y, z = ax[i], ay[i], az[i]
-        px[i] = (m[0] * x + m[1] * y + m[2] * z + moved[0]) + (second[i] * ux + third[i] * vx)
-        py[i] = (m[3] * x + m[4] * y + m[5] * z + moved[1]) + (second[i] * uy + third[i] * vy)
-        pz[i] = (m[6] * x + m[7] * y + m[8] * z + moved[2]) + (second[i] * uz + third[i] * vz)
+        px[i] = (m[0] * x + m[1] * y + m[2] * z + translation[0]) + (second[i] * ux + third[i] * vx)
+        py[i] = (m[3] * x + m[4] * y + m[5] * z + translation[1]) + (second[i] * uy + third[i] * vy)
+        pz[i] = (m[6] * x + m[7] * y + m[8] * z + translation[2]) + (second[i] * uz + third[i] * vz)
         nx[i], ny[i], nz[i] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
 @stage
 def find_receivers(
     block: Block, count, positions: float64[:, ::1], relative_from_model: float64[:, :, :],
-    has_facets: int64,
+    has_microfacets: int64,
 ):  # fmt: skip
     """
     Write the point of each sample and the normal of its face, if light falls on any sample.
@@ -88,37 +88,37 @@ def find_receivers(
     positions : (V, 3) float64, model space
     relative_from_model : (O, 3, 4) float64
         World axes, origin at the eye.
-    has_facets : int
+    has_microfacets : int
         Not 0: row MICROFACET tells which samples are lit by microfacets.
     """
-    whole, rows, r, w = block.ints, block.doubles, block.receivers, block.weights
-    is_lit = is_any_above_zero(part(block.samples, at.LIT, 0, count))
-    if has_facets != 0:
-        is_lit |= is_any_above_zero(part(block.samples, at.MICROFACET, 0, count))
-    block.counts[at.IS_LIT] = np.int64(is_lit)
-    if block.counts[at.IS_LIT] == 0:
+    ints, doubles, r, w = block.ints, block.doubles, block.receivers, block.weights
+    is_lit = is_any_above_zero(part(block.samples, rows.LIT, 0, count))
+    if has_microfacets != 0:
+        is_lit |= is_any_above_zero(part(block.samples, rows.MICROFACET, 0, count))
+    block.counts[rows.IS_LIT] = np.int64(is_lit)
+    if block.counts[rows.IS_LIT] == 0:
         return
-    gather_corners(block.counts[at.PATCHES], positions, whole, rows)
+    gather_corners(block.counts[rows.PATCHES], positions, ints, doubles)
     m = relative_from_model
-    for k in range(block.counts[at.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        owner, s = np.uintp(segment[at.OWNER]), np.int64(segment[at.START])
-        e = s + whole_vectors(segment[at.STOP] - s)
-        place_rows(
-            *six_parts(r, at.POINT, s, e), *nine_parts(rows, 0, s, e), part(w, 0, s, e),
+        owner, s = np.uintp(segment[rows.OWNER]), np.int64(segment[rows.START])
+        e = s + whole_vectors(segment[rows.STOP] - s)
+        find_points(
+            *six_parts(r, rows.POINT, s, e), *nine_parts(doubles, 0, s, e), part(w, 0, s, e),
             part(w, 1, s, e), matrix_of(m, owner), (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
         )  # fmt: skip
 
 
 @disjoint_helper
-def find_turned(light, px, py, pz, ax, ay, az, nx, ny, nz, turned):
+def find_turned_away(light, px, py, pz, ax, ay, az, nx, ny, nz, is_away):
     """
     Write 1 where a face turns away from a light that its shading normal faces, else 0.
 
     Return whether there is any.
     """
-    found = np.int32(0)
-    for i in range(turned.shape[0]):
+    is_any = np.int32(0)
+    for i in range(is_away.shape[0]):
         lx = np.float64(light[0]) - np.float64(light[3]) * px[i]
         ly = np.float64(light[1]) - np.float64(light[3]) * py[i]
         lz = np.float64(light[2]) - np.float64(light[3]) * pz[i]
@@ -128,16 +128,16 @@ def find_turned(light, px, py, pz, ax, ay, az, nx, ny, nz, turned):
         face = face if side >= 0.0 else -face
         length = np.sqrt(ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i])
         smooth = x * lx + y * ly + z * lz
-        is_turned = (smooth > 0.0) & (face <= EDGEWISE * smooth * length)
-        turned[i] = np.float32(1.0) if is_turned else np.float32(0.0)
-        found |= np.int32(is_turned)
-    return found
+        turns = (smooth > 0.0) & (face <= MIN_FACING * smooth * length)
+        is_away[i] = np.float32(1.0) if turns else np.float32(0.0)
+        is_any |= np.int32(turns)
+    return is_any
 
 
 @disjoint_helper
-def bulge_rows(
+def offset_points(
     ax, ay, az, bx, by, bz, cx, cy, cz, na, nb, nc, oa, ob, oc, ea, eb, ec, second, third, m,
-    px, py, pz, nx, ny, nz, turned, qx, qy, qz,
+    px, py, pz, nx, ny, nz, is_away, qx, qy, qz,
 ):  # fmt: skip
     """
     Write the points of samples of one object, those turned away moved out to the smooth surface.
@@ -168,24 +168,24 @@ def bulge_rows(
         x = w0 * n0 + w1 * o0 + w2 * e0
         y = w0 * n1 + w1 * o1 + w2 * e1
         z = w0 * n2 + w1 * o2 + w2 * e2
-        share = np.float64(turned[i])
-        qx[i] = px[i] - share * (m[0] * x + m[1] * y + m[2] * z)
-        qy[i] = py[i] - share * (m[3] * x + m[4] * y + m[5] * z)
-        qz[i] = pz[i] - share * (m[6] * x + m[7] * y + m[8] * z)
+        factor = np.float64(is_away[i])
+        qx[i] = px[i] - factor * (m[0] * x + m[1] * y + m[2] * z)
+        qy[i] = py[i] - factor * (m[3] * x + m[4] * y + m[5] * z)
+        qz[i] = pz[i] - factor * (m[6] * x + m[7] * y + m[8] * z)
 
 
 @disjoint_helper
-def choose_normals(ax, ay, az, nx, ny, nz, turned, rx, ry, rz):
+def choose_normals(ax, ay, az, nx, ny, nz, is_away, rx, ry, rz):
     """Write the normals of the faces, but of those turned away the shading normals."""
     for i in range(rx.shape[0]):
-        is_turned = turned[i] > np.float32(0.0)
-        rx[i] = np.float64(nx[i]) if is_turned else ax[i]
-        ry[i] = np.float64(ny[i]) if is_turned else ay[i]
-        rz[i] = np.float64(nz[i]) if is_turned else az[i]
+        turns = is_away[i] > np.float32(0.0)
+        rx[i] = np.float64(nx[i]) if turns else ax[i]
+        ry[i] = np.float64(ny[i]) if turns else ay[i]
+        rz[i] = np.float64(nz[i]) if turns else az[i]
 
 
 @stage
-def move_turned(
+def offset_turned_away(
     block: Block, count, light: float32[::1], normals: float32[:, ::1],
     relative_from_model: float64[:, :, :],
 ):  # fmt: skip
@@ -204,32 +204,32 @@ def move_turned(
     relative_from_model : (O, 3, 4) float64
         World axes, origin at the eye.
     """
-    if block.counts[at.IS_LIT] == 0:
+    if block.counts[rows.IS_LIT] == 0:
         return
     s, r, w, p, bent = block.samples, block.receivers, block.weights, block.doubles, block.floats
-    found = find_turned(
-        light, *six_parts(r, at.POINT, 0, count), *three_parts(s, at.NORMAL_X, 0, count),
-        part(s, at.TURNED_AWAY, 0, count),
+    is_any = find_turned_away(
+        light, *six_parts(r, rows.POINT, 0, count), *three_parts(s, rows.NORMAL_X, 0, count),
+        part(s, rows.TURNED_AWAY, 0, count),
     )  # fmt: skip
-    if found == 0:
+    if is_any == 0:
         for k in range(6):
             for n in range(np.uintp(count)):
-                r[at.OFFSET_POINT + k, n] = r[at.POINT + k, n]
+                r[rows.OFFSET_POINT + k, n] = r[rows.POINT + k, n]
         return
-    gather_corners(block.counts[at.PATCHES], normals, block.ints, bent)
-    for k in range(block.counts[at.SEGMENTS]):
+    gather_corners(block.counts[rows.PATCHES], normals, block.ints, bent)
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        a = np.int64(segment[at.START])
-        e = a + whole_vectors(segment[at.STOP] - a)
-        bulge_rows(
+        a = np.int64(segment[rows.START])
+        e = a + whole_vectors(segment[rows.STOP] - a)
+        offset_points(
             *nine_parts(p, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
-            part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[at.OWNER])),
-            *three_parts(r, at.POINT, a, e), *three_parts(s, at.NORMAL_X, a, e),
-            part(s, at.TURNED_AWAY, a, e), *three_parts(r, at.OFFSET_POINT, a, e),
+            part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[rows.OWNER])),
+            *three_parts(r, rows.POINT, a, e), *three_parts(s, rows.NORMAL_X, a, e),
+            part(s, rows.TURNED_AWAY, a, e), *three_parts(r, rows.OFFSET_POINT, a, e),
         )  # fmt: skip
     choose_normals(
-        *three_parts(r, at.NORMAL, 0, count), *three_parts(s, at.NORMAL_X, 0, count),
-        part(s, at.TURNED_AWAY, 0, count), *three_parts(r, at.OFFSET_NORMAL, 0, count),
+        *three_parts(r, rows.NORMAL, 0, count), *three_parts(s, rows.NORMAL_X, 0, count),
+        part(s, rows.TURNED_AWAY, 0, count), *three_parts(r, rows.OFFSET_NORMAL, 0, count),
     )  # fmt: skip
 
 

@@ -67,23 +67,23 @@ unit of stored depth between the surface and what shades it."""
 MAP_COLUMNS = 23
 
 FIRST, SIZE, FILTER, SIDES = 0, 1, 2, 3
-"""Columns of ``ShadowRecord.places``: first texel of the light's maps, or -1 if it has none; side
+"""Columns of ``ShadowRecord.layouts``: first texel of the light's maps, or -1 if it has none; side
 of a map, texels; filter; 1 map, or 6 for the sides of a cube."""
-PLACE_COLUMNS = 4
+LAYOUT_COLUMNS = 4
 
 NEIGHBOURS = 64
 """Samples that are looked at at once for penumbrae and contacts: the fewer, the closer they lie
 together, and the less is looked at for all of them."""
 
-STEEPEST = 4096.0
+MAX_SLOPE = 4096.0
 """Largest slope of a face to the light: light that falls on a steeper one adds less than 1/4096."""
 
-SLOPING = 8.0
+MAX_BIAS_SLOPE = 8.0
 """Slope up to which the bias grows with it: more would let light through what is near. Beyond that,
 it grows by ``SNAPPING``."""
 
-FAR_ASIDE = 2.0**30
-"""Texels that a place on a map is held in: far outside of any, and a number that filters round."""
+MAX_TEXEL = 2.0**30
+"""Clamp for texel coordinates: far outside of any map, and a number that filters round."""
 
 
 @helper
@@ -98,9 +98,9 @@ def projection_at(row):
 
 
 @helper
-def plane_of(s, t, w, ns, nt, nw, projection):
+def receiver_plane(s, t, w, ns, nt, nw, projection):
     """
-    Return place, stored depth and its gain by a texel right and down, of a point and a normal.
+    Project a plane to a map: return its texel, stored depth, and gain of depth by a texel.
 
     Parameters
     ----------
@@ -112,34 +112,34 @@ def plane_of(s, t, w, ns, nt, nw, projection):
     is_parallel, gain, near, far, span, focal_x, focal_y, center_x, center_y = projection
     # The plane is ns s + nt t + nw w = k; over the map, with s = S w and t = T w:
     # 1 / w = (ns S + nt T + nw) / k.
-    over = 1.0 / (1.0 if is_parallel else w)
+    inverse_w = 1.0 / (1.0 if is_parallel else w)
     k = -nw if is_parallel else ns * s + nt * t + nw * w
-    steep = 1.0 / (k if k != 0.0 else 1.0)
-    steep = steep if k != 0.0 else 0.0
-    gain *= steep
-    across, down = gain * ns / focal_x, gain * nt / focal_y
-    depth = (far - w) / span if is_parallel else near * over
-    at_u, at_v = s * over * focal_x + center_x, t * over * focal_y + center_y
-    return at_u, at_v, depth, across, down
+    inverse_k = 1.0 / (k if k != 0.0 else 1.0)
+    inverse_k = inverse_k if k != 0.0 else 0.0
+    gain *= inverse_k
+    dz_du, dz_dv = gain * ns / focal_x, gain * nt / focal_y
+    depth = (far - w) / span if is_parallel else near * inverse_w
+    at_u, at_v = s * inverse_w * focal_x + center_x, t * inverse_w * focal_y + center_y
+    return at_u, at_v, depth, dz_du, dz_dv
 
 
 @helper
-def held_slope(across, down, texel):
-    """Return gains that are no steeper than the steepest face."""
-    most, slope = STEEPEST * texel, abs(across) + abs(down)
-    share = most / (slope if slope > most else most)
-    return across * share, down * share
+def clamp_slope(dz_du, dz_dv, texel):
+    """Return gains clamped to `MAX_SLOPE`."""
+    limit, slope = MAX_SLOPE * texel, abs(dz_du) + abs(dz_dv)
+    scale = limit / (slope if slope > limit else limit)
+    return dz_du * scale, dz_dv * scale
 
 
 @helper
 def bias_of(texel, gain, texels):
     """Return the shadow bias of a plane, stored depth."""
-    return texels * (texel + min(gain, SLOPING * texel)) + SNAPPING * gain
+    return texels * (texel + min(gain, MAX_BIAS_SLOPE * texel)) + SNAPPING * gain
 
 
 @disjoint_helper
-def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
-    """Take samples to the map of a light, and write their planes and biases there."""
+def project_samples(px, py, pz, nx, ny, nz, row, u, v, depth, dz_du, dz_dv, bias):
+    """Project samples to the map of a light, and write their planes and biases there."""
     projection, is_parallel = projection_at(row), row[PARALLEL] != 0.0
     unit, texels = row[TEXEL], row[BIAS_TEXELS]
     for i in range(px.shape[0]):
@@ -151,22 +151,22 @@ def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
         nt = row[3] * a + row[4] * b + row[5] * c
         nw = row[6] * a + row[7] * b + row[8] * c
         # What lies beside or behind the light is outside its map.
-        before = is_parallel | (w > 0.0)
-        w = w if before else 1.0
-        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, projection)
+        is_in_front = is_parallel | (w > 0.0)
+        w = w if is_in_front else 1.0
+        texel_u, texel_v, d, right, below = receiver_plane(s, t, w, ns, nt, nw, projection)
         texel = unit * (1.0 if is_parallel else d)
-        right, below = held_slope(right, below, texel)
-        at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
-        u[i], v[i] = np.float32(at_u), np.float32(clamped(at_v, -FAR_ASIDE, FAR_ASIDE))
-        depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
+        right, below = clamp_slope(right, below, texel)
+        texel_u = clamped(texel_u if is_in_front else -1.0, -MAX_TEXEL, MAX_TEXEL)
+        u[i], v[i] = np.float32(texel_u), np.float32(clamped(texel_v, -MAX_TEXEL, MAX_TEXEL))
+        depth[i], dz_du[i], dz_dv[i] = np.float32(d), np.float32(right), np.float32(below)
         steps = bias_of(texel, abs(right) + abs(below), texels)
         bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
 @disjoint_helper
-def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, bias):
+def project_samples_to_cube(px, py, pz, nx, ny, nz, row, size, u, v, depth, dz_du, dz_dv, bias):
     """
-    Take samples to the six maps of a point light; see `map_rows`.
+    Project samples to the six maps of a point light; see `project_samples`.
 
     The maps lie one below the other: +x, -x, +y, -y, +z, -z. A sample goes to the one of its
     longest coordinate; the other two, in cyclic order, run across and down.
@@ -183,23 +183,23 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
         side = np.float32(0.0) if is_x else (np.float32(2.0) if is_y else np.float32(4.0))
         side += np.float32(1.0) if w < 0.0 else np.float32(0.0)
         nw, w = (-nw if w < 0.0 else nw), abs(w)
-        before = w > 0.0
-        w = w if before else 1.0
-        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, projection)
+        is_in_front = w > 0.0
+        w = w if is_in_front else 1.0
+        texel_u, texel_v, d, right, below = receiver_plane(s, t, w, ns, nt, nw, projection)
         texel = unit * d
-        right, below = held_slope(right, below, texel)
-        at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
-        at_v = clamped(at_v, -FAR_ASIDE, FAR_ASIDE)
-        u[i], v[i] = np.float32(at_u), np.float32(at_v) + side * np.float32(size)
-        depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
+        right, below = clamp_slope(right, below, texel)
+        texel_u = clamped(texel_u if is_in_front else -1.0, -MAX_TEXEL, MAX_TEXEL)
+        texel_v = clamped(texel_v, -MAX_TEXEL, MAX_TEXEL)
+        u[i], v[i] = np.float32(texel_u), np.float32(texel_v) + side * np.float32(size)
+        depth[i], dz_du[i], dz_dv[i] = np.float32(d), np.float32(right), np.float32(below)
         steps = bias_of(texel, abs(right) + abs(below), texels)
         bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
 @stage
-def place_on_map(block: Block, count, point: int64, row: float64[::1]):
+def project_to_map(block: Block, count, point: int64, row: float64[::1]):
     """
-    Find where samples lie on the map of a light, and their planes and biases there.
+    Project samples to the map of a light, and find their planes and biases there.
 
     Parameters
     ----------
@@ -214,21 +214,21 @@ def place_on_map(block: Block, count, point: int64, row: float64[::1]):
     if block.counts[IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    map_rows(*six_parts(r, 0, 0, count), row, *six_parts(s, MAP_U, 0, count))
+    project_samples(*six_parts(r, 0, 0, count), row, *six_parts(s, MAP_U, 0, count))
 
 
 @stage
-def place_on_cube(block: Block, count, point: int64, row: float64[::1], size: int64):
-    """Find the same on the six maps of a point light, whose sides have ``size`` texels."""
+def project_to_cube(block: Block, count, point: int64, row: float64[::1], size: int64):
+    """Project samples to the six maps of a point light, whose sides have ``size`` texels."""
     if block.counts[IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    map_cube_rows(*six_parts(r, 0, 0, count), row, size, *six_parts(s, MAP_U, 0, count))
+    project_samples_to_cube(*six_parts(r, 0, 0, count), row, size, *six_parts(s, MAP_U, 0, count))
 
 
 @helper
-def close_all_contacts(s, count, texels, size, sides):
-    """Take away the light that a filter lets in where surfaces touch, from some samples."""
+def remove_light_leaks(s, count, texels, size, sides):
+    """Remove the light that a filter leaks where surfaces touch, a few samples at a time."""
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
@@ -239,21 +239,21 @@ def close_all_contacts(s, count, texels, size, sides):
 
 @stage
 def filter_hard(
-    block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, on_faces: int64
 ):  # fmt: skip
     """
-    Find the share of a light that reaches each sample, by the texel that it lies in.
+    Find the visibility of a light at each sample, by the texel that it lies in.
 
     Parameters
     ----------
     block : Block
-        After `place_on_map` or `place_on_cube`. Writes rows SHADOW and BLOCKED.
+        After `project_to_map` or `project_to_cube`. Writes rows SHADOW and BLOCKED.
     count : int
     texels : (sides * size**2,) float32
         Stored depth, of the light's maps, one below the other.
     size, sides : int
         Side of a map, texels; number of maps.
-    is_of_faces : int
+    on_faces : int
         0 if the samples are vertices, whose planes say nothing of their faces: they are not looked
         at for contacts.
     """
@@ -263,25 +263,25 @@ def filter_hard(
     read_hard(
         *six_parts(s, MAP_U, 0, count), texels, size, np.float32(sides), part(s, SHADOW, 0, count)
     )
-    close_all_contacts(s, count * is_of_faces, texels, size, sides)
+    remove_light_leaks(s, count * on_faces, texels, size, sides)
 
 
 @stage
 def filter_pcf(
-    block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, on_faces: int64
 ):  # fmt: skip
-    """Find the same by 3 x 3 texels: percentage-closer filtering."""
+    """Find the visibility of a light by 3 x 3 texels: percentage-closer filtering."""
     if block.counts[IS_LIT] == 0:
         return
     s = block.samples
     read_pcf(
         *six_parts(s, MAP_U, 0, count), texels, size, np.float32(sides), part(s, SHADOW, 0, count)
     )
-    close_all_contacts(s, count * is_of_faces, texels, size, sides)
+    remove_light_leaks(s, count * on_faces, texels, size, sides)
 
 
 @disjoint_helper
-def mark_facing(light, nx, ny, nz, px, py, pz, facing):
+def find_facing(light, nx, ny, nz, px, py, pz, facing):
     """Write the cosine by which `light_stages` light a sample; NaN counts as above 0."""
     one, zero = np.float32(1.0), np.float32(0.0)
     if light[3] == zero:
@@ -297,9 +297,9 @@ def mark_facing(light, nx, ny, nz, px, py, pz, facing):
 
 
 @helper
-def shade_softly(block, count, texels, size, sides, widening, cells, pattern, spiral):
+def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern, spiral):
     """Write the visibility of samples, those of row TURNED_AWAY above 0 by their penumbrae."""
-    s, few, numbers, shaded = block.samples, block.floats, block.numbers[0], np.int64(0)
+    s, gathered, indices, shaded = block.samples, block.floats, block.numbers[0], np.int64(0)
     # Gather the samples that something shades.
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
@@ -309,38 +309,38 @@ def shade_softly(block, count, texels, size, sides, widening, cells, pattern, sp
         )  # fmt: skip
     fill_row(part(s, SHADOW, 0, count), np.float32(1.0))
     for n in range(np.uintp(count)):
-        numbers[np.uintp(shaded)] = n
+        indices[np.uintp(shaded)] = n
         shaded += np.int64(s[BLOCKED, n] > np.float32(0.0))
     # The last one once more, until vectors are full.
     while shaded % VECTOR != 0:
-        numbers[np.uintp(shaded)] = numbers[np.uintp(shaded - 1)]
+        indices[np.uintp(shaded)] = indices[np.uintp(shaded - 1)]
         shaded += 1
     for k in range(6):
         for n in range(np.uintp(shaded)):
-            few[k, n] = s[MAP_U + k, np.uintp(numbers[n])]
+            gathered[k, n] = s[MAP_U + k, np.uintp(indices[n])]
     # Find what light reaches these.
     for a in range(0, shaded, NEIGHBOURS):
         e = min(a + NEIGHBOURS, shaded)
         read_soft(
-            *six_parts(few, 0, a, e), texels, size, sides, widening, pattern, spiral,
-            *three_parts(few, 6, a, e),
+            *six_parts(gathered, 0, a, e), texels, size, sides, widening, pattern, spiral,
+            *three_parts(gathered, 6, a, e),
         )  # fmt: skip
     for n in range(np.uintp(shaded)):
-        s[SHADOW, np.uintp(numbers[n])] = few[8, n]
+        s[SHADOW, np.uintp(indices[n])] = gathered[8, n]
 
 
 @stage
 def filter_soft(
-    block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64,
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, on_faces: int64,
     widening: float32, cells: float32[::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
     light: float32[::1],
 ):  # fmt: skip
     """
-    Find the same by a penumbra that widens with the distance to what casts the shadow.
+    Find the visibility of a light by a penumbra that widens with the distance to the blocker.
 
     Parameters
     ----------
-    block, count, texels, size, sides, is_of_faces
+    block, count, texels, size, sides, on_faces
         As `filter_hard` takes them.
     widening : float32
         Column WIDENING of the light's row.
@@ -356,20 +356,20 @@ def filter_soft(
     facing = part(s, TURNED_AWAY, 0, count)
     fill_row(facing, np.float32(1.0))
     if light.shape[0] > 0:
-        mark_facing(
+        find_facing(
             light, *three_parts(s, NORMAL_X, 0, count), *three_parts(s, POINT_X, 0, count), facing
         )
     if sides == 1:
         # Which of several maps a sample lies in takes a division at each point.
-        shade_softly(block, count, texels, size, None, widening, cells, pattern, spiral)
+        filter_penumbrae(block, count, texels, size, None, widening, cells, pattern, spiral)
     else:
-        several = np.float32(sides)
-        shade_softly(block, count, texels, size, several, widening, cells, pattern, spiral)
-    close_all_contacts(s, count * is_of_faces, texels, size, sides)
+        float_sides = np.float32(sides)
+        filter_penumbrae(block, count, texels, size, float_sides, widening, cells, pattern, spiral)
+    remove_light_leaks(s, count * on_faces, texels, size, sides)
 
 
 @stage
-def let_light_through(block: Block, count):
+def make_visible(block: Block, count):
     """Write visibility 1, for a light without a map."""
     for n in range(np.uintp(count)):
         block.samples[SHADOW, n] = np.float32(1.0)

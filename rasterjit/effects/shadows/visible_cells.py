@@ -25,8 +25,8 @@ Float64 = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 
-class SeenDepth(NamedTuple):
-    """What the depth of a picture tells of where its faces are, a value for each of R x C cells."""
+class DepthRanges(NamedTuple):
+    """The ranges of a picture's depth, in R x C cells."""
 
     size: tuple[int, int]
     """Width and height of the picture, pixels."""
@@ -40,11 +40,11 @@ class SeenDepth(NamedTuple):
     """(O,), whether a pixel shows an object. ``None``: nobody asks."""
 
 
-def see_depth(
+def read_depth_ranges(
     coverage: visibility_pass.Coverage, workers: Workers, face_starts: Counts | None = None
-) -> SeenDepth:
+) -> DepthRanges:
     """
-    Return what the depth of a picture tells.
+    Return the ranges of a picture's depth.
 
     ``face_starts`` tells the first face of each object, where those are looked for that no pixel
     shows.
@@ -53,13 +53,13 @@ def see_depth(
     height, width = depth.shape
     lowest, highest = find_depth_ranges(depth, workers)
     if face_starts is None:
-        return SeenDepth((width, height), lowest, highest)
+        return DepthRanges((width, height), lowest, highest)
     side = receivers.CELL
     rows, columns = range(0, height, side), np.arange(0, width, side)
     least = np.array([depth[row : row + side].min(axis=0) for row in rows])
     farthest = np.minimum.reduceat(least, columns, axis=1)
     is_shown = _shown_objects(coverage.face_id, face_starts)
-    return SeenDepth((width, height), lowest, highest, farthest, is_shown)
+    return DepthRanges((width, height), lowest, highest, farthest, is_shown)
 
 
 def _shown_objects(face_id: NDArray[np.int32], face_starts: Counts) -> NDArray[np.bool_]:
@@ -77,19 +77,19 @@ def _shown_objects(face_id: NDArray[np.int32], face_starts: Counts) -> NDArray[n
     return is_shown
 
 
-def join_depths(
-    size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], SeenDepth]]
-) -> SeenDepth:
+def merge_depth_ranges(
+    size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], DepthRanges]]
+) -> DepthRanges:
     """
-    Return what the depth of a picture tells from that of its parts.
+    Return the depth ranges of a picture from those of its parts.
 
     Parameters
     ----------
     size : (int, int)
         Width and height of the whole, pixels.
-    parts : sequence of ((int, int), SeenDepth)
-        Column and row of the first pixel of each, multiples of ``receivers.CELL``, and what
-        it tells. Together they are the whole.
+    parts : sequence of ((int, int), DepthRanges)
+        Column and row of the first pixel of each, multiples of ``receivers.CELL``, and its
+        ranges. Together they are the whole.
     """
     side = receivers.CELL
     shape = -(-size[1] // side), -(-size[0] // side)
@@ -102,21 +102,21 @@ def join_depths(
     for (left, top), part in parts:
         column, row = left // side, top // side
         for name, values in joined.items():
-            own = getattr(part, name)
-            values[row : row + own.shape[0], column : column + own.shape[1]] = own
+            cells = getattr(part, name)
+            values[row : row + cells.shape[0], column : column + cells.shape[1]] = cells
     is_shown = first.is_shown
     if is_shown is not None:
         is_shown = np.logical_or.reduce([part.is_shown for _, part in parts])
-    return SeenDepth(size, **joined, is_shown=is_shown)
+    return DepthRanges(size, **joined, is_shown=is_shown)
 
 
-def seen_cells(camera: Camera, seen: SeenDepth) -> Float64:
+def depth_cells(camera: Camera, ranges: DepthRanges) -> Float64:
     """
     Return the corners, (N, 8, 3), of cells that hold all that is seen.
 
     In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
     """
-    (width, height), lowest, highest = seen[:3]
+    (width, height), lowest, highest = ranges[:3]
     screen = screen_from_relative(camera, (width, height))
     rows, columns = np.nonzero(lowest <= highest)
     try:
@@ -170,18 +170,18 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
         return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
 
 
-def missed_objects(camera: Camera, boxes: Float64, seen: SeenDepth) -> NDArray[np.bool_]:
+def unseen_objects(camera: Camera, boxes: Float64, ranges: DepthRanges) -> NDArray[np.bool_]:
     """
     Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
 
     An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
     the eye.
     """
-    (width, height), farthest = seen.size, seen.farthest
-    is_missed = ~seen.is_shown
-    screen, some = screen_from_relative(camera, (width, height)), np.flatnonzero(is_missed)
-    points = _projected(screen, boxes[some])
-    is_ahead = (_times(screen[3:], boxes[some])[..., 0] > 0.0).all(axis=1)
+    (width, height), farthest = ranges.size, ranges.farthest
+    is_unseen = ~ranges.is_shown
+    screen, indices = screen_from_relative(camera, (width, height)), np.flatnonzero(is_unseen)
+    points = _projected(screen, boxes[indices])
+    is_ahead = (_times(screen[3:], boxes[indices])[..., 0] > 0.0).all(axis=1)
     side, (rows, columns) = receivers.CELL, farthest.shape
     with np.errstate(invalid="ignore"):
         x = (points[..., 0] + 1.0) * (width / 2.0)
@@ -195,27 +195,27 @@ def missed_objects(camera: Camera, boxes: Float64, seen: SeenDepth) -> NDArray[n
             )
         ]  # fmt: skip
         # Around the eye lies what is large: what of it no centre shows is not worth its size.
-        is_hidden = ~is_ahead | (points[..., 2].max(axis=1) < _least_within(farthest, *ends))
-    is_missed[some[is_hidden]] = False
-    return is_missed
+        is_hidden = ~is_ahead | (points[..., 2].max(axis=1) < _min_within(farthest, *ends))
+    is_unseen[indices[is_hidden]] = False
+    return is_unseen
 
 
-def _least_within(
+def _min_within(
     values: NDArray[np.float32], top: Counts, bottom: Counts, left: Counts, right: Counts
 ) -> NDArray[np.float32]:
     """Return the least value, or less, of rectangles of an image, (B,), ends included."""
-    least = np.empty(len(top), np.float32)
+    result = np.empty(len(top), np.float32)
     span = np.maximum(bottom - top, right - left)
     for level in range((int(span.max(initial=1)) - 1).bit_length() + 1):
         # Of entries that stand for 2**level values each way, a rectangle has two by two at most.
-        at = np.flatnonzero((span <= 1 << level) & ((span > 1 << level >> 1) | (level == 0)))
-        ends = [[end[at] >> level for end in pair] for pair in ((top, bottom), (left, right))]
-        least[at] = np.minimum.reduce(
+        selected = np.flatnonzero((span <= 1 << level) & ((span > 1 << level >> 1) | (level == 0)))
+        ends = [[end[selected] >> level for end in pair] for pair in ((top, bottom), (left, right))]
+        result[selected] = np.minimum.reduce(
             [values[row, column] for row in ends[0] for column in ends[1]]
         )
         rows, columns = np.arange(0, values.shape[0], 2), np.arange(0, values.shape[1], 2)
         values = np.minimum.reduceat(np.minimum.reduceat(values, rows, axis=0), columns, axis=1)
-    return least
+    return result
 
 
 def _extent(corners: Float64) -> Float64:
@@ -254,9 +254,9 @@ def find_depth_ranges(
     lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
     per_task = -(-rows_per_task(depth.shape, workers) // side)
 
-    def find_some(first: int) -> None:
+    def find_rows(first: int) -> None:
         cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
         receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
 
-    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
+    workers.run(find_rows, [(n,) for n in range(0, rows, per_task)])
     return lowest, highest

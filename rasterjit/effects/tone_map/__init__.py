@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.tone_map import stage as tone_map_stage
+from rasterjit.effects.tone_map import stage
 from rasterjit.effects.tone_map.stage import NO_TONES, ToneRecord
 from rasterjit.pipeline.passes import Pass, Rows, fixed, rows_where
 from rasterjit.pipeline.surface.sample_block import NORMAL_X
@@ -24,10 +24,10 @@ from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
 CURVES = {
-    "none": tone_map_stage.NONE,
-    "reinhard": tone_map_stage.REINHARD,
-    "aces": tone_map_stage.ACES,
-    "neutral": tone_map_stage.NEUTRAL,
+    "none": stage.NONE,
+    "reinhard": stage.REINHARD,
+    "aces": stage.ACES,
+    "neutral": stage.NEUTRAL,
 }
 
 
@@ -41,7 +41,7 @@ def tone_record(tone_map: ToneMap) -> ToneRecord:
 
 
 class ToneMapping(BatchedEffect):
-    """Map what is shown in 8 bits."""
+    """Map scene light to display light where colour is 8-bit."""
 
     name = "tone mapping"
     field = "tone_map"
@@ -69,35 +69,36 @@ class ToneMapping(BatchedEffect):
         return "curve neutral", add_to_field(scene, self.field, ToneMap())
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernel that maps what is mixed already."""
+        """Return the kernel that maps resolved light."""
         is_colored = plan.facts.background_image is None
-        own = tone_map_stage
-        return {"mixed": rows_where("", own.show_over if is_colored else own.show_over_picture)}
+        return {
+            "mixed": rows_where("", stage.map_over_color if is_colored else stage.map_over_picture)
+        }
 
     @staticmethod
-    def show(tone: ToneRecord, shown: int) -> tuple[list[Pass], int]:
+    def map_rows(tone: ToneRecord, first: int) -> tuple[list[Pass], int]:
         """Return the stages that map three rows of samples, and where the result goes."""
-        return [fixed(tone_map_stage.show_tones, shown, tone)], NORMAL_X
+        return [fixed(stage.map_samples, first, tone)], NORMAL_X
 
     @staticmethod
-    def show_over(
+    def map_mixed(
         tone: ToneRecord,
         calls: Calls,
         linear: NDArray[np.float32],
         background: NDArray[np.float32],
-        shown: NDArray[np.float32],
+        display: NDArray[np.float32],
     ) -> None:
         """
-        Map rows of light that is mixed already, (R, W, 4), and lay them over a background.
+        Map rows of resolved light, (R, W, 4), and composite them over a background.
 
-        If that is a picture, it is in ``shown``.
+        If that is a picture, it is in ``display``.
         """
-        if background is shown:
-            calls.call(tone_map_stage.show_over_picture, linear, shown, tone)
+        if background is display:
+            calls.call(stage.map_over_picture, linear, display, tone)
         else:
-            calls.call(tone_map_stage.show_over, linear, background, tone, shown)
+            calls.call(stage.map_over_color, linear, background, tone, display)
 
-    places: ClassVar = {"pixel": show, "mixed": show_over}
+    places: ClassVar = {"pixel": map_rows, "mixed": map_mixed}
 
 
 TONE_MAPPING = ToneMapping()

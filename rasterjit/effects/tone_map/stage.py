@@ -45,12 +45,12 @@ DESATURATION = np.float32(0.15)
 
 
 class ToneRecord(NamedTuple):
-    """How light becomes what a screen shows."""
+    """The tone map of a frame."""
 
     curve: int64
     stops: float32
     """Exposure."""
-    per_white: float32
+    inverse_white: float32
     """One over the square of the luminance that becomes white."""
 
 
@@ -65,11 +65,11 @@ def exposed(value, factor):
 
 
 @helper
-def reinhard(red, green, blue, per_white):
-    """Return a colour scaled so that its luminance L becomes L (1 + L per_white) / (1 + L)."""
+def reinhard(red, green, blue, inverse_white):
+    """Return a colour scaled so that its luminance L becomes L (1 + L inverse_white) / (1 + L)."""
     one = np.float32(1.0)
     luminance = np.float32(0.2126) * red + np.float32(0.7152) * green + np.float32(0.0722) * blue
-    scale = (one + luminance * per_white) / (one + luminance)
+    scale = (one + luminance * inverse_white) / (one + luminance)
     return red * scale, green * scale, blue * scale
 
 
@@ -82,7 +82,7 @@ def filmic(x):
 
 
 @helper
-def mixed(red, green, blue, weights):
+def weighted_sum(red, green, blue, weights):
     """Return the weighted sum of three channels."""
     return (
         np.float32(weights[0]) * red
@@ -94,13 +94,13 @@ def mixed(red, green, blue, weights):
 @helper
 def aces(red, green, blue):
     """Return Hill's fit of the transforms from scene light to an sRGB display, not cut off."""
-    r = filmic(mixed(red, green, blue, (0.59719, 0.35458, 0.04823)))
-    g = filmic(mixed(red, green, blue, (0.07600, 0.90834, 0.01566)))
-    b = filmic(mixed(red, green, blue, (0.02840, 0.13383, 0.83777)))
+    r = filmic(weighted_sum(red, green, blue, (0.59719, 0.35458, 0.04823)))
+    g = filmic(weighted_sum(red, green, blue, (0.07600, 0.90834, 0.01566)))
+    b = filmic(weighted_sum(red, green, blue, (0.02840, 0.13383, 0.83777)))
     return (
-        mixed(r, g, b, (1.60475, -0.53108, -0.07367)),
-        mixed(r, g, b, (-0.10208, 1.10813, -0.00605)),
-        mixed(r, g, b, (-0.00327, -0.07276, 1.07602)),
+        weighted_sum(r, g, b, (1.60475, -0.53108, -0.07367)),
+        weighted_sum(r, g, b, (-0.10208, 1.10813, -0.00605)),
+        weighted_sum(r, g, b, (-0.00327, -0.07276, 1.07602)),
     )
 
 
@@ -113,13 +113,13 @@ def neutral(red, green, blue):
     offset = offset if least < REFLECTANCE + REFLECTANCE else REFLECTANCE
     red, green, blue = red - offset, green - offset, blue - offset
     peak = max(red, max(green, blue))
-    rest = one - START
-    over = max(peak, START)
-    lowered = one - rest * rest / (over + rest - START)
-    kept = one / (DESATURATION * (over - lowered) + one)
-    is_over = peak >= START
-    scale = kept * lowered / over if is_over else one
-    pale = lowered * (one - kept) if is_over else np.float32(0.0)
+    span = one - START
+    high = max(peak, START)
+    lowered = one - span * span / (high + span - START)
+    weight = one / (DESATURATION * (high - lowered) + one)
+    is_high = peak >= START
+    scale = weight * lowered / high if is_high else one
+    pale = lowered * (one - weight) if is_high else np.float32(0.0)
     return red * scale + pale, green * scale + pale, blue * scale + pale
 
 
@@ -133,10 +133,10 @@ def expose_span(factor, red, green, blue, out_red, out_green, out_blue):
 
 
 @disjoint_helper
-def reinhard_span(per_white, red, green, blue):
+def reinhard_span(inverse_white, red, green, blue):
     """Apply Reinhard's curve in place."""
     for i in range(red.shape[0]):
-        red[i], green[i], blue[i] = reinhard(red[i], green[i], blue[i], per_white)
+        red[i], green[i], blue[i] = reinhard(red[i], green[i], blue[i], inverse_white)
 
 
 @disjoint_helper
@@ -155,11 +155,11 @@ def neutral_span(red, green, blue):
 
 @helper
 def map_tones(tone, red, green, blue, out_red, out_green, out_blue):
-    """Write what is to be shown of a span of light; the arrays do not overlap."""
+    """Write the display light of a span of scene light; the arrays do not overlap."""
     factor = exp2(tone.stops)
     expose_span(factor, red, green, blue, out_red, out_green, out_blue)
     if tone.curve == REINHARD:
-        reinhard_span(tone.per_white, out_red, out_green, out_blue)
+        reinhard_span(tone.inverse_white, out_red, out_green, out_blue)
     elif tone.curve == ACES:
         aces_span(out_red, out_green, out_blue)
     elif tone.curve == NEUTRAL:
@@ -168,13 +168,13 @@ def map_tones(tone, red, green, blue, out_red, out_green, out_blue):
 
 @helper
 def map_pixel(tone, red, green, blue):
-    """Return what is to be shown of one colour; the colour itself if it is not mapped."""
+    """Return the display light of one colour; the colour itself if it is not mapped."""
     if tone.curve == UNMAPPED:
         return red, green, blue
     factor = exp2(tone.stops)
     red, green, blue = exposed(red, factor), exposed(green, factor), exposed(blue, factor)
     if tone.curve == REINHARD:
-        return reinhard(red, green, blue, tone.per_white)
+        return reinhard(red, green, blue, tone.inverse_white)
     if tone.curve == ACES:
         return aces(red, green, blue)
     if tone.curve == NEUTRAL:
@@ -183,39 +183,39 @@ def map_pixel(tone, red, green, blue):
 
 
 @stage
-def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
+def map_samples(block: Block, count, first: int64, tone: ToneRecord):
     """
-    Map the tones of the three rows of samples from ``shown`` on.
+    Map the tones of the three rows of samples from ``first`` on.
 
-    Writes what is to be shown over the normals, rows NORMAL_X.., which nothing needs any more.
+    Writes the result over the normals, rows NORMAL_X.., which nothing needs any more.
     """
     s = block.samples
-    map_tones(tone, *three_parts(s, shown, 0, count), *three_parts(s, NORMAL_X, 0, count))
+    map_tones(tone, *three_parts(s, first, 0, count), *three_parts(s, NORMAL_X, 0, count))
 
 
 @helper
-def lay(linear, shown, tone, behind):
-    """Lay a pixel, (4,), over what is behind it: as light, and with its tones mapped."""
+def composite(linear, display, tone, background):
+    """Composite a pixel, (4,), over its background: as light, and with its tones mapped."""
     alpha = linear[3]
     if not alpha > np.float32(0.0):
         # Most pixels of many pictures show nothing else.
         for k in range(4):
-            linear[k], shown[k] = behind[k], behind[k]
+            linear[k], display[k] = background[k], background[k]
         return
-    own = linear[0], linear[1], linear[2]
-    mapped = over(alpha, map_pixel(tone, own[0], own[1], own[2]), behind)
-    laid = over(alpha, own, behind)
+    color = linear[0], linear[1], linear[2]
+    mapped = over(alpha, map_pixel(tone, color[0], color[1], color[2]), background)
+    blend = over(alpha, color, background)
     for k in range(4):
-        linear[k], shown[k] = laid[k], mapped[k]
+        linear[k], display[k] = blend[k], mapped[k]
 
 
 @kernel
-def show_over(
+def map_over_color(
     linear: float32[:, :, ::1], background: float32[::1], tone: ToneRecord,
-    shown: float32[:, :, ::1],
+    display: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Map the tones of rows, and lay them over a background that is shown as it is.
+    Map the tones of rows, and composite them over a background that is not mapped.
 
     Parameters
     ----------
@@ -223,24 +223,24 @@ def show_over(
         Straight alpha; changed: laid over the background in linear light.
     background : (4,) float32, linear
     tone : ToneRecord
-    shown : (R, W, 4) float32
+    display : (R, W, 4) float32
         Written: tones mapped, laid over the background.
     """
-    behind = background[0], background[1], background[2], background[3]
+    rgba = background[0], background[1], background[2], background[3]
     for row in range(linear.shape[0]):
         for column in range(linear.shape[1]):
-            lay(linear[row, column], shown[row, column], tone, behind)
+            composite(linear[row, column], display[row, column], tone, rgba)
 
 
 @kernel
-def show_over_picture(linear: float32[:, :, ::1], picture: float32[:, :, ::1], tone: ToneRecord):
+def map_over_picture(linear: float32[:, :, ::1], picture: float32[:, :, ::1], tone: ToneRecord):
     """
-    Do the same over rows of a picture, (R, W, 4) float32, linear, which becomes what is shown.
+    Do the same over rows of a picture, (R, W, 4) float32, linear, where the result is written.
 
     It is a kernel of its own: that of a colour would take a tenth longer.
     """
     for row in range(linear.shape[0]):
         for column in range(linear.shape[1]):
-            shown = picture[row, column]
-            behind = shown[0], shown[1], shown[2], shown[3]
-            lay(linear[row, column], shown, tone, behind)
+            pixel = picture[row, column]
+            rgba = pixel[0], pixel[1], pixel[2], pixel[3]
+            composite(linear[row, column], pixel, tone, rgba)

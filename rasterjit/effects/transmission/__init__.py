@@ -32,15 +32,15 @@ from rasterjit.survey.plan import RenderPlan
 MIN_SIDE = 2
 """Texels: levels are halved as long as a side has that many."""
 
-BRIGHTEST = np.float32(1e30)
+MAX_LIGHT = np.float32(1e30)
 """Clamp for light seen through glass."""
 
-ROWS_AT_ONCE = 8
-"""Fewest rows of a level that a task makes."""
+MIN_ROWS = 8
+"""Fewest rows of a level that a task writes."""
 
 
-class Behind(NamedTuple):
-    """The picture behind all that transmits, as ``stage.transmit`` takes it."""
+class OpaquePass(NamedTuple):
+    """The opaque pass in mip levels, as ``stage.transmit`` reads it."""
 
     texels: NDArray[np.float32]
     """(N, 3), linear RGB: level by level, row by row."""
@@ -55,7 +55,7 @@ class Behind(NamedTuple):
     corner: NDArray[np.int64]
     """(2,): column and row of the first pixel that is drawn."""
     amount: np.float32 = np.float32(1.0)
-    """0: nothing goes through, as data."""
+    """1; 0: nothing goes through."""
 
 
 def level_table(size: tuple[int, int], count: int) -> NDArray[np.int64]:
@@ -70,7 +70,7 @@ def level_table(size: tuple[int, int], count: int) -> NDArray[np.int64]:
     return np.array(rows, np.int64)
 
 
-def halve_again_and_again(
+def build_mip_levels(
     linear: NDArray[np.float32], is_blurred: bool, workers: Workers
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """
@@ -86,27 +86,27 @@ def halve_again_and_again(
     """
     height, width = linear.shape[:2]
     levels = level_table((width, height), 1 + is_blurred * (max(width, height) - 1).bit_length())
-    first, own_width, own_height = levels[-1].tolist()
-    texels = workers.memory.empty((first + own_width * own_height, 3), np.float32)
-    whole = texels[: height * width].reshape(height, width, 3)
+    first, last_width, last_height = levels[-1].tolist()
+    texels = workers.memory.empty((first + last_width * last_height, 3), np.float32)
+    base = texels[: height * width].reshape(height, width, 3)
     per_task = rows_per_task(linear.shape, workers)
 
     def start(row: int) -> None:
         band = slice(row, row + per_task)
-        np.multiply(linear[band, :, :3], linear[band, :, 3:], out=whole[band])
+        np.multiply(linear[band, :, :3], linear[band, :, 3:], out=base[band])
         # Of light beyond float32 no mix can be told.
-        np.fmin(whole[band], BRIGHTEST, out=whole[band])
+        np.fmin(base[band], MAX_LIGHT, out=base[band])
 
     workers.run(start, [(row,) for row in range(0, height, per_task)])
     for level in range(1, len(levels)):
         rows = int(levels[level, transmission_stage.HEIGHT])
-        share = max(ROWS_AT_ONCE, -(-rows // workers.threads))
-        wide = int(levels[level - 1, transmission_stage.WIDTH])
+        step = max(MIN_ROWS, -(-rows // workers.threads))
+        finer = int(levels[level - 1, transmission_stage.WIDTH])
         workers.call(
-            transmission_stage.halve_picture,
+            transmission_stage.downsample,
             [
-                (texels, levels, level, (row, min(row + share, rows)), np.empty((wide, 3), "f4"))
-                for row in range(0, rows, share)
+                (texels, levels, level, (row, min(row + step, rows)), np.empty((finer, 3), "f4"))
+                for row in range(0, rows, step)
             ],
         )
     return texels, levels
@@ -155,7 +155,7 @@ class Transmission(SeesThrough):
 
     def prepare(
         self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]
-    ) -> Behind | None:
+    ) -> OpaquePass | None:
         """
         Return the picture behind glass, in levels; None where nobody has drawn it.
 
@@ -164,32 +164,32 @@ class Transmission(SeesThrough):
         plan, linear = context.plan, seen[0][1]
         if linear is None:
             return None
-        texels, levels = halve_again_and_again(linear, plan.facts.blurs_behind, context.workers)
-        return Behind(
+        texels, levels = build_mip_levels(linear, plan.facts.blurs_behind, context.workers)
+        return OpaquePass(
             texels, levels, mean_scales(context.placement.relative_from_model),
             np.ascontiguousarray(clip_from_relative(plan.camera, plan.size)),
             np.array(plan.size, np.float64), np.array(plan.corner, np.int64),
         )  # fmt: skip
 
-    def of_part(self, record: Behind, corner: tuple[int, int]) -> Behind:
-        """Return the same picture for a part of what is seen."""
+    def of_part(self, record: OpaquePass, corner: tuple[int, int]) -> OpaquePass:
+        """Return the opaque pass for a part of the picture."""
         return record._replace(corner=np.array(corner, np.int64))
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernel that halves the picture."""
+        """Return the kernel that makes mip levels."""
         if not plan.facts.blurs_behind:
             return {}
-        return {"prepare": rows_where("", transmission_stage.halve_picture)}
+        return {"prepare": rows_where("", transmission_stage.downsample)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the picture behind; its halves take a third of it more."""
+        """Return the opaque pass; its mip levels take a third of it more."""
         return [
             ("picture behind what transmits", 4, "float32", plan.size),
             ("what is looked up of it", 3, "float32", plan.size),
         ]
 
-    def neutral(self, record: Behind) -> Behind:
-        """Return what lets nothing through."""
+    def neutral(self, record: OpaquePass) -> OpaquePass:
+        """Return an opaque pass of which nothing goes through."""
         return record._replace(amount=np.float32(0.0))
 
     def without(self, scene: Scene) -> Scene:
@@ -197,25 +197,25 @@ class Transmission(SeesThrough):
         return without_transmission(scene)
 
     @staticmethod
-    def hold_back(record: Behind, needs: ShadingNeeds) -> list[Pass]:
-        """Return the pass that takes what goes through out of the base colour."""
+    def remove_transmitted(record: OpaquePass, needs: ShadingNeeds) -> list[Pass]:
+        """Return the pass that takes transmitted light out of the base colour."""
         if not needs.transmission:
             return []
-        return [Pass(transmission_stage.hold_back, lambda _: (record.amount,))]
+        return [Pass(transmission_stage.remove_transmitted, lambda _: (record.amount,))]
 
     @staticmethod
-    def transmit(record: Behind, needs: ShadingNeeds) -> list[Pass]:
-        """Return the pass that adds what is seen through samples, behind fog before them."""
+    def transmit(record: OpaquePass, needs: ShadingNeeds) -> list[Pass]:
+        """Return the pass that adds the transmitted background, less the fog before samples."""
         if not needs.transmission:
             return []
 
-        def own(a: ShadingArrays) -> tuple[Any, ...]:
-            texels, levels, *placed, _ = record
-            return texels, levels, a.surface.transmission.factors, *placed, a.viewer
+        def arguments(a: ShadingArrays) -> tuple[Any, ...]:
+            texels, levels, *rest, _ = record
+            return texels, levels, a.surface.transmission.factors, *rest, a.viewer
 
-        return [Pass(transmission_stage.transmit, own)]
+        return [Pass(transmission_stage.transmit, arguments)]
 
-    places: ClassVar = {"rows": hold_back, "sample": transmit}
+    places: ClassVar = {"rows": remove_transmitted, "sample": transmit}
 
 
 TRANSMISSION = Transmission()

@@ -35,19 +35,19 @@ FIRST_TEXEL, WIDTH, HEIGHT = 0, 1, 2
 """Columns of ``levels``."""
 
 RIGHT, DOWN = 0, 1
-"""Rows of ``doubles``: how far from its pixel a sample looks, pixels."""
+"""Rows of ``doubles``: offset of a sample's lookup from its pixel, pixels."""
 
 LEVEL = 0
-"""Row of ``floats``: which level of the picture it looks at."""
+"""Row of ``floats``: mip level of the lookup."""
 
-MAX_AWAY = 1e6
-"""Pixels: what is seen farther away lies beyond the edges of any picture."""
+MAX_OFFSET = 1e6
+"""Largest offset, pixels: beyond the edges of any picture."""
 
 
 @stage
-def hold_back(block: Block, count, amount: float32):
+def remove_transmitted(block: Block, count, amount: float32):
     """
-    Take the light that goes through out of the base colour, and keep what tints it.
+    Take transmitted light out of the base colour, and write its tint.
 
     Parameters
     ----------
@@ -64,24 +64,24 @@ def hold_back(block: Block, count, amount: float32):
     for i in range(count):
         # A metal lets nothing through; its base colour is that of what it mirrors.
         metal = clamped(s[rows.METALLIC, i], zero, one)
-        share = s[rows.TRANSMISSION, i] * (one - metal)
-        share = amount * clamped(share * s[rows.MICROFACET, i], zero, one)
-        if share > zero:
-            s[rows.METALLIC, i] = metal / max(one - share, metal) if metal > zero else zero
+        transmitted = s[rows.TRANSMISSION, i] * (one - metal)
+        transmitted = amount * clamped(transmitted * s[rows.MICROFACET, i], zero, one)
+        if transmitted > zero:
+            s[rows.METALLIC, i] = metal / max(one - transmitted, metal) if metal > zero else zero
         for k in range(3):
             base = s[rows.RED + k, i]
-            s[rows.TINT_RED + k, i] = share * base
-            s[rows.RED + k, i] = base * (one - share)
+            s[rows.TINT_RED + k, i] = transmitted * base
+            s[rows.RED + k, i] = base * (one - transmitted)
 
 
 @helper
-def place_on_screen(x, y, z, clip, width, height):
-    """Return where a point relative to the eye is seen, pixels, and w; 0 and less: nowhere."""
+def project_point(x, y, z, clip, width, height):
+    """Project a point relative to the eye: return pixels, and w; 0 and less: not visible."""
     w = clip[3, 0] * x + clip[3, 1] * y + clip[3, 2] * z + clip[3, 3]
     scale = 1.0 / w if w > 0.0 else 0.0
-    across = (clip[0, 0] * x + clip[0, 1] * y + clip[0, 2] * z + clip[0, 3]) * scale
-    up = (clip[1, 0] * x + clip[1, 1] * y + clip[1, 2] * z + clip[1, 3]) * scale
-    return 0.5 * across * width, -0.5 * up * height, w
+    ndc_x = (clip[0, 0] * x + clip[0, 1] * y + clip[0, 2] * z + clip[0, 3]) * scale
+    ndc_y = (clip[1, 0] * x + clip[1, 1] * y + clip[1, 2] * z + clip[1, 3]) * scale
+    return 0.5 * ndc_x * width, -0.5 * ndc_y * height, w
 
 
 @helper
@@ -104,7 +104,7 @@ def refracted(normal, viewer, ior):
 
 
 @helper
-def unit(x, y, z):
+def normalize(x, y, z):
     """Return a direction of length one; zero for none."""
     length = np.sqrt(x * x + y * y + z * z)
     scale = 1.0 / length if length > 0.0 else 0.0
@@ -112,20 +112,20 @@ def unit(x, y, z):
 
 
 @helper
-def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_width):
-    """Find where sample ``i`` looks, at which level, and tint what it will see."""
+def find_lookup(block, i, factors, owner, scale, clip, size, viewer, levels_of_width):
+    """Find the offset and level of the lookup of sample ``i``, and tint it."""
     s = block.samples
     zero, one = np.float32(0.0), np.float32(1.0)
     px, py, pz = (
         np.float64(s[rows.POINT_X, i]), np.float64(s[rows.POINT_Y, i]),
         np.float64(s[rows.POINT_Z, i]),
     )  # fmt: skip
-    toward = unit(
+    toward = normalize(
         np.float64(viewer[0]) - np.float64(viewer[3]) * px,
         np.float64(viewer[1]) - np.float64(viewer[3]) * py,
         np.float64(viewer[2]) - np.float64(viewer[3]) * pz,
     )
-    normal = unit(
+    normal = normalize(
         np.float64(s[rows.NORMAL_X, i]), np.float64(s[rows.NORMAL_Y, i]),
         np.float64(s[rows.NORMAL_Z, i]),
     )  # fmt: skip
@@ -134,36 +134,36 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
     right, down = 0.0, 0.0
     if length > 0.0 and ior != 1.0:
         dx, dy, dz = refracted(normal, toward, ior)
-        x0, y0, w0 = place_on_screen(px, py, pz, clip, size[0], size[1])
-        x1, y1, w1 = place_on_screen(
+        x0, y0, w0 = project_point(px, py, pz, clip, size[0], size[1])
+        x1, y1, w1 = project_point(
             px + length * dx, py + length * dy, pz + length * dz, clip, size[0], size[1]
         )
         is_seen = (w0 > 0.0) & (w1 > 0.0)
-        right = clamped(x1 - x0, -MAX_AWAY, MAX_AWAY) if is_seen else 0.0
-        down = clamped(y1 - y0, -MAX_AWAY, MAX_AWAY) if is_seen else 0.0
+        right = clamped(x1 - x0, -MAX_OFFSET, MAX_OFFSET) if is_seen else 0.0
+        down = clamped(y1 - y0, -MAX_OFFSET, MAX_OFFSET) if is_seen else 0.0
     block.doubles[RIGHT, i], block.doubles[DOWN, i] = right, down
     rough = clamped(s[rows.ROUGHNESS, i], zero, one)
     bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)
     block.floats[LEVEL, i] = levels_of_width * rough * bending
     facing = normal[0] * toward[0] + normal[1] * toward[1] + normal[2] * toward[2]
-    shares = env_brdf(clamped(np.float32(facing), zero, one), rough)
-    once, often = scattering_albedos(factors[owner, F0], shares)
-    kept = clamped(one - factors[owner, F90] * (once + often), zero, one)
+    brdf = env_brdf(clamped(np.float32(facing), zero, one), rough)
+    single, multiple = scattering_albedos(factors[owner, F0], brdf)
+    transmitted = clamped(one - factors[owner, F90] * (single + multiple), zero, one)
     distance = np.float32(length) * factors[owner, INVERSE_DISTANCE]
     for k in range(3):
-        left = power_of(factors[owner, ATTENUATION_COLOR + k], distance) if distance > zero else one
-        s[rows.TINT_RED + k, i] *= kept * left
+        tint = beer_law(factors[owner, ATTENUATION_COLOR + k], distance) if distance > zero else one
+        s[rows.TINT_RED + k, i] *= transmitted * tint
 
 
 @helper
-def power_of(base, exponent):
-    """Return what is left of light, by Beer's law; all of it where nothing is taken."""
+def beer_law(base, exponent):
+    """Return the transmittance of a volume by Beer's law."""
     return np.float32(1.0) if base >= np.float32(1.0) else power(base, exponent)
 
 
 @helper
 def texels_around(levels, level, x, y):
-    """Return four texels of a level around a place in texels of it, and how they are mixed."""
+    """Return the four texels of a level around a point, and their bilinear weights."""
     first, width, height = levels[level, FIRST_TEXEL], levels[level, WIDTH], levels[level, HEIGHT]
     x, y = clamped(x - 0.5, 0.0, width - 1.0), clamped(y - 0.5, 0.0, height - 1.0)
     left, top = np.int64(x), np.int64(y)
@@ -176,8 +176,8 @@ def texels_around(levels, level, x, y):
 
 
 @helper
-def mixed_texels(texels, around, k):
-    """Return one channel of the mix of four texels."""
+def bilinear(texels, around, k):
+    """Return one channel of four texels, interpolated."""
     a, b, c, d, across, down = around
     upper = texels[a, k] + across * (texels[b, k] - texels[a, k])
     lower = texels[c, k] + across * (texels[d, k] - texels[c, k])
@@ -185,13 +185,13 @@ def mixed_texels(texels, around, k):
 
 
 @helper
-def add_seen(block, i, column, row, texels, levels):
-    """Add what a sample of a pixel sees behind it."""
+def add_background(block, i, column, row, texels, levels):
+    """Add the tinted background that a sample of a pixel looks up."""
     s = block.samples
     last = np.float32(levels.shape[0] - 1)
     level = clamped(block.floats[LEVEL, i], np.float32(0.0), last)
     finer = np.int64(level)
-    share, coarser = level - np.float32(finer), min(finer + 1, levels.shape[0] - 1)
+    fraction, coarser = level - np.float32(finer), min(finer + 1, levels.shape[0] - 1)
     # Texels of a level lie twice as far apart as those of the finer one.
     step = 1.0 / np.float64(np.int64(1) << finer)
     x = (column + 0.5 + block.doubles[RIGHT, i]) * step
@@ -200,11 +200,11 @@ def add_seen(block, i, column, row, texels, levels):
         texels_around(levels, finer, x, y), texels_around(levels, coarser, 0.5 * x, 0.5 * y)
     )  # fmt: skip
     for k in range(3):
-        seen = mixed_texels(texels, near, k)
-        if share > np.float32(0.0):
-            seen += share * (mixed_texels(texels, far, k) - seen)
-        seen = max(np.float32(0.0), seen - s[FOG_RED + k, i])
-        s[rows.OUT_RED + k, i] += s[rows.TINT_RED + k, i] * seen
+        light = bilinear(texels, near, k)
+        if fraction > np.float32(0.0):
+            light += fraction * (bilinear(texels, far, k) - light)
+        light = max(np.float32(0.0), light - s[FOG_RED + k, i])
+        s[rows.OUT_RED + k, i] += s[rows.TINT_RED + k, i] * light
 
 
 @stage
@@ -248,7 +248,7 @@ def transmit(
             if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(
                 0.0
             ):
-                look_through(
+                find_lookup(
                     block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
                 )
     for k in range(block.counts[rows.INTERVALS]):
@@ -258,16 +258,16 @@ def transmit(
             if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(
                 0.0
             ):
-                add_seen(block, n, column + corner[0] + n - start, row, texels, levels)
+                add_background(block, n, column + corner[0] + n - start, row, texels, levels)
 
 
 @kernel
-def halve_picture(
-    texels: float32[:, ::1], levels: int64[:, ::1], level: int64, part_of: (int64, int64),
+def downsample(
+    texels: float32[:, ::1], levels: int64[:, ::1], level: int64, row_range: (int64, int64),
     line: float32[:, ::1],
 ):  # fmt: skip
     """
-    Make some rows of a level of the picture behind from those of the finer one.
+    Filter some rows of a mip level from those of the finer one.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def halve_picture(
     levels : (M, 3) int64
     level : int
         1 or more.
-    part_of : (int, int)
+    row_range : (int, int)
         The first row, and one past the last.
     line : (W, 3) float32
         This thread's own scratch: as wide as the finer level.
@@ -284,9 +284,9 @@ def halve_picture(
     source, width, height = (
         levels[level - 1, FIRST_TEXEL], levels[level - 1, WIDTH], levels[level - 1, HEIGHT]
     )  # fmt: skip
-    target, own_width = levels[level, FIRST_TEXEL], levels[level, WIDTH]
+    target, target_width = levels[level, FIRST_TEXEL], levels[level, WIDTH]
     eighth, three = np.float32(0.125), np.float32(3.0)
-    for row in range(part_of[0], part_of[1]):
+    for row in range(row_range[0], row_range[1]):
         y = 2 * row
         top, bottom = max(y - 1, 0), min(y + 2, height - 1)
         middle = min(y + 1, height - 1)
@@ -297,11 +297,11 @@ def halve_picture(
                 inner = texels[source + y * width + x, k]
                 inner += texels[source + middle * width + x, k]
                 line[x, k] = eighth * (outer + three * inner)
-        for column in range(own_width):
+        for column in range(target_width):
             x = 2 * column
             left, right = max(x - 1, 0), min(x + 2, width - 1)
             between = min(x + 1, width - 1)
             for k in range(3):
                 outer = line[left, k] + line[right, k]
                 inner = line[x, k] + line[between, k]
-                texels[target + row * own_width + column, k] = eighth * (outer + three * inner)
+                texels[target + row * target_width + column, k] = eighth * (outer + three * inner)

@@ -62,9 +62,9 @@ class Vignetting(BatchedEffect):
         plan, workers = context.plan, context.workers
         target, step = color.view(np.uint32)[:, :, 0], rows_per_task(color.shape, workers)
         parts = [(n, min(n + step, len(target))) for n in range(0, len(target), step)]
-        own = plan.corner, plan.size, vignette.strength, vignette.start
+        parameters = plan.corner, plan.size, vignette.strength, vignette.start
         tables = decoding_table().copy(), encoding_table()
-        workers.run(darken_rows, [(target, rows, *own, *tables) for rows in parts])
+        workers.run(darken_rows, [(target, rows, *parameters, *tables) for rows in parts])
 
     places: ClassVar = {"overlay": darken}
 

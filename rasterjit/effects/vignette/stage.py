@@ -10,8 +10,8 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 
 @helper
-def share_kept(x, y, corner, strength, start):
-    """Return the share of light kept at an offset from the image centre, pixels, float32."""
+def light_factor(x, y, corner, strength, start):
+    """Return the factor of light at an offset from the image centre, pixels, float32."""
     radius = np.sqrt(x * x + y * y) / corner
     t = min(max((radius - start) / (1.0 - start), 0.0), 1.0)
     return np.float32(1.0 - strength * (t * t * (3.0 - 2.0 * t)))
@@ -43,16 +43,16 @@ def darken_rows(
         `srgb_encoding.encoding_table`.
     """
     width, height = np.float64(size[0]), np.float64(size[1])
-    reach = 0.5 * np.sqrt(width * width + height * height)
+    corner_distance = 0.5 * np.sqrt(width * width + height * height)
     for row in range(rows[0], rows[1]):
         y = np.float64(corner[1] + row) + 0.5 - 0.5 * height
         for i in range(np.uintp(color.shape[1])):
             x = np.float64(corner[0] + np.int64(i)) + 0.5 - 0.5 * width
-            share, code = share_kept(x, y, reach, strength, start), color[row, i]
-            if share < np.float32(1.0):
-                kept = code & np.uint32(0xFF000000)
+            factor, code = light_factor(x, y, corner_distance, strength, start), color[row, i]
+            if factor < np.float32(1.0):
+                out = code & np.uint32(0xFF000000)
                 for channel in range(3):
                     shift = np.uint32(8 * channel)
-                    place = np.uintp(code >> shift & np.uint32(255))
-                    kept |= encode(light[place] * share, table) << shift
-                color[row, i] = kept
+                    index = np.uintp(code >> shift & np.uint32(255))
+                    out |= encode(light[index] * factor, table) << shift
+                color[row, i] = out

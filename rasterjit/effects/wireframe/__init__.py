@@ -34,13 +34,13 @@ EDGES_PER_TASK = 1 << 14
 """Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""
 
 
-def hiding(
+def occluding_depth(
     hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
     geometry: Geometry,
     depth_coefficients: tuple[float, float, float],
     workers: Workers,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the stored depth that hides edges and its slack, (H, W); (1, W) if nothing does."""
+    """Return the stored depth that occludes edges and its slack, (H, W); (1, W) if nothing does."""
     if hidden_by is None:
         row = 1, geometry.viewport.width
         return np.full(row, -np.inf, np.float32), np.zeros(row, np.float32)
@@ -78,7 +78,7 @@ def draw_edges(
         The surfaces that hide edges; ``None`` draws all of them.
     workers : Workers
     """
-    depth, slack = hiding(hidden_by, geometry, depth_coefficients, workers)
+    depth, slack = occluding_depth(hidden_by, geometry, depth_coefficients, workers)
     count, empty = len(geometry.clip_positions), workers.memory.empty
     pixels = empty((count, 2), np.int32)
     vertices = geometry.clip_positions, geometry.codes, pixels
@@ -96,16 +96,16 @@ def draw_edges(
     )
     target = color.view(np.uint32)[:, :, 0]
 
-    def draw_some(first: int) -> None:
-        some = edges[first : first + EDGES_PER_TASK]
-        ends = np.empty((len(some), 4), np.int32)
-        depths = np.empty((0 if hidden_by is None else len(some), 2), np.float64)
-        seen = wireframe_stage.project_edges(
-            some, vertices, depth_coefficients, geometry.viewport, ends, depths
+    def draw_batch(first: int) -> None:
+        batch = edges[first : first + EDGES_PER_TASK]
+        ends = np.empty((len(batch), 4), np.int32)
+        depths = np.empty((0 if hidden_by is None else len(batch), 2), np.float64)
+        visible = wireframe_stage.project_edges(
+            batch, vertices, depth_coefficients, geometry.viewport, ends, depths
         )
-        wireframe_stage.draw_edges(target, depth, slack, ends[:seen], depths[:seen], rgba)
+        wireframe_stage.draw_edges(target, depth, slack, ends[:visible], depths[:visible], rgba)
 
-    workers.run(draw_some, [(n,) for n in range(0, len(edges), EDGES_PER_TASK)])
+    workers.run(draw_batch, [(n,) for n in range(0, len(edges), EDGES_PER_TASK)])
 
 
 def cover_edges(
@@ -119,14 +119,14 @@ def cover_edges(
     workers: Workers,
 ) -> None:
     """
-    Lay edges over the colour by how much of each pixel they cover.
+    Blend edges over the colour by how much of each pixel they cover.
 
     Takes what `draw_edges` takes, and
 
     light : (256,) float32 or None
         Linear light of each code; ``None``: codes are mixed, not light.
     """
-    depth, slack = hiding(hidden_by, geometry, depth_coefficients, workers)
+    depth, slack = occluding_depth(hidden_by, geometry, depth_coefficients, workers)
     viewport, empty = geometry.viewport, workers.memory.empty
     ends = empty((len(edges), 4), np.int32)
     depths = empty((0 if hidden_by is None else len(edges), 2), np.float64)
@@ -136,11 +136,11 @@ def cover_edges(
 
     def cover_band(band: int) -> None:
         rows = band * BAND_ROWS, min((band + 1) * BAND_ROWS, viewport.height)
-        own = listed[starts[band] : starts[band + 1]]
-        cover = empty((rows[1] - rows[0], viewport.width), np.float32)
-        line_coverage.cover_lines(own, ends, depths, rows, viewport, depth, slack, cover)
-        some = target[rows[0] : rows[1]]
-        line_coverage.lay_lines(cover, rgba.view(np.uint32), light, table, some)
+        band_lines = listed[starts[band] : starts[band + 1]]
+        coverage = empty((rows[1] - rows[0], viewport.width), np.float32)
+        line_coverage.cover_lines(band_lines, ends, depths, rows, viewport, depth, slack, coverage)
+        pixels = target[rows[0] : rows[1]]
+        line_coverage.blend_lines(coverage, rgba.view(np.uint32), light, table, pixels)
 
     workers.run(cover_band, [(band,) for band in range(len(starts) - 1)])
 
@@ -213,24 +213,24 @@ class Edges(LooksAround, HasModes):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
-        hiding = "hidden lines removed" if plan.facts.draws_faces else ""
+        condition = "hidden lines removed" if plan.facts.draws_faces else ""
         rows = rows_where("", wireframe_stage.fill_slack) if plan.facts.draws_faces else []
         if plan.quality.lines == "bresenham":
             rows.insert(0, KernelRow(wireframe_stage.find_pixels))
             kernels = wireframe_stage.project_edges, wireframe_stage.draw_edges
-            return {"overlay": rows + [KernelRow(kernel, hiding) for kernel in kernels]}
-        mixed = "codes" if plan.quality.blending == "srgb8" else "light"
+            return {"overlay": rows + [KernelRow(kernel, condition) for kernel in kernels]}
+        space = "codes" if plan.quality.blending == "srgb8" else "light"
         rows += [
-            KernelRow(line_coverage.project_lines, hiding),
+            KernelRow(line_coverage.project_lines, condition),
             KernelRow(binning.start_lists),
             KernelRow(line_coverage.list_lines),
-            KernelRow(line_coverage.cover_lines, hiding),
-            KernelRow(line_coverage.lay_lines, mixed),
+            KernelRow(line_coverage.cover_lines, condition),
+            KernelRow(line_coverage.blend_lines, space),
         ]
         return {"overlay": rows}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return what hides edges."""
+        """Return the picture of slacks."""
         if not plan.facts.draws_faces:
             return []
         return [("slack of hidden lines", 1, "float32", plan.size)]

@@ -5,11 +5,11 @@ A line is a rectangle one pixel wide. Its flat ends lie half a pixel beyond the 
 joins, as the first and the last pixel of a Bresenham line reach beyond them: so lines that go on in
 each other leave no gap, and one of no length is a dot. All lines have one colour, so what counts at
 a pixel is the largest part of it that one of them covers: neither their order nor which thread
-comes first matters, and a line that is there twice looks like one. Then the colour is laid over
+comes first matters, and a line that is there twice looks like one. Then the colour is blend over
 what is there by that part.
 
 How much of a pixel lies on one side of a straight line is a sum of squares of the distance to the
-pixel's centre (`side_share`). Between the two long sides of a line it is the difference of two of
+pixel's centre (`side_area`). Between the two long sides of a line it is the difference of two of
 these, between its ends of two others. Their product is the area that the line covers: exactly
 where one of both factors is 0 or 1, that is all along the line. Where an end and a long side cut
 one pixel the product is off by less than 1/40 of the pixel.
@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.wireframe.stage import cut_segment, divided, put_depths
+from rasterjit.effects.wireframe.stage import cut_segment, divided, write_depths
 from rasterjit.pipeline.fragments.srgb_compositing import over as over_codes
 from rasterjit.pipeline.geometry.projection import snap_vertex
 from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, whole_size
@@ -125,11 +125,11 @@ def project_lines(
                 continue
             ends[line, 0], ends[line, 1] = snapped_end(cut_a[0], cut_a[1], cut_a[3], viewport)
             ends[line, 2], ends[line, 3] = snapped_end(cut_b[0], cut_b[1], cut_b[3], viewport)
-            put_depths(depths, line, cut_a, cut_b, depth_coefficients)
+            write_depths(depths, line, cut_a, cut_b, depth_coefficients)
         else:
             ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
             ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
-            put_depths(depths, line, a, b, depth_coefficients)
+            write_depths(depths, line, a, b, depth_coefficients)
         top, bottom = bands_of(ends, line, viewport)
         for band in range(top, bottom + 1):
             counts[band] += 1
@@ -166,9 +166,9 @@ def list_lines(
 @helper
 def profile_of(along_x, along_y):
     """
-    Return what the share of a pixel on one side of a line follows from, by the line's direction.
+    Return the coverage of a pixel by a half-plane as a function of distance, by its direction.
 
-    The distance at which no pixel is cut, the one up to which the share grows evenly, and the
+    The distance at which no pixel is cut, the one up to which coverage grows evenly, and the
     factors of both parts.
     """
     long = max(abs(along_x), abs(along_y))
@@ -183,49 +183,49 @@ def profile_of(along_x, along_y):
 
 
 @helper
-def side_share(distance, profile):
-    """Return how much of a pixel lies between its centre and a line at a signed distance."""
-    most, even, per_long, per_product = profile
+def side_area(distance, profile):
+    """Return the area of a pixel between its centre and a line at a signed distance."""
+    outer, inner, per_long, per_product = profile
     far = abs(distance)
-    far = far if far < most else most
-    rest = most - far
-    share = far * per_long if far <= even else np.float32(0.5) - rest * rest * per_product
-    return share if distance > np.float32(0.0) else -share
+    far = far if far < outer else outer
+    rest = outer - far
+    part = far * per_long if far <= inner else np.float32(0.5) - rest * rest * per_product
+    return part if distance > np.float32(0.0) else -part
 
 
 @helper
-def covered_share(along, across, half_length, profile):
+def pixel_coverage(along, across, half_length, profile):
     """Return how much of a pixel a line covers, by the distances of the pixel's centre from it."""
     half, aside = np.float32(HALF_WIDTH), np.float32(across)
     ahead, behind = np.float32(half_length - along), np.float32(half_length + along)
-    between_sides = side_share(half - aside, profile) + side_share(half + aside, profile)
-    between_ends = side_share(ahead, profile) + side_share(behind, profile)
+    between_sides = side_area(half - aside, profile) + side_area(half + aside, profile)
+    between_ends = side_area(ahead, profile) + side_area(behind, profile)
     return between_sides * between_ends
 
 
 @helper
-def seen_share(share, along, i, ramp, depth, slack):
-    """Return what is seen of a share of a pixel: nothing where a surface hides it."""
+def visible_coverage(coverage, along, i, ramp, depth, slack):
+    """Return the coverage of a pixel: 0 where a surface hides the line."""
     middle, gain, half = ramp
     along = along if along > -half else -half
     along = along if along < half else half
     line_depth = middle + along * gain
     allowed = np.float64(depth[i]) - SLACK_REACH * np.float64(slack[i])
-    return share if line_depth >= allowed else np.float32(0.0)
+    return coverage if line_depth >= allowed else np.float32(0.0)
 
 
 @disjoint_helper
-def cover_run(cover, x, y_along, y_across, direction, half_length, profile, ramp, depth, slack):
-    """Take some pixels of a row as covered by a line as far as it covers them; no branches."""
+def cover_run(area, x, y_along, y_across, direction, half_length, profile, ramp, depth, slack):
+    """Raise the coverage of some pixels of a row to that by a line; no branches."""
     along_x, along_y = direction
-    for i in range(cover.shape[0]):
+    for i in range(area.shape[0]):
         # Exact: a whole number and a multiple of half a unit of the grid.
         column = x + np.float64(np.int32(i))
         along = column * along_x + y_along
         across = abs(column * along_y - y_across)
-        share = covered_share(abs(along), across, half_length, profile)
-        share = seen_share(share, along, i, ramp, depth, slack)
-        cover[i] = share if share > cover[i] else cover[i]
+        value = pixel_coverage(abs(along), across, half_length, profile)
+        value = visible_coverage(value, along, i, ramp, depth, slack)
+        area[i] = value if value > area[i] else area[i]
 
 
 @helper
@@ -249,7 +249,7 @@ def strip_of(across, along, reach):
 
 
 @helper
-def some_groups(low, high, width):
+def whole_groups(low, high, width):
     """Return columns low..high, as far as there are any, widened to whole groups if there are."""
     first, stop = np.int64(np.ceil(low)), np.int64(np.floor(high)) + 1
     if first >= stop:
@@ -260,8 +260,8 @@ def some_groups(low, high, width):
 
 
 @helper
-def cover_line(line, ends, depths, rows, viewport, depth, slack, cover):
-    """Take the pixels of a band as covered by one line."""
+def cover_line(line, ends, depths, rows, viewport, depth, slack, area):
+    """Raise the coverage of the pixels of a band to that by one line."""
     x0, y0 = np.int64(ends[line, 0]), np.int64(ends[line, 1])
     x1, y1 = np.int64(ends[line, 2]), np.int64(ends[line, 3])
     per_pixel = 1.0 / np.float64(np.int64(1) << viewport.grid_bits)
@@ -287,24 +287,24 @@ def cover_line(line, ends, depths, rows, viewport, depth, slack, cover):
         aside, ahead = y * sides[0] - middle_x, y * tips[0] - middle_x
         low = max(max(aside - sides[1], ahead - tips[1]), 0.0)
         high = min(min(aside + sides[1], ahead + tips[1]), np.float64(viewport.width - 1))
-        first, stop = some_groups(low, high, viewport.width)
+        first, stop = whole_groups(low, high, viewport.width)
         if first < stop:
             # Where nothing hides lines all rows are one.
-            there = min(row, depth.shape[0] - 1)
+            depth_row = min(row, depth.shape[0] - 1)
             cover_run(
-                cover[row - rows[0], first:stop], np.float64(first) + middle_x, y_along, y_across,
-                direction, half_length, profile, ramp, depth[there, first:stop],
-                slack[there, first:stop],
+                area[row - rows[0], first:stop], np.float64(first) + middle_x, y_along, y_across,
+                direction, half_length, profile, ramp, depth[depth_row, first:stop],
+                slack[depth_row, first:stop],
             )  # fmt: skip
 
 
 @kernel
 def cover_lines(
     listed: int32[::1], ends: int32[:, ::1], depths: float64[:, ::1], rows: (int64, int64),
-    viewport: Viewport, depth: float32[:, ::1], slack: float32[:, ::1], cover: float32[:, ::1],
+    viewport: Viewport, depth: float32[:, ::1], slack: float32[:, ::1], area: float32[:, ::1],
 ):  # fmt: skip
     """
-    Find how much of each pixel of a band the lines cover that are seen.
+    Find the coverage of each pixel of a band by visible lines.
 
     Parameters
     ----------
@@ -320,29 +320,29 @@ def cover_lines(
         Stored depth of what hides lines, greater is nearer.
     slack : float32, of the shape of ``depth``
         How far ``depth`` changes to the next column and the next row together.
-    cover : (R, W) float32
+    area : (R, W) float32
         Written: the share of each pixel, 0..1.
     """
-    for row in range(cover.shape[0]):
-        for i in range(cover.shape[1]):
-            cover[row, i] = 0.0
+    for row in range(area.shape[0]):
+        for i in range(area.shape[1]):
+            area[row, i] = 0.0
     for n in range(listed.shape[0]):
-        cover_line(listed[n], ends, depths, rows, viewport, depth, slack, cover)
+        cover_line(listed[n], ends, depths, rows, viewport, depth, slack, area)
 
 
 @helper
-def laid(share, rgba, own, pixel, light, table):
-    """Return a pixel under a share of the line's colour; see `lay_lines`."""
+def blend(coverage, rgba, linear, pixel, light, table):
+    """Return a pixel blended with the line's colour; see `blend_lines`."""
     if light.shape[0] == 0:
-        front = np.uint32((rgba & np.uint32(0xFFFFFF)) | encode_alpha(share) << np.uint32(24))
+        front = np.uint32((rgba & np.uint32(0xFFFFFF)) | encode_alpha(coverage) << np.uint32(24))
         return over_codes(front, pixel)
-    behind = (
+    back = (
         light[np.uintp(pixel & np.uint32(255))],
         light[np.uintp((pixel >> np.uint32(8)) & np.uint32(255))],
         light[np.uintp((pixel >> np.uint32(16)) & np.uint32(255))],
         np.float32(pixel >> np.uint32(24)) / np.float32(255.0),
     )
-    return encode_pixel(over(share, own, behind), table)
+    return encode_pixel(over(coverage, linear, back), table)
 
 
 @helper
@@ -358,16 +358,16 @@ def light_of(rgba, light):
 
 
 @kernel
-def lay_lines(
-    cover: float32[:, ::1], rgba: uint32[::1], light: float32[::1], table: int32[::1],
+def blend_lines(
+    area: float32[:, ::1], rgba: uint32[::1], light: float32[::1], table: int32[::1],
     color: uint32[:, ::1],
 ):  # fmt: skip
     """
-    Lay the colour of the lines over a band, by the share of each pixel that they cover.
+    Blend the colour of the lines over a band by coverage.
 
     Parameters
     ----------
-    cover : (R, W) float32
+    area : (R, W) float32
     rgba : (1,) uint32
         Opaque; red in the lowest byte.
     light : (256,) float32, or (0,): codes are mixed, not light
@@ -376,8 +376,8 @@ def lay_lines(
     color : (R, W) uint32
         Changed where lines are.
     """
-    own = light_of(rgba[0], light)
-    for row in range(cover.shape[0]):
-        for i in range(np.uintp(cover.shape[1])):
-            if cover[row, i] > np.float32(0.0):
-                color[row, i] = laid(cover[row, i], rgba[0], own, color[row, i], light, table)
+    linear = light_of(rgba[0], light)
+    for row in range(area.shape[0]):
+        for i in range(np.uintp(area.shape[1])):
+            if area[row, i] > np.float32(0.0):
+                color[row, i] = blend(area[row, i], rgba[0], linear, color[row, i], light, table)

@@ -1,5 +1,5 @@
 """
-Put the edges of faces on the screen as lines between pixels.
+Project the edges of faces to lines between pixels.
 
 A segment is cut where a triangle is: at the near and far planes and the guard band, in homogeneous
 clip space, before the divide. Its ends then go to the pixels that hold them.
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.bresenham import enter_line, packed_channels, walk_plain, walk_seen
+from rasterjit.pipeline.bresenham import draw_run, draw_visible_run, enter_line, packed_channels
 from rasterjit.pipeline.geometry.clipping import PLANES, plane_distance
 from rasterjit.pipeline.geometry.projection import stored_depth
 from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, whole_size
@@ -51,7 +51,7 @@ def clip_segment(a, b, viewport):
 
 
 @helper
-def cut_end(a, b, own, plane, viewport, k):
+def cut_end(a, b, end, plane, viewport, k):
     """
     Return component k of one end of a segment: its own, or where the plane cuts it.
 
@@ -59,7 +59,7 @@ def cut_end(a, b, own, plane, viewport, k):
     only turns the signs of both terms, so it has the same bits in both directions.
     """
     if plane == UNCUT:
-        return own[k]
+        return end[k]
     here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
     return (a[k] * there - b[k] * here) / (there - here)
 
@@ -105,7 +105,7 @@ def pixel_of(x, y, w, viewport):
 
 
 @helper
-def put_depths(depths, n, a, b, depth_coefficients):
+def write_depths(depths, n, a, b, depth_coefficients):
     """Write the stored depth of both ends, in clip space; nothing if no depths are wanted."""
     if depths.shape[0] != 0:
         depths[n, 0] = stored_depth(a[2], a[3], depth_coefficients)
@@ -180,11 +180,11 @@ def project_edges(
                 continue
             ends[count, 0], ends[count, 1] = pixel_of(cut_a[0], cut_a[1], cut_a[3], viewport)
             ends[count, 2], ends[count, 3] = pixel_of(cut_b[0], cut_b[1], cut_b[3], viewport)
-            put_depths(depths, count, cut_a, cut_b, depth_coefficients)
+            write_depths(depths, count, cut_a, cut_b, depth_coefficients)
         else:
             ends[count, 0], ends[count, 1] = pixels[first, 0], pixels[first, 1]
             ends[count, 2], ends[count, 3] = pixels[second, 0], pixels[second, 1]
-            put_depths(depths, count, a, b, depth_coefficients)
+            write_depths(depths, count, a, b, depth_coefficients)
         count += np.uintp(1)
     return np.int64(count)
 
@@ -222,21 +222,21 @@ def draw_edges(
     )
     is_hidden = line_depths.shape[0] != 0
     for line in range(np.uintp(ends.shape[0])):
-        own = (
+        line_ends = (
             np.int64(ends[line, 0]),
             np.int64(ends[line, 1]),
             np.int64(ends[line, 2]),
             np.int64(ends[line, 3]),
         )
-        run, minor, minor_gain, steps, _ = enter_line(own, width, height)
+        run, minor, minor_gain, steps, _ = enter_line(line_ends, width, height)
         if run[0] > run[1]:
             continue
         if is_hidden:
             near, far = line_depths[line, 0], line_depths[line, 1]
             ramp = near, (far - near) / np.float64(max(steps, 1))
-            walk_seen(pixels, stored, allowed, ramp, run, minor, minor_gain, pixel)
+            draw_visible_run(pixels, stored, allowed, ramp, run, minor, minor_gain, pixel)
         else:
-            walk_plain(pixels, run, minor, minor_gain, pixel)
+            draw_run(pixels, run, minor, minor_gain, pixel)
 
 
 @helper
@@ -304,7 +304,7 @@ def fill_slack(
     slack : (H, W) float32
         Writes these rows; 0 where nothing is.
     """
-    known, allowed = np.int32(-1), np.float32(0.0)
+    last_face, allowed = np.int32(-1), np.float32(0.0)
     for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
@@ -312,8 +312,8 @@ def fill_slack(
                 slack[row, column] = 0.0
                 continue
             # Neighbours mostly show the same face.
-            if face != known:
-                known = face
+            if face != last_face:
+                last_face = face
                 allowed = face_slack(
                     geometry.faces[face], geometry.clip_positions, depth_coefficients,
                     geometry.viewport,

@@ -37,8 +37,8 @@ from rasterjit.pipeline.geometry.triangle_batches import (
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, Viewport
 from rasterjit.pipeline.visibility import alpha_test, tile_rasterizer
-from rasterjit.pipeline.visibility.alpha_test import AlphaTest, Holes, Question
-from rasterjit.pipeline.visibility.point_rasterizer import put
+from rasterjit.pipeline.visibility.alpha_test import AlphaQuery, AlphaTest, Holes
+from rasterjit.pipeline.visibility.point_rasterizer import depth_test
 from rasterjit.pipeline.visibility.tile_rasterizer import Drawing, TileDrawer
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import int32, int64, stored, uint8
@@ -68,8 +68,8 @@ def split_lists(
     """
     face_count = np.int64(faces.faces.shape[0])
     for tile in range(middles.shape[0]):
-        place, middle = starts[tile], starts[tile]
-        for wanted in range(2):
+        end, middle = starts[tile], starts[tile]
+        for is_second in range(2):
             owner = np.int64(0)
             for n in range(starts[tile], starts[tile + 1]):
                 triangle = np.int64(binned[n])
@@ -78,22 +78,22 @@ def split_lists(
                     face = np.int64(faces.piece_faces[triangle - face_count])
                 while face >= face_starts[owner + 1]:
                     owner += 1
-                if np.int64(is_blended[owner]) == wanted:
-                    parted[place] = binned[n]
-                    place += 1
-            if wanted == 0:
-                middle = place
+                if np.int64(is_blended[owner]) == is_second:
+                    parted[end] = binned[n]
+                    end += 1
+            if is_second == 0:
+                middle = end
         middles[tile] = middle
 
 
 @disjoint_helper
-def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
+def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
     """
     Move a triangle's row out of the scratch tile, where nothing opaque hides it; clear the row.
 
     Returns whether any sample is left; counts the samples.
     """
-    found = np.int32(0)
+    any_left = np.int32(0)
     for i in range(drawn.shape[0]):
         depth = drawn[i]
         is_seen = (depth > hiding_depth[i]) | ((depth == hiding_depth[i]) & (face < hiding_face[i]))
@@ -102,8 +102,8 @@ def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, face
         faces[i] = face
         counts[i] += np.int32(is_seen)
         # Not ``|=``: that would be 64 bits wide, and halve the vectors.
-        found = np.int32(found | np.int32(is_seen))
-    return found
+        any_left = np.int32(any_left | np.int32(is_seen))
+    return any_left
 
 
 @helper
@@ -114,9 +114,9 @@ def clear_beside(drawn, empty, row, first):
 
 
 @disjoint_helper
-def exchange_row(layer_depths, layer_faces, depths, empty, faces):
+def insert_row(layer_depths, layer_faces, depths, empty, faces):
     """Keep the nearer fragments in the layer, and carry the others on; return if any is left."""
-    found = np.int32(0)
+    any_left = np.int32(0)
     for i in range(depths.shape[0]):
         here, there = layer_depths[i], depths[i]
         face_here, face_there = layer_faces[i], faces[i]
@@ -127,8 +127,8 @@ def exchange_row(layer_depths, layer_faces, depths, empty, faces):
         left = here if is_nearer else there
         depths[i] = left
         faces[i] = face_here if is_nearer else face_there
-        found = np.int32(found | np.int32(left > empty))
-    return found
+        any_left = np.int32(any_left | np.int32(left > empty))
+    return any_left
 
 
 @helper
@@ -147,31 +147,31 @@ def clear_layer(layers, empty, sample, level, left, right):
 
 @helper
 def insert_triangle(
-    n, whole, window, drawn, empty, hiding, counts, layers, sample, used, carried
+    n, ints, window, drawn, empty, hiding, counts, layers, sample, used, carried
 ):  # fmt: skip
     """Insert the fragments of one triangle into a tile's layers; return how many are in use."""
     # A wide triangle's box begins where its block of columns does, which may be left of the tile.
-    left = max(np.int64(whole[LEFT, n]) - window[0], np.int64(0))
-    right = np.int64(whole[RIGHT, n]) - window[0]
-    top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
-    face, count = np.int32(whole[FACE, n]), right + 1 - left
+    left = max(np.int64(ints[LEFT, n]) - window[0], np.int64(0))
+    right = np.int64(ints[RIGHT, n]) - window[0]
+    top, bottom = np.int64(ints[TOP, n]) - window[1], np.int64(ints[BOTTOM, n]) - window[1]
+    face, count = np.int32(ints[FACE, n]), right + 1 - left
     layer_depths, layer_faces = layers
     if count <= 0:
         return used
     depths, faces = carried[0][:count], carried[1][:count]
     first, end = window[0] + left, window[0] + right + 1
     for row in range(top, bottom + 1):
-        found = take_row(
+        any_left = extract_row(
             drawn[row, left : right + 1], empty, face, hiding[0][row, left : right + 1],
             hiding[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
         )  # fmt: skip
         clear_beside(drawn, empty, row, right + 1)
         level = np.int64(0)
-        while found != 0 and level < layer_depths.shape[1]:
+        while any_left != 0 and level < layer_depths.shape[1]:
             if level == used:
                 clear_layer(layers, empty, sample, level, window[0], window[2] + 1)
                 used += 1
-            found = exchange_row(
+            any_left = insert_row(
                 layer_depths[sample, level, row, first:end],
                 layer_faces[sample, level, row, first:end], depths, empty, faces,
             )  # fmt: skip
@@ -186,14 +186,14 @@ def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
 
     Returns how many layers are in use.
     """
-    whole, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY][0], np.int64(0)
+    ints, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY][0], np.int64(0)
     for begin in range(first, end, BATCH):
         count = min(BATCH, end - begin)
         tile_rasterizer.plan_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
             tile_rasterizer.draw_some(drawing, spare.draw, n, n + np.uintp(1))
             used = insert_triangle(
-                n, whole, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
+                n, ints, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
                 used, (spare.carried_depths, spare.carried_faces),
             )  # fmt: skip
     return used
@@ -216,7 +216,7 @@ def copy_row(source, target):
         target[i] = source[i]
 
 
-class Alone(NamedTuple):
+class LayerScratch(NamedTuple):
     """Memory to rasterize a triangle into a scratch tile, and to insert it into layers."""
 
     depths: stored[:, ::1]
@@ -231,7 +231,7 @@ class Alone(NamedTuple):
     """How to call ``tile_rasterizer.draw_planned`` for that tile."""
 
 
-def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
+def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, LayerScratch]:
     """
     Return a thread's state for building layers, given its `TileDrawer`.
 
@@ -242,17 +242,17 @@ def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
         np.full(tile_rasterizer.SCRATCH_SHAPE, tile_rasterizer.empty_depth(depth_type)),
         np.empty(tile_rasterizer.SCRATCH_SHAPE, np.int32),
     )
-    asked, cell_depths = drawer.drawing.asked, drawer.drawing.cell_depths
-    bound = tile_rasterizer.drawn_into(tile, asked, cell_depths, drawer.scratch)
-    alone = Alone(
+    request, cell_depths = drawer.drawing.request, drawer.drawing.cell_depths
+    bound = tile_rasterizer.drawn_into(tile, request, cell_depths, drawer.scratch)
+    layer_scratch = LayerScratch(
         *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32), bound.words,
     )  # fmt: skip
-    return drawer._replace(called=(*drawer.called, bound)), alone
+    return drawer._replace(called=(*drawer.called, bound)), layer_scratch
 
 
 @helper
-def put_points(points, window, scratch):
+def draw_points(points, window, scratch):
     """Depth-test discs and spheres into a tile."""
     depth, face_id = points
     left, top, right, bottom = window
@@ -263,11 +263,11 @@ def put_points(points, window, scratch):
         for column in range(left, right + 1):
             face = face_id[row, column]
             if face >= 0:
-                put(np.uintp(column - left), depth[row, column], face, depths, faces)
+                depth_test(np.uintp(column - left), depth[row, column], face, depths, faces)
 
 
 @helper
-def keep_first(depths, layers, levels, window, first_depth):
+def write_first_depth(depths, layers, levels, window, first_depth):
     """Write the depth of the nearest surface of a tile, opaque or transparent, at one sample."""
     left, top, right, bottom = window
     for row in range(bottom + 1 - top):
@@ -285,7 +285,7 @@ def find_layers(
     points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
     opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: tile_rasterizer.SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
+    scratch: tile_rasterizer.SCRATCH, drawing: Drawing, holes: Holes, spare: LayerScratch,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
@@ -332,7 +332,7 @@ def find_layers(
             tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
             tile_rasterizer.draw_list(start, middle, scratch, drawing, holes)
-            put_points(points, window, scratch)
+            draw_points(points, window, scratch)
             used[sample, column] = 0
             if middle < stop:
                 for row in range(TILE_SIZE):
@@ -345,7 +345,7 @@ def find_layers(
             for row in range(rows[1] - rows[0]):
                 copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
             if sample == 0 and first_depth.shape[0] != 0:
-                keep_first(scratch[0], layers, used[sample, column], window, first_depth)
+                write_first_depth(scratch[0], layers, used[sample, column], window, first_depth)
     # Empty the layers that only other tiles use.
     needed = min(most[0], np.int64(layers[1].shape[1]))
     for sample in range(shifts.shape[0]):
@@ -358,7 +358,7 @@ def find_layers(
 
 @kernel
 def drop_holes(
-    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], question: Question,
+    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], query: AlphaQuery,
 ):  # fmt: skip
     """
     Remove from each pixel the layers that fail the alpha test, keeping their order.
@@ -371,7 +371,7 @@ def drop_holes(
         The faces of each pixel, nearest first; -1 behind the last. Changed.
     kept : (K, R, W) int64
         Written: which layer each of the layers that are left was; behind the last as it is.
-    question : Question
+    query : AlphaQuery
         Of an ``alpha_test.AlphaTest``.
     """
     levels, rows, columns = faces.shape
@@ -381,7 +381,7 @@ def drop_holes(
             for level in range(levels):
                 face = np.int64(faces[level, row, column])
                 kept[level, row, column] = level
-                if face < 0 or alpha_test.is_hole(face, column, first_row + row, question):
+                if face < 0 or alpha_test.is_hole(face, column, first_row + row, query):
                     continue
                 faces[count, row, column] = face
                 kept[count, row, column] = level
@@ -396,5 +396,5 @@ def without_holes(
     """Return the layers of some rows, (K, R, W), without fragments that fail the alpha test."""
     kept = np.empty(faces.shape, np.int64)
     test = AlphaTest(alpha_tests)
-    drop_holes(first_row, faces, kept, test.question)
+    drop_holes(first_row, faces, kept, test.query)
     return faces, np.take_along_axis(depths, kept, axis=0)

@@ -28,7 +28,7 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.setup import TILE_BITS, triangle_of
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.alpha_test import Question, is_hole
+from rasterjit.pipeline.visibility.alpha_test import AlphaQuery, is_hole
 from rasterjit.pipeline.visibility.tile_rasterizer import tile_window
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64
@@ -45,7 +45,7 @@ CORNERS = 3
 MIN_AREA = 2.0**-46
 """Smaller pieces, in pixels, are dropped: they come from rounding."""
 
-WHOLE = 1.0 - 2.0**-42
+FULL_PIXEL = 1.0 - 2.0**-42
 """Visible areas that add up to this fill a pixel: what is left are pieces to be dropped."""
 
 MIN_EDGE = 2.0**-40
@@ -112,25 +112,25 @@ def split(polygon, count, line, kept, dropped):
     if count == 0:
         return inside, outside
     last_x, last_y = polygon[count - 1, 0], polygon[count - 1, 1]
-    before = a * last_x + b * last_y + c
+    last_side = a * last_x + b * last_y + c
     for n in range(count):
         x, y = polygon[n, 0], polygon[n, 1]
-        here = a * x + b * y + c
-        if (before < 0.0 < here) | (here < 0.0 < before):
-            t = before / (before - here)
+        side = a * x + b * y + c
+        if (last_side < 0.0 < side) | (side < 0.0 < last_side):
+            t = last_side / (last_side - side)
             new_x, new_y = last_x + t * (x - last_x), last_y + t * (y - last_y)
             kept[inside, 0], kept[inside, 1] = new_x, new_y
             inside += 1
             if dropped is not None:
                 dropped[outside, 0], dropped[outside, 1] = new_x, new_y
                 outside += 1
-        if here >= 0.0:
+        if side >= 0.0:
             kept[inside, 0], kept[inside, 1] = x, y
             inside += 1
-        if dropped is not None and here <= 0.0:
+        if dropped is not None and side <= 0.0:
             dropped[outside, 0], dropped[outside, 1] = x, y
             outside += 1
-        last_x, last_y, before = x, y, here
+        last_x, last_y, last_side = x, y, side
     return inside, outside
 
 
@@ -141,7 +141,7 @@ def cut(polygon, count, line, target):
 
 
 @helper
-def sides_of(polygon, count, line):
+def distance_range(polygon, count, line):
     """Return how far a polygon's corners lie inside a line, at least and at most."""
     a, b, c = line
     least, most = np.inf, -np.inf
@@ -166,7 +166,7 @@ def is_beyond(polygon, count, other, other_count):
     for n in range(other_count):
         line = edge_line(other, other_count, n)
         length = abs(line[0]) + abs(line[1])
-        _, most = sides_of(polygon, count, line)
+        _, most = distance_range(polygon, count, line)
         if length > MIN_EDGE and most <= APART * length:
             return True
     return False
@@ -180,7 +180,7 @@ def copy_polygon(polygon, count, target):
 
 
 @helper
-def cut_to_pixel(triangle, column, row, is_over, spare, target):
+def clip_to_pixel(triangle, column, row, is_over, spare, target):
     """
     Clip a triangle to a pixel, relative to the pixel's corner; return its number of corners.
 
@@ -214,10 +214,10 @@ def depth_at(triangle, x, y):
 
 
 @helper
-def depth_line(one, other):
+def depth_line(p, q):
     """Return how much nearer one candidate is than another: a line, and depth's size."""
-    a, b = one[SLOPE_X] - other[SLOPE_X], one[SLOPE_Y] - other[SLOPE_Y]
-    here, there = one[DEPTH], other[DEPTH]
+    a, b = p[SLOPE_X] - q[SLOPE_X], p[SLOPE_Y] - q[SLOPE_Y]
+    here, there = p[DEPTH], q[DEPTH]
     return (a, b, here - there), max(abs(here), abs(there))
 
 
@@ -269,7 +269,7 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
             inside, side = size, 0
             for k in range(hiding_size):
                 line = edge_line(hiding, hiding_size, k)
-                least, most = sides_of(spare[side], inside, line)
+                least, most = distance_range(spare[side], inside, line)
                 if least >= 0.0 or abs(line[0]) + abs(line[1]) <= MIN_EDGE:
                     continue
                 if most <= 0.0:
@@ -295,25 +295,21 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
 
 
 @helper
-def is_behind(one, other):
+def is_behind(a, b):
     """Return whether a candidate lies behind another all over, whatever depths are tied."""
-    return one[HIGHEST] < other[LOWEST] - BEHIND * abs(other[LOWEST])
+    return a[HIGHEST] < b[LOWEST] - BEHIND * abs(b[LOWEST])
 
 
 @helper
-def are_apart(one, other):
+def are_disjoint(a, b):
     """Return whether bounds of two candidates do not overlap."""
-    beside = (one[BOUNDS + RIGHT] <= other[BOUNDS + LEFT]) | (
-        other[BOUNDS + RIGHT] <= one[BOUNDS + LEFT]
-    )
-    above = (one[BOUNDS + BOTTOM] <= other[BOUNDS + TOP]) | (
-        other[BOUNDS + BOTTOM] <= one[BOUNDS + TOP]
-    )
+    beside = (a[BOUNDS + RIGHT] <= b[BOUNDS + LEFT]) | (b[BOUNDS + RIGHT] <= a[BOUNDS + LEFT])
+    above = (a[BOUNDS + BOTTOM] <= b[BOUNDS + TOP]) | (b[BOUNDS + BOTTOM] <= a[BOUNDS + TOP])
     return beside | above
 
 
 @helper
-def seen_area(n, candidates, count, polygons, corners, levels, work):
+def visible_area(n, candidates, count, polygons, corners, levels, work):
     """Return the visible area of a candidate in a pixel; -1 if it has too many pieces."""
     pieces, sizes, spare = work
     face, level = candidates[n, FACE], candidates[levels[n]]
@@ -325,7 +321,7 @@ def seen_area(n, candidates, count, polygons, corners, levels, work):
         is_level = levels[k] == levels[n]
         if (other == face) | (is_level & (other > face)):
             continue
-        if is_behind(candidates[k], candidates[n]) or are_apart(candidates[k], candidates[n]):
+        if is_behind(candidates[k], candidates[n]) or are_disjoint(candidates[k], candidates[n]):
             continue
         if is_beyond(polygons[n], corners[n], hiding, size):
             continue
@@ -378,26 +374,26 @@ def set_up_triangles(listed, parts, screen, bits, triangles, lists):
 
 
 @helper
-def narrow(lists, place, count, side, low, high):
+def filter_list(lists, place, count, side, low, high):
     """
     List the triangles of the place before, TILE or so, that reach into a range; return how many.
 
     ``side`` is LEFT for columns, TOP for rows.
     """
     all_bounds, numbers = lists
-    before, bounds = all_bounds[place - 1], all_bounds[place]
-    many = np.int64(0)
+    source, bounds = all_bounds[place - 1], all_bounds[place]
+    length = np.int64(0)
     for n in range(count):
-        if (before[side + 1, n] > low) & (before[side, n] < high):
-            numbers[place, many] = numbers[place - 1, n]
-            for own in range(4):
-                bounds[own, many] = before[own, n]
-            many += 1
-    return many
+        if (source[side + 1, n] > low) & (source[side, n] < high):
+            numbers[place, length] = numbers[place - 1, n]
+            for k in range(4):
+                bounds[k, length] = source[k, n]
+            length += 1
+    return length
 
 
 @helper
-def measure(triangle, polygon, corners, column, row, candidate):
+def write_bounds(triangle, polygon, corners, column, row, candidate):
     """Write depths and bounds of a candidate's polygon in a pixel."""
     lowest, highest = np.inf, -np.inf
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
@@ -412,24 +408,24 @@ def measure(triangle, polygon, corners, column, row, candidate):
 
 
 @helper
-def find_candidates(lists, many, triangles, column, row, candidates, polygons, corners, work,
-                    question):  # fmt: skip
+def find_candidates(lists, listed, triangles, column, row, candidates, polygons, corners, work,
+                    query):  # fmt: skip
     """List the triangles in a pixel that no nearer one hides completely; return how many."""
     bounds, numbers = lists[0][PIXEL], lists[1][PIXEL]
     count, floor = np.int64(0), -np.inf
-    for n in range(many):
+    for n in range(listed):
         triangle, candidate = triangles[numbers[n]], candidates[count]
-        if is_hole(np.int64(triangle[FACE]), column, row, question):
+        if is_hole(np.int64(triangle[FACE]), column, row, query):
             continue
         is_over = (
             bounds[LEFT, n] < column, bounds[RIGHT, n] > column + 1.0,
             bounds[TOP, n] < row, bounds[BOTTOM, n] > row + 1.0,
         )  # fmt: skip
-        size = cut_to_pixel(triangle, column, row, is_over, work[2], polygons[count])
+        size = clip_to_pixel(triangle, column, row, is_over, work[2], polygons[count])
         area = area_of(polygons[count], size)
         if area <= MIN_AREA:
             continue
-        measure(triangle, polygons[count], size, column, row, candidate)
+        write_bounds(triangle, polygons[count], size, column, row, candidate)
         if candidate[HIGHEST] < floor - DEPTH_STEP * abs(candidate[HIGHEST]):
             continue
         if area >= 1.0:
@@ -439,18 +435,18 @@ def find_candidates(lists, many, triangles, column, row, candidates, polygons, c
         corners[count] = size
         count += 1
     # Once more, with the final depth bound.
-    kept = np.int64(0)
+    count_kept = np.int64(0)
     for n in range(count):
         highest = candidates[n, HIGHEST]
         if highest < floor - DEPTH_STEP * abs(highest):
             continue
-        if kept < n:
+        if count_kept < n:
             for k in range(CANDIDATE_COLUMNS):
-                candidates[kept, k] = candidates[n, k]
-            corners[kept] = corners[n]
-            copy_polygon(polygons[n], corners[n], polygons[kept])
-        kept += 1
-    return kept
+                candidates[count_kept, k] = candidates[n, k]
+            corners[count_kept] = corners[n]
+            copy_polygon(polygons[n], corners[n], polygons[count_kept])
+        count_kept += 1
+    return count_kept
 
 
 @helper
@@ -465,7 +461,7 @@ def sort_candidates(count, candidates, order):
 
 
 @helper
-def share_pixel(count, candidates, polygons, corners, orders, work, areas):
+def visible_areas(count, candidates, polygons, corners, orders, work, areas):
     """Write the visible areas of candidates, summed per face at its first; False without room."""
     levels, order = orders[0], orders[1]
     find_levels(count, candidates, levels)
@@ -473,8 +469,8 @@ def share_pixel(count, candidates, polygons, corners, orders, work, areas):
     seen = 0.0
     for k in range(count):
         n, area = order[k], 0.0
-        if seen < WHOLE:
-            area = seen_area(n, candidates, count, polygons, corners, levels, work)
+        if seen < FULL_PIXEL:
+            area = visible_area(n, candidates, count, polygons, corners, levels, work)
         if area < 0.0:
             return False
         areas[n] = area
@@ -491,19 +487,19 @@ def share_pixel(count, candidates, polygons, corners, orders, work, areas):
 
 
 @helper
-def write_pixel(count, candidates, areas, shown, shares, rest, row, i):
+def write_pixel(count, candidates, areas, shown, coverage, rest, row, i):
     """Write the faces of a pixel and their shares, as far as there is room; return how many."""
-    faces, before, total = np.int64(0), np.int64(0), 0.0
+    faces, written, total = np.int64(0), np.int64(0), 0.0
     for n in range(count):
         # Round running sums, not shares: then shares and the rest add up to the pixel.
         total += areas[n]
-        upto = min(np.int64(total * PARTS + 0.5), np.int64(PARTS))
-        if upto > before:
+        end = min(np.int64(total * PARTS + 0.5), np.int64(PARTS))
+        if end > written:
             if faces < shown.shape[0]:
                 shown[faces, row, i] = np.int32(candidates[n, FACE])
-                shares[faces, row, i] = np.float32((upto - before) / PARTS)
-            faces, before = faces + 1, upto
-    rest[row, i] = np.float32((PARTS - before) / PARTS)
+                coverage[faces, row, i] = np.float32((end - written) / PARTS)
+            faces, written = faces + 1, end
+    rest[row, i] = np.float32((PARTS - written) / PARTS)
     return faces
 
 
@@ -535,8 +531,8 @@ SCRATCH = (
 def find_areas(
     rows: (int64, int64), starts: int64[::1], binned: int32[::1], faces: Faces,
     screen: ScreenVertices, viewport: Viewport, begin: int64, shown: int32[:, :, ::1],
-    shares: float32[:, :, ::1], rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
-    question: Question,
+    coverage: float32[:, :, ::1], rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
+    query: AlphaQuery,
 ):  # fmt: skip
     """
     Find the faces visible in each pixel of some rows, and their area coverage.
@@ -552,7 +548,7 @@ def find_areas(
         The pixel to begin with: 0, or the number that the last call returned.
     shown : (J, R, W) int32
         Written: the faces of each pixel, ascending. Behind the last it must be -1.
-    shares : (J, R, W) float32
+    coverage : (J, R, W) float32
         Written: their shares of the pixel's area; for a face -1 anything.
     rest : (R, W) float32
         Written: the share that shows no face.
@@ -561,7 +557,7 @@ def find_areas(
         pixel that falls into too many pieces.
     scratch : tuple
         This thread's own, from `scratch_memory`, for the longest of the lists.
-    question : Question
+    query : AlphaQuery
         Of an ``alpha_test.AlphaTest``. A face has one alpha in a pixel: at its centre.
 
     Returns
@@ -582,24 +578,24 @@ def find_areas(
         for row in range(height):
             y = np.float64(rows[0] + row)
             if row % step == 0:
-                in_strip = narrow(lists, STRIP, listed.shape[0], TOP, y, y + step)
-            in_row = narrow(lists, ROW, in_strip, TOP, y, y + 1.0)
+                in_strip = filter_list(lists, STRIP, listed.shape[0], TOP, y, y + step)
+            in_row = filter_list(lists, ROW, in_strip, TOP, y, y + 1.0)
             for column in range(left, right + 1):
                 x = np.float64(column)
                 if (column - left) % step == 0:
-                    in_block = narrow(lists, BLOCK, in_row, LEFT, x, x + step)
+                    in_block = filter_list(lists, BLOCK, in_row, LEFT, x, x + step)
                 number = ((tile_column * height + row) << TILE_BITS) + column - left
                 if number < begin:
                     continue
-                many = narrow(lists, PIXEL, in_block, LEFT, x, x + 1.0)
+                in_pixel = filter_list(lists, PIXEL, in_block, LEFT, x, x + 1.0)
                 count = find_candidates(
-                    lists, many, triangles, x, y, candidates, polygons, corners, work, question
+                    lists, in_pixel, triangles, x, y, candidates, polygons, corners, work, query
                 )
-                found = np.int64(-1)
-                if share_pixel(count, candidates, polygons, corners, orders, work, areas):
-                    found = write_pixel(count, candidates, areas, shown, shares, rest, row, column)
-                if found > deepest[0] or found < 0:
-                    deepest[0], deepest[1], deepest[2] = found, column, rows[0] + row
-                if found > shown.shape[0] or found < 0:
+                used = np.int64(-1)
+                if visible_areas(count, candidates, polygons, corners, orders, work, areas):
+                    used = write_pixel(count, candidates, areas, shown, coverage, rest, row, column)
+                if used > deepest[0] or used < 0:
+                    deepest[0], deepest[1], deepest[2] = used, column, rows[0] + row
+                if used > shown.shape[0] or used < 0:
                     return number
     return np.int64(-1)

@@ -22,17 +22,17 @@ from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float32, int32
 
-THROUGH = 3
+TRANSMITTANCE = 3
 """Column of a sum: transmittance, the share of light from behind."""
 
-MAX_THROUGH = np.float32(1.0 - 2.0**-24)
+MAX_TRANSMITTANCE = np.float32(1.0 - 2.0**-24)
 """Largest transmittance of a visible layer: less than 1, which stands for no layer."""
 
 
 @helper
-def passed(through, alpha):
+def transmittance_behind(transmittance, alpha):
     """Return the transmittance behind a layer whose alpha is not 0."""
-    return min(through * (np.float32(1.0) - alpha), MAX_THROUGH)
+    return min(transmittance * (np.float32(1.0) - alpha), MAX_TRANSMITTANCE)
 
 
 @kernel
@@ -49,12 +49,12 @@ def start_sums(sums: float32[:, :, ::1]):
         for i in range(sums.shape[1]):
             for k in range(3):
                 sums[row, i, k] = 0.0
-            sums[row, i, THROUGH] = 1.0
+            sums[row, i, TRANSMITTANCE] = 1.0
 
 
 @kernel
-def lay_under(
-    colors: float32[:, :, ::1], faces: int32[:, :], behind: int32[:, :], sums: float32[:, :, ::1]
+def composite_under(
+    colors: float32[:, :, ::1], faces: int32[:, :], below: int32[:, :], sums: float32[:, :, ::1]
 ):
     """
     Composite a layer behind those before it (front to back).
@@ -64,7 +64,7 @@ def lay_under(
     colors : (R, W, 4) float32, linear, with alpha
     faces : (R, W) int32
         The faces of the layer, -1 where there is none.
-    behind : (R, W) int32
+    below : (R, W) int32
         Those of the next layer; -1 is written where nothing comes through to it.
     sums : (R, W, 4) float32
         Changed: premultiplied colour, and the share of light that comes through.
@@ -72,36 +72,36 @@ def lay_under(
     none = np.float32(0.0)
     for row in range(faces.shape[0]):
         for i in range(faces.shape[1]):
-            through = sums[row, i, THROUGH]
+            transmittance = sums[row, i, TRANSMITTANCE]
             if faces[row, i] >= 0:
                 alpha = clamped(colors[row, i, 3], np.float32(0.0), np.float32(1.0))
-                share = through * alpha
+                weight = transmittance * alpha
                 # Do not multiply what is hidden: its colour may be infinite.
-                if share > none:
+                if weight > none:
                     for k in range(3):
-                        sums[row, i, k] += share * colors[row, i, k]
-                    through = passed(through, alpha)
-                    sums[row, i, THROUGH] = through
-            if through == none:
-                behind[row, i] = NOTHING
+                        sums[row, i, k] += weight * colors[row, i, k]
+                    transmittance = transmittance_behind(transmittance, alpha)
+                    sums[row, i, TRANSMITTANCE] = transmittance
+            if transmittance == none:
+                below[row, i] = NOTHING
 
 
 @helper
-def over_background(total, through, color):
+def over_background(total, transmittance, color):
     """Composite a premultiplied sum over a straight-alpha colour; return straight RGBA."""
     one, none = np.float32(1.0), np.float32(0.0)
-    if through == none:
+    if transmittance == none:
         return total[0], total[1], total[2], one
-    alpha = one - through * (one - color[3])
+    alpha = one - transmittance * (one - color[3])
     if alpha == none:
         return color[0], color[1], color[2], none
-    share = through * color[3]
-    if share == none:
+    weight = transmittance * color[3]
+    if weight == none:
         return total[0] / alpha, total[1] / alpha, total[2] / alpha, alpha
     return (
-        (total[0] + share * color[0]) / alpha,
-        (total[1] + share * color[1]) / alpha,
-        (total[2] + share * color[2]) / alpha,
+        (total[0] + weight * color[0]) / alpha,
+        (total[1] + weight * color[1]) / alpha,
+        (total[2] + weight * color[2]) / alpha,
         alpha,
     )
 
@@ -114,20 +114,20 @@ def finish_sums(sums: float32[:, :, ::1], linear: float32[:, :, ::1]):
     Parameters
     ----------
     sums : (R, W, 4) float32
-        As `lay_under` leaves them.
+        As `composite_under` leaves them.
     linear : (R, W, 4) float32
         Opaque surfaces and background; changed where a layer lies before it.
     """
     for row in range(sums.shape[0]):
         for i in range(sums.shape[1]):
-            through = sums[row, i, THROUGH]
-            if through == np.float32(1.0):
+            transmittance = sums[row, i, TRANSMITTANCE]
+            if transmittance == np.float32(1.0):
                 continue
             total = sums[row, i, 0], sums[row, i, 1], sums[row, i, 2]
-            own = linear[row, i, 0], linear[row, i, 1], linear[row, i, 2], linear[row, i, 3]
-            shown = over_background(total, through, own)
+            background = linear[row, i, 0], linear[row, i, 1], linear[row, i, 2], linear[row, i, 3]
+            result = over_background(total, transmittance, background)
             for k in range(4):
-                linear[row, i, k] = shown[k]
+                linear[row, i, k] = result[k]
 
 
 @disjoint_helper
@@ -138,28 +138,28 @@ def empty_row(faces):
 
 
 @helper
-def seen_share(share, value):
+def weighted(weight, value):
     """Return a share of a value, which may be infinite if the share is 0."""
     none = np.float32(0.0)
-    return share * value if share > none else none
+    return weight * value if weight > none else none
 
 
 @helper
-def number_of(face, shown, count, row, i):
+def index_of(face, faces, count, row, i):
     """Return the index of a face in a pixel's list, appending it if it is new."""
     if face < 0:
         return np.int32(NOTHING), count
     layer = np.int64(0)
-    while layer < count and shown[layer, row, i] != face:
+    while layer < count and faces[layer, row, i] != face:
         layer += 1
     if layer == count:
-        shown[layer, row, i] = face
+        faces[layer, row, i] = face
         count += 1
     return np.int32(layer), count
 
 
 @kernel
-def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], shown: int32[:, :, ::1]):
+def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], faces: int32[:, :, ::1]):
     """
     List the distinct faces of each pixel's samples, and replace faces by their indices.
 
@@ -169,7 +169,7 @@ def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], shown
         The opaque face at each sample; -1 where there is none. Replaced by its number.
     transparent : (N, K, R, W) int32
         The transparent faces before it, nearest first. Replaced by their numbers.
-    shown : (N (K + 1), R, W) int32
+    faces : (N (K + 1), R, W) int32
         Written: the different faces of each pixel, -1 behind the last.
 
     Returns
@@ -180,16 +180,16 @@ def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], shown
     samples, levels, rows, columns = transparent.shape
     most = np.int64(0)
     for row in range(rows):
-        for layer in range(shown.shape[0]):
-            empty_row(shown[layer, row])
+        for layer in range(faces.shape[0]):
+            empty_row(faces[layer, row])
         for i in range(columns):
             count = np.int64(0)
             for sample in range(samples):
                 for level in range(levels):
                     face = transparent[sample, level, row, i]
-                    number, count = number_of(face, shown, count, row, i)
+                    number, count = index_of(face, faces, count, row, i)
                     transparent[sample, level, row, i] = number
-                number, count = number_of(opaque[sample, row, i], shown, count, row, i)
+                number, count = index_of(opaque[sample, row, i], faces, count, row, i)
                 opaque[sample, row, i] = number
             most = max(most, count)
     return most
@@ -208,29 +208,29 @@ def are_alike(opaque, transparent, row, i):
 
 
 @helper
-def sample_color(sample, opaque, transparent, colors, behind, row, i):
+def sample_color(sample, opaque, transparent, colors, back, row, i):
     """Return the colour of a sample, linear RGBA with straight alpha."""
     one, none = np.float32(1.0), np.float32(0.0)
-    red, green, blue, through = none, none, none, one
+    red, green, blue, transmittance = none, none, none, one
     for level in range(transparent.shape[1]):
         layer = transparent[sample, level, row, i]
         if layer < 0:
             break
         alpha = clamped(colors[layer, row, i, 3], np.float32(0.0), np.float32(1.0))
-        share = through * alpha
-        if share > none:
-            red += share * colors[layer, row, i, 0]
-            green += share * colors[layer, row, i, 1]
-            blue += share * colors[layer, row, i, 2]
-            through = passed(through, alpha)
+        weight = transmittance * alpha
+        if weight > none:
+            red += weight * colors[layer, row, i, 0]
+            green += weight * colors[layer, row, i, 1]
+            blue += weight * colors[layer, row, i, 2]
+            transmittance = transmittance_behind(transmittance, alpha)
     layer = opaque[sample, row, i]
     if layer >= 0:
-        own = colors[layer, row, i, 0], colors[layer, row, i, 1], colors[layer, row, i, 2], one
+        color = colors[layer, row, i, 0], colors[layer, row, i, 1], colors[layer, row, i, 2], one
     else:
-        own = behind[row, i, 0], behind[row, i, 1], behind[row, i, 2], behind[row, i, 3]
-    if through == one:
-        return own
-    return over_background((red, green, blue), through, own)
+        color = back[row, i, 0], back[row, i, 1], back[row, i, 2], back[row, i, 3]
+    if transmittance == one:
+        return color
+    return over_background((red, green, blue), transmittance, color)
 
 
 @kernel
@@ -238,7 +238,7 @@ def mix_samples(
     opaque: int32[:, :, ::1],
     transparent: int32[:, :, :, ::1],
     colors: float32[:, :, :, ::1],
-    behind: float32[:, :, ::1],
+    back: float32[:, :, ::1],
     linear: float32[:, :, ::1],
 ):
     """
@@ -251,7 +251,7 @@ def mix_samples(
         Numbers of faces, from `list_faces`.
     colors : (J, R, W, 4) float32
         The colours of these faces in each pixel.
-    behind : (R, W, 4) float32
+    back : (R, W, 4) float32
         What is seen where no face is.
     linear : (R, W, 4) float32
         Written: linear RGBA with straight alpha.
@@ -260,17 +260,17 @@ def mix_samples(
     part = np.float32(1.0) / np.float32(samples)
     for row in range(linear.shape[0]):
         for i in range(linear.shape[1]):
-            shown = sample_color(0, opaque, transparent, colors, behind, row, i)
+            color = sample_color(0, opaque, transparent, colors, back, row, i)
             if not are_alike(opaque, transparent, row, i):
                 red, green, blue, alpha = none, none, none, none
                 for sample in range(samples):
-                    shown = sample_color(sample, opaque, transparent, colors, behind, row, i)
-                    share = part * shown[3]
-                    red += seen_share(share, shown[0])
-                    green += seen_share(share, shown[1])
-                    blue += seen_share(share, shown[2])
-                    alpha += share
+                    color = sample_color(sample, opaque, transparent, colors, back, row, i)
+                    weight = part * color[3]
+                    red += weighted(weight, color[0])
+                    green += weighted(weight, color[1])
+                    blue += weighted(weight, color[2])
+                    alpha += weight
                 scale = alpha if alpha > none else np.float32(1.0)
-                shown = red / scale, green / scale, blue / scale, alpha
+                color = red / scale, green / scale, blue / scale, alpha
             for k in range(4):
-                linear[row, i, k] = shown[k]
+                linear[row, i, k] = color[k]

@@ -16,7 +16,7 @@ COLUMNS = 16
 
 
 @disjoint_helper
-def widen(least, most, faces):
+def extend_range(least, most, faces):
     """Extend a range of face numbers by some faces."""
     for i in range(faces.shape[0]):
         least = min(least, faces[i])
@@ -45,15 +45,15 @@ def owner_of(face, face_starts):
 
 
 @helper
-def mean_code(opaque, row, column, codes, behind, face_starts, owner):
+def mean_code(opaque, row, column, codes, background, face_starts, owner):
     """Return the mean code of a pixel's samples, half up, and the last object in it."""
     count = np.uint32(opaque.shape[0])
     red = green = blue = count >> np.uint32(1)
-    code = behind
+    code = background
     for sample in range(opaque.shape[0]):
         face = np.int64(opaque[sample, row, column])
         if face < 0:
-            code = behind
+            code = background
         else:
             if face < face_starts[owner] or face >= face_starts[owner + 1]:
                 owner = owner_of(face, face_starts)
@@ -68,8 +68,8 @@ def mean_code(opaque, row, column, codes, behind, face_starts, owner):
 
 
 @kernel
-def mix_plain_codes(
-    opaque: int32[:, :, ::1], codes: uint32[::1], behind: int64, face_starts: int64[::1],
+def average_codes(
+    opaque: int32[:, :, ::1], codes: uint32[::1], background: int64, face_starts: int64[::1],
     color: uint32[:, ::1],
 ):  # fmt: skip
     """
@@ -81,20 +81,20 @@ def mix_plain_codes(
         The face at each sample, -1 where there is none.
     codes : (O,) uint32
         The colour of each object, RGBA bytes from the lowest up; alpha 255.
-    behind : int
+    background : int
         The same where no face is.
     face_starts : (O+1,) int64
         Object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``.
     color : (R, W) uint32
         Written.
     """
-    owner, nothing, width = np.int64(0), np.uint32(behind), color.shape[1]
+    owner, nothing, width = np.int64(0), np.uint32(background), color.shape[1]
     for row in range(color.shape[0]):
         for left in range(0, width, COLUMNS):
             right = min(left + COLUMNS, width)
             least = most = opaque[0, row, left]
             for sample in range(opaque.shape[0]):
-                least, most = widen(least, most, opaque[sample, row, left:right])
+                least, most = extend_range(least, most, opaque[sample, row, left:right])
             if most < 0:
                 fill_codes(color[row, left:right], nothing)
                 continue

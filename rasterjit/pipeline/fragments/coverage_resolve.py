@@ -2,9 +2,9 @@
 Resolve opaque faces: average the faces of a pixel by coverage, in linear light or in codes.
 
 Each face of a pixel is shaded once. Faces are stored in layers: the first face of every pixel, the
-second one ... `share_samples` lists the faces of several samples with their coverage,
+second one ... `list_coverage` lists the faces of several samples with their coverage,
 ``area_coverage`` those of exact areas. Layers are shaded like any visibility buffer, and
-`mix_shares` sums colours.
+`accumulate_layers` sums colours.
 
 Sums are premultiplied. A pixel with one face, or none, keeps every bit of its colour.
 
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.fragments.compositing import empty_row, seen_share
+from rasterjit.pipeline.fragments.compositing import empty_row, weighted
 from rasterjit.pipeline.srgb_encoding import encode, encode_channels
 from rasterjit.pipeline.surface.sample_block import (
     ALPHA,
@@ -39,69 +39,69 @@ BLOCK_COLUMNS = 128
 
 
 @disjoint_helper
-def start_shares(faces, part, shown, shares, rest):
+def start_layers(faces, part, layers, weights, rest):
     """Start the layers of a row with the faces at the first sample, of weight ``part``."""
     none = np.float32(0.0)
     for i in range(faces.shape[0]):
         face = faces[i]
-        shown[i] = face
-        shares[i] = none if face < 0 else part
+        layers[i] = face
+        weights[i] = none if face < 0 else part
         rest[i] = part if face < 0 else none
 
 
 @helper
-def add_to_layer(face, here, share, part):
+def add_to_layer(face, here, weight, part):
     """
     Add a sample's face to a layer that holds the same face, or none.
 
     Returns the layer's face and coverage, and the face if it must go on to the next layer.
     """
     is_here = (face == here) | (here < 0)
-    more = share + part
+    raised = weight + part
     return (
         face if is_here else here,
-        more if is_here & (face >= 0) else share,
+        raised if is_here & (face >= 0) else weight,
         np.int32(NOTHING) if is_here else face,
     )
 
 
 @disjoint_helper
-def add_first(faces, part, shown, shares, rest, others):
+def add_first(faces, part, layers, weights, rest, remaining):
     """Add a sample to the first layer, and to the share that shows no face; see `add_sample`."""
-    found = np.int32(NOTHING)
+    any_left = np.int32(NOTHING)
     for i in range(faces.shape[0]):
         face = faces[i]
-        shown[i], shares[i], others[i] = add_to_layer(face, shown[i], shares[i], part)
+        layers[i], weights[i], remaining[i] = add_to_layer(face, layers[i], weights[i], part)
         rest[i] += part if face < 0 else np.float32(0.0)
-        found = np.int32(found & others[i])
-    return found >= 0
+        any_left = np.int32(any_left & remaining[i])
+    return any_left >= 0
 
 
 @disjoint_helper
-def add_sample(faces, part, shown, shares, others):
+def add_sample(faces, part, layers, weights, remaining):
     """Add the faces of a sample to a layer; return whether any must go on to the next layer."""
-    found = np.int32(NOTHING)
+    any_left = np.int32(NOTHING)
     for i in range(faces.shape[0]):
-        shown[i], shares[i], others[i] = add_to_layer(faces[i], shown[i], shares[i], part)
-        found = np.int32(found & others[i])
-    return found >= 0
+        layers[i], weights[i], remaining[i] = add_to_layer(faces[i], layers[i], weights[i], part)
+        any_left = np.int32(any_left & remaining[i])
+    return any_left >= 0
 
 
 @disjoint_helper
-def clear_layer(shown, shares):
+def clear_layer(layers, weights):
     """Clear a row of a layer."""
-    for i in range(shown.shape[0]):
-        shown[i] = NOTHING
-        shares[i] = np.float32(0.0)
+    for i in range(layers.shape[0]):
+        layers[i] = NOTHING
+        weights[i] = np.float32(0.0)
 
 
 @disjoint_helper
 def differ(faces, others):
     """Return whether two samples of a row of pixels show different faces anywhere."""
-    found = np.int32(0)
+    bits = np.int32(0)
     for i in range(faces.shape[0]):
-        found = np.int32(found | np.int32(faces[i] ^ others[i]))
-    return found != 0
+        bits = np.int32(bits | np.int32(faces[i] ^ others[i]))
+    return bits != 0
 
 
 @helper
@@ -114,44 +114,44 @@ def are_alike(opaque, row, left, right):
 
 
 @helper
-def share_part(opaque, row, left, right, at, shown, shares, rest, others):
+def list_part(opaque, row, left, right, y, layers, weights, rest, remaining):
     """List the faces of a part of a row with their coverage; return the number of layers in use."""
     samples, count = np.int64(opaque.shape[0]), right - left
     part, used = np.float32(1.0) / np.float32(samples), np.int64(1)
     if are_alike(opaque, row, left, right):
         part, samples = np.float32(1.0), np.int64(1)
-    start_shares(
-        opaque[0, row, left:right], part, shown[0, at, left:right], shares[0, at, left:right],
-        rest[at, left:right],
+    start_layers(
+        opaque[0, row, left:right], part, layers[0, y, left:right], weights[0, y, left:right],
+        rest[y, left:right],
     )  # fmt: skip
     for sample in range(1, samples):
         faces = opaque[sample, row, left:right]
-        goes_on = add_first(
-            faces, part, shown[0, at, left:right], shares[0, at, left:right],
-            rest[at, left:right], others[0, :count],
+        has_left = add_first(
+            faces, part, layers[0, y, left:right], weights[0, y, left:right],
+            rest[y, left:right], remaining[0, :count],
         )  # fmt: skip
         layer = np.int64(1)
-        while goes_on:
+        while has_left:
             if layer == used:
-                clear_layer(shown[layer, at, left:right], shares[layer, at, left:right])
+                clear_layer(layers[layer, y, left:right], weights[layer, y, left:right])
                 used += 1
             # Leftover faces alternate between two rows: arrays must not overlap.
-            goes_on = add_sample(
-                others[(layer - 1) & 1, :count], part, shown[layer, at, left:right],
-                shares[layer, at, left:right], others[layer & 1, :count],
+            has_left = add_sample(
+                remaining[(layer - 1) & 1, :count], part, layers[layer, y, left:right],
+                weights[layer, y, left:right], remaining[layer & 1, :count],
             )  # fmt: skip
             layer += 1
     return used
 
 
 @kernel
-def share_samples(
+def list_coverage(
     opaque: int32[:, :, ::1],
     rows: (int64, int64),
-    shown: int32[:, :, ::1],
-    shares: float32[:, :, ::1],
+    layers: int32[:, :, ::1],
+    weights: float32[:, :, ::1],
     rest: float32[:, ::1],
-    others: int32[:, ::1],
+    remaining: int32[:, ::1],
 ):
     """
     List the faces of each pixel's samples, with their coverage.
@@ -162,14 +162,14 @@ def share_samples(
         The face at each sample, -1 where there is none.
     rows : (int, int)
         The first row, and one past the last.
-    shown : (N, R, W) int32
+    layers : (N, R, W) int32
         Written: the faces of each pixel of these rows, -1 behind the last; as many layers as have
         any.
-    shares : (N, R, W) float32
+    weights : (N, R, W) float32
         Written: their shares, where there is a face.
     rest : (R, W) float32
         Written: the share of the samples that show no face.
-    others : (2, C) int32
+    remaining : (2, C) int32
         Scratch memory; C is `BLOCK_COLUMNS`.
 
     Returns
@@ -179,66 +179,66 @@ def share_samples(
     """
     most, columns = np.int64(1), opaque.shape[2]
     for row in range(rows[0], rows[1]):
-        at = row - rows[0]
+        y = row - rows[0]
         for left in range(0, columns, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, columns)
-            used = share_part(opaque, row, left, right, at, shown, shares, rest, others)
+            used = list_part(opaque, row, left, right, y, layers, weights, rest, remaining)
             for layer in range(most, used):
                 # No pixel before these has so many.
-                for above in range(at):
-                    empty_row(shown[layer, above])
-                empty_row(shown[layer, at, :left])
+                for above in range(y):
+                    empty_row(layers[layer, above])
+                empty_row(layers[layer, y, :left])
             for layer in range(used, most):
-                empty_row(shown[layer, at, left:right])
+                empty_row(layers[layer, y, left:right])
             most = max(most, used)
     return most
 
 
 @helper
-def is_mixed(share, rest):
+def is_mixed(weight, rest):
     """Return whether a pixel shows more than one face, or a face and the background."""
     one = np.float32(1.0)
-    return (share != one) & (rest != one)
+    return (weight != one) & (rest != one)
 
 
 @disjoint_helper
 def start_span(
-    red, green, blue, alphas, has_alpha, shares, rest, mixed_red, mixed_green, mixed_blue,
+    red, green, blue, alphas, has_alpha, weights, rest, mixed_red, mixed_green, mixed_blue,
     mixed_alpha,
 ):  # fmt: skip
     """Start the sums of a span of pixels: its first faces and the background, by coverage."""
-    for i in range(shares.shape[0]):
-        own, other = shares[i], rest[i]
-        mixed = is_mixed(own, other)
-        through = other * mixed_alpha[i]
-        alpha = np.float32(1.0) - (other - through)
-        red1 = own * red[i] + seen_share(through, mixed_red[i])
-        green1 = own * green[i] + seen_share(through, mixed_green[i])
-        blue1 = own * blue[i] + seen_share(through, mixed_blue[i])
-        mixed_red[i] = red1 if mixed else red[i]
-        mixed_green[i] = green1 if mixed else green[i]
-        mixed_blue[i] = blue1 if mixed else blue[i]
+    for i in range(weights.shape[0]):
+        weight, open = weights[i], rest[i]
+        is_mix = is_mixed(weight, open)
+        back = open * mixed_alpha[i]
+        alpha = np.float32(1.0) - (open - back)
+        red1 = weight * red[i] + weighted(back, mixed_red[i])
+        green1 = weight * green[i] + weighted(back, mixed_green[i])
+        blue1 = weight * blue[i] + weighted(back, mixed_blue[i])
+        mixed_red[i] = red1 if is_mix else red[i]
+        mixed_green[i] = green1 if is_mix else green[i]
+        mixed_blue[i] = blue1 if is_mix else blue[i]
         own_alpha = alphas[i] if has_alpha != 0 else np.float32(1.0)
-        mixed_alpha[i] = alpha if mixed else own_alpha
+        mixed_alpha[i] = alpha if is_mix else own_alpha
 
 
 @disjoint_helper
-def add_span(red, green, blue, shares, mixed_red, mixed_green, mixed_blue):
+def add_span(red, green, blue, weights, mixed_red, mixed_green, mixed_blue):
     """Add another face to the sums of a span of pixels, by coverage; coverage 0 adds nothing."""
-    for i in range(shares.shape[0]):
-        share = shares[i]
-        mixed_red[i] += seen_share(share, red[i])
-        mixed_green[i] += seen_share(share, green[i])
-        mixed_blue[i] += seen_share(share, blue[i])
+    for i in range(weights.shape[0]):
+        weight = weights[i]
+        mixed_red[i] += weighted(weight, red[i])
+        mixed_green[i] += weighted(weight, green[i])
+        mixed_blue[i] += weighted(weight, blue[i])
 
 
 @disjoint_helper
-def divide_row(shares, rest, red, green, blue, alphas):
+def divide_row(weights, rest, red, green, blue, alphas):
     """Divide the mixed pixels of a row by their alpha; branchless."""
     one, none = np.float32(1.0), np.float32(0.0)
-    for i in range(shares.shape[0]):
+    for i in range(weights.shape[0]):
         alpha = alphas[i]
-        is_divided = is_mixed(shares[i], rest[i]) & (none < alpha) & (alpha < one)
+        is_divided = is_mixed(weights[i], rest[i]) & (none < alpha) & (alpha < one)
         alpha = alpha if is_divided else one
         red[i] /= alpha
         green[i] /= alpha
@@ -248,16 +248,16 @@ def divide_row(shares, rest, red, green, blue, alphas):
 @disjoint_helper
 def shows_both(rest):
     """Return whether any pixel of a row shows a face and the background."""
-    found = np.int32(0)
+    bits = np.int32(0)
     for i in range(rest.shape[0]):
-        found |= np.int32((rest[i] != np.float32(0.0)) & (rest[i] != np.float32(1.0)))
-    return found != 0
+        bits |= np.int32((rest[i] != np.float32(0.0)) & (rest[i] != np.float32(1.0)))
+    return bits != 0
 
 
 @stage
-def mix_shares(
-    block: Block, count, shown: int64, has_alpha: int64, shares: float32[:, :, ::1],
-    rest: float32[:, ::1], mixed: float32[:, :, ::1],
+def accumulate_layers(
+    block: Block, count, color_row: int64, has_alpha: int64, weights: float32[:, :, ::1],
+    rest: float32[:, ::1], sums: float32[:, :, ::1],
 ):  # fmt: skip
     """
     Add the shaded faces to the sums of a band of rows, layer by layer.
@@ -266,15 +266,15 @@ def mix_shares(
     ----------
     block : Block
         Its samples are those of the layers of a band, one layer below the other.
-    shown : int
+    color_row : int
         First of the three rows of colours to mix: light or codes.
     has_alpha : int
         Not 0 where alphas are not all 1.
-    shares : (J, R, W) float32
+    weights : (J, R, W) float32
         The share that a face has in its pixel, layer by layer.
     rest : (R, W) float32
         The share that shows no face.
-    mixed : (R, 4, W) float32
+    sums : (R, 4, W) float32
         What is behind all faces, straight alpha; changed.
     """
     s, height = block.samples, rest.shape[0]
@@ -286,24 +286,24 @@ def mix_shares(
         row -= layer * height
         if layer == 0:
             start_span(
-                s[shown, first:end], s[shown + 1, first:end], s[shown + 2, first:end],
-                s[ALPHA, first:end], has_alpha, shares[layer, row, left:right],
-                rest[row, left:right], mixed[row, 0, left:right], mixed[row, 1, left:right],
-                mixed[row, 2, left:right], mixed[row, 3, left:right],
+                s[color_row, first:end], s[color_row + 1, first:end], s[color_row + 2, first:end],
+                s[ALPHA, first:end], has_alpha, weights[layer, row, left:right],
+                rest[row, left:right], sums[row, 0, left:right], sums[row, 1, left:right],
+                sums[row, 2, left:right], sums[row, 3, left:right],
             )  # fmt: skip
         else:
             add_span(
-                s[shown, first:end], s[shown + 1, first:end], s[shown + 2, first:end],
-                shares[layer, row, left:right], mixed[row, 0, left:right],
-                mixed[row, 1, left:right], mixed[row, 2, left:right],
+                s[color_row, first:end], s[color_row + 1, first:end], s[color_row + 2, first:end],
+                weights[layer, row, left:right], sums[row, 0, left:right],
+                sums[row, 1, left:right], sums[row, 2, left:right],
             )  # fmt: skip
 
 
 @kernel
-def finish_mix(
-    shares: float32[:, ::1],
+def finish_light(
+    weights: float32[:, ::1],
     rest: float32[:, ::1],
-    mixed: float32[:, :, ::1],
+    sums: float32[:, :, ::1],
     table: int32[::1],
     linear: float32[:, :, ::1],
     color: uint32[:, ::1],
@@ -313,12 +313,12 @@ def finish_mix(
 
     Parameters
     ----------
-    shares : (R, W) float32
+    weights : (R, W) float32
         Those of the first layer.
     rest : (R, W) float32
         The share that shows no face.
-    mixed : (R, 4, W) float32
-        As `mix_shares` leaves it; scratch memory from here on.
+    sums : (R, 4, W) float32
+        As `accumulate_layers` leaves it; scratch memory from here on.
     table : (65536,) int32
         `encoding_table`.
     linear : (R, W, 4) float32
@@ -327,24 +327,24 @@ def finish_mix(
         Written: the same in sRGB codes, RGBA bytes from the lowest up. Or W is 0, too.
     """
     for row in range(rest.shape[0]):
-        red, green, blue, alpha = mixed[row, 0], mixed[row, 1], mixed[row, 2], mixed[row, 3]
+        red, green, blue, alpha = sums[row, 0], sums[row, 1], sums[row, 2], sums[row, 3]
         if shows_both(rest[row]):
-            divide_row(shares[row], rest[row], red, green, blue, alpha)
+            divide_row(weights[row], rest[row], red, green, blue, alpha)
         encode_channels(red, green, blue, alpha, table, color[row])
         for i in range(linear.shape[1]):
             for k in range(4):
-                linear[row, i, k] = mixed[row, k, i]
+                linear[row, i, k] = sums[row, k, i]
 
 
 @kernel
 def finish_codes(
-    shares: float32[:, ::1], rest: float32[:, ::1], mixed: float32[:, :, ::1], color: uint32[:, ::1]
+    weights: float32[:, ::1], rest: float32[:, ::1], sums: float32[:, :, ::1], color: uint32[:, ::1]
 ):
-    """Write resolved colours as codes, as `finish_mix` writes light: (R, W) uint32."""
+    """Write resolved colours as codes, as `finish_light` writes light: (R, W) uint32."""
     for row in range(rest.shape[0]):
-        red, green, blue, alpha = mixed[row, 0], mixed[row, 1], mixed[row, 2], mixed[row, 3]
+        red, green, blue, alpha = sums[row, 0], sums[row, 1], sums[row, 2], sums[row, 3]
         if shows_both(rest[row]):
-            divide_row(shares[row], rest[row], red, green, blue, alpha)
+            divide_row(weights[row], rest[row], red, green, blue, alpha)
         pack_codes(red, green, blue, alpha, color[row])
 
 
@@ -358,14 +358,14 @@ def to_codes(red, green, blue, table):
 
 
 @stage
-def code_samples(block: Block, count, shown: int64, table: int32[::1]):
-    """Replace the light in the three rows of samples from ``shown`` on by its codes."""
+def encode_samples(block: Block, count, first_row: int64, table: int32[::1]):
+    """Replace the light in the three rows of samples from ``first_row`` on by its codes."""
     s = block.samples
-    to_codes(s[shown, :count], s[shown + 1, :count], s[shown + 2, :count], table)
+    to_codes(s[first_row, :count], s[first_row + 1, :count], s[first_row + 2, :count], table)
 
 
 @helper
-def whole_code(value):
+def rounded_code(value):
     """Return a resolved code, rounded half up and clamped to 255."""
     value = value if value < np.float32(255.0) else np.float32(255.0)
     return np.uint32(np.int32(value + np.float32(0.5)))
@@ -375,22 +375,22 @@ def whole_code(value):
 def pack_codes(red, green, blue, alpha, color):
     """Write mixed codes, given by channel; alpha is 0..1."""
     for i in range(color.shape[0]):
-        share = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
+        opacity = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
         color[i] = (
-            whole_code(red[i])
-            | whole_code(green[i]) << np.uint32(8)
-            | whole_code(blue[i]) << np.uint32(16)
-            | np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
+            rounded_code(red[i])
+            | rounded_code(green[i]) << np.uint32(8)
+            | rounded_code(blue[i]) << np.uint32(16)
+            | np.uint32(np.int32(np.float64(opacity) * 255.0 + 0.5)) << np.uint32(24)
         )
 
 
 @disjoint_helper
 def is_opaque(linear):
     """Return whether alpha is 1 in all of a row of linear colour, four numbers each."""
-    found = np.uint32(0)
+    bits = np.uint32(0)
     for i in range(linear.shape[0] >> 2):
-        found |= np.uint32(linear[np.uintp(4 * i + 3)] != np.float32(1.0))
-    return found == np.uint32(0)
+        bits |= np.uint32(linear[np.uintp(4 * i + 3)] != np.float32(1.0))
+    return bits == np.uint32(0)
 
 
 @disjoint_helper
@@ -404,17 +404,17 @@ def add_opaque_row(linear, sums):
 def add_row(linear, sums):
     """Add a row of linear colour, four numbers each, to its sums; without branches."""
     for i in range(sums.shape[0] >> 2):
-        at = np.uintp(4 * i)
-        alpha = np.float64(linear[at + np.uintp(3)])
-        red = alpha * np.float64(linear[at])
-        green = alpha * np.float64(linear[at + np.uintp(1)])
-        blue = alpha * np.float64(linear[at + np.uintp(2)])
+        n = np.uintp(4 * i)
+        alpha = np.float64(linear[n + np.uintp(3)])
+        red = alpha * np.float64(linear[n])
+        green = alpha * np.float64(linear[n + np.uintp(1)])
+        blue = alpha * np.float64(linear[n + np.uintp(2)])
         # Skip what is not visible: its colour may be infinite.
         is_seen = alpha > 0.0
-        sums[at] += red if is_seen else 0.0
-        sums[at + np.uintp(1)] += green if is_seen else 0.0
-        sums[at + np.uintp(2)] += blue if is_seen else 0.0
-        sums[at + np.uintp(3)] += alpha
+        sums[n] += red if is_seen else 0.0
+        sums[n + np.uintp(1)] += green if is_seen else 0.0
+        sums[n + np.uintp(2)] += blue if is_seen else 0.0
+        sums[n + np.uintp(3)] += alpha
 
 
 @kernel
@@ -430,16 +430,16 @@ def add_picture(linear: float32[:, :, ::1], sums: float64[:, :, ::1]):
         Changed: the sums of colour times alpha, and of alpha.
     """
     for row in range(linear.shape[0]):
-        own, total = flat(linear[row]), flat(sums[row])
-        if is_opaque(own):
-            add_opaque_row(own, total)
+        row_colors, total = flat(linear[row]), flat(sums[row])
+        if is_opaque(row_colors):
+            add_opaque_row(row_colors, total)
         else:
-            add_row(own, total)
+            add_row(row_colors, total)
 
 
 @kernel
 def write_mean(
-    sums: float64[:, :, ::1], count: int64, behind: float32[::1], linear: float32[:, :, ::1]
+    sums: float64[:, :, ::1], count: int64, background: float32[::1], linear: float32[:, :, ::1]
 ):  # fmt: skip
     """
     Write the mean of pictures.
@@ -450,7 +450,7 @@ def write_mean(
         Of `add_picture`.
     count : int
         Number of pictures.
-    behind : (4,) float32
+    background : (4,) float32
         Their background: its colour is kept where alpha is 0 in all of them.
     linear : (R, W, 4) float32
         Written: linear colour with straight alpha.
@@ -461,5 +461,5 @@ def write_mean(
             is_seen = alpha > 0.0
             for k in range(3):
                 mean = sums[row, i, k] / (alpha if is_seen else 1.0)
-                linear[row, i, k] = np.float32(mean) if is_seen else behind[k]
+                linear[row, i, k] = np.float32(mean) if is_seen else background[k]
             linear[row, i, 3] = np.float32(alpha / count)

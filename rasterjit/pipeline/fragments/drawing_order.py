@@ -13,7 +13,7 @@ from rasterjit.runtime.state_block import int32
 
 
 @kernel
-def keep_drawn(transparent: int32[:, :, :, :]):
+def drop_hidden(transparent: int32[:, :, :, :]):
     """
     Drop faces behind others that were drawn before them.
 
@@ -28,10 +28,10 @@ def keep_drawn(transparent: int32[:, :, :, :]):
             for i in range(width):
                 if transparent[sample, 0, row, i] < 0:
                     continue
-                first, kept = transparent[sample, 0, row, i], 1
+                first, count = transparent[sample, 0, row, i], 1
                 for level in range(1, levels):
                     face = transparent[sample, level, row, i]
                     transparent[sample, level, row, i] = NOTHING
                     if 0 <= face < first:
-                        transparent[sample, kept, row, i] = first = face
-                        kept += 1
+                        transparent[sample, count, row, i] = first = face
+                        count += 1

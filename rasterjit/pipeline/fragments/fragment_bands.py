@@ -22,7 +22,7 @@ from rasterjit.pipeline.visibility.alpha_test import AlphaTest
 from rasterjit.pipeline.visibility.visibility_pass import Coverage
 from rasterjit.runtime.threads import Memory, Workers
 
-FIRST_GUESS = 16
+START_CAPACITY = 16
 """Initial capacity, layers; grown where a band has more."""
 
 MAX_LAYERS = 4096
@@ -122,7 +122,7 @@ def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
     return finder._replace(geometry=geometry, alpha_tests=alpha_tests)
 
 
-def part_lists(
+def split_tile_lists(
     coverage: Coverage, viewport: Viewport, is_blended: NDArray[np.uint8], workers: Workers
 ) -> Lists:
     """Return the tiles' lists with the opaque triangles before the transparent ones."""
@@ -175,7 +175,7 @@ def find_layers(
     samples: int,
     finder: Finder,
     memory: Memory,
-    kept: int | None = None,
+    max_kept: int | None = None,
 ) -> Iterator[Band]:
     """
     Yield the layers of some rows, in parts if they have many.
@@ -189,7 +189,7 @@ def find_layers(
     finder : Finder
         Or what else has its fields.
     memory : Memory
-    kept : int, optional
+    max_kept : int, optional
         Layers of a sample that are kept, the nearest ones: there is no room for others.
 
     Raises
@@ -200,24 +200,24 @@ def find_layers(
     viewport = finder.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
-    drawer, alone = a_buffer.layer_drawer(
+    drawer, layer_scratch = a_buffer.layer_drawer(
         tile_rasterizer.tile_drawer(
             lists.parted, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
         )
     )
     deepest = np.empty(3, np.int64)
-    room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
+    capacity = 0 if len(lists.parted) == 0 else min(START_CAPACITY, max_kept or START_CAPACITY)
     while True:
-        shape = samples, room, height, width
+        shape = samples, capacity, height, width
         found = memory.empty(shape, lists.depth_type), memory.empty(shape, np.int32)
         opaque = memory.empty((samples, height, width), np.int32)
         used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
         a_buffer.find_layers(
             rows, lists.starts, lists.middles, lists.points, viewport, shifts, opaque,
-            lists.first_depth[slice(*rows)], found, used, deepest, *drawer[:3], alone,
+            lists.first_depth[slice(*rows)], found, used, deepest, *drawer[:3], layer_scratch,
         )  # fmt: skip
         needed, column, row = map(int, deepest)
-        needed = needed if kept is None else min(needed, kept)
+        needed = needed if max_kept is None else min(needed, max_kept)
         # A stored depth and a face number.
         bytes_of_one = np.dtype(lists.depth_type).itemsize + 4
         most = min(MAX_LAYERS, MAX_BYTES // (bytes_of_one * samples * width))
@@ -227,15 +227,15 @@ def find_layers(
                 f"column {column}, row {row}; at most {most} are sorted in a frame {width} wide "
                 f"with {samples} samples"
             )
-        if needed <= room:
+        if needed <= capacity:
             yield Band(rows[0], opaque, found[1][:, :needed], found[0][:, :needed])
             return
         if needed * samples * height * width * bytes_of_one > MAX_BYTES:
             middle = rows[0] + height // 2
-            yield from find_layers((rows[0], middle), lists, samples, finder, memory, kept)
-            yield from find_layers((middle, rows[1]), lists, samples, finder, memory, kept)
+            yield from find_layers((rows[0], middle), lists, samples, finder, memory, max_kept)
+            yield from find_layers((middle, rows[1]), lists, samples, finder, memory, max_kept)
             return
-        room = needed
+        capacity = needed
 
 
 def find_areas(
@@ -244,20 +244,20 @@ def find_areas(
     """Return the faces visible in each pixel, their area coverage, and that of the background."""
     viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
-    own = area_coverage.scratch_memory(int(np.diff(lists.starts).max()))
+    scratch = area_coverage.scratch_memory(int(np.diff(lists.starts).max()))
     test, rest = AlphaTest(finder.alpha_tests), memory.empty(shape, np.float32)
     deepest, count, begin = np.zeros(3, np.int64), 0, 0
     found: list[NDArray[Any]] = [np.empty((0, *shape), kind) for kind in (np.int32, np.float32)]
     while begin >= 0:
         # Make room behind what is written.
-        before, room = found, max(FIRST_GUESS, count + count // 2)
-        found = [memory.empty((room, *shape), written.dtype) for written in before]
-        for one, written in zip(found, before, strict=True):
-            one[: len(written)] = written
-        found[0][len(before[0]) :] = NOTHING
+        previous, capacity = found, max(START_CAPACITY, count + count // 2)
+        found = [memory.empty((capacity, *shape), written.dtype) for written in previous]
+        for grown, written in zip(found, previous, strict=True):
+            grown[: len(written)] = written
+        found[0][len(previous[0]) :] = NOTHING
         begin = area_coverage.find_areas(
             rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, begin, *found,
-            rest, deepest, own, test.question,
+            rest, deepest, scratch, test.query,
         )  # fmt: skip
         count, column, row = map(int, deepest)
         if count < 0 or count * shape[0] * shape[1] * BYTES_PER_SHARE > MAX_BYTES:

@@ -47,67 +47,67 @@ def rounded(numerator, denominator):
 
 
 @helper
-def over(front, behind):
+def over(front, back):
     """Return a pixel with straight alpha over another one."""
-    alpha, under = channel(front, 3), channel(behind, 3)
-    if alpha == FULL or (under == 0 and alpha > 0):
+    alpha, back_alpha = channel(front, 3), channel(back, 3)
+    if alpha == FULL or (back_alpha == 0 and alpha > 0):
         return front
     if alpha == 0:
-        return behind
-    own, through = FULL * alpha, (FULL - alpha) * under
-    total = own + through
+        return back
+    front_weight, back_weight = FULL * alpha, (FULL - alpha) * back_alpha
+    total = front_weight + back_weight
     return packed(
-        rounded(own * channel(front, 0) + through * channel(behind, 0), total),
-        rounded(own * channel(front, 1) + through * channel(behind, 1), total),
-        rounded(own * channel(front, 2) + through * channel(behind, 2), total),
+        rounded(front_weight * channel(front, 0) + back_weight * channel(back, 0), total),
+        rounded(front_weight * channel(front, 1) + back_weight * channel(back, 1), total),
+        rounded(front_weight * channel(front, 2) + back_weight * channel(back, 2), total),
         rounded(total, FULL),
     )
 
 
 @helper
-def mixed_channel(front, behind, shift, alpha):
+def blended_channel(front, back, shift, alpha):
     """Return one channel of a pixel over an opaque one, shifted into place."""
-    own = np.uint32(np.uint32(front >> shift) & np.uint32(FULL))
-    other = np.uint32(np.uint32(behind >> shift) & np.uint32(FULL))
-    through = np.uint32(np.uint32(FULL) - alpha)
+    a = np.uint32(np.uint32(front >> shift) & np.uint32(FULL))
+    b = np.uint32(np.uint32(back >> shift) & np.uint32(FULL))
+    rest = np.uint32(np.uint32(FULL) - alpha)
     # x / 255 rounded half up is (x + 128) 257 / 65536, exactly, for the sums of two products.
-    total = np.uint32(np.uint32(own * alpha) + np.uint32(other * through))
+    total = np.uint32(np.uint32(a * alpha) + np.uint32(b * rest))
     total = np.uint32(total + np.uint32(128))
     code = np.uint32(np.uint32(total + np.uint32(total >> np.uint32(8))) >> np.uint32(8))
     return np.uint32(code << shift)
 
 
 @disjoint_helper
-def lay_over_opaque(front, behind):
+def composite_opaque_row(front, back):
     """Composite a row of pixels over opaque ones, in place; branchless."""
-    for i in range(behind.shape[0]):
+    for i in range(back.shape[0]):
         alpha = np.uint32(front[i] >> np.uint32(ALPHA))
-        behind[i] = (
-            mixed_channel(front[i], behind[i], np.uint32(0), alpha)
-            | mixed_channel(front[i], behind[i], np.uint32(8), alpha)
-            | mixed_channel(front[i], behind[i], np.uint32(16), alpha)
+        back[i] = (
+            blended_channel(front[i], back[i], np.uint32(0), alpha)
+            | blended_channel(front[i], back[i], np.uint32(8), alpha)
+            | blended_channel(front[i], back[i], np.uint32(16), alpha)
             | np.uint32(0xFF000000)
         )
 
 
 @helper
-def lay_over(front, behind):
+def composite_row(front, back):
     """Composite a row of pixels over others, in place."""
-    for i in range(np.uintp(behind.shape[0])):
-        behind[i] = over(front[i], behind[i])
+    for i in range(np.uintp(back.shape[0])):
+        back[i] = over(front[i], back[i])
 
 
 @disjoint_helper
 def is_opaque(color):
     """Return whether a row of pixels is opaque."""
-    found = np.uint32(0xFFFFFFFF)
+    bits = np.uint32(0xFFFFFFFF)
     for i in range(color.shape[0]):
-        found = np.uint32(found & color[i])
-    return np.uint32(found >> np.uint32(ALPHA)) == np.uint32(FULL)
+        bits = np.uint32(bits & color[i])
+    return np.uint32(bits >> np.uint32(ALPHA)) == np.uint32(FULL)
 
 
 @kernel
-def hide_behind(stack: uint32[:, :, ::1], level: int64, behind: int32[:, :]):
+def mark_hidden(stack: uint32[:, :, ::1], level: int64, next_faces: int32[:, :]):
     """
     Mark the pixels that are hidden by a layer or by those before it.
 
@@ -118,21 +118,21 @@ def hide_behind(stack: uint32[:, :, ::1], level: int64, behind: int32[:, :]):
         becomes opaque, so that it hides what is behind in its turn; nobody sees it.
     level : int
         Number of the layer.
-    behind : (R, W) int32
+    next_faces : (R, W) int32
         Faces of the next one; -1 is written where they are hidden.
     """
-    before = max(level - 1, 0)
-    for row in range(behind.shape[0]):
-        for i in range(np.uintp(behind.shape[1])):
-            is_hidden = channel(stack[before, row, i], 3) == FULL
-            color = stack[before, row, i] if is_hidden else stack[level, row, i]
+    previous = max(level - 1, 0)
+    for row in range(next_faces.shape[0]):
+        for i in range(np.uintp(next_faces.shape[1])):
+            is_hidden = channel(stack[previous, row, i], 3) == FULL
+            color = stack[previous, row, i] if is_hidden else stack[level, row, i]
             stack[level, row, i] = color
             if channel(color, 3) == FULL:
-                behind[row, i] = NOTHING
+                next_faces[row, i] = NOTHING
 
 
 @kernel
-def lay_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
+def composite_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
     """
     Composite layers back to front.
 
@@ -149,17 +149,17 @@ def lay_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
         copy_row(stack[last, row], color[row])
         if is_opaque(color[row]):
             for level in range(last - 1, -1, -1):
-                lay_over_opaque(stack[level, row], color[row])
+                composite_opaque_row(stack[level, row], color[row])
         else:
             for level in range(last - 1, -1, -1):
-                lay_over(stack[level, row], color[row])
+                composite_row(stack[level, row], color[row])
 
 
 @helper
-def sample_code(sample, opaque, transparent, colors, behind, row, i):
+def sample_code(sample, opaque, transparent, colors, background, row, i):
     """Return the colour of a sample, as a pixel."""
     layer = opaque[sample, row, i]
-    color = colors[layer, row, i] if layer >= 0 else behind[row, i]
+    color = colors[layer, row, i] if layer >= 0 else background[row, i]
     for level in range(transparent.shape[1] - 1, -1, -1):
         layer = transparent[sample, level, row, i]
         if layer >= 0:
@@ -172,7 +172,7 @@ def mix_codes(
     opaque: int32[:, :, ::1],
     transparent: int32[:, :, :, ::1],
     colors: uint32[:, :, ::1],
-    behind: uint32[:, ::1],
+    background: uint32[:, ::1],
     color: uint32[:, ::1],
 ):
     """
@@ -185,7 +185,7 @@ def mix_codes(
         Numbers of faces, from ``compositing.list_faces``.
     colors : (J, R, W) uint32
         The pixels of these faces.
-    behind : (R, W) uint32
+    background : (R, W) uint32
         What is seen where no face is.
     color : (R, W) uint32
         Written.
@@ -193,22 +193,22 @@ def mix_codes(
     samples = np.int64(opaque.shape[0])
     for row in range(color.shape[0]):
         for i in range(np.uintp(color.shape[1])):
-            shown = sample_code(0, opaque, transparent, colors, behind, row, i)
+            code = sample_code(0, opaque, transparent, colors, background, row, i)
             if not are_alike(opaque, transparent, row, i):
                 red, green, blue, total = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
                 for sample in range(samples):
-                    shown = sample_code(sample, opaque, transparent, colors, behind, row, i)
-                    alpha = channel(shown, 3)
-                    red += alpha * channel(shown, 0)
-                    green += alpha * channel(shown, 1)
-                    blue += alpha * channel(shown, 2)
+                    code = sample_code(sample, opaque, transparent, colors, background, row, i)
+                    alpha = channel(code, 3)
+                    red += alpha * channel(code, 0)
+                    green += alpha * channel(code, 1)
+                    blue += alpha * channel(code, 2)
                     total += alpha
-                some = max(total, np.int64(1))
-                shown = packed(
-                    rounded(red, some), rounded(green, some), rounded(blue, some),
+                divisor = max(total, np.int64(1))
+                code = packed(
+                    rounded(red, divisor), rounded(green, divisor), rounded(blue, divisor),
                     rounded(total, samples),
                 )  # fmt: skip
-            color[row, i] = shown
+            color[row, i] = code
 
 
 @kernel
@@ -232,7 +232,7 @@ def add_codes(color: uint32[:, :], sums: float64[:, :, ::1]):
 
 @kernel
 def write_mean_codes(
-    sums: float64[:, :, ::1], count: int64, behind: uint32[:, ::1], color: uint32[:, :]
+    sums: float64[:, :, ::1], count: int64, background: uint32[:, ::1], color: uint32[:, :]
 ):
     """
     Write the mean of pictures, each code rounded half up.
@@ -243,7 +243,7 @@ def write_mean_codes(
         Of `add_codes`.
     count : int
         Number of pictures.
-    behind : (1, 1) uint32
+    background : (1, 1) uint32
         Their background: its colour is kept where alpha is 0 in all of them.
     color : (R, W) uint32
         Written.
@@ -252,7 +252,7 @@ def write_mean_codes(
         for i in range(np.uintp(color.shape[1])):
             total = np.int64(sums[row, i, 3])
             if total == 0:
-                color[row, i] = np.uint32(behind[0, 0] & np.uint32(0xFFFFFF))
+                color[row, i] = np.uint32(background[0, 0] & np.uint32(0xFFFFFF))
                 continue
             color[row, i] = packed(
                 rounded(np.int64(sums[row, i, 0]), total),

@@ -58,15 +58,15 @@ def scalar_product(right, down, other_right, other_down):
 
 
 @helper
-def held_to_border(outside, others, sizes):
+def clamp_to_edge(outside, others, sizes):
     """
     Return two edge functions at the point on a third edge (value ``outside``) nearest the sample.
 
     Takes dot products of the third's gradient with itself and with both others'. Inside the
     third edge the values are unchanged.
     """
-    way = min(outside, 0.0) / sizes[0]
-    return others[0] - way * sizes[1], others[1] - way * sizes[2]
+    distance = min(outside, 0.0) / sizes[0]
+    return others[0] - distance * sizes[1], others[1] - distance * sizes[2]
 
 
 @helper
@@ -85,11 +85,11 @@ def clamped_edges(edges, right, down):
     right, down : tuple of 3 whole numbers
         How edges change from pixel to pixel, in any unit.
     """
-    turn = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
+    sign = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
     e0, e1, e2 = (
-        turn * np.float64(edges[0]),
-        turn * np.float64(edges[1]),
-        turn * np.float64(edges[2]),
+        sign * np.float64(edges[0]),
+        sign * np.float64(edges[1]),
+        sign * np.float64(edges[2]),
     )
     d01 = scalar_product(right[0], down[0], right[1], down[1])
     d12 = scalar_product(right[1], down[1], right[2], down[2])
@@ -97,11 +97,11 @@ def clamped_edges(edges, right, down):
     d00 = scalar_product(right[0], down[0], right[0], down[0])
     d11 = scalar_product(right[1], down[1], right[1], down[1])
     d22 = scalar_product(right[2], down[2], right[2], down[2])
-    k1, k2 = held_to_border(e0, (e1, e2), (d00, d01, d20))
+    k1, k2 = clamp_to_edge(e0, (e1, e2), (d00, d01, d20))
     k0 = max(e0, 0.0)
-    k2, k0 = held_to_border(k1, (k2, k0), (d11, d12, d01))
+    k2, k0 = clamp_to_edge(k1, (k2, k0), (d11, d12, d01))
     k1 = max(k1, 0.0)
-    k0, k1 = held_to_border(k2, (k0, k1), (d22, d20, d12))
+    k0, k1 = clamp_to_edge(k2, (k0, k1), (d22, d20, d12))
     return max(k0, 0.0), max(k1, 0.0), max(k2, 0.0)
 
 
@@ -123,8 +123,8 @@ def weights_over_w(e0, e1, e2, total, a, b, c, w):
     edge function is 0 does not count for the smallest. Without w the weights are affine.
     """
     if w.shape[0] == 0:
-        over = 1.0 / np.float64(total)
-        return e0 * over, e1 * over, e2 * over
+        inverse = 1.0 / np.float64(total)
+        return e0 * inverse, e1 * inverse, e2 * inverse
     wa, wb, wc = w[a], w[b], w[c]
     smallest = min(wa, min(wb, wc))
     w0, w1, w2 = e0 * (smallest / wa), e1 * (smallest / wb), e2 * (smallest / wc)
@@ -152,7 +152,7 @@ def snapped_weights(a, b, c, px, py, xy, w, reach):
 
 
 @helper
-def seen_from_sample(a, b, c, column, row, clip, viewport):
+def relative_to_sample(a, b, c, column, row, clip, viewport):
     """Return x - X w and y - Y w of three vertices, (X, Y) being a pixel's centre in NDC."""
     width, height = whole_size(viewport)
     x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
@@ -167,7 +167,7 @@ def seen_from_sample(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def share_along(first, second, first_w, second_w):
+def segment_parameter(first, second, first_w, second_w):
     """
     Return the weight of the second end of a segment, in 0..1; 0 where it has no length.
 
@@ -188,7 +188,7 @@ def segment_weights(a, b, from_sample, clip, viewport):
     """
     Return the weights of the ends of a segment at the foot of the perpendicular from a sample.
 
-    Takes what `seen_from_sample` returns. The perpendicular is one in screen space, found in
+    Takes what `relative_to_sample` returns. The perpendicular is one in screen space, found in
     homogeneous coordinates, so that an end may lie behind the eye. A point, or a segment without
     length on the screen, has all weight at its first end.
     """
@@ -198,7 +198,7 @@ def segment_weights(a, b, from_sample, clip, viewport):
     y = height * (clip[b, 1] * clip[a, 3] - clip[a, 1] * clip[b, 3])
     first = width * u0 * x + height * v0 * y
     second = width * u1 * x + height * v1 * y
-    t = share_along(first, second, clip[a, 3], clip[b, 3])
+    t = segment_parameter(first, second, clip[a, 3], clip[b, 3])
     return 1.0 - t, t, 0.0
 
 
@@ -206,7 +206,7 @@ def segment_weights(a, b, from_sample, clip, viewport):
 def clipped_weights(a, b, c, column, row, clip, viewport):
     """Return the weights on a clipped face, a segment or a point, not yet normalized."""
     if b == c:
-        seen = seen_from_sample(a, b, c, column, row, clip, viewport)
+        seen = relative_to_sample(a, b, c, column, row, clip, viewport)
         return segment_weights(a, b, seen, clip, viewport)
     return clipped_face_weights(a, b, c, column, row, clip, viewport)
 
@@ -214,7 +214,7 @@ def clipped_weights(a, b, c, column, row, clip, viewport):
 @helper
 def clipped_face_weights(a, b, c, column, row, clip, viewport):
     """Return `clipped_weights` of a face, without a branch: along a row the loop vectorizes."""
-    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, clip, viewport)
+    (u0, u1, u2), (v0, v1, v2) = relative_to_sample(a, b, c, column, row, clip, viewport)
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:
         w0, w1, w2 = -w0, -w1, -w2
@@ -278,7 +278,7 @@ def find_object(face, face_starts, guess):
 
 
 @helper
-def place(x, y, z, owner, matrices):
+def transform_point(x, y, z, owner, matrices):
     """Transform a model-space point by its object's matrix."""
     m = matrices
     return (
@@ -289,14 +289,14 @@ def place(x, y, z, owner, matrices):
 
 
 @helper
-def place_vertex(vertex, owner, placement):
+def transform_vertex(vertex, owner, placement):
     """Return a vertex's position in world axes, relative to the eye."""
     p, relative_from_model = placement.positions, placement.relative_from_model
-    return place(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, relative_from_model)
+    return transform_point(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, relative_from_model)
 
 
 @helper
-def place_sample(weights, a, b, c, owner, placement):
+def sample_point(weights, a, b, c, owner, placement):
     """
     Return the point of a face with the given weights in world axes, relative to the eye.
 
@@ -307,7 +307,7 @@ def place_sample(weights, a, b, c, owner, placement):
     x = weights[1] * (p[b, 0] - p[a, 0]) + weights[2] * (p[c, 0] - p[a, 0])
     y = weights[1] * (p[b, 1] - p[a, 1]) + weights[2] * (p[c, 1] - p[a, 1])
     z = weights[1] * (p[b, 2] - p[a, 2]) + weights[2] * (p[c, 2] - p[a, 2])
-    first = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
+    first = transform_point(p[a, 0], p[a, 1], p[a, 2], owner, m)
     return (
         first[0] + (m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z),
         first[1] + (m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z),
@@ -327,7 +327,7 @@ def matrix_of(matrices, owner):
 
 
 @helper
-def way_to_viewer(point, placement):
+def view_direction(point, placement):
     """Return the unit vector from a point, relative to the eye, toward the viewer; or zero."""
     viewer = placement.toward_viewer
     x, y, z = (
@@ -351,17 +351,17 @@ def face_normal(a, b, c, owner, placement):
 
     For a segment or a point it is the direction from its first vertex to the viewer.
     """
-    pa = place_vertex(a, owner, placement)
+    pa = transform_vertex(a, owner, placement)
     if b == c:
-        return way_to_viewer(pa, placement)
-    pb = place_vertex(b, owner, placement)
-    pc = place_vertex(c, owner, placement)
+        return view_direction(pa, placement)
+    pb = transform_vertex(b, owner, placement)
+    pc = transform_vertex(c, owner, placement)
     return normal_of_points(pa, pb, pc, placement.mirrored[owner])
 
 
 @helper
-def normal_of_points(pa, pb, pc, turn):
-    """Return the unit normal of three points, times ``turn``; zero if they lie on a line."""
+def normal_of_points(pa, pb, pc, sign):
+    """Return the unit normal of three points, times ``sign``; zero if they lie on a line."""
     ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
     vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
     # Scale the sides first: products of very long or very short ones overflow or vanish.
@@ -371,12 +371,12 @@ def normal_of_points(pa, pb, pc, turn):
     vx, vy, vz = vx * shrink, vy * shrink, vz * shrink
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = np.sqrt(x * x + y * y + z * z)
-    scale = turn / length if length > 0.0 else 0.0
+    scale = sign / length if length > 0.0 else 0.0
     return scale * x, scale * y, scale * z
 
 
 @helper
-def seen_from_behind(a, b, c, owner, geometry, placement):
+def is_back_facing(a, b, c, owner, geometry, placement):
     """
     Return whether a face is back-facing.
 
@@ -384,21 +384,21 @@ def seen_from_behind(a, b, c, owner, geometry, placement):
     """
     if not (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
         xy = geometry.xy
-        turn = edge(
+        winding = edge(
             np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0]), np.int64(xy[b, 1]),
             np.int64(xy[c, 0]), np.int64(xy[c, 1]),
         )  # fmt: skip
-        return np.float64(turn) * placement.front_windings[owner] < 0.0
-    return has_its_back_turned(a, b, c, owner, placement)
+        return np.float64(winding) * placement.front_windings[owner] < 0.0
+    return is_plane_back_facing(a, b, c, owner, placement)
 
 
 @helper
-def has_its_back_turned(a, b, c, owner, placement):
+def is_plane_back_facing(a, b, c, owner, placement):
     """Return whether the eye is behind the plane of a face."""
     p, m, viewer = placement.positions, placement.relative_from_model, placement.toward_viewer
-    pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
-    pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
-    pc = place(p[c, 0], p[c, 1], p[c, 2], owner, m)
+    pa = transform_point(p[a, 0], p[a, 1], p[a, 2], owner, m)
+    pb = transform_point(p[b, 0], p[b, 1], p[b, 2], owner, m)
+    pc = transform_point(p[c, 0], p[c, 1], p[c, 2], owner, m)
     normal = normal_of_points(pa, pb, pc, placement.mirrored[owner])
     return (
         normal[0] * (viewer[0] - viewer[3] * pa[0])
@@ -435,7 +435,7 @@ def triple_at(values, vertex):
 
 @kernel
 def fill_barycentric(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, places: uint8[::1],
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, first_corners: uint8[::1],
     barycentric: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -447,7 +447,7 @@ def fill_barycentric(
     rows : (int, int)
         First row, and one past the last.
     geometry : Geometry
-    places : (F,) uint8
+    first_corners : (F,) uint8
         Index in that order of the first corner of each face.
     barycentric : (H, W, 3) float32
         Written; zero where nothing is, or a segment or a point.
@@ -464,7 +464,7 @@ def fill_barycentric(
                 continue
             weights = sample_weights(a, b, c, column, row, geometry)
             for k in range(3):
-                barycentric[row, column, (np.int64(places[face]) + k) % 3] = weights[k]
+                barycentric[row, column, (np.int64(first_corners[face]) + k) % 3] = weights[k]
 
 
 @kernel
@@ -536,7 +536,7 @@ def fill_positions(
             x = interpolate(weights, p[a, 0], p[b, 0], p[c, 0])
             y = interpolate(weights, p[a, 1], p[b, 1], p[c, 1])
             z = interpolate(weights, p[a, 2], p[b, 2], p[c, 2])
-            point = place(x, y, z, owner, world_from_model)
+            point = transform_point(x, y, z, owner, world_from_model)
             for k in range(3):
                 position[row, column, k] = point[k]
 
@@ -575,16 +575,16 @@ def fill_normals(
             a, b, c = corners_of(geometry.faces, face)
             if is_smooth[owner]:
                 weights = sample_weights(a, b, c, column, row, geometry)
-                shown = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
+                vector = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
             else:
-                shown = face_normal(a, b, c, owner, placement)
-            length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
+                vector = face_normal(a, b, c, owner, placement)
+            length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
             if b == c and not (length > 0.0 and is_smooth[owner]):
                 weights = sample_weights(a, b, c, column, row, geometry)
-                shown = way_to_viewer(place_sample(weights, a, b, c, owner, placement), placement)
-                length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
+                vector = view_direction(sample_point(weights, a, b, c, owner, placement), placement)
+                length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
             if not length > 0.0:
                 continue
-            side = -1.0 if seen_from_behind(a, b, c, owner, geometry, placement) else 1.0
+            side = -1.0 if is_back_facing(a, b, c, owner, geometry, placement) else 1.0
             for k in range(3):
-                normal[row, column, k] = side * shown[k] / length
+                normal[row, column, k] = side * vector[k] / length

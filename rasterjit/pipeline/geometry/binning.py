@@ -12,8 +12,8 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.setup import (
     TILE_BITS,
-    best_in_tile,
     box_of,
+    max_in_tile,
     tile_edges,
     triangle_of,
 )
@@ -36,13 +36,13 @@ def start_lists(counts: int32[:, ::1], starts: int64[::1], cursors: int64[:, ::1
     cursors : (chunks, tiles) int64
         Written: where each chunk's part of a list starts.
     """
-    place = np.int64(0)
+    start = np.int64(0)
     for tile in range(cursors.shape[1]):
-        starts[tile] = place
+        starts[tile] = start
         for chunk in range(cursors.shape[0]):
-            cursors[chunk, tile] = place
-            place += np.int64(counts[chunk, tile])
-    starts[cursors.shape[1]] = place
+            cursors[chunk, tile] = start
+            start += np.int64(counts[chunk, tile])
+    starts[cursors.shape[1]] = start
 
 
 @helper
@@ -74,17 +74,17 @@ def bin_triangles(
     binned : (N,) int32
         Writes the lists of all tiles, one after the other.
     """
-    own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
+    all_faces, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
     # The last tile's cursor stays in a register: triangles that follow each other lie together.
     tile, cursor = np.uintp(0), cursors[0]
     for n in range(triangles.shape[0]):
         triangle = triangles[n]
         left, top, right, bottom = box_of(boxes, np.uintp(n))
         if (left == right) & (top == bottom):
-            only = np.uintp(top * columns + left)
-            if only != tile:
+            one_tile = np.uintp(top * columns + left)
+            if one_tile != tile:
                 cursors[tile] = cursor
-                tile, cursor = only, cursors[only]
+                tile, cursor = one_tile, cursors[one_tile]
             binned[np.uintp(cursor)] = triangle
             cursor += 1
             continue
@@ -94,16 +94,16 @@ def bin_triangles(
                 for column in range(left, right + 1):
                     list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
         else:
-            corners, _ = triangle_of(own, pieces, piece_faces, np.int64(triangle))
+            corners, _ = triangle_of(all_faces, pieces, piece_faces, np.int64(triangle))
             lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport)
             steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
             for row in range(top, bottom + 1):
-                e0 = best_in_tile(lines[0], left, row)
-                e1 = best_in_tile(lines[1], left, row)
-                e2 = best_in_tile(lines[2], left, row)
-                for place in range(row * columns + left, row * columns + right + 1):
+                e0 = max_in_tile(lines[0], left, row)
+                e1 = max_in_tile(lines[1], left, row)
+                e2 = max_in_tile(lines[2], left, row)
+                for number in range(row * columns + left, row * columns + right + 1):
                     if (e0 | e1 | e2) >= 0:
-                        list_in_tile(triangle, np.uintp(place), cursors, binned)
+                        list_in_tile(triangle, np.uintp(number), cursors, binned)
                     e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
         cursor = cursors[tile]
     cursors[tile] = cursor

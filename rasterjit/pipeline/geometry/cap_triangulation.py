@@ -22,7 +22,7 @@ from rasterjit.runtime.state_block import int64
 
 
 @helper
-def turn(points, a, b, c):
+def signed_area(points, a, b, c):
     """Return twice the area of a triangle, above 0 if it is counter-clockwise."""
     x, y = points[a, 0], points[a, 1]
     return (points[b, 0] - x) * (points[c, 1] - y) - (points[b, 1] - y) * (points[c, 0] - x)
@@ -30,7 +30,7 @@ def turn(points, a, b, c):
 
 @kernel
 def find_contacts(
-    points: int64[:, ::1], edges: int64[:, ::1], active: int64[::1], found: int64[:, ::1]
+    points: int64[:, ::1], edges: int64[:, ::1], active: int64[::1], contacts: int64[:, ::1]
 ):
     """
     Find where edges meet, to within a grid step, other than at an end of both.
@@ -41,7 +41,7 @@ def find_contacts(
     edges : (E, 3) int64
         The lower point, the upper one, and a winding; ascending by lower point.
     active : (E,) int64, scratch
-    found : (C, 3) int64
+    contacts : (C, 3) int64
         Writes as many as fit: an edge, a point in it, -1; or an edge, another, 1 where both cross.
 
     Returns
@@ -51,21 +51,21 @@ def find_contacts(
     """
     count = 0
     alive = 0
-    for one in range(edges.shape[0]):
-        a, b = edges[one, 0], edges[one, 1]
+    for edge_a in range(edges.shape[0]):
+        a, b = edges[edge_a, 0], edges[edge_a, 1]
         left, right = min(points[a, 0], points[b, 0]), max(points[a, 0], points[b, 0])
-        kept = 0
+        still_active = 0
         for k in range(alive):
             other = active[k]
             c, d = edges[other, 0], edges[other, 1]
             if d <= a:
                 continue
-            active[kept] = other
-            kept += 1
+            active[still_active] = other
+            still_active += 1
             if min(points[c, 0], points[d, 0]) > right or max(points[c, 0], points[d, 0]) < left:
                 continue
-            at_a, at_b = turn(points, c, d, a), turn(points, c, d, b)
-            at_c, at_d = turn(points, a, b, c), turn(points, a, b, d)
+            at_a, at_b = signed_area(points, c, d, a), signed_area(points, c, d, b)
+            at_c, at_d = signed_area(points, a, b, c), signed_area(points, a, b, d)
             # Ascending numbers are ascending places, so a point on the line of an edge is within it
             # if its number is. One within a step of the grid counts, too: edges that nearly lie in
             # one line, split where they cross alone, would make new crossings for ever.
@@ -74,28 +74,28 @@ def find_contacts(
                 if end == 1:
                     point, beside = b, at_b
                 elif end == 2:
-                    edge, point, beside = one, c, at_c
+                    edge, point, beside = edge_a, c, at_c
                 elif end == 3:
-                    edge, point, beside = one, d, at_d
+                    edge, point, beside = edge_a, d, at_d
                 low, high = edges[edge, 0], edges[edge, 1]
                 x, start, stop = points[point, 0], points[low, 0], points[high, 0]
                 length = max(abs(stop - start), points[high, 1] - points[low, 1])
                 is_near = abs(beside) <= length and min(start, stop) <= x and x <= max(start, stop)
                 if is_near and low < point and point < high:
-                    if count < found.shape[0]:
-                        found[count, 0] = edge
-                        found[count, 1] = point
-                        found[count, 2] = -1
+                    if count < contacts.shape[0]:
+                        contacts[count, 0] = edge
+                        contacts[count, 1] = point
+                        contacts[count, 2] = -1
                     count += 1
             is_beside = at_a != 0 and at_b != 0 and at_c != 0 and at_d != 0
             if is_beside and (at_a > 0) != (at_b > 0) and (at_c > 0) != (at_d > 0):
-                if count < found.shape[0]:
-                    found[count, 0] = one
-                    found[count, 1] = other
-                    found[count, 2] = 1
+                if count < contacts.shape[0]:
+                    contacts[count, 0] = edge_a
+                    contacts[count, 1] = other
+                    contacts[count, 2] = 1
                 count += 1
-        active[kept] = one
-        alive = kept + 1
+        active[still_active] = edge_a
+        alive = still_active + 1
     return count
 
 
@@ -130,7 +130,7 @@ def append_point(edge, point, side, points, strips, nodes, counts, triangles):
         if side == 1:
             a, b = b, a
         # Counter-clockwise: point, end, beyond on the left; beyond, end, point on the right.
-        area = turn(points, point, a, b)
+        area = signed_area(points, point, a, b)
         if area < 0:
             break
         write_triangle(point, a, b, strips[3, edge], counts, triangles)
@@ -192,7 +192,7 @@ def fill_outlines(
         while low < high:
             middle = (low + high) // 2
             edge = active[middle]
-            if turn(points, edges[edge, 0], edges[edge, 1], point) < 0:
+            if signed_area(points, edges[edge, 0], edges[edge, 1], point) < 0:
                 low = middle + 1
             else:
                 high = middle
@@ -208,7 +208,7 @@ def fill_outlines(
             continue
         if stop < alive:
             edge = active[stop]
-            if turn(points, edges[edge, 0], edges[edge, 1], point) <= 0:
+            if signed_area(points, edges[edge, 0], edges[edge, 1], point) <= 0:
                 return -1
         # Find the winding numbers at both sides.
         left = active[low - 1] if low > 0 else -1
@@ -224,7 +224,7 @@ def fill_outlines(
                 while nodes[2, node] >= 0:
                     behind = nodes[2, node]
                     a, b = nodes[0, node], nodes[0, behind]
-                    if turn(points, a, b, point) >= 0:
+                    if signed_area(points, a, b, point) >= 0:
                         write_triangle(a, b, point, strips[3, edge], counts, triangles)
                     node = behind
         # Join the point to the strips beside it, or split the strip that it lies in.
@@ -249,7 +249,7 @@ def fill_outlines(
             place = low + n
             while place > low:
                 before = active[place - 1]
-                if turn(points, point, edges[before, 1], edges[edge, 1]) <= 0:
+                if signed_area(points, point, edges[before, 1], edges[edge, 1]) <= 0:
                     break
                 active[place] = before
                 place -= 1

@@ -19,7 +19,7 @@ BLOCK = 256
 DEPTH = 4
 """Row of depths; the rows before it are the sides of the frustum, in an order around it."""
 
-MIN, MAX, BEFORE, BEHIND = 0, 1, 2, 3
+MIN, MAX, BEFORE_NEAR, BEYOND_FAR = 0, 1, 2, 3
 """Results: least and greatest visible depth; how many faces reach before the near plane, and beyond
 the far one."""
 
@@ -28,41 +28,41 @@ SURE = 2.0**-30
 
 
 @helper
-def along(rows, row, point):
+def row_product(rows, row, point):
     """Return the product of a matrix row and a point."""
     x, y, z = rows[row, 0] * point[0], rows[row, 1] * point[1], rows[row, 2] * point[2]
     return x + y + z + rows[row, 3]
 
 
 @helper
-def is_seen(values, doubts, at):
+def is_visible(values, tolerances, w):
     """Tell whether the point of a face with the given weights is inside all frustum sides."""
     for side in range(DEPTH):
-        value = at[0] * values[side, 0] + at[1] * values[side, 1] + at[2] * values[side, 2]
-        if not value >= -doubts[side]:
+        value = w[0] * values[side, 0] + w[1] * values[side, 1] + w[2] * values[side, 2]
+        if not value >= -tolerances[side]:
             return False
     return True
 
 
 @helper
-def reach(values, doubts, at, ends):
+def extend_range(values, tolerances, w, ends):
     """Extend the depth range by the point of a face with three given weights, if it is visible."""
-    if is_seen(values, doubts, at):
-        depth = at[0] * values[DEPTH, 0] + at[1] * values[DEPTH, 1] + at[2] * values[DEPTH, 2]
+    if is_visible(values, tolerances, w):
+        depth = w[0] * values[DEPTH, 0] + w[1] * values[DEPTH, 1] + w[2] * values[DEPTH, 2]
         ends[0] = min(ends[0], depth)
         ends[1] = max(ends[1], depth)
 
 
 @helper
-def may_be_seen(values, doubts, corners):
+def may_be_seen(values, tolerances, corners):
     """Tell whether a face is neither outside the frustum nor edge-on; write error bounds."""
     all_terms = 0.0
     for side in range(DEPTH):
         a, b, c = values[side, 0], values[side, 1], values[side, 2]
         if not (a >= 0.0 or b >= 0.0 or c >= 0.0):
             return False
-        doubts[side] = SURE * (abs(a) + abs(b) + abs(c))
-        all_terms += doubts[side]
+        tolerances[side] = SURE * (abs(a) + abs(b) + abs(c))
+        all_terms += tolerances[side]
     if corners < 3:
         return all_terms < np.inf
     volume, terms = 0.0, 0.0
@@ -92,34 +92,34 @@ def may_skip(rows, vertices, vertex, near, far):
 
 
 @helper
-def find_ends(values, doubts, at, ends):
+def find_face_range(values, tolerances, w, ends):
     """Write the range of visible depths of a face: inf and -inf if none is."""
     ends[0], ends[1] = np.inf, -np.inf
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         # Vertices.
-        at[i], at[j], at[k] = 1.0, 0.0, 0.0
-        reach(values, doubts, at, ends)
+        w[i], w[j], w[k] = 1.0, 0.0, 0.0
+        extend_range(values, tolerances, w, ends)
         # Edges crossing sides of the frustum.
         for side in range(DEPTH):
             here, there = values[side, i], values[side, j]
             if (here < 0.0) != (there < 0.0):
-                share = here / (here - there)
-                at[i], at[j] = 1.0 - share, share
-                reach(values, doubts, at, ends)
+                t = here / (here - there)
+                w[i], w[j] = 1.0 - t, t
+                extend_range(values, tolerances, w, ends)
     # Edges of the frustum piercing the face.
-    for one in range(DEPTH):
-        other = (one + 1) % DEPTH
+    for p in range(DEPTH):
+        q = (p + 1) % DEPTH
         total = 0.0
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
-            at[i] = values[one, j] * values[other, k] - values[one, k] * values[other, j]
-            total += at[i]
+            w[i] = values[p, j] * values[q, k] - values[p, k] * values[q, j]
+            total += w[i]
         if total != 0.0:
             for i in range(3):
-                at[i] /= total
-            if at[0] >= 0.0 and at[1] >= 0.0 and at[2] >= 0.0:
-                reach(values, doubts, at, ends)
+                w[i] /= total
+            if w[0] >= 0.0 and w[1] >= 0.0 and w[2] >= 0.0:
+                extend_range(values, tolerances, w, ends)
 
 
 @kernel
@@ -148,9 +148,9 @@ def box_faces(
 
 
 @kernel
-def find_seen_depths(
+def find_visible_depths(
     vertices: float64[:, ::1], faces: int32[:, ::1], blocks: int64[::1], rows: float64[:, ::1],
-    planes: (float64, float64), corners: int64, found: float64[::1], scratch: float64[:, ::1],
+    planes: (float64, float64), corners: int64, result: float64[::1], scratch: float64[:, ::1],
 ):  # fmt: skip
     """
     Find the visible depth range of the faces that reach before a near or beyond a far plane.
@@ -168,12 +168,12 @@ def find_seen_depths(
         Depths of the near and the far plane.
     corners : int
         How many a face has: 3, of segments 2, of points 1. Then face ``n`` is vertex ``n``.
-    found : (4,) float64
+    result : (4,) float64
         Changed by these faces: see ``MIN`` and those after it.
     scratch : (8, 4) float64
         This call's own.
     """
-    values, doubts, at, ends = scratch[:5], scratch[5], scratch[6], scratch[7]
+    values, tolerances, w, ends = scratch[:5], scratch[5], scratch[6], scratch[7]
     near, far = planes
     for n in range(blocks.shape[0]):
         block = blocks[n]
@@ -182,24 +182,24 @@ def find_seen_depths(
                 continue
             a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
             first, second, third = (
-                along(rows, DEPTH, a),
-                along(rows, DEPTH, b),
-                along(rows, DEPTH, c),
+                row_product(rows, DEPTH, a),
+                row_product(rows, DEPTH, b),
+                row_product(rows, DEPTH, c),
             )
             low, high = min(first, second, third), max(first, second, third)
             if not high > 0.0 or not (low < near or high > far):
                 continue
             for row in range(DEPTH + 1):
-                values[row, 0] = along(rows, row, a)
-                values[row, 1] = along(rows, row, b)
-                values[row, 2] = along(rows, row, c)
-            if not may_be_seen(values, doubts, corners):
+                values[row, 0] = row_product(rows, row, a)
+                values[row, 1] = row_product(rows, row, b)
+                values[row, 2] = row_product(rows, row, c)
+            if not may_be_seen(values, tolerances, corners):
                 continue
-            find_ends(values, doubts, at, ends)
+            find_face_range(values, tolerances, w, ends)
             least, most = ends[0], ends[1]
             if most > 0.0:
                 least = max(least, 0.0)
-                found[MIN] = min(found[MIN], least)
-                found[MAX] = max(found[MAX], most)
-                found[BEFORE] += 1.0 if least < near else 0.0
-                found[BEHIND] += 1.0 if most > far else 0.0
+                result[MIN] = min(result[MIN], least)
+                result[MAX] = max(result[MAX], most)
+                result[BEFORE_NEAR] += 1.0 if least < near else 0.0
+                result[BEYOND_FAR] += 1.0 if most > far else 0.0

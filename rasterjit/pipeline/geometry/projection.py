@@ -24,7 +24,7 @@ from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, real
 
-MAX_SINGLE = 1e18
+MAX_FLOAT32 = 1e18
 """`MAX_COORDINATE` of float32: products of two stay finite there."""
 
 BLOCK = 256
@@ -42,7 +42,7 @@ SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
 def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the scratch memory of this file's kernels, for float64 or float32 arithmetic."""
     kind = np.dtype(precision)
-    largest = setup.MAX_COORDINATE if kind == np.float64 else MAX_SINGLE
+    largest = setup.MAX_COORDINATE if kind == np.float64 else MAX_FLOAT32
     return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
 
 
@@ -106,7 +106,7 @@ def row_times(m0, m1, m2, m3, x, y, z):
 
 
 @helper
-def only_moves(matrix):
+def is_translation(matrix):
     """Return whether a matrix is a pure translation."""
     return (
         (matrix[0, 0] == 1.0) & (matrix[0, 1] == 0.0) & (matrix[0, 2] == 0.0)
@@ -116,7 +116,7 @@ def only_moves(matrix):
 
 
 @disjoint_helper
-def load_moved(positions, matrix, x, y, z):
+def load_translated(positions, matrix, x, y, z):
     """Load positions relative to the eye, translated only: no products by 0 and 1."""
     m03, m13, m23 = matrix[0, 3], matrix[1, 3], matrix[2, 3]
     for i in range(x.shape[0]):
@@ -139,7 +139,7 @@ def load_transformed(positions, matrix, x, y, z):
 
 
 @helper
-def load_relative(positions, first, stop, objects, owner, numbers):
+def load_relative(positions, first, stop, objects, owner, floats):
     """Load a block of positions, each object by its own matrix; return the last one's owner."""
     vertex_starts, relative_from_model = objects
     start = first
@@ -148,12 +148,12 @@ def load_relative(positions, first, stop, objects, owner, numbers):
             owner += 1
         end = min(stop, vertex_starts[np.uintp(owner + 1)])
         matrix = relative_from_model[np.uintp(owner)]
-        some, i, j = positions[start:end], start - first, end - first
-        x, y, z = three_parts(numbers, X, i, j)
-        if only_moves(matrix):
-            load_moved(some, matrix, x, y, z)
+        rows, i, j = positions[start:end], start - first, end - first
+        x, y, z = three_parts(floats, X, i, j)
+        if is_translation(matrix):
+            load_translated(rows, matrix, x, y, z)
         else:
-            load_transformed(some, matrix, x, y, z)
+            load_transformed(rows, matrix, x, y, z)
         start = end
     return owner
 
@@ -197,40 +197,38 @@ def project_rows(
 
 
 @helper
-def put_rows(first, count, numbers, whole, screen):
+def store_rows(first, count, floats, ints, screen):
     """Store a block of vertices; return the bits set in any outcode."""
-    seen = np.int32(0)
+    all_codes = np.int32(0)
     for i in range(count):
         row, vertex = np.uintp(i), np.uintp(first + i)
-        code = whole[CODE, row]
-        seen |= code
-        screen.xy[vertex, 0] = whole[SNAPPED_X, row]
-        screen.xy[vertex, 1] = whole[SNAPPED_Y, row]
-        screen.depth[vertex] = numbers[DEPTH, row]
-        screen.w[vertex] = numbers[W, row]
+        code = ints[CODE, row]
+        all_codes |= code
+        screen.xy[vertex, 0] = ints[SNAPPED_X, row]
+        screen.xy[vertex, 1] = ints[SNAPPED_Y, row]
+        screen.depth[vertex] = floats[DEPTH, row]
+        screen.w[vertex] = floats[W, row]
         screen.codes[vertex] = np.uint8(code)
-    return seen
+    return all_codes
 
 
 @helper
 def project_block(first, count, depth_coefficients, viewport, screen, scratch):
     """Take a block from clip space to the screen; return the bits set in any outcode."""
-    numbers, whole, largest = scratch
+    floats, ints, largest = scratch
     project_rows(
-        depth_coefficients, viewport, largest[0], *three_parts(numbers, X, 0, count),
-        part(numbers, W, 0, count), part(numbers, DEPTH, 0, count),
-        *three_parts(whole, SNAPPED_X, 0, count),
+        depth_coefficients, viewport, largest[0], *three_parts(floats, X, 0, count),
+        part(floats, W, 0, count), part(floats, DEPTH, 0, count),
+        *three_parts(ints, SNAPPED_X, 0, count),
     )  # fmt: skip
-    return put_rows(first, count, numbers, whole, screen)
+    return store_rows(first, count, floats, ints, screen)
 
 
 @helper
-def transform_block(first, count, positions, objects, owner, clip_from_relative, numbers):
+def transform_block(first, count, positions, objects, owner, clip_from_relative, floats):
     """Take a block from model space to clip space; return the owner of its last vertex."""
-    owner = load_relative(positions, first, first + count, objects, owner, numbers)
-    transform_rows(
-        clip_from_relative, *three_parts(numbers, X, 0, count), part(numbers, W, 0, count)
-    )
+    owner = load_relative(positions, first, first + count, objects, owner, floats)
+    transform_rows(clip_from_relative, *three_parts(floats, X, 0, count), part(floats, W, 0, count))
     return owner
 
 
@@ -266,15 +264,15 @@ def transform_vertices(
     int
         The bits set in any of the outcodes.
     """
-    seen = np.int32(0)
+    all_codes = np.int32(0)
     owner = setup.last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
         owner = transform_block(
             first, count, positions, objects, owner, clip_from_relative, scratch[0]
         )
-        seen |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
-    return seen
+        all_codes |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
+    return all_codes
 
 
 @kernel
@@ -293,17 +291,15 @@ def transform_positions(
     clip_positions : (V, 4) float64, clip space
         Writes the rows of these vertices.
     """
-    numbers = scratch[0]
+    floats = scratch[0]
     owner = setup.last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
-        owner = transform_block(
-            first, count, positions, objects, owner, clip_from_relative, numbers
-        )
+        owner = transform_block(first, count, positions, objects, owner, clip_from_relative, floats)
         for i in range(count):
             row, vertex = np.uintp(i), np.uintp(first + i)
             for k in range(W + 1):
-                clip_positions[vertex, np.uintp(k)] = numbers[X + k, row]
+                clip_positions[vertex, np.uintp(k)] = floats[X + k, row]
 
 
 @kernel
@@ -332,16 +328,16 @@ def project_vertices(
     int
         The bits set in any of the outcodes.
     """
-    numbers = scratch[0]
-    seen = np.int32(0)
+    floats = scratch[0]
+    all_codes = np.int32(0)
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
         for i in range(count):
             row, vertex = np.uintp(i), np.uintp(first + i)
-            numbers[X, row], numbers[Y, row] = clip_positions[vertex, 0], clip_positions[vertex, 1]
-            numbers[Z, row], numbers[W, row] = clip_positions[vertex, 2], clip_positions[vertex, 3]
-        seen |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
-    return seen
+            floats[X, row], floats[Y, row] = clip_positions[vertex, 0], clip_positions[vertex, 1]
+            floats[Z, row], floats[W, row] = clip_positions[vertex, 2], clip_positions[vertex, 3]
+        all_codes |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
+    return all_codes
 
 
 @helper

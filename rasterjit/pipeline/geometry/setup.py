@@ -171,13 +171,13 @@ LEFT_OF_ALL = np.uint32(1 << 30)
 
 
 @helper
-def way_to_samples(grid_bits, reach):
+def sample_margin(grid_bits, reach):
     """Return the least distance of a sample from the sides of its pixel, sub-pixel units."""
     return (1 << (grid_bits - 1)) - reach
 
 
 @helper
-def rise_to_samples(across, down, grid_bits, reach):
+def sample_rise(across, down, grid_bits, reach):
     """Return how far an edge function at a pixel's samples may exceed that at its centre."""
     if reach == 0:
         return np.int64(0)
@@ -188,14 +188,14 @@ def rise_to_samples(across, down, grid_bits, reach):
 def pixel_of(coordinate, grid_bits):
     """Return a coordinate in whole pixels, rounded down, int32."""
     # Numba widens int32 to int64 before it shifts, and half as many go into a register.
-    place = np.uint32(np.uint32(coordinate) + LEFT_OF_ALL)
-    return np.int32(np.uint32(place >> grid_bits)) - np.int32(np.uint32(LEFT_OF_ALL >> grid_bits))
+    x = np.uint32(np.uint32(coordinate) + LEFT_OF_ALL)
+    return np.int32(np.uint32(x >> grid_bits)) - np.int32(np.uint32(LEFT_OF_ALL >> grid_bits))
 
 
 @helper
 def samples_between(a, b, c, grid_bits, reach):
     """Return the first and last pixel with a sample in the range of three coordinates, int32."""
-    half = np.int32(way_to_samples(grid_bits, reach))
+    half = np.int32(sample_margin(grid_bits, reach))
     first = pixel_of(np.int32(min(a, min(b, c)) + np.int32(half - 1)), grid_bits)
     last = pixel_of(np.int32(max(a, max(b, c)) - half), grid_bits)
     return np.int32(first), np.int32(last)
@@ -252,16 +252,16 @@ def misses_samples(a, b, c, first, beyond, grid_bits):
 
 
 @helper
-def turn_of(a, b, c):
+def winding_of(a, b, c):
     """Return the winding of a triangle: 1 clockwise on screen, -1 counter-clockwise, 0 no area."""
     area = narrow_edge(a[0], a[1], b[0], b[1], c[0], c[1])
     return np.int32(np.int32(area > 0) - np.int32(area < 0))
 
 
 @helper
-def survey_triangle(a, b, c, turn, viewport, culled_turn):
+def classify_triangle(a, b, c, winding, viewport, culled_winding):
     """
-    Return the outcome of a triangle, which may be culled, and its tile box; takes its `turn_of`.
+    Return the outcome of a triangle, which may be culled, and its tile box; takes its `winding_of`.
 
     All of it is int32 and branchless, so that it vectorizes: outcomes of faces are hard to predict.
     """
@@ -271,9 +271,9 @@ def survey_triangle(a, b, c, turn, viewport, culled_turn):
     first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.reach)
     left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
     top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
-    turned = turn < 0
-    second = c[0] if turned else b[0], c[1] if turned else b[1]
-    third = b[0] if turned else c[0], b[1] if turned else c[1]
+    is_flipped = winding < 0
+    second = c[0] if is_flipped else b[0], c[1] if is_flipped else b[1]
+    third = b[0] if is_flipped else c[0], b[1] if is_flipped else c[1]
     beyond = np.int32(-np.int32(left == right)), np.int32(-np.int32(top == bottom))
     # Known only for samples at pixel centres.
     is_missed = misses_samples(a, second, third, (left, top), beyond, bits) & (viewport.reach == 0)
@@ -290,9 +290,9 @@ def survey_triangle(a, b, c, turn, viewport, culled_turn):
     outcome = np.int32(SURVIVES) if is_alone else np.int32(SPREADS)
     is_between = (left > right) | (top > bottom) | (is_tiny & is_missed)
     outcome = np.int32(UNSAMPLED) if is_between else outcome
-    is_culled = ((turn > 0) & (culled_turn > 0)) | ((turn < 0) & (culled_turn < 0))
+    is_culled = ((winding > 0) & (culled_winding > 0)) | ((winding < 0) & (culled_winding < 0))
     outcome = np.int32(CULLED) if is_culled else outcome
-    outcome = np.int32(DEGENERATE) if turn == 0 else outcome
+    outcome = np.int32(DEGENERATE) if winding == 0 else outcome
     return outcome, box
 
 
@@ -317,14 +317,14 @@ def tile_edges(v0, v1, v2, xy, viewport):
     if edge(ax, ay, bx, by, cx, cy) < 0:
         bx, by, cx, cy = cx, cy, bx, by
     zero = np.int64(0)
-    e0 = sign_at(bx, by, cx, cy, zero, zero, bits) + rise_to_samples(by - cy, cx - bx, bits, reach)
-    e1 = sign_at(cx, cy, ax, ay, zero, zero, bits) + rise_to_samples(cy - ay, ax - cx, bits, reach)
-    e2 = sign_at(ax, ay, bx, by, zero, zero, bits) + rise_to_samples(ay - by, bx - ax, bits, reach)
+    e0 = sign_at(bx, by, cx, cy, zero, zero, bits) + sample_rise(by - cy, cx - bx, bits, reach)
+    e1 = sign_at(cx, cy, ax, ay, zero, zero, bits) + sample_rise(cy - ay, ax - cx, bits, reach)
+    e2 = sign_at(ax, ay, bx, by, zero, zero, bits) + sample_rise(ay - by, bx - ax, bits, reach)
     return (e0, by - cy, cx - bx), (e1, cy - ay, ax - cx), (e2, ay - by, bx - ax)
 
 
 @helper
-def best_in_tile(line, column, row):
+def max_in_tile(line, column, row):
     """Return the greatest value of an edge in a tile: below zero, the triangle misses the tile."""
     value, across, down = line
     reach = np.int64(TILE_SIZE - 1)
@@ -340,17 +340,17 @@ def count_tiles(v0, v1, v2, xy, viewport, box, columns, tile_counts):
     """Add one triangle to the count of every tile it reaches, and to the last if it is large."""
     if (box[0] == box[2]) | (box[1] == box[3]):
         for row in range(box[1], box[3] + 1):
-            for place in range(row * columns + box[0], row * columns + box[2] + 1):
-                tile_counts[np.uintp(place)] += 1
+            for tile in range(row * columns + box[0], row * columns + box[2] + 1):
+                tile_counts[np.uintp(tile)] += 1
     else:
         lines = tile_edges(v0, v1, v2, xy, viewport)
         steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
         for row in range(box[1], box[3] + 1):
-            e0 = best_in_tile(lines[0], box[0], row)
-            e1 = best_in_tile(lines[1], box[0], row)
-            e2 = best_in_tile(lines[2], box[0], row)
-            for place in range(row * columns + box[0], row * columns + box[2] + 1):
-                tile_counts[np.uintp(place)] += np.int32((e0 | e1 | e2) >= 0)
+            e0 = max_in_tile(lines[0], box[0], row)
+            e1 = max_in_tile(lines[1], box[0], row)
+            e2 = max_in_tile(lines[2], box[0], row)
+            for tile in range(row * columns + box[0], row * columns + box[2] + 1):
+                tile_counts[np.uintp(tile)] += np.int32((e0 | e1 | e2) >= 0)
                 e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
     if is_large(box):
         tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
@@ -394,38 +394,38 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
 
 
 @helper
-def gather_corners(own, first, count, xy, batch):
+def gather_corners(all_faces, first, count, xy, batch):
     """Gather the corners of consecutive faces."""
     va, vb, vc = three_parts(batch, 0, 0, 2 * count)
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
-        a, b, c = corners_of(own, face)
+        a, b, c = corners_of(all_faces, face)
         copy_pair(xy, a, va, i)
         copy_pair(xy, b, vb, i)
         copy_pair(xy, c, vc, i)
 
 
 @helper
-def gather_codes(own, first, count, codes, batch):
+def gather_codes(all_faces, first, count, codes, batch):
     """Gather the outcodes of consecutive faces: OR of the corners plus 256 times their AND."""
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
-        a, b, c = corners_of(own, face)
+        a, b, c = corners_of(all_faces, face)
         code0, code1, code2 = np.int32(codes[a]), np.int32(codes[b]), np.int32(codes[c])
         batch[3, i] = (code0 | code1 | code2) | (code0 & code1 & code2) << 8
 
 
 @disjoint_helper
-def find_turns(a, b, c, turns):
+def find_windings(a, b, c, windings):
     """Find the winding of each face of a batch; a pass of its own, since only it needs 64 bits."""
-    for n in range(turns.shape[0]):
+    for n in range(windings.shape[0]):
         i, j = np.uintp(n), np.uintp(2 * n)
         k = j + np.uintp(1)
-        turns[i] = turn_of((a[j], a[k]), (b[j], b[k]), (c[j], c[k]))
+        windings[i] = winding_of((a[j], a[k]), (b[j], b[k]), (c[j], c[k]))
 
 
 @disjoint_helper
-def survey_faces(a, b, c, codes, viewport, culled_turn, outcomes, boxes):
+def classify_faces(a, b, c, codes, viewport, culled_winding, outcomes, boxes):
     """
     Cull the faces of a batch; return the totals of those dropped, by reason.
 
@@ -435,8 +435,8 @@ def survey_faces(a, b, c, codes, viewport, culled_turn, outcomes, boxes):
     for n in range(outcomes.shape[0]):
         i, j = np.uintp(n), np.uintp(2 * n)
         k = j + np.uintp(1)
-        outcome, box = survey_triangle(
-            (a[j], a[k]), (b[j], b[k]), (c[j], c[k]), outcomes[i], viewport, culled_turn
+        outcome, box = classify_triangle(
+            (a[j], a[k]), (b[j], b[k]), (c[j], c[k]), outcomes[i], viewport, culled_winding
         )
         code = codes[i]
         outcome = np.int32(CUT) if np.int32(code & CLIPPED) != 0 else outcome
@@ -465,13 +465,13 @@ def unpack_box(box):
 
 
 @helper
-def set_up_pieces(face, piece_range, piece, faces, screen, viewport, turn, end, survivors, counts):
+def set_up_pieces(face, piece_range, piece, faces, screen, viewport, cull, end, survivors, counts):
     """List the pieces of a face; return the next piece, the end of the list, the last outcome."""
     outcome, xy = OUTSIDE, screen.xy
     while piece < piece_range[1] and faces.piece_faces[piece] == face:
         a, b, c = corners_of(faces.pieces, np.uintp(piece))
         p, q, r = (xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1])
-        outcome, box = survey_triangle(p, q, r, turn_of(p, q, r), viewport, turn)
+        outcome, box = classify_triangle(p, q, r, winding_of(p, q, r), viewport, cull)
         number, box = faces.faces.shape[0] + piece, unpack_box(pack_box(box))
         end = list_triangle(
             number, (a, b, c), np.int32(outcome), box, end, survivors, screen, viewport, counts
@@ -516,7 +516,7 @@ def set_up_triangles(
     """
     columns, tile_counts, totals = counts
     listing = columns, tile_counts
-    own = faces.faces
+    all_faces = faces.faces
     end = face_range[0] + piece_range[0]
     piece = piece_range[0]
     first = face_range[0]
@@ -526,15 +526,15 @@ def set_up_triangles(
     while first < face_range[1]:
         while first >= objects.face_starts[owner + 1]:
             owner += 1
-        turn = objects.culled_windings[owner]
+        cull = objects.culled_windings[owner]
         stop = min(first + BATCH_SIZE, min(face_range[1], objects.face_starts[owner + 1]))
         count = stop - first
-        gather_corners(own, first, count, screen.xy, batch)
+        gather_corners(all_faces, first, count, screen.xy, batch)
         if seen != 0:
-            gather_codes(own, first, count, screen.codes, batch)
-        find_turns(*three_parts(batch, 0, 0, 2 * count), part(batch, 4, 0, count))
-        tally = survey_faces(
-            *three_parts(batch, 0, 0, 2 * count), part(batch, 3, 0, count), viewport, turn,
+            gather_codes(all_faces, first, count, screen.codes, batch)
+        find_windings(*three_parts(batch, 0, 0, 2 * count), part(batch, 4, 0, count))
+        tally = classify_faces(
+            *three_parts(batch, 0, 0, 2 * count), part(batch, 3, 0, count), viewport, cull,
             part(batch, 4, 0, count), part(batch, 5, 0, count),
         )  # fmt: skip
         for outcome in range(SURVIVES):
@@ -551,7 +551,7 @@ def set_up_triangles(
                 end += np.int64(survives)
             elif outcome == SPREADS:
                 end = list_triangle(
-                    face, corners_of(own, np.uintp(face)), outcome, unpack_box(box), end,
+                    face, corners_of(all_faces, np.uintp(face)), outcome, unpack_box(box), end,
                     survivors, screen, viewport, listing,
                 )  # fmt: skip
             elif outcome == DROPPED:
@@ -559,7 +559,7 @@ def set_up_triangles(
             else:
                 start = end
                 piece, end, outcome = set_up_pieces(
-                    face, piece_range, piece, faces, screen, viewport, turn, end, survivors, listing
+                    face, piece_range, piece, faces, screen, viewport, cull, end, survivors, listing
                 )
                 if end == start:
                     totals[outcome] += 1

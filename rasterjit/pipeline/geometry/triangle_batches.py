@@ -42,7 +42,7 @@ FEW_ROWS = 16
 
 ROWS = 15
 """First of three more integer rows, scratch of `cut_rows`."""
-WHOLE_ROWS = 18
+INT_ROWS = 18
 
 DEPTH, EDGE, ACROSS, DOWN, WEIGHT, RANGE = 0, 3, 6, 9, 12, 14
 """
@@ -51,7 +51,7 @@ Float rows.
 Three depths; for three edges the value at the corner of the box, exact for small triangles, and
 the steps to the next column and row; two weights of the depth; the lowest and the highest depth.
 """
-REAL_ROWS = 16
+FLOAT_ROWS = 16
 
 EDGE_ROUNDINGS = 64.0
 """
@@ -63,17 +63,17 @@ There are five roundings, of numbers below 2**56, each off by 4 at most.
 MIN_SIDE = -(2.0**31)
 """Lowest int32."""
 
-ROOM = BATCH + 8
+STRIDE = BATCH + 8
 """Columns of those rows, padded: with a power of two, rows would collide in few cache sets."""
 
-PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROOM, RIGHT * ROOM, WIDE * ROOM
+PAIRS_A, PAIRS_B, PAIRS_C = LEFT * STRIDE, RIGHT * STRIDE, WIDE * STRIDE
 """
 Flat offsets of the interleaved x and y of each vertex, before vertices are sorted.
 
 Each takes two rows that are not yet in use by then.
 """
 
-REAL = float64[:, ::1]
+FLOAT64 = float64[:, ::1]
 """Type of the float rows."""
 
 FIRST, COUNT, LEFT_COLUMN, TOP_ROW, RIGHT_COLUMN, BOTTOM_ROW, GRID_BITS, SHIFT_X, SHIFT_Y = range(9)
@@ -83,13 +83,13 @@ the tile, inside the image; the offset added to vertices, sub-pixel units.
 """
 DRAW_FIRST, DRAW_END = 9, 10
 """Elements: the range of triangles of the current batch to draw."""
-TO_COME = 11
+PREFETCH = 11
 """Element: how many triangles after the batch to prefetch, up to two batches."""
 MIXED = 12
 """Element: whether triangles are drawn in another order than by face number."""
-PUT_IN_ORDER, SEEN_OF_THEM = 13, 14
+SORTED, SORTED_DRAWN = 13, 14
 """Elements: how many triangles were sorted recently, and how many of them were then drawn."""
-ASKED = 15
+REQUEST_SIZE = 15
 
 CELL_BITS = 3
 """A tile's cells are squares of 2**3 = 8 samples: a row of samples or of cells fits a vector."""
@@ -97,14 +97,14 @@ CELL_BITS = 3
 CELLS = 1 << (BLOCK_BITS - CELL_BITS)
 """Cells in a row of a tile; the tile's cells are the bits of one word."""
 
-ORDERED = 8192
+MAX_SORTED = 8192
 """Most triangles of a tile sorted together: their data, 160 KiB, stays in L2."""
 
 BUCKETS = 16
 """Depth buckets of the sort, nearest first."""
 
-WAY_BITS = 2
-WAYS = 1 << WAY_BITS
+PART_BITS = 2
+PARTS = 1 << PART_BITS
 """Parts of a bucket, filled by turns: incrementing one counter twice in a row stalls."""
 
 BOX_BITS = 12
@@ -113,23 +113,23 @@ BOX_BITS = 12
 BUCKET_SLACK = 2.0**-20
 """Part of a bucket's depth range added to its nearest depth, against rounding."""
 
-FETCHED_VERTICES = 1 << 16
+MIN_PREFETCH_VERTICES = 1 << 16
 """Fewest vertices of a scene for prefetching: fewer lie in the cache anyway."""
 
 
 @helper
 def at(row, n):
     """Return the flat index of column ``n`` of a row: a constant offset from ``n``."""
-    return np.uintp(row * ROOM) + n
+    return np.uintp(row * STRIDE) + n
 
 
 @helper
-def gather_triangles(listed, faces, screen, whole, real):
+def gather_triangles(listed, faces, screen, ints, floats):
     """Gather the faces, vertex positions and vertex depths of listed triangles."""
-    own, pieces, piece_faces = faces
-    xy, depth, row, depths = screen.xy, screen.depth, flat(whole), flat(real)
+    all_faces, pieces, piece_faces = faces
+    xy, depth, row, depths = screen.xy, screen.depth, flat(ints), flat(floats)
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), face = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), face = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
         row[at(FACE, n)] = face
         copy_pair(xy, a, row, np.uintp(PAIRS_A // 2) + n)
         copy_pair(xy, b, row, np.uintp(PAIRS_B // 2) + n)
@@ -141,9 +141,9 @@ def gather_triangles(listed, faces, screen, whole, real):
 @helper
 def fetch_corners(listed, faces, depth, corners):
     """Look up the vertex numbers of listed triangles, and prefetch the vertices."""
-    own, pieces, piece_faces = faces
+    all_faces, pieces, piece_faces = faces
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
@@ -163,10 +163,10 @@ def enclose_fetched(screen, corners, least, most, nearest):
 @helper
 def enclose_listed(listed, faces, screen, least, most, nearest):
     """Write the bounding boxes and nearest depths of listed triangles."""
-    own, pieces, piece_faces = faces
+    all_faces, pieces, piece_faces = faces
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
         enclose(xy, a, b, c, least, most, n)
         nearest[n] = max(depth[a], max(depth[b], depth[c]))
 
@@ -186,9 +186,9 @@ def fetch_triangles(listed, faces, depth, end):
 
     Takes where both begin.
     """
-    own, pieces, piece_faces = faces
+    all_faces, pieces, piece_faces = faces
     for n in range(min(end, np.int64(BATCH))):
-        (a, b, c), _ = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
@@ -202,14 +202,14 @@ def is_above(ax, ay, bx, by):
 
 
 @helper
-def moved_pair(pairs, place, shift):
+def offset_vertex(pairs, place, shift):
     """Return x and y of a vertex, shifted."""
     x, y = pairs[place], pairs[place + np.uintp(1)]
     return np.int32(x + shift[0]), np.int32(y + shift[1])
 
 
 @disjoint_helper
-def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
+def sort_vertices(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     """
     Sort the vertices clockwise on the screen, starting at the topmost, then leftmost.
 
@@ -219,20 +219,20 @@ def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     for n in range(ax.shape[0]):
         # Load before selecting: conditional loads do not vectorize.
         k = np.uintp(2) * np.uintp(n)
-        x0, y0 = moved_pair(pairs, np.uintp(PAIRS_A) + k, shift)
-        bx0, by0 = moved_pair(pairs, np.uintp(PAIRS_B) + k, shift)
-        cx0, cy0 = moved_pair(pairs, np.uintp(PAIRS_C) + k, shift)
+        x0, y0 = offset_vertex(pairs, np.uintp(PAIRS_A) + k, shift)
+        bx0, by0 = offset_vertex(pairs, np.uintp(PAIRS_B) + k, shift)
+        cx0, cy0 = offset_vertex(pairs, np.uintp(PAIRS_C) + k, shift)
         d0, db0, dc0 = da[n], db[n], dc[n]
-        is_turned = setup.narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
+        is_flipped = setup.narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
-            cx0 if is_turned else bx0,
-            cy0 if is_turned else by0,
-            dc0 if is_turned else db0,
+            cx0 if is_flipped else bx0,
+            cy0 if is_flipped else by0,
+            dc0 if is_flipped else db0,
         )
         x2, y2, d2 = (
-            bx0 if is_turned else cx0,
-            by0 if is_turned else cy0,
-            db0 if is_turned else dc0,
+            bx0 if is_flipped else cx0,
+            by0 if is_flipped else cy0,
+            db0 if is_flipped else dc0,
         )
         second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
         third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)
@@ -341,55 +341,55 @@ def cut_wide(wide, top, bottom, first, last):
 @helper
 def any_tall(wide, top, bottom):
     """Return whether any wide triangle has enough rows for `cut_rows` to pay."""
-    found = np.int32(0)
+    is_any = np.int32(0)
     for n in range(wide.shape[0]):
-        found |= wide[n] & np.int32(bottom[n] - top[n] >= FEW_ROWS)
-    return found != 0
+        is_any |= wide[n] & np.int32(bottom[n] - top[n] >= FEW_ROWS)
+    return is_any != 0
 
 
 @helper
-def cut_rows(count, whole, real):
+def cut_rows(count, ints, floats):
     """Cut the boxes of wide triangles to the rows that they reach: few for thin ones."""
-    top, bottom = part(whole, TOP, 0, count), part(whole, BOTTOM, 0, count)
-    rows, first, last = three_parts(whole, ROWS, 0, count)
+    top, bottom = part(ints, TOP, 0, count), part(ints, BOTTOM, 0, count)
+    rows, first, last = three_parts(ints, ROWS, 0, count)
     count_rows(top, bottom, rows, first, last)
     for k in range(3):
         reach_rows(
-            part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
-            part(real, DOWN + k, 0, count), part(whole, LEFT, 0, count),
-            part(whole, RIGHT, 0, count), rows, first, last,
+            part(floats, EDGE + k, 0, count), part(floats, ACROSS + k, 0, count),
+            part(floats, DOWN + k, 0, count), part(ints, LEFT, 0, count),
+            part(ints, RIGHT, 0, count), rows, first, last,
         )  # fmt: skip
-    cut_wide(part(whole, WIDE, 0, count), top, bottom, first, last)
+    cut_wide(part(ints, WIDE, 0, count), top, bottom, first, last)
 
 
 @helper
-def plan_triangles(count, window, bits, shift, whole, real):
+def plan_triangles(count, window, bits, shift, ints, floats):
     """Compute boxes, edges and depth planes of the gathered triangles, vectorized."""
-    ax, ay = part(whole, AX, 0, count), part(whole, AY, 0, count)
-    bx, by = part(whole, BX, 0, count), part(whole, BY, 0, count)
-    cx, cy = part(whole, CX, 0, count), part(whole, CY, 0, count)
-    da, db = part(real, DEPTH, 0, count), part(real, DEPTH + 1, 0, count)
-    dc = part(real, DEPTH + 2, 0, count)
-    left, top = part(whole, LEFT, 0, count), part(whole, TOP, 0, count)
-    turn_triangles(flat(whole), shift, ax, ay, bx, by, cx, cy, da, db, dc)
+    ax, ay = part(ints, AX, 0, count), part(ints, AY, 0, count)
+    bx, by = part(ints, BX, 0, count), part(ints, BY, 0, count)
+    cx, cy = part(ints, CX, 0, count), part(ints, CY, 0, count)
+    da, db = part(floats, DEPTH, 0, count), part(floats, DEPTH + 1, 0, count)
+    dc = part(floats, DEPTH + 2, 0, count)
+    left, top = part(ints, LEFT, 0, count), part(ints, TOP, 0, count)
+    sort_vertices(flat(ints), shift, ax, ay, bx, by, cx, cy, da, db, dc)
     bound_triangles(
-        ax, ay, bx, by, cx, cy, window, bits, left, top, *three_parts(whole, RIGHT, 0, count)
+        ax, ay, bx, by, cx, cy, window, bits, left, top, *three_parts(ints, RIGHT, 0, count)
     )
     plan_depths(
-        ax, ay, bx, by, cx, cy, da, db, dc, *three_parts(real, WEIGHT, 0, count),
-        part(real, RANGE + 1, 0, count),
+        ax, ay, bx, by, cx, cy, da, db, dc, *three_parts(floats, WEIGHT, 0, count),
+        part(floats, RANGE + 1, 0, count),
     )  # fmt: skip
     for k in range(3):
         # The edge opposite to each vertex.
         second, third = AX + 2 * ((k + 1) % 3), AX + 2 * ((k + 2) % 3)
         plan_edge(
-            part(whole, second, 0, count), part(whole, second + 1, 0, count),
-            part(whole, third, 0, count), part(whole, third + 1, 0, count), left, top, bits,
-            part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
-            part(real, DOWN + k, 0, count), part(whole, SIDE + k, 0, count),
+            part(ints, second, 0, count), part(ints, second + 1, 0, count),
+            part(ints, third, 0, count), part(ints, third + 1, 0, count), left, top, bits,
+            part(floats, EDGE + k, 0, count), part(floats, ACROSS + k, 0, count),
+            part(floats, DOWN + k, 0, count), part(ints, SIDE + k, 0, count),
         )  # fmt: skip
-    if any_tall(part(whole, WIDE, 0, count), top, part(whole, BOTTOM, 0, count)):
-        cut_rows(count, whole, real)
+    if any_tall(part(ints, WIDE, 0, count), top, part(ints, BOTTOM, 0, count)):
+        cut_rows(count, ints, floats)
 
 
 @helper
@@ -420,7 +420,7 @@ def find_cells(least, most, shift, origin, bits):
 
 
 @disjoint_helper
-def survey_cells(cells, nearest, lowest, highest, boxes):
+def pack_boxes(cells, nearest, lowest, highest, boxes):
     """
     Write the boxes of a tile's cells around triangles, and update the depth range.
 
@@ -438,7 +438,7 @@ def find_slots(nearest, top, scale, boxes):
     for n in range(nearest.shape[0]):
         place = (top - nearest[n]) * scale
         bucket = np.int32(place if place < BUCKETS - 1.0 else BUCKETS - 1.0)
-        slot = np.int32(np.int32(bucket << WAY_BITS) | np.int32(np.int32(n) & (WAYS - 1)))
+        slot = np.int32(np.int32(bucket << PART_BITS) | np.int32(np.int32(n) & (PARTS - 1)))
         boxes[n] = np.int32(boxes[n] | np.int32(slot << BOX_BITS))
 
 
@@ -465,8 +465,8 @@ def sort_triangles(listed, nearest, boxes, lowest, highest, order):
     for n in range(np.uintp(listed.shape[0])):
         box = np.int64(boxes[n])
         slot = np.uintp(box >> BOX_BITS)
-        own = box & ((1 << BOX_BITS) - 1)
-        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | own << 32
+        cells = box & ((1 << BOX_BITS) - 1)
+        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | cells << 32
         starts[slot] += 1
 
 
@@ -479,19 +479,19 @@ on the nearest depth of each bucket.
 
 SURVEYED = float64[:, ::1], int32[:, ::1], int32[:, ::1]
 """
-Types of scratch memory: nearest depths of triangles and their boxes of cells, (1, ORDERED) each;
+Types of scratch memory: nearest depths of triangles and their boxes of cells, (1, MAX_SORTED) each;
 vertices of a batch, their least and their greatest x and y, (5, 2 * BATCH).
 """
 
 
 def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     """Allocate `ORDER` and `SURVEYED`."""
-    starts = np.zeros(BUCKETS * WAYS + 1, np.int64)
+    starts = np.zeros(BUCKETS * PARTS + 1, np.int64)
     return (
-        (np.empty(ORDERED, np.int64), starts, np.empty(BUCKETS)),
+        (np.empty(MAX_SORTED, np.int64), starts, np.empty(BUCKETS)),
         (
-            np.empty((1, ORDERED)),
-            np.empty((1, ORDERED), np.int32),
+            np.empty((1, MAX_SORTED)),
+            np.empty((1, MAX_SORTED), np.int32),
             np.empty((5, 2 * BATCH), np.int32),
         ),
     )
@@ -499,34 +499,34 @@ def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
 
 @kernel
 def order_triangles(
-    asked: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
-    whole: int32[:, ::1], real: REAL, surveyed: SURVEYED, order: ORDER,
+    request: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
+    ints: int32[:, ::1], floats: FLOAT64, surveyed: SURVEYED, order: ORDER,
 ):  # fmt: skip
     """
     Sort listed triangles of a tile front to back, by depth bucket.
 
     Parameters
     ----------
-    asked : (15,) int64
-        As for `plan_batch`; no more than ``ORDERED`` are asked for.
+    request : (15,) int64
+        As for `plan_batch`; no more than ``MAX_SORTED`` are request for.
     listed : (M,) int32
     faces, screen : records
-    whole, real : (rows, columns)
+    ints, floats : (rows, columns)
         Scratch memory: a batch.
     surveyed : tuple
         Scratch memory: as `SURVEYED` says.
     order : tuple
         Written: as `ORDER` says.
     """
-    count, first = asked[COUNT], asked[FIRST]
+    count, first = request[COUNT], request[FIRST]
     parts = faces.faces, faces.pieces, faces.piece_faces
-    lowest, highest = part(real, WEIGHT, 0, BATCH), part(real, WEIGHT + 1, 0, BATCH)
+    lowest, highest = part(floats, WEIGHT, 0, BATCH), part(floats, WEIGHT + 1, 0, BATCH)
     for n in range(BATCH):
         lowest[n], highest[n] = np.inf, -np.inf
-    nearest, found, corners = surveyed
-    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
-    origin = np.int32(asked[LEFT_COLUMN]), np.int32(asked[TOP_ROW])
-    is_distant = screen.depth.shape[0] >= FETCHED_VERTICES
+    nearest, boxes, corners = surveyed
+    shift = np.int32(request[SHIFT_X]), np.int32(request[SHIFT_Y])
+    origin = np.int32(request[LEFT_COLUMN]), np.int32(request[TOP_ROW])
+    is_distant = screen.depth.shape[0] >= MIN_PREFETCH_VERTICES
     if is_distant:
         fetch_corners(listed[first : first + min(BATCH, count)], parts, screen.depth, corners)
     for begin in range(0, count, BATCH):
@@ -537,44 +537,44 @@ def order_triangles(
         end = min(following + BATCH, first + count)
         if is_distant:
             enclose_fetched(screen, corners, least, most, near)
-            beyond = min(end + BATCH, first + count + asked[TO_COME])
+            beyond = min(end + BATCH, first + count + request[PREFETCH])
             fetch_faces(listed[end:beyond], parts)
             fetch_corners(listed[following:end], parts, screen.depth, corners)
         else:
             enclose_listed(listed[following - some : following], parts, screen, least, most, near)
-        find_cells(least, most, shift, origin, asked[GRID_BITS])
-        survey_cells(least, near, lowest, highest, part(found, 0, begin, begin + some))
+        find_cells(least, most, shift, origin, request[GRID_BITS])
+        pack_boxes(least, near, lowest, highest, part(boxes, 0, begin, begin + some))
     sort_triangles(
-        listed[first : first + count], part(nearest, 0, 0, count), part(found, 0, 0, count),
+        listed[first : first + count], part(nearest, 0, 0, count), part(boxes, 0, 0, count),
         lowest, highest, order,
     )  # fmt: skip
 
 
 @kernel
 def plan_batch(
-    asked: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
-    whole: int32[:, ::1], real: REAL,
+    request: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
+    ints: int32[:, ::1], floats: FLOAT64,
 ):  # fmt: skip
     """
     Set up the triangles of a batch; kernels that draw triangles call it by its address.
 
     Parameters
     ----------
-    asked : (15,) int64
+    request : (15,) int64
         `FIRST`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.
     faces, screen : records
-    whole, real : (rows, columns)
+    ints, floats : (rows, columns)
         Written: the batch.
     """
-    count, first = asked[COUNT], asked[FIRST]
+    count, first = request[COUNT], request[FIRST]
     parts = faces.faces, faces.pieces, faces.piece_faces
-    gather_triangles(listed[first : first + count], parts, screen, whole, real)
-    if asked[TO_COME] > 0 and screen.depth.shape[0] >= FETCHED_VERTICES:
+    gather_triangles(listed[first : first + count], parts, screen, ints, floats)
+    if request[PREFETCH] > 0 and screen.depth.shape[0] >= MIN_PREFETCH_VERTICES:
         following = first + count
-        end = following + asked[TO_COME]
-        fetch_triangles(listed[following:end], parts, screen.depth, asked[TO_COME])
-    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
-    window = asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW]
-    plan_triangles(count, window, asked[GRID_BITS], shift, whole, real)
+        end = following + request[PREFETCH]
+        fetch_triangles(listed[following:end], parts, screen.depth, request[PREFETCH])
+    shift = np.int32(request[SHIFT_X]), np.int32(request[SHIFT_Y])
+    window = request[LEFT_COLUMN], request[TOP_ROW], request[RIGHT_COLUMN], request[BOTTOM_ROW]
+    plan_triangles(count, window, request[GRID_BITS], shift, ints, floats)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline import records
-from rasterjit.pipeline.geometry.barycentric import place_vertex, smooth_normal
+from rasterjit.pipeline.geometry.barycentric import smooth_normal, transform_vertex
 from rasterjit.pipeline.geometry.setup import last_at_most
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import (
@@ -77,7 +77,7 @@ def list_vertices(
             shininess = materials[owner, records.MATERIAL_SHININESS]
             for index in range(vertex, min(end, vertex + SAMPLES - n)):
                 v = np.uintp(index)
-                point = place_vertex(v, owner, placement)
+                point = transform_vertex(v, owner, placement)
                 normal = smooth_normal(
                     (1.0, 0.0, 0.0), v, v, v, normals, placement.normal_matrices, owner
                 )

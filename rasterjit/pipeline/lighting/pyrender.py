@@ -30,7 +30,7 @@ import math
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import place
+from rasterjit.pipeline.geometry.barycentric import transform_point
 from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR, four_rows, three_rows
@@ -94,9 +94,9 @@ def center_on_squares(
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             face = np.uintp(ints[rows.FACE, r])
             a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
-            pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
-            pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
-            pc = place(p[c, 0], p[c, 1], p[c, 2], owner, m)
+            pa = transform_point(p[a, 0], p[a, 1], p[a, 2], owner, m)
+            pb = transform_point(p[b, 0], p[b, 1], p[b, 2], owner, m)
+            pc = transform_point(p[c, 0], p[c, 1], p[c, 2], owner, m)
             longest_center, longest_squared = midpoint(pa, pb)
             center, squared = midpoint(pb, pc)
             if squared > longest_squared:

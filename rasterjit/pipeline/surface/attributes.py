@@ -10,9 +10,9 @@ from rasterjit.pipeline.geometry.barycentric import (
     interpolate,
     matrix_of,
     normal_of_points,
-    place,
-    place_sample,
-    place_vertex,
+    sample_point,
+    transform_point,
+    transform_vertex,
     triple_at,
 )
 from rasterjit.pipeline.records import (
@@ -71,7 +71,7 @@ def blend_normal(second, third, normal):
 
 @helper
 def blend_point(second, third, point):
-    """Return a sample's position, as `place_sample` does."""
+    """Return a sample's position, as `sample_point` does."""
     first, ab, ac, m = point
     x = second * ab[0] + third * ac[0]
     y = second * ab[1] + third * ac[1]
@@ -442,9 +442,9 @@ def find_mixed_face_normals(
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     for n in range(nx.shape[0]):
         flat = normal_of_points(
-            place(xa[n], ya[n], za[n], owner, m),
-            place(xb[n], yb[n], zb[n], owner, m),
-            place(xc[n], yc[n], zc[n], owner, m),
+            transform_point(xa[n], ya[n], za[n], owner, m),
+            transform_point(xb[n], yb[n], zb[n], owner, m),
+            transform_point(xc[n], yc[n], zc[n], owner, m),
             mirrored,
         )
         sign = 1.0 - 2.0 * np.float64(backface[n])
@@ -491,7 +491,7 @@ def interpolate_points(
     """Write the positions of samples."""
     for n in range(px.shape[0]):
         point = (
-            place(xa[n], ya[n], za[n], owner, matrices),
+            transform_point(xa[n], ya[n], za[n], owner, matrices),
             (xb[n] - xa[n], yb[n] - ya[n], zb[n] - za[n]),
             (xc[n] - xa[n], yc[n] - ya[n], zc[n] - za[n]),
             matrix,
@@ -506,7 +506,7 @@ def find_mixed_centroids(
     """Write the centroids of the faces."""
     m, third_part, zero = matrix, 1.0 / 3.0, (0.0, 0.0, 0.0)
     for n in range(px.shape[0]):
-        first = place(xa[n], ya[n], za[n], owner, matrices)
+        first = transform_point(xa[n], ya[n], za[n], owner, matrices)
         x = third_part * (xb[n] - xa[n]) + third_part * (xc[n] - xa[n])
         y = third_part * (yb[n] - ya[n]) + third_part * (yc[n] - ya[n])
         z = third_part * (zb[n] - za[n]) + third_part * (zc[n] - za[n])
@@ -565,7 +565,7 @@ def find_points(
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, ints)
-            first = place_vertex(a, owner, placement)
+            first = transform_vertex(a, owner, placement)
             interpolate_span_points(
                 *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), (first, edge_vector(p, a, b), edge_vector(p, a, c), matrix),
@@ -591,7 +591,7 @@ def find_centroids(block: Block, count, placement: Placement, materials: float32
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, ints)
-            point = place_sample(center, a, b, c, owner, placement), zero, zero, matrix
+            point = sample_point(center, a, b, c, owner, placement), zero, zero, matrix
             interpolate_span_points(
                 *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), point,

@@ -333,7 +333,7 @@ def recompute_exact(segment, ints, weights, geometry, placement):
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             column, row = np.float64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
             # Segments and points have no back.
-            is_backface = b != c and barycentric.has_its_back_turned(a, b, c, owner, placement)
+            is_backface = b != c and barycentric.is_plane_back_facing(a, b, c, owner, placement)
             weigh_clipped(
                 part(weights, 0, first, end), part(weights, 1, first, end),
                 part(ints, rows.BACKFACE, first, end), (a, b, c), column, row,

@@ -92,7 +92,7 @@ def blend_clipped_row(corners, out, memory, pixel, geometry, colors, base):
     """Write the colours along a row of one clipped face; return not 0 if any is inexact."""
     (a, b, c), (red, green, blue), (column, row) = corners, out, pixel
     clip, viewport = geometry.clip_positions, geometry.viewport
-    across, down = barycentric.seen_from_sample(a, b, c, np.float64(column), row, clip, viewport)
+    across, down = barycentric.relative_to_sample(a, b, c, np.float64(column), row, clip, viewport)
     (u0, u1, u2), (v0, v1, v2) = across, down
     # All sums of weights on a face have the same sign, up to rounding.
     if (u1 * v2 - u2 * v1) + (u2 * v0 - u0 * v2) + (u0 * v1 - u1 * v0) < 0.0:

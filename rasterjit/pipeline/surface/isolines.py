@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import seen_from_sample
+from rasterjit.pipeline.geometry.barycentric import relative_to_sample
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
@@ -60,7 +60,7 @@ def snapped_edges(a, b, c, column, row, xy, w, bits):
 @helper
 def clipped_edges(a, b, c, column, row, clip, viewport):
     """Return e r, and its steps right and down by a pixel, for a clipped face."""
-    (ax, bx, cx), (ay, by, cy) = seen_from_sample(a, b, c, column, row, clip, viewport)
+    (ax, bx, cx), (ay, by, cy) = relative_to_sample(a, b, c, column, row, clip, viewport)
     wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]
     width, height = whole_size(viewport)
     right, down = 2.0 / width, -2.0 / height

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import find_object, place_vertex
+from rasterjit.pipeline.geometry.barycentric import find_object, transform_vertex
 from rasterjit.pipeline.records import Placement, Viewport
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
@@ -32,7 +32,7 @@ def pixel_of(n, segment, ints):
 @helper
 def hit_offset(face, vertex, owner, pixel, points, eye, placement, viewport):
     """Return a sphere's centre, relative to the eye, and the offset from it to a pixel's hit."""
-    centre = place_vertex(vertex, owner, placement)
+    centre = transform_vertex(vertex, owner, placement)
     radius = point_rasterizer.radius_of(points, owner, face - placement.face_starts[owner])
     ndc = point_rasterizer.ndc_of(pixel[0], pixel[1], viewport)
     offset, _ = point_rasterizer.meet_sphere(centre, radius, ndc, eye)
@@ -227,7 +227,7 @@ def fill_point_depths(
             if shape == point_rasterizer.NOT_POINTS:
                 continue
             v = np.uintp(faces[face, 0])
-            centre, hit = place_vertex(v, owner, placement), (0.0, 0.0, 0.0)
+            centre, hit = transform_vertex(v, owner, placement), (0.0, 0.0, 0.0)
             if shape == point_rasterizer.SPHERE:
                 centre, hit = hit_offset(face, v, owner, (x, y), points, eye, placement, viewport)
             depth[y, x] = point_rasterizer.depth_on_sphere(centre, hit, eye, depth_coefficients)
@@ -266,7 +266,7 @@ def fill_point_normals(
                     face, v, owner, (x, y), points, eye, placement, viewport
                 )
             else:
-                point = place_vertex(v, owner, placement)
+                point = transform_vertex(v, owner, placement)
                 surface_normal = (
                     np.float64(normal[y, x, 0]), np.float64(normal[y, x, 1]),
                     np.float64(normal[y, x, 2]),

@@ -28,7 +28,7 @@ from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, corners_of, la
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
-from rasterjit.pipeline.surface import sample_block as at
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_lookup, uv_derivatives
 from rasterjit.pipeline.surface.barycentric_weights import weigh
 from rasterjit.pipeline.surface.gather_samples import whole_vectors
@@ -41,7 +41,7 @@ from rasterjit.pipeline.surface.texture_filters import (
     TRILINEAR,
 )
 from rasterjit.pipeline.surface.texture_lookup import DOWN_V, RIGHT_U, SHOWN, U, V, show_textures
-from rasterjit.pipeline.visibility.hashed_alpha import keep_share
+from rasterjit.pipeline.visibility.hashed_alpha import apply_hashed_alpha
 from rasterjit.runtime.intrinsics import (
     LANES,
     call_bound,
@@ -57,10 +57,10 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, stored
 ALPHA = 3
 """Column of colours and of materials."""
 
-ENOUGH = 192
+FLUSH_SIZE = 192
 """Queued samples that trigger the computation of their alphas."""
 
-PART = 256
+MAX_TOGETHER = 256
 """Most samples of one alpha computation."""
 
 COLUMN_BITS = 7
@@ -74,24 +74,24 @@ ALPHA_MEMORY = (
 
 FIRST_SAMPLE, SAMPLES, OBJECT, SHIFT_X, SHIFT_Y = range(5)
 """
-Elements of ``Question.asked``: the first sample in the list and how many, their object, and their
+Elements of ``AlphaQuery.request``: first sample in the list and how many, their object, and their
 offset from the pixels' centres, sub-pixel units.
 """
 
-NTH, BATCH_COUNT, LAST_OWNER, WAITING, LEFT_COLUMN, TOP_ROW, MOVED_X, MOVED_Y = range(8)
+TRIANGLE, BATCH_COUNT, LAST_OWNER, QUEUED, LEFT_COLUMN, TOP_ROW, OFFSET_X, OFFSET_Y = range(8)
 """
-Elements of ``Holes.asked``: a triangle's index in its batch, the batch's size, its object, how many
-samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel units.
+Elements of ``Holes.request``: a triangle's index in its batch, the batch's size, its object, how
+many samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel units.
 """
 
 
-class Question(NamedTuple):
-    """Arguments by which a kernel requests the alphas of samples of one object."""
+class AlphaQuery(NamedTuple):
+    """Arguments of a query for the alphas of samples of one object."""
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
     """As ``AlphaTests`` has them; of no objects where none has holes."""
-    asked: int64[::1]
+    request: int64[::1]
     faces: int32[::1]
     """The face of each sample."""
     pixels: int32[:, ::1]
@@ -111,68 +111,72 @@ class Holes(NamedTuple):
     depth: stored[:, ::1]
     numbers: int32[:, ::1]
     """Face numbers of the scratch tile for alpha-tested triangles; depths are cleared after use."""
-    asked: int64[::1]
+    request: int64[::1]
     call: int64[::1]
-    """How to call `keep_shown`."""
+    """How to call `queue_triangle`."""
 
 
 # Alpha of samples
 
 
 @helper
-def gather_patches(faces, own, xy, codes, w, whole, real):
+def gather_patches(faces, faces_of, xy, codes, w, ints, doubles):
     """
     List the patches of samples, and gather the positions and w of their faces' vertices.
 
     A patch is a run of neighbours that show one face. For affine interpolation w is 1. Returns the
     number of patches.
     """
-    patches, before = np.uintp(0), np.int32(-1)
+    patches, last_face = np.uintp(0), np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
         # Without a branch: the next overwrites what starts no patch.
         face = faces[i]
-        whole[at.FIRST, patches], whole[at.FACE, patches] = i, face
-        patches += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
-        before = face
-    whole[at.FIRST, patches] = faces.shape[0]
+        ints[rows.FIRST, patches], ints[rows.FACE, patches] = i, face
+        patches += np.uintp((face != last_face) | (i % np.uintp(LANES) == np.uintp(0)))
+        last_face = face
+    ints[rows.FIRST, patches] = faces.shape[0]
     is_affine = w.shape[0] == 0
     for r in range(patches):
-        n = np.uintp(whole[at.FIRST, r])
-        a, b, c = corners_of(own, np.uintp(whole[at.FACE, r]))
-        whole[at.A, r], whole[at.B, r], whole[at.C, r] = a, b, c
-        spread(whole[at.INEXACT], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
+        n = np.uintp(ints[rows.FIRST, r])
+        a, b, c = corners_of(faces_of, np.uintp(ints[rows.FACE, r]))
+        ints[rows.A, r], ints[rows.B, r], ints[rows.C, r] = a, b, c
+        spread(ints[rows.INEXACT], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
         for k in range(3):
             vertex = a if k == 0 else (b if k == 1 else c)
-            spread(whole[at.AX + 2 * k], n, xy[vertex, 0])
-            spread(whole[at.AY + 2 * k], n, xy[vertex, 1])
-            spread(real[k], n, 1.0 if is_affine else w[vertex])
+            spread(ints[rows.AX + 2 * k], n, xy[vertex, 0])
+            spread(ints[rows.AY + 2 * k], n, xy[vertex, 1])
+            spread(doubles[k], n, 1.0 if is_affine else w[vertex])
     return patches
 
 
 @helper
-def find_weights(weights, count, patches, shift, whole, real, geometry):
+def find_weights(weights, count, patches, shift, ints, doubles, geometry):
     """Write the barycentric weights of samples from gathered vertices and pixels."""
     size, bits = whole_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
-    unsure = weigh(
-        *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
-        part(whole, at.COLUMN, 0, size), part(whole, at.ROW, 0, size), count,
+    inexact = weigh(
+        *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
+        part(ints, rows.COLUMN, 0, size), part(ints, rows.ROW, 0, size), count,
         (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
-        1.0, part(whole, at.INEXACT, 0, size), part(whole, at.BACKFACE, 0, size),
+        1.0, part(ints, rows.INEXACT, 0, size), part(ints, rows.BACKFACE, 0, size),
         part(weights, 0, 0, size), part(weights, 1, 0, size),
     )  # fmt: skip
-    if unsure != 0:
+    if inexact != 0:
         for r in range(patches):
-            a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
-            for i in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)]):
-                if whole[at.INEXACT, i] != 0:
-                    column, row = whole[at.COLUMN, i], whole[at.ROW, i]
+            a, b, c = (
+                np.uintp(ints[rows.A, r]),
+                np.uintp(ints[rows.B, r]),
+                np.uintp(ints[rows.C, r]),
+            )
+            for i in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)]):
+                if ints[rows.INEXACT, i] != 0:
+                    column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
                     exact = barycentric.shifted_weights(a, b, c, column, row, shift, geometry)
                     weights[0, i], weights[1, i] = exact[1], exact[2]
 
 
 @disjoint_helper
-def multiply_mixed(alphas, at_a, at_b, at_c, second, third):
+def multiply_interpolated(alphas, at_a, at_b, at_c, second, third):
     """Multiply alphas by interpolated vertex alphas."""
     for n in range(alphas.shape[0]):
         weights = 0.0, second[n], third[n]
@@ -181,87 +185,87 @@ def multiply_mixed(alphas, at_a, at_b, at_c, second, third):
 
 
 @helper
-def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex_colors):
+def multiply_vertex_alphas(alphas, patches, size, weights, ints, floats, vertex_colors):
     """Multiply alphas by those of the vertex colours."""
     for r in range(patches):
-        n = np.uintp(whole[at.FIRST, r])
+        n = np.uintp(ints[rows.FIRST, r])
         for k in range(3):
-            spread(single[k], n, vertex_colors[np.uintp(whole[at.A + k, r]), ALPHA])
-    multiply_mixed(
-        alphas[:size], *three_parts(single, 0, 0, size), part(weights, 0, 0, size),
+            spread(floats[k], n, vertex_colors[np.uintp(ints[rows.A + k, r]), ALPHA])
+    multiply_interpolated(
+        alphas[:size], *three_parts(floats, 0, 0, size), part(weights, 0, 0, size),
         part(weights, 1, 0, size),
     )  # fmt: skip
 
 
 @helper
 def find_coordinates(
-    places, size, patches, weights, owner, whole, real, single, geometry, textures
+    lookups, size, patches, weights, owner, ints, doubles, floats, geometry, textures
 ):  # fmt: skip
     """Write the texture coordinates of samples, and their derivatives if a texture needs them."""
     uv = textures.uv
     for r in range(patches):
-        n = np.uintp(whole[at.FIRST, r])
+        n = np.uintp(ints[rows.FIRST, r])
         for k in range(3):
-            vertex = np.uintp(whole[at.A + k, r])
-            spread(single[2 * k], n, uv[vertex, 0])
-            spread(single[2 * k + 1], n, uv[vertex, 1])
+            vertex = np.uintp(ints[rows.A + k, r])
+            spread(floats[2 * k], n, uv[vertex, 0])
+            spread(floats[2 * k + 1], n, uv[vertex, 1])
     uv_derivatives.mix_places(
-        *three_parts(places, U, 0, size), *six_parts(single, 0, 0, size), part(weights, 0, 0, size),
-        part(weights, 1, 0, size), np.float64(owner),
+        *three_parts(lookups, U, 0, size), *six_parts(floats, 0, 0, size),
+        part(weights, 0, 0, size), part(weights, 1, 0, size), np.float64(owner),
     )  # fmt: skip
     if not uv_derivatives.wants_steps(owner, textures.table):
         return
     viewport = geometry.viewport
     uv_derivatives.mix_steps(
-        *three_parts(places, RIGHT_U, 0, size), part(places, DOWN_V, 0, size),
-        part(places, U, 0, size), part(places, V, 0, size), *six_parts(single, 0, 0, size),
-        *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
-        part(whole, at.COLUMN, 0, size), part(whole, at.ROW, 0, size), viewport.grid_bits,
+        *three_parts(lookups, RIGHT_U, 0, size), part(lookups, DOWN_V, 0, size),
+        part(lookups, U, 0, size), part(lookups, V, 0, size), *six_parts(floats, 0, 0, size),
+        *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
+        part(ints, rows.COLUMN, 0, size), part(ints, rows.ROW, 0, size), viewport.grid_bits,
         viewport.spacing, geometry.w.shape[0] == 0,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return
     for r in range(patches):
-        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
         if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
-            for i in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)]):
-                column, row = whole[at.COLUMN, i], whole[at.ROW, i]
+            for i in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)]):
+                column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
                 uv_derivatives.note_clipped_steps(
-                    places, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
+                    lookups, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
 
 
 @kernel
 def find_alphas(
-    asked: int64[::1], listed: int32[::1], memory: ALPHA_MEMORY, alpha_tests: AlphaTests,
+    request: int64[::1], listed: int32[::1], memory: ALPHA_MEMORY, alpha_tests: AlphaTests,
 ):  # fmt: skip
     """
     Write the alphas of samples of one object, whose pixels are in the memory.
 
     Parameters
     ----------
-    asked : (5,) int64
-        As ``Question.asked``.
+    request : (5,) int64
+        As ``AlphaQuery.request``.
     listed : (N,) int32
         The face of each sample.
     memory : tuple
         This thread's own, from `alpha_memory`.
     alpha_tests : AlphaTests
     """
-    owner, count = asked[OBJECT], asked[SAMPLES]
-    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
-    faces = listed[asked[FIRST_SAMPLE] : asked[FIRST_SAMPLE] + count]
+    owner, count = request[OBJECT], request[SAMPLES]
+    shift = np.int32(request[SHIFT_X]), np.int32(request[SHIFT_Y])
+    faces = listed[request[FIRST_SAMPLE] : request[FIRST_SAMPLE] + count]
     geometry, textures = alpha_tests.geometry, alpha_tests.textures
-    whole, real, single, alphas, weights, places = memory[:6]
+    ints, doubles, floats, alphas, weights, lookups = memory[:6]
     patches = gather_patches(
-        faces, geometry.faces, geometry.xy, geometry.codes, geometry.w, whole, real
+        faces, geometry.faces, geometry.xy, geometry.codes, geometry.w, ints, doubles
     )
-    find_weights(weights, count, patches, shift, whole, real, geometry)
+    find_weights(weights, count, patches, shift, ints, doubles, geometry)
     for n in range(count):
         alphas[n] = alpha_tests.materials[owner, ALPHA]
     if alpha_tests.vertex_colors.shape[0] > 0:
         multiply_vertex_alphas(
-            alphas, patches, whole_vectors(count), weights, whole, single, alpha_tests.vertex_colors
+            alphas, patches, whole_vectors(count), weights, ints, floats, alpha_tests.vertex_colors
         )
     if alpha_tests.face_colors.shape[0] > 0:
         for n in range(count):
@@ -269,93 +273,93 @@ def find_alphas(
     if textures.table.shape[0] == 0 or textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
         return
     find_coordinates(
-        places, whole_vectors(count), patches, weights, owner, whole, real, single, geometry,
+        lookups, whole_vectors(count), patches, weights, owner, ints, doubles, floats, geometry,
         textures,
     )  # fmt: skip
-    show_textures(places, memory[6:], count, BASE_COLOR, textures)
+    show_textures(lookups, memory[6:], count, BASE_COLOR, textures)
     row = textures.table[owner, BASE_COLOR]
     if row[ALPHA_USE] == MASK and row[FILTER] == TRILINEAR:
         cutoff = alpha_tests.cutoffs[owner] / alpha_tests.materials[owner, ALPHA]
-        keep_share(count, cutoff, textures, owner, BASE_COLOR, places, memory[6:])
+        apply_hashed_alpha(count, cutoff, textures, owner, BASE_COLOR, lookups, memory[6:])
     for n in range(count):
         alphas[n] *= memory[8][SHOWN + ALPHA, n]
 
 
 @helper
-def is_hole(face, column, row, question):
+def is_hole(face, column, row, query):
     """Return whether a face fails the alpha test at a pixel's centre; False if it is not tested."""
-    if question.cutoffs.shape[0] == 0:
+    if query.cutoffs.shape[0] == 0:
         return False
-    owner = last_at_most(question.face_starts, face)
-    cutoff, asked = question.cutoffs[owner], question.asked
+    owner = last_at_most(query.face_starts, face)
+    cutoff, request = query.cutoffs[owner], query.request
     if not cutoff > np.float32(0.0):
         return False
-    asked[FIRST_SAMPLE], asked[SAMPLES], asked[OBJECT] = 0, 1, owner
-    asked[SHIFT_X], asked[SHIFT_Y] = 0, 0
-    question.faces[0] = face
-    question.pixels[at.COLUMN, 0], question.pixels[at.ROW, 0] = column, row
-    call_bound(question.call)
-    return not question.alphas[0] >= cutoff
+    request[FIRST_SAMPLE], request[SAMPLES], request[OBJECT] = 0, 1, owner
+    request[SHIFT_X], request[SHIFT_Y] = 0, 0
+    query.faces[0] = face
+    query.pixels[rows.COLUMN, 0], query.pixels[rows.ROW, 0] = column, row
+    call_bound(query.call)
+    return not query.alphas[0] >= cutoff
 
 
 # The queue of samples
 
 
 @helper
-def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
+def queue_neighbours(scratch, depths, empty, i, j, last, indices, stored, queued):
     """
     Queue those of a few samples of a row that pass the depth test, and clear them.
 
     Takes row and column in the tile, and the last column that counts. Returns the queue's length.
     """
-    found = np.int32(0)
+    any_nearer = np.int32(0)
     for k in range(LANES):
         column = np.uintp(j + k)
-        found |= np.int32(own[i, column] > depths[i, column])
-    if found != 0:
+        any_nearer |= np.int32(scratch[i, column] > depths[i, column])
+    if any_nearer != 0:
         for k in range(LANES):
-            column, place = np.uintp(j + k), np.uintp(waiting)
+            column, slot = np.uintp(j + k), np.uintp(queued)
             # Branchless: the next sample overwrites a hidden one.
-            places[place] = np.int32((np.int64(i) << COLUMN_BITS) | (j + k))
-            stored[place] = own[i, column]
-            waiting += np.int64((own[i, column] > depths[i, column]) & (j + k <= last))
+            indices[slot] = np.int32((np.int64(i) << COLUMN_BITS) | (j + k))
+            stored[slot] = scratch[i, column]
+            queued += np.int64((scratch[i, column] > depths[i, column]) & (j + k <= last))
     for k in range(LANES):
-        own[i, np.uintp(j + k)] = empty
-    return waiting
+        scratch[i, np.uintp(j + k)] = empty
+    return queued
 
 
 @helper
-def note_nearer(n, waiting, batch, left, top, depths, own, empty, lists):
+def queue_nearer(n, queued, batch, left, top, depths, scratch, empty, lists):
     """Queue the samples of a triangle that pass the depth test; return the queue's length."""
-    places, faces, nearness = lists
-    before = waiting
+    indices, faces, nearness = lists
+    start = queued
     first = max(np.int64(batch[LEFT, n]) - left, np.int64(0))
     last = np.int64(batch[RIGHT, n]) - left
     for row in range(np.int64(batch[TOP, n]) - top, np.int64(batch[BOTTOM, n]) - top + 1):
         for column in range(first, last + 1, LANES):
-            waiting = note_neighbours(
-                own, depths, empty, np.uintp(row), column, last, places, nearness, waiting
+            queued = queue_neighbours(
+                scratch, depths, empty, np.uintp(row), column, last, indices, nearness, queued
             )
-    for k in range(before, waiting, LANES):
+    for k in range(start, queued, LANES):
         spread(faces, np.uintp(k), batch[NUMBER, n])
-    return waiting
+    return queued
 
 
 @disjoint_helper
-def place_pixels(columns, rows, places, left, top):
+def place_pixels(xs, ys, indices, left, top):
     """Write the pixels of samples, given their indices in a tile and the tile's first pixel."""
-    for n in range(columns.shape[0]):
-        columns[n] = np.int32((places[n] & ((1 << COLUMN_BITS) - 1)) + left)
-        rows[n] = np.int32((places[n] >> COLUMN_BITS) + top)
+    for n in range(xs.shape[0]):
+        xs[n] = np.int32((indices[n] & ((1 << COLUMN_BITS) - 1)) + left)
+        ys[n] = np.int32((indices[n] >> COLUMN_BITS) + top)
 
 
 @disjoint_helper
-def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
+def write_passed(depths, numbers, width, indices, stored, faces, alphas, cutoff):
     """Write samples that pass the alpha test to a tile, flat, where they are nearer."""
     # The last sample of a tile is padding, never read.
     spare = np.uintp(depths.shape[0] - 1)
-    for n in range(places.shape[0]):
-        row, column = places[n] >> COLUMN_BITS, places[n] & ((1 << COLUMN_BITS) - 1)
+    for n in range(indices.shape[0]):
+        row, column = indices[n] >> COLUMN_BITS, indices[n] & ((1 << COLUMN_BITS) - 1)
         sample = np.uintp(row * width + column)
         is_seen = (alphas[n] >= cutoff) & (stored[n] > depths[sample])
         sample = sample if is_seen else spare
@@ -364,43 +368,42 @@ def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
 
 
 @helper
-def show_waiting(waiting, asked, tile, lists, question):
+def flush_queue(queued, request, tile, lists, query):
     """Run the alpha test on queued samples; write those that pass to the frame's tile if nearer."""
-    places, faces, nearness = lists
-    owner, query = asked[LAST_OWNER], question.asked
-    query[OBJECT], query[SHIFT_X], query[SHIFT_Y] = owner, asked[MOVED_X], asked[MOVED_Y]
-    for first in range(0, waiting, PART):
-        stop = min(first + PART, waiting)
+    indices, faces, nearness = lists
+    owner, fields = request[LAST_OWNER], query.request
+    fields[OBJECT], fields[SHIFT_X], fields[SHIFT_Y] = owner, request[OFFSET_X], request[OFFSET_Y]
+    for first in range(0, queued, MAX_TOGETHER):
+        stop = min(first + MAX_TOGETHER, queued)
         count = stop - first
         place_pixels(
-            part(question.pixels, at.COLUMN, 0, count), part(question.pixels, at.ROW, 0, count),
-            places[first:stop], asked[LEFT_COLUMN], asked[TOP_ROW],
+            part(query.pixels, rows.COLUMN, 0, count), part(query.pixels, rows.ROW, 0, count),
+            indices[first:stop], request[LEFT_COLUMN], request[TOP_ROW],
         )  # fmt: skip
-        query[FIRST_SAMPLE], query[SAMPLES] = first, count
-        call_bound(question.call)
-        put_shown(
-            flat(tile[0]), flat(tile[1]), tile[0].shape[1], places[first:stop],
-            nearness[first:stop], faces[first:stop], question.alphas[:count],
-            question.cutoffs[owner],
+        fields[FIRST_SAMPLE], fields[SAMPLES] = first, count
+        call_bound(query.call)
+        write_passed(
+            flat(tile[0]), flat(tile[1]), tile[0].shape[1], indices[first:stop],
+            nearness[first:stop], faces[first:stop], query.alphas[:count], query.cutoffs[owner],
         )  # fmt: skip
 
 
 @kernel
-def keep_shown(
-    asked: int64[::1], tile: (stored[:, ::1], int32[:, ::1]), own: stored[:, ::1],
+def queue_triangle(
+    request: int64[::1], tile: (stored[:, ::1], int32[:, ::1]), scratch: stored[:, ::1],
     empty: stored[::1], batch: int32[:, ::1], lists: (int32[::1], int32[::1], stored[::1]),
-    question: Question,
+    query: AlphaQuery,
 ):  # fmt: skip
     """
     Move an alpha-tested triangle from its scratch tile to the queue, flushing it when full.
 
     Parameters
     ----------
-    asked : (8,) int64
-        As ``Holes.asked``.
+    request : (8,) int64
+        As ``Holes.request``.
     tile : (depth, face numbers)
         The frame's tile.
-    own : (rows, columns), stored depth
+    scratch : (rows, columns), stored depth
         The scratch tile; cleared.
     empty : (1,), stored depth
         That of empty samples.
@@ -408,7 +411,7 @@ def keep_shown(
         The triangles of the batch, as ``triangle_batches`` sets them up.
     lists : (places, face numbers, stored depths)
         The queue.
-    question : Question
+    query : AlphaQuery
 
     Returns
     -------
@@ -416,15 +419,16 @@ def keep_shown(
         The queue's length: 0 if it was flushed, because it was full, the batch ended or the next
         triangle is of another object.
     """
-    n, owner = np.uintp(asked[NTH]), asked[LAST_OWNER]
-    waiting = note_nearer(
-        n, asked[WAITING], batch, asked[LEFT_COLUMN], asked[TOP_ROW], tile[0], own, empty[0], lists
-    )
-    if waiting < ENOUGH and asked[NTH] + 1 < asked[BATCH_COUNT]:
-        face, starts = np.int64(batch[NUMBER, n + np.uintp(1)]), question.face_starts
+    n, owner = np.uintp(request[TRIANGLE]), request[LAST_OWNER]
+    queued = queue_nearer(
+        n, request[QUEUED], batch, request[LEFT_COLUMN], request[TOP_ROW], tile[0], scratch,
+        empty[0], lists,
+    )  # fmt: skip
+    if queued < FLUSH_SIZE and request[TRIANGLE] + 1 < request[BATCH_COUNT]:
+        face, starts = np.int64(batch[NUMBER, n + np.uintp(1)]), query.face_starts
         if starts[owner] <= face < starts[owner + 1]:
-            return waiting
-    show_waiting(waiting, asked, tile, lists, question)
+            return queued
+    flush_queue(queued, request, tile, lists, query)
     return np.int64(0)
 
 
@@ -434,10 +438,10 @@ def keep_shown(
 @helper
 def begin_batch(holes, count, origin, shift):
     """Store what the triangles of a batch share: size, tile origin, offset."""
-    asked = holes.asked
-    asked[BATCH_COUNT], asked[WAITING] = count, 0
-    asked[LEFT_COLUMN], asked[TOP_ROW] = origin
-    asked[MOVED_X], asked[MOVED_Y] = shift
+    request = holes.request
+    request[BATCH_COUNT], request[QUEUED] = count, 0
+    request[LEFT_COLUMN], request[TOP_ROW] = origin
+    request[OFFSET_X], request[OFFSET_Y] = shift
 
 
 @helper
@@ -449,26 +453,26 @@ def find_owner(face, guess, holes):
 
 @helper
 def keep(n, owner, holes):
-    """Move triangle ``n`` of the batch from its scratch tile to the queue; see `keep_shown`."""
-    holes.asked[NTH], holes.asked[LAST_OWNER] = n, owner
-    holes.asked[WAITING] = call_bound(holes.call)
+    """Move triangle ``n`` of the batch from its scratch tile to the queue; see `queue_triangle`."""
+    holes.request[TRIANGLE], holes.request[LAST_OWNER] = n, owner
+    holes.request[QUEUED] = call_bound(holes.call)
 
 
 # Memory
 
 
-def alpha_memory(room: int = PART) -> tuple[Any, ...]:
-    """Return a thread's memory for computing the alphas of up to ``room`` samples together."""
+def alpha_memory(capacity: int = MAX_TOGETHER) -> tuple[Any, ...]:
+    """Return a thread's memory for computing the alphas of up to ``capacity`` samples together."""
     # As `whole_vectors`, which is compiled: calling it here would wait for Numba.
-    room = -(-room // at.VECTOR) * at.VECTOR + LANES
+    capacity = -(-capacity // rows.VECTOR) * rows.VECTOR + LANES
     return (
-        np.empty((at.INT_ROWS, room), np.int32),
-        np.empty((at.VERTEX_ROWS, room), np.float64),
-        np.empty((at.VERTEX_ROWS, room), np.float32),
-        np.empty(room, np.float32),
-        np.empty((2, room), np.float64),
-        np.empty((texture_lookup.SCRATCH_ROWS, room), np.float64),
-        *texture_lookup.lookup_memory(room),
+        np.empty((rows.INT_ROWS, capacity), np.int32),
+        np.empty((rows.VERTEX_ROWS, capacity), np.float64),
+        np.empty((rows.VERTEX_ROWS, capacity), np.float32),
+        np.empty(capacity, np.float32),
+        np.empty((2, capacity), np.float64),
+        np.empty((texture_lookup.SCRATCH_ROWS, capacity), np.float64),
+        *texture_lookup.lookup_memory(capacity),
     )
 
 
@@ -476,7 +480,7 @@ class AlphaTest:
     """
     A thread's state for computing alphas.
 
-    Keep it alive while its question is in use: machine code holds addresses of its memory.
+    Keep it alive while its query is in use: machine code holds addresses of its memory.
 
     Parameters
     ----------
@@ -490,18 +494,18 @@ class AlphaTest:
 
     def __init__(self, alpha_tests: AlphaTests | None, listed: int = 1, together: int = 1) -> None:
         if alpha_tests is None:
-            self.question = NO_QUESTION
+            self.query = NO_QUERY
             return
-        faces, asked = np.empty(listed, np.int32), np.zeros(5, np.int64)
+        faces, request = np.empty(listed, np.int32), np.zeros(5, np.int64)
         memory = alpha_memory(together)
-        self._bound = Bound(find_alphas, asked, faces, memory, alpha_tests)
-        self.question = Question(
-            alpha_tests.face_starts, alpha_tests.cutoffs, asked, faces, memory[0], memory[3],
+        self._bound = Bound(find_alphas, request, faces, memory, alpha_tests)
+        self.query = AlphaQuery(
+            alpha_tests.face_starts, alpha_tests.cutoffs, request, faces, memory[0], memory[3],
             self._bound.words,
         )  # fmt: skip
 
 
-NO_QUESTION = Question(
+NO_QUERY = AlphaQuery(
     np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0, np.int64), np.empty(0, np.int32),
     np.empty((0, 0), np.int32), np.empty(0, np.float32), np.empty(0, np.int64),
 )  # fmt: skip
@@ -533,14 +537,14 @@ class TileTest:
             self.holes = no_holes(empty.dtype)
             return
         # All samples of one triangle may be queued, and some more.
-        room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
-        self._test = AlphaTest(alpha_tests, room, PART)
-        question, asked = self._test.question, np.zeros(8, np.int64)
-        own = np.full(tile[0].shape, empty[0]), np.empty(tile[0].shape, np.int32)
-        lists = np.empty(room, np.int32), question.faces, np.empty(room, empty.dtype)
-        self._bound = Bound(keep_shown, asked, tile, own[0], empty, batch, lists, question)
+        capacity = FLUSH_SIZE + TILE_SIZE * TILE_SIZE + LANES
+        self._test = AlphaTest(alpha_tests, capacity, MAX_TOGETHER)
+        query, request = self._test.query, np.zeros(8, np.int64)
+        scratch = np.full(tile[0].shape, empty[0]), np.empty(tile[0].shape, np.int32)
+        lists = np.empty(capacity, np.int32), query.faces, np.empty(capacity, empty.dtype)
+        self._bound = Bound(queue_triangle, request, tile, scratch[0], empty, batch, lists, query)
         self.holes = Holes(
-            alpha_tests.face_starts, alpha_tests.cutoffs, *own, asked, self._bound.words
+            alpha_tests.face_starts, alpha_tests.cutoffs, *scratch, request, self._bound.words
         )
 
 
@@ -548,6 +552,6 @@ class TileTest:
 def no_holes(depth_type: np.dtype[Any]) -> Holes:
     """Return the `Holes` of a scene without alpha test, for depths of a type."""
     return Holes(
-        NO_QUESTION.face_starts, NO_QUESTION.cutoffs, np.empty((0, 0), depth_type),
-        np.empty((0, 0), np.int32), NO_QUESTION.asked, NO_QUESTION.call,
+        NO_QUERY.face_starts, NO_QUERY.cutoffs, np.empty((0, 0), depth_type),
+        np.empty((0, 0), np.int32), NO_QUERY.request, NO_QUERY.call,
     )  # fmt: skip

@@ -37,7 +37,7 @@ ALPHA = 3
 CELLS = 2.0
 """Cells of the lattice along a texel of the finer mip level; `cutoff_of_cell` relies on it."""
 
-FARTHEST_CELL = float(1 << 30)
+MAX_CELL = float(1 << 30)
 """Coordinates beyond this cell use cell 0."""
 
 BLOCKS = 3
@@ -46,17 +46,17 @@ BLOCKS = 3
 LOW_BITS = 0x7FFFFFFF
 """Mask for the low bits of a product, so that the next fits int64."""
 
-MIN_SHARE = np.float32(1.0 / 256.0)
+MIN_COVERAGE = np.float32(1.0 / 256.0)
 """Coverage below this counts as 0, and within this of 1 as 1: rounding errors."""
 
 
 @helper
 def hashed(column, row, salt):
     """Hash a block's column and row, each below 2**31, to 31 bits, int64."""
-    mixed = (column * 0x2545F491 + row * 0x1B873593 + salt * 0x3C6EF372) & LOW_BITS
-    mixed = ((mixed ^ (mixed >> 15)) * 0x2C1B3C6D) & LOW_BITS
-    mixed = ((mixed ^ (mixed >> 12)) * 0x297A2D39) & LOW_BITS
-    return mixed ^ (mixed >> 15)
+    bits = (column * 0x2545F491 + row * 0x1B873593 + salt * 0x3C6EF372) & LOW_BITS
+    bits = ((bits ^ (bits >> 15)) * 0x2C1B3C6D) & LOW_BITS
+    bits = ((bits ^ (bits >> 12)) * 0x297A2D39) & LOW_BITS
+    return bits ^ (bits >> 15)
 
 
 @helper
@@ -69,25 +69,25 @@ def quarter_of(column, row):
 @helper
 def cutoff_of_cell(column, row):
     """Return the cutoff of a cell of the lattice, float32, between 0 and 1."""
-    strata, own = np.int64(0), quarter_of(column, row)
+    strata, quarter = np.int64(0), quarter_of(column, row)
     for n in range(1, BLOCKS + 1):
-        turned = hashed(column >> (n + 1), row >> (n + 1), np.int64(n)) >> 8
-        strata = (strata << 2) | (quarter_of(column >> n, row >> n) ^ own ^ (turned & 3))
-        own = np.int64(0)
+        hashed_bits = hashed(column >> (n + 1), row >> (n + 1), np.int64(n)) >> 8
+        strata = (strata << 2) | (quarter_of(column >> n, row >> n) ^ quarter ^ (hashed_bits & 3))
+        quarter = np.int64(0)
     rest = hashed(column, row, np.int64(0)) >> 15
     exact = np.float32((strata << 16) | rest) * np.float32(2.0 ** -(2 * BLOCKS + 16))
-    return MIN_SHARE + (np.float32(1.0) - MIN_SHARE - MIN_SHARE) * exact
+    return MIN_COVERAGE + (np.float32(1.0) - MIN_COVERAGE - MIN_COVERAGE) * exact
 
 
 @helper
 def cell_on_axis(u, size):
     """Return the cell of the lattice that holds a coordinate, int64."""
     cell = np.floor(CELLS * u * np.float64(size))
-    return np.int64(np.int32(cell if abs(cell) < FARTHEST_CELL else 0.0))
+    return np.int64(np.int32(cell if abs(cell) < MAX_CELL else 0.0))
 
 
 @disjoint_helper
-def compare_with_share(alphas, u, v, widths, heights, levels, coarser, first, cutoff):
+def compare_hashed(alphas, u, v, widths, heights, levels, coarser, first, cutoff):
     """
     Replace a mask's filtered alphas by alphas above or below the cutoff, by the hashed test.
 
@@ -96,20 +96,20 @@ def compare_with_share(alphas, u, v, widths, heights, levels, coarser, first, cu
     """
     one, none = np.float32(1.0), np.float32(0.0)
     for n in range(alphas.shape[0]):
-        way = min(np.float32(levels[n] - first) + coarser[n], one)
+        level = min(np.float32(levels[n] - first) + coarser[n], one)
         # Squared, edges of large leaves stay smooth longest.
-        far = way * way
-        own = cutoff_of_cell(cell_on_axis(u[n], widths[n]), cell_on_axis(v[n], heights[n]))
+        spread = level * level
+        cell_cutoff = cutoff_of_cell(cell_on_axis(u[n], widths[n]), cell_on_axis(v[n], heights[n]))
         alpha = alphas[n]
-        is_there = alpha >= cutoff + far * (own - cutoff)
-        shown = max(alpha, cutoff) if is_there else min(alpha, cutoff)
-        alphas[n] = shown + far * ((one if is_there else none) - shown)
+        passes = alpha >= cutoff + spread * (cell_cutoff - cutoff)
+        opaque = max(alpha, cutoff) if passes else min(alpha, cutoff)
+        alphas[n] = opaque + spread * ((one if passes else none) - opaque)
 
 
 @helper
-def keep_share(count, cutoff, textures, owner, kind, places, lookup):
+def apply_hashed_alpha(count, cutoff, textures, owner, kind, lookups, lookup):
     """
-    Apply `compare_with_share` to samples of one object, right after the texture lookup.
+    Apply `compare_hashed` to samples of one object, right after the texture lookup.
 
     Parameters
     ----------
@@ -119,18 +119,18 @@ def keep_share(count, cutoff, textures, owner, kind, places, lookup):
     textures : Textures
     owner, kind : int
         Row of its table.
-    places, lookup : arrays
+    lookups, lookup : arrays
         As `texture_lookup.show_textures` takes them.
     """
-    numbers, shares, colors = lookup
+    ints, floats, colors = lookup
     row, size = textures.table[owner, kind], whole_vectors(count)
     first = row[FIRST_LEVEL]
     texture_lookup.gather_levels(
-        size, 0, first, first + row[LEVEL_COUNT] - 1, textures.levels, numbers
+        size, 0, first, first + row[LEVEL_COUNT] - 1, textures.levels, ints
     )
-    u, v = texture_lookup.places_seen(0, size, owner, kind, textures, places)
-    compare_with_share(
-        part(colors, SHOWN + ALPHA, 0, size), u, v, part(numbers, texture_lookup.WIDTH, 0, size),
-        part(numbers, texture_lookup.HEIGHT, 0, size), part(numbers, texture_lookup.LEVEL, 0, size),
-        part(shares, texture_lookup.COARSER, 0, size), np.int32(first), cutoff,
+    u, v = texture_lookup.places_seen(0, size, owner, kind, textures, lookups)
+    compare_hashed(
+        part(colors, SHOWN + ALPHA, 0, size), u, v, part(ints, texture_lookup.WIDTH, 0, size),
+        part(ints, texture_lookup.HEIGHT, 0, size), part(ints, texture_lookup.LEVEL, 0, size),
+        part(floats, texture_lookup.COARSER, 0, size), np.int32(first), cutoff,
     )  # fmt: skip

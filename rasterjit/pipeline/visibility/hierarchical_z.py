@@ -52,7 +52,7 @@ def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
 
 
 @helper
-def worst(value, step, count):
+def least_value(value, step, count):
     """Return the least value of an edge along one side of a block of samples."""
     return value + min(step * (count - 1), np.int64(0))
 
@@ -81,22 +81,22 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
     for row in range(box[1], box[3] + 1):
         y = row << setup.TILE_BITS
         height = min(size, np.int64(viewport.height) - y)
-        e0 = worst(setup.sign_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
-        e1 = worst(setup.sign_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
-        e2 = worst(setup.sign_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
+        e0 = least_value(setup.sign_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
+        e1 = least_value(setup.sign_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
+        e2 = least_value(setup.sign_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
         for column in range(box[0], box[2] + 1):
             left, tile = column << setup.TILE_BITS, row * columns + column
             width = min(size, np.int64(viewport.width) - left)
             is_covered = (
-                worst(e0, across[0], width)
-                | worst(e1, across[1], width)
-                | worst(e2, across[2], width)
+                least_value(e0, across[0], width)
+                | least_value(e1, across[1], width)
+                | least_value(e2, across[2], width)
             ) >= 0
             e0, e1, e2 = e0 + across[0] * size, e1 + across[1] * size, e2 + across[2] * size
             # A triangle that is nowhere nearer raises nothing.
             if is_covered and tile_depths[tile] < highest:
-                whole = left, y, left + width - 1, y + height - 1
-                lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
+                box_of_tile = left, y, left + width - 1, y + height - 1
+                lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), box_of_tile, bits)
                 tile_depths[tile] = max(tile_depths[tile], tile_depths.dtype.type(lowest))
 
 

@@ -31,32 +31,32 @@ EVEN_TASKS = 4
 
 def kernel_rows() -> Rows:
     """Return the kernels that are called where there are lines."""
-    from rasterjit.pipeline.visibility import line_tessellation as own
+    from rasterjit.pipeline.visibility import line_tessellation as kernels
 
-    return rows_where("", own.place_segments, own.count_pieces, own.write_pieces)
+    return rows_where("", kernels.project_segments, kernels.count_pieces, kernels.write_pieces)
 
 
 def expand(
-    one: Primitive, primitives: Primitives, projected: Projected, workers: Workers
+    obj: Primitive, primitives: Primitives, projected: Projected, workers: Workers
 ) -> Expansion:
     """Project the segments of an object to the screen, and count their pieces."""
     # Memory, and tasks of some segments each.
-    rule = one.rule
+    rule = obj.rule
     if not isinstance(rule, LineRule):
         raise ValueError(f"rule must be a LineRule, got {rule!r}")
-    first_face, count = one.faces[0], one.faces[1] - one.faces[0]
+    first_face, count = obj.faces[0], obj.faces[1] - obj.faces[0]
     empty, viewport = workers.memory.empty, projected.viewport
-    parts = empty((count if len(rule.dashes) and one.is_world else 0, 4), np.float64)
+    parts = empty((count if len(rule.dashes) and obj.is_world else 0, 4), np.float64)
     placed = (
         empty((count, 4), np.int32), empty((count, 4), np.float64), empty((count,), np.uint8), parts
     )  # fmt: skip
     per_task = min(count_per_task(count, MIN_SEGMENTS, workers, EVEN_TASKS), SEGMENTS_PER_TASK)
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
     # Where the segments lie on the screen.
-    sizes = one.sizes, primitives.factor(one), int(one.is_world)
+    sizes = obj.sizes, primitives.factor(obj), int(obj.is_world)
     right, down = (step * primitives.pixels for step in rule.depth_offset)
     workers.call(
-        line_tessellation.place_segments,
+        line_tessellation.project_segments,
         [
             (
                 task, (first_face, projected.faces), projected.clip_positions, projected.codes,
@@ -66,10 +66,10 @@ def expand(
         ],
     )  # fmt: skip
     if right or down:
-        _move(projected.clip_positions[slice(*one.vertices)], right, down, viewport)
+        _move(projected.clip_positions[slice(*obj.vertices)], right, down, viewport)
     # How many vertices and pieces each one has.
     counts = empty((count, 2), np.int32)
-    dashes = _dashes_of(one, rule, primitives, projected, placed)
+    dashes = _dashes_of(obj, rule, primitives, projected, placed)
     shared = rule.links, placed, int(rule.is_round), viewport, dashes
     workers.call(line_tessellation.count_pieces, [(task, *shared, counts) for task in tasks])
     sums = np.zeros((count + 1, 2), np.int64)
@@ -108,7 +108,7 @@ def _move(
 
 
 def _dashes_of(
-    one: Primitive,
+    obj: Primitive,
     rule: LineRule,
     primitives: Primitives,
     projected: Projected,
@@ -119,26 +119,26 @@ def _dashes_of(
         return np.empty((0, 2)), np.empty(0)
     ends, _, states, parts = placed
     edges = np.append(0.0, np.cumsum(rule.dashes))
-    if one.is_world:
-        a, b = projected.faces[slice(*one.faces), :2].T
-        way = primitives.positions[b].astype(np.float64) - primitives.positions[a]
-        x, y, z = way.T
+    if obj.is_world:
+        a, b = projected.faces[slice(*obj.faces), :2].T
+        steps = primitives.positions[b].astype(np.float64) - primitives.positions[a]
+        x, y, z = steps.T
     else:
         edges *= primitives.pixels
         unit = float(1 << projected.viewport.grid_bits)
         x, y = ((ends[:, k + 2].astype(np.float64) - ends[:, k]) / unit for k in (0, 1))
         z = np.zeros(len(x))
     lengths = np.sqrt((x * x + y * y) + z * z)
-    if not one.is_world:
+    if not obj.is_world:
         # Clipped-away segments have no length in pixels.
         lengths[states == line_tessellation.HIDDEN] = 0.0
     lengths[~np.isfinite(lengths)] = 0.0
-    before = np.append(0.0, np.cumsum(lengths)[:-1])
-    numbers = np.arange(len(before))
+    starts = np.append(0.0, np.cumsum(lengths)[:-1])
+    numbers = np.arange(len(starts))
     firsts = np.maximum.accumulate(np.where(rule.links[:, 0] == numbers - 1, 0, numbers))
-    before -= before[firsts]
-    stretches = np.stack([before, before + lengths], axis=1)
-    if one.is_world:
-        shown = states != line_tessellation.HIDDEN
-        stretches[shown] = before[shown, np.newaxis] + parts[shown, :2] * lengths[shown, np.newaxis]
+    starts -= starts[firsts]
+    stretches = np.stack([starts, starts + lengths], axis=1)
+    if obj.is_world:
+        drawn = states != line_tessellation.HIDDEN
+        stretches[drawn] = starts[drawn, np.newaxis] + parts[drawn, :2] * lengths[drawn, np.newaxis]
     return stretches, edges

@@ -52,7 +52,7 @@ MAX_HALVINGS = 9
 SCRATCH_SHAPE = ((1 << MAX_HALVINGS) + 1, 2)
 """Shape of the scratch memory for a fan's unit vectors."""
 
-HIDDEN, SHOWN, START_CUT, END_CUT = 0, 1, 2, 4
+HIDDEN, VISIBLE, START_CUT, END_CUT = 0, 1, 2, 4
 """States of a segment: clipped away; or visible, and which of its ends were clipped."""
 
 FREE, SHARED, WEDGE, CAPPED = 0, 1, 2, 3
@@ -79,7 +79,7 @@ def line_distance(plane, x, y, z, w, band_x, band_y):
 
 
 @helper
-def kept_part(a, b, clip, band_x, band_y):
+def clip_range(a, b, clip, band_x, band_y):
     """Return the part of a segment inside all planes, in 0..1; first > last if there is none."""
     first, last = 0.0, 1.0
     ax, ay, az, aw = clip[a, 0], clip[a, 1], clip[a, 2], clip[a, 3]
@@ -115,27 +115,27 @@ def place_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
 
 
 @helper
-def moved_depths(first, last, way, place, is_perspective):
+def offset_depths(first, last, step, offset, is_perspective):
     """
     Return the depths at both ends of a segment, extrapolated by an offset along it.
 
     Extrapolation is linear and goes at most one segment length; in perspective, at most down to
     half the lower depth, so that depths stay above 0.
     """
-    squared = way[0] * way[0] + way[1] * way[1]
+    squared = step[0] * step[0] + step[1] * step[1]
     if squared == 0.0:
         return first, last
-    share = min(max((place[0] * way[0] + place[1] * way[1]) / squared, -1.0), 1.0)
-    step, floor = share * (last - first), 0.5 * min(first, last)
+    t = min(max((offset[0] * step[0] + offset[1] * step[1]) / squared, -1.0), 1.0)
+    rise, floor = t * (last - first), 0.5 * min(first, last)
     if is_perspective:
-        return max(first + step, floor), max(last + step, floor)
-    return first + step, last + step
+        return max(first + rise, floor), max(last + rise, floor)
+    return first + rise, last + rise
 
 
 @kernel
-def place_segments(
-    segments: (int64, int64), own: (int64, int32[:, ::1]), clip: float64[:, ::1], codes: uint8[:],
-    sizes: (float64[::1], float64, int64), depth_place: (float64, float64),
+def project_segments(
+    segments: (int64, int64), source: (int64, int32[:, ::1]), clip: float64[:, ::1],
+    codes: uint8[:], sizes: (float64[::1], float64, int64), depth_place: (float64, float64),
     depth_coefficients: (float64, float64, float64), viewport: Viewport,
     placed: (int32[:, ::1], float64[:, ::1], uint8[::1], float64[:, ::1]),
 ):  # fmt: skip
@@ -146,7 +146,7 @@ def place_segments(
     ----------
     segments : (int, int)
         The first of the object's, and one past the last.
-    own : (int, (F, 3) int32)
+    source : (int, (F, 3) int32)
         The first face of the object, and all faces.
     clip : (V, 4) float64, clip space
     codes : (V,) uint8, outcodes
@@ -158,10 +158,10 @@ def place_segments(
     viewport : Viewport
     placed : (ends (S, 4) int32, numbers (S, 4) float64, states (S,) uint8, parts (S or 0, 4))
         Writes where the ends lie, x, y, x, y, units of the grid; ``HALF_A`` .. ``DEPTH_B``;
-        ``HIDDEN``, or ``SHOWN`` with bits; and, unless that has no rows, which part of the segment
-        is left, from 0 to 1, and the w of its ends.
+        ``HIDDEN``, or ``VISIBLE`` with bits; and, unless that has no rows, which part of the
+        segment is left, from 0 to 1, and the w of its ends.
     """
-    first_face, faces = own
+    first_face, faces = source
     widths, factor, is_world = sizes
     ends, numbers, states, parts = placed
     width, height = whole_size(viewport)
@@ -176,7 +176,7 @@ def place_segments(
         states[s] = HIDDEN
         if (codes[a] | codes[b]) & INVALID:
             continue
-        first, last = kept_part(a, b, clip, band_x, band_y)
+        first, last = clip_range(a, b, clip, band_x, band_y)
         if first > last:
             continue
         # Its ends on the screen.
@@ -198,11 +198,11 @@ def place_segments(
         numbers[s, HALF_B] = min(h1, MAX_HALF) * unit
         # Depths, with the offset applied.
         if depth_place[0] != 0.0 or depth_place[1] != 0.0:
-            way = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
-            d0, d1 = moved_depths(d0, d1, way, depth_place, depth_coefficients[0] > 0.0)
+            step = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
+            d0, d1 = offset_depths(d0, d1, step, depth_place, depth_coefficients[0] > 0.0)
         numbers[s, DEPTH_A], numbers[s, DEPTH_B] = d0, d1
         # Which ends were clipped.
-        state = SHOWN
+        state = VISIBLE
         if first > 0.0:
             state |= START_CUT
         if last < 1.0:
@@ -254,7 +254,7 @@ def joint_of(s, other, at_end, links, placed, is_round, unit):
     if other < 0:
         return free, x, y
     o = np.uintp(other)
-    if not states[o] & SHOWN or states[o] & other_cut:
+    if not states[o] & VISIBLE or states[o] & other_cut:
         return free, x, y
     if numbers[o, HALF_A if at_end else HALF_B] != half:
         return CAPPED, x, y
@@ -339,11 +339,11 @@ def wedge_of(s, o, placed, unit):
     ends, numbers = placed[0], placed[1]
     ux, uy, _ = normal_of(ends, s)
     vx, vy, _ = normal_of(ends, o)
-    turn = ux * vy - uy * vx
+    cross = ux * vy - uy * vx
     around = 1.0
-    if turn > 0.0:
+    if cross > 0.0:
         ux, uy, vx, vy = -ux, -uy, -vx, -vy
-    elif turn < 0.0:
+    elif cross < 0.0:
         around = -1.0
     else:
         # A turn of 180 degrees: around the end of the first.
@@ -382,16 +382,16 @@ def dash_at(number, edges):
     """Return where dash ``number`` of a strip begins and ends."""
     each = (edges.shape[0] - 1) >> 1
     period = np.float64(number // each) * edges[edges.shape[0] - 1]
-    own = np.uintp(2 * (number % each))
-    return period + edges[own], period + edges[own + np.uintp(1)]
+    n = np.uintp(2 * (number % each))
+    return period + edges[n], period + edges[n + np.uintp(1)]
 
 
 @helper
-def first_dash(place, edges):
+def first_dash(position, edges):
     """Return the first dash that ends beyond a position on a strip."""
     each = (edges.shape[0] - 1) >> 1
-    number = each * np.int64(np.floor(place / edges[edges.shape[0] - 1]))
-    while dash_at(number, edges)[1] <= place:
+    number = each * np.int64(np.floor(position / edges[edges.shape[0] - 1]))
+    while dash_at(number, edges)[1] <= position:
         number += 1
     return number
 
@@ -422,14 +422,14 @@ def ends_on_dash(s, stretches, edges):
 
 
 @helper
-def share_at(place, s, placed, stretches):
+def parameter_at(position, s, placed, stretches):
     """Return the parameter on a segment, 0..1 in screen space, of a position on its strip."""
     first, last, parts = stretches[s, 0], stretches[s, 1], placed[3]
-    share = (place - first) / (last - first)
+    t = (position - first) / (last - first)
     if parts.shape[0] == 0:
-        return share
+        return t
     w0, w1 = parts[s, 2], parts[s, 3]
-    return share * w1 / (w0 + share * (w1 - w0))
+    return t * w1 / (w0 + t * (w1 - w0))
 
 
 @helper
@@ -444,11 +444,11 @@ def next_has_body(other, placed):
     if other < 0:
         return False
     o = np.uintp(other)
-    return placed[2][o] & SHOWN != 0 and has_body(o, placed[0])
+    return placed[2][o] & VISIBLE != 0 and has_body(o, placed[0])
 
 
 @helper
-def is_dot(s, before, behind, links, placed, unit):
+def is_dot(s, start, stop, links, placed, unit):
     """
     Return whether a segment is drawn as the pixel that holds its point.
 
@@ -456,7 +456,7 @@ def is_dot(s, before, behind, links, placed, unit):
     no pixel centre.
     """
     ends, numbers = placed[0], placed[1]
-    if has_body(s, ends) or before[0] != CAPPED or behind[0] != CAPPED:
+    if has_body(s, ends) or start[0] != CAPPED or stop[0] != CAPPED:
         return False
     h0, h1 = numbers[s, HALF_A], numbers[s, HALF_B]
     if not 0.5 * unit <= max(h0, h1) <= unit:
@@ -473,19 +473,19 @@ def is_dot(s, before, behind, links, placed, unit):
 @helper
 def parts_of(s, links, placed, is_round, viewport, unit):
     """Return the kinds of a segment's start and end, and the offsets to their corners."""
-    before = joint_of(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
-    behind = joint_of(s, np.int64(links[s, 1]), True, links, placed, is_round, unit)
-    return before, behind
+    start = joint_of(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
+    stop = joint_of(s, np.int64(links[s, 1]), True, links, placed, is_round, unit)
+    return start, stop
 
 
 @helper
-def dashed_ends(before, behind, s, dashes):
+def dashed_ends(start, stop, s, dashes):
     """Return the kinds of a dashed segment's ends: never round, a wedge only on a dash."""
-    first = FREE if before[0] == CAPPED else before[0]
-    last = FREE if behind[0] == CAPPED else behind[0]
+    first = FREE if start[0] == CAPPED else start[0]
+    last = FREE if stop[0] == CAPPED else stop[0]
     if last == WEDGE and not ends_on_dash(s, dashes[0], dashes[1]):
         last = FREE
-    return (first, before[1], before[2]), (last, behind[1], behind[2])
+    return (first, start[1], start[2]), (last, stop[1], stop[2])
 
 
 @kernel
@@ -503,7 +503,7 @@ def count_pieces(
     links : (S, 2) int32
         What each is joined to, before and behind; -1 for nothing.
     placed : tuple
-        As `place_segments` wrote it.
+        As `project_segments` wrote it.
     is_round : int
         Whether ends that are joined to nothing are round.
     viewport : Viewport
@@ -517,31 +517,31 @@ def count_pieces(
     for n in range(segments[0], segments[1]):
         s = np.uintp(n)
         vertices, pieces = np.int64(0), np.int64(0)
-        if placed[2][s] & SHOWN and reaches_picture(s, placed, viewport, unit):
-            before, behind = parts_of(s, links, placed, is_round, viewport, unit)
+        if placed[2][s] & VISIBLE and reaches_picture(s, placed, viewport, unit):
+            start, stop = parts_of(s, links, placed, is_round, viewport, unit)
             shows_dashes, quads = is_dashed(s, placed, dashes[0], dashes[1], unit), np.int64(0)
             if has_body(s, placed[0]):
                 quads = count_dashes(s, dashes[0], dashes[1]) if shows_dashes else np.int64(1)
             vertices, pieces = 4 * quads, 2 * quads
             if shows_dashes:
-                before, behind = dashed_ends(before, behind, s, dashes)
-            if is_dot(s, before, behind, links, placed, unit):
+                start, stop = dashed_ends(start, stop, s, dashes)
+            if is_dot(s, start, stop, links, placed, unit):
                 counts[s, 0], counts[s, 1] = 4, 2
                 continue
-            if before[0] == CAPPED:
+            if start[0] == CAPPED:
                 sides = np.int64(1) << count_cap_halvings(placed[1][s, HALF_A], unit)
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
-            if behind[0] == CAPPED:
+            if stop[0] == CAPPED:
                 sides = np.int64(1) << count_cap_halvings(placed[1][s, HALF_B], unit)
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
-            elif behind[0] == WEDGE:
+            elif stop[0] == WEDGE:
                 sides = np.int64(1) << wedge_of(s, np.uintp(links[s, 1]), placed, unit)[5]
                 vertices, pieces = vertices + sides + 2, pieces + sides
         counts[s, 0], counts[s, 1] = vertices, pieces
 
 
 @helper
-def put_vertex(vertex, x, y, depth, screen):
+def write_vertex(vertex, x, y, depth, screen):
     """Write a vertex of a piece."""
     v = np.uintp(vertex)
     screen.xy[v, 0], screen.xy[v, 1] = np.int32(x), np.int32(y)
@@ -549,7 +549,7 @@ def put_vertex(vertex, x, y, depth, screen):
 
 
 @helper
-def put_piece(piece, a, b, c, face, pieces, piece_faces):
+def write_piece(piece, a, b, c, face, pieces, piece_faces):
     """Write a piece."""
     p = np.uintp(piece)
     pieces[p, 0], pieces[p, 1], pieces[p, 2] = a, b, c
@@ -557,7 +557,7 @@ def put_piece(piece, a, b, c, face, pieces, piece_faces):
 
 
 @helper
-def put_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen, out, fan):
+def write_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen, out, fan):
     """Write a fan around a point, from its centre or first corner; return next vertex and piece."""
     pieces, piece_faces = out
     ux, uy, vx, vy, around, halvings = fan_of
@@ -565,16 +565,16 @@ def put_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen, 
     fill_fan(ux, uy, vx, vy, around, halvings, fan)
     first = vertex
     if has_centre:
-        put_vertex(vertex, x, y, depth, screen)
+        write_vertex(vertex, x, y, depth, screen)
         vertex += 1
     for n in range(sides + 1):
         i = np.uintp(n)
-        put_vertex(
+        write_vertex(
             vertex, x + outward(fan[i, 0] * half), y + outward(fan[i, 1] * half), depth, screen
         )
         vertex += 1
     for corner in range(first + 1, vertex - 1):
-        put_piece(piece, first, corner, corner + 1, face, pieces, piece_faces)
+        write_piece(piece, first, corner, corner + 1, face, pieces, piece_faces)
         piece += 1
     return vertex, piece
 
@@ -591,14 +591,14 @@ def end_at(s, at_end, joint, placed):
 
 
 @helper
-def cut_at(share, s, placed):
+def cut_at(t, s, placed):
     """Return what `end_at` does for a point inside a segment, at 0..1 in screen space."""
     ends, numbers = placed[0], placed[1]
     nx, ny, _ = normal_of(ends, s)
-    x = ends[s, 0] + share * np.float64(ends[s, 2] - ends[s, 0])
-    y = ends[s, 1] + share * np.float64(ends[s, 3] - ends[s, 1])
-    half = numbers[s, HALF_A] + share * (numbers[s, HALF_B] - numbers[s, HALF_A])
-    depth = numbers[s, DEPTH_A] + share * (numbers[s, DEPTH_B] - numbers[s, DEPTH_A])
+    x = ends[s, 0] + t * np.float64(ends[s, 2] - ends[s, 0])
+    y = ends[s, 1] + t * np.float64(ends[s, 3] - ends[s, 1])
+    half = numbers[s, HALF_A] + t * (numbers[s, HALF_B] - numbers[s, HALF_A])
+    depth = numbers[s, DEPTH_A] + t * (numbers[s, DEPTH_B] - numbers[s, DEPTH_A])
     return (
         np.int32(np.floor(x + 0.5)), np.int32(np.floor(y + 0.5)), outward(nx * half),
         outward(ny * half), depth,
@@ -606,15 +606,15 @@ def cut_at(share, s, placed):
 
 
 @helper
-def put_body(vertex, piece, first, last, face, screen, out):
+def write_body(vertex, piece, first, last, face, screen, out):
     """Write the quadrilateral between two ends of a body."""
     pieces, piece_faces = out
-    put_vertex(vertex, first[0] + first[2], first[1] + first[3], first[4], screen)
-    put_vertex(vertex + 1, first[0] - first[2], first[1] - first[3], first[4], screen)
-    put_vertex(vertex + 2, last[0] - last[2], last[1] - last[3], last[4], screen)
-    put_vertex(vertex + 3, last[0] + last[2], last[1] + last[3], last[4], screen)
-    put_piece(piece, vertex, vertex + 1, vertex + 2, face, pieces, piece_faces)
-    put_piece(piece + 1, vertex, vertex + 2, vertex + 3, face, pieces, piece_faces)
+    write_vertex(vertex, first[0] + first[2], first[1] + first[3], first[4], screen)
+    write_vertex(vertex + 1, first[0] - first[2], first[1] - first[3], first[4], screen)
+    write_vertex(vertex + 2, last[0] - last[2], last[1] - last[3], last[4], screen)
+    write_vertex(vertex + 3, last[0] + last[2], last[1] + last[3], last[4], screen)
+    write_piece(piece, vertex, vertex + 1, vertex + 2, face, pieces, piece_faces)
+    write_piece(piece + 1, vertex, vertex + 2, vertex + 3, face, pieces, piece_faces)
 
 
 @kernel
@@ -651,7 +651,7 @@ def write_pieces(
         if sums[s + np.uintp(1), 0] == sums[s, 0]:
             continue
         face = np.int32(first_face + n)
-        before, behind = parts_of(s, links, placed, is_round, viewport, unit)
+        start, stop = parts_of(s, links, placed, is_round, viewport, unit)
         x0, y0, x1, y1 = ends[s, 0], ends[s, 1], ends[s, 2], ends[s, 3]
         h0, h1 = numbers[s, HALF_A], numbers[s, HALF_B]
         d0, d1 = numbers[s, DEPTH_A], numbers[s, DEPTH_B]
@@ -664,40 +664,40 @@ def write_pieces(
                 if begin >= dashes[0][s, 1]:
                     break
                 if begin > dashes[0][s, 0]:
-                    first = cut_at(share_at(begin, s, placed, dashes[0]), s, placed)
+                    first = cut_at(parameter_at(begin, s, placed, dashes[0]), s, placed)
                 else:
-                    first = end_at(s, False, before, placed)
+                    first = end_at(s, False, start, placed)
                 if end < dashes[0][s, 1]:
-                    last = cut_at(share_at(end, s, placed, dashes[0]), s, placed)
+                    last = cut_at(parameter_at(end, s, placed, dashes[0]), s, placed)
                 else:
-                    last = end_at(s, True, behind, placed)
-                put_body(vertex, piece, first, last, face, screen, out)
+                    last = end_at(s, True, stop, placed)
+                write_body(vertex, piece, first, last, face, screen, out)
                 vertex, piece, number = vertex + 4, piece + 2, number + 1
         elif has_body(s, ends):
-            first, last = end_at(s, False, before, placed), end_at(s, True, behind, placed)
-            put_body(vertex, piece, first, last, face, screen, out)
+            first, last = end_at(s, False, start, placed), end_at(s, True, stop, placed)
+            write_body(vertex, piece, first, last, face, screen, out)
             vertex, piece = vertex + 4, piece + 2
         if shows_dashes:
-            before, behind = dashed_ends(before, behind, s, dashes)
+            start, stop = dashed_ends(start, stop, s, dashes)
         # Segments without length: squares.
-        if is_dot(s, before, behind, links, placed, unit):
+        if is_dot(s, start, stop, links, placed, unit):
             side = np.int32(0.5 * unit)
             first, last = (x0, y0 - side, -side, 0, d0), (x0, y0 + side, -side, 0, d1)
-            put_body(vertex, piece, first, last, face, screen, out)
+            write_body(vertex, piece, first, last, face, screen, out)
             continue
         # Caps, and wedges between segments.
-        if before[0] == CAPPED:
-            vertex, piece = put_fan(
+        if start[0] == CAPPED:
+            vertex, piece = write_fan(
                 cap_of(s, False, placed, unit), x0, y0, h0, d0, False, vertex, piece, face, screen,
                 out, fan,
             )  # fmt: skip
-        if behind[0] == CAPPED:
-            vertex, piece = put_fan(
+        if stop[0] == CAPPED:
+            vertex, piece = write_fan(
                 cap_of(s, True, placed, unit), x1, y1, h1, d1, False, vertex, piece, face, screen,
                 out, fan,
             )  # fmt: skip
-        elif behind[0] == WEDGE:
-            vertex, piece = put_fan(
+        elif stop[0] == WEDGE:
+            vertex, piece = write_fan(
                 wedge_of(s, np.uintp(links[s, 1]), placed, unit), x1, y1, h1, d1, True, vertex,
                 piece, face, screen, out, fan,
             )  # fmt: skip

@@ -57,11 +57,11 @@ MAX_MERGED = 1 << 29
 SHAPES = {"square": SQUARE, "disc": DISC, "sphere": SPHERE}
 
 
-class PointsSeen(NamedTuple):
+class PicturePoints(NamedTuple):
     """The points of a picture, for passes that need positions and normals on them."""
 
     rows: PointRows
-    sight: PointView
+    view: PointView
     viewport: Viewport
     picture: tuple[NDArray[Any], NDArray[np.int32]] | None = None
     """Depth and face number, (H, W), of points that are not triangles; ``None`` if no transparency
@@ -70,7 +70,7 @@ class PointsSeen(NamedTuple):
     @property
     def read(self) -> tuple[PointRows, PointView, Viewport]:
         """What stages and kernels read."""
-        return self.rows, self.sight, self.viewport
+        return self.rows, self.view, self.viewport
 
     @property
     def has_spheres(self) -> bool:
@@ -86,11 +86,11 @@ class DrawnPoints(NamedTuple):
     relative_from_model: NDArray[np.float64]
     """(O, 4, 4): to world axes with the origin at the eye."""
     points: PointRows
-    sight: PointView
+    view: PointView
     depth_coefficients: tuple[float, float, float]
 
 
-def sight_of(
+def view_of(
     clip_from_relative: NDArray[np.float64],
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
@@ -152,16 +152,16 @@ def draw_cloud(
     )
     clear(drawn)
     counts = np.zeros((chunks, 4), np.int64)
-    own = (
+    shared = (
         np.ascontiguousarray(cloud.positions, np.float64),
-        np.ascontiguousarray(cloud.relative_from_model), points, cloud.sight,
+        np.ascontiguousarray(cloud.relative_from_model), points, cloud.view,
         cloud.depth_coefficients, viewport,
     )  # fmt: skip
     workers.call(
         draw_points,
         [
             (
-                (edges[n], edges[n + 1]), *own,
+                (edges[n], edges[n + 1]), *shared,
                 frame if n == 0 else (drawn[0][n - 1], drawn[1][n - 1]), counts[n],
                 scratch_memory(),
             )
@@ -192,17 +192,17 @@ def merge(
     )
 
 
-def is_painted(one: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
+def is_cloud(obj: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
     """
     Tell whether an object consists of points that are drawn as points.
 
     Squares become two triangles where lists of triangles are kept, to draw these again, and for
     hit tests.
     """
-    if not isinstance(one.rule, PointRule):
+    if not isinstance(obj.rule, PointRule):
         return False
-    is_tested = hit_tests is not None and hit_tests.cutoffs[one.number] > 0.0
-    return not ((keeps_lists or is_tested) and one.rule.shape == "square")
+    is_tested = hit_tests is not None and hit_tests.cutoffs[obj.number] > 0.0
+    return not ((keeps_lists or is_tested) and obj.rule.shape == "square")
 
 
 def points_of(
@@ -212,56 +212,56 @@ def points_of(
     clip_from_relative: NDArray[np.float64],
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
-) -> PointsSeen:
+) -> PicturePoints:
     """Return the points among the objects of a picture, and the camera's rays."""
     count = len(vertex_starts) - 1
     shapes, places = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
     scales, sizes, first = np.zeros(count), [], 0
-    for one in primitives.objects:
-        if not isinstance(one.rule, PointRule):
+    for obj in primitives.objects:
+        if not isinstance(obj.rule, PointRule):
             continue
-        shapes[one.number] = SHAPES[one.rule.shape], IN_UNITS if one.is_world else IN_PIXELS
-        places[one.number] = first, int(len(one.sizes) > 1)
-        is_scaled = one.is_world
-        scales[one.number] = primitives.scales[one.number] if is_scaled else primitives.pixels
-        sizes.append(one.sizes)
-        first += len(one.sizes)
+        shapes[obj.number] = SHAPES[obj.rule.shape], IN_UNITS if obj.is_world else IN_PIXELS
+        places[obj.number] = first, int(len(obj.sizes) > 1)
+        is_scaled = obj.is_world
+        scales[obj.number] = primitives.scales[obj.number] if is_scaled else primitives.pixels
+        sizes.append(obj.sizes)
+        first += len(obj.sizes)
     joined = sizes[0] if len(sizes) == 1 else np.concatenate(sizes)
     rows = PointRows(vertex_starts, face_starts, shapes, places, joined, scales)
-    sight = sight_of(clip_from_relative, depth_coefficients, viewport)
-    return PointsSeen(rows, sight, viewport)
+    view = view_of(clip_from_relative, depth_coefficients, viewport)
+    return PicturePoints(rows, view, viewport)
 
 
-def only(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
+def subset(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
     """Return the points of some objects alone."""
     shapes = np.zeros_like(rows.shapes)
-    for one in objects:
-        shapes[one.number] = rows.shapes[one.number]
+    for obj in objects:
+        shapes[obj.number] = rows.shapes[obj.number]
     return rows._replace(shapes=shapes)
 
 
-def sums_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+def skipped(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the counts of points not drawn, by outcome, (5,), as `set_up_triangles` has them."""
     outside, unsampled, invalid, _ = counts.tolist()
     return np.array([outside, 0, 0, unsampled, invalid], np.int64)
 
 
 def expand_squares(
-    one: Primitive, primitives: Primitives, projected: Projected, workers: Workers
+    obj: Primitive, primitives: Primitives, projected: Projected, workers: Workers
 ) -> Expansion:
     """
     Count the pieces of squares: two triangles each, which cover what `draw_points` does.
 
     Takes what `primitive_expansion.Expand` does.
     """
-    viewport, (first, end) = projected.viewport, one.vertices
+    viewport, (first, end) = projected.viewport, obj.vertices
     numbers = np.flatnonzero((projected.codes[first:end] & UNSEEN) == 0)
     w = projected.clip_positions[first:end, 3][numbers]
-    sizes = one.sizes[numbers] if len(one.sizes) > 1 else np.broadcast_to(one.sizes, numbers.shape)
-    if one.is_world:
+    sizes = obj.sizes[numbers] if len(obj.sizes) > 1 else np.broadcast_to(obj.sizes, numbers.shape)
+    if obj.is_world:
         across, down = primitives.lengths
-        over = sizes * float(primitives.scales[one.number]) / w
-        sides = over * across, over * down
+        pixels = sizes * float(primitives.scales[obj.number]) / w
+        sides = pixels * across, pixels * down
     else:
         sides = (sizes * primitives.pixels,) * 2
     unit = float(1 << viewport.grid_bits)
@@ -270,10 +270,10 @@ def expand_squares(
     numbers, wide, high = numbers[is_any], wide[is_any], high[is_any]
 
     def write(
-        place: int, screen: ScreenVertices, pieces: NDArray[np.int32], faces: NDArray[np.int32]
+        start: int, screen: ScreenVertices, pieces: NDArray[np.int32], faces: NDArray[np.int32]
     ) -> None:
         """Write the corners, and the triangles between them."""
-        rows = slice(place, place + 4 * len(numbers))
+        rows = slice(start, start + 4 * len(numbers))
         centres = screen.xy[first:end][numbers].astype(np.int64)
         xy = np.empty((len(numbers), 2, 2, 2), np.int64)
         for k, (side, length) in enumerate(((wide, viewport.width), (high, viewport.height))):
@@ -285,9 +285,9 @@ def expand_squares(
         screen.xy[rows] = xy.reshape(-1, 2)
         screen.depth[rows] = np.repeat(screen.depth[first:end][numbers], 4)
         screen.w[rows] = np.repeat(screen.w[first:end][numbers], 4)
-        corners = place + 4 * np.arange(len(numbers), dtype=np.int32)[:, np.newaxis]
+        corners = start + 4 * np.arange(len(numbers), dtype=np.int32)[:, np.newaxis]
         pieces[0::2] = corners + np.array([0, 1, 2], np.int32)
         pieces[1::2] = corners + np.array([1, 3, 2], np.int32)
-        faces[:] = np.repeat(one.faces[0] + numbers, 2)
+        faces[:] = np.repeat(obj.faces[0] + numbers, 2)
 
     return Expansion(4 * len(numbers), 2 * len(numbers), write)

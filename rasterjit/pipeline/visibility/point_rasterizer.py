@@ -99,12 +99,12 @@ def first_centre(twice, half_and_unit):
 
 
 @helper
-def put(place, depth, face, depths, faces):
+def depth_test(pixel, depth, face, depths, faces):
     """Depth-test a face at a pixel: nearer wins, and the lower face number at equal depth."""
-    at = depths[place]
-    if depth >= at and (depth > at or face < faces[place]):
-        depths[place] = depth
-        faces[place] = face
+    stored_depth = depths[pixel]
+    if depth >= stored_depth and (depth > stored_depth or face < faces[pixel]):
+        depths[pixel] = depth
+        faces[pixel] = face
 
 
 @helper
@@ -115,13 +115,13 @@ def in_grid(pixels, viewport):
 
 
 @helper
-def sizes_in_grid(size, unit, scale, w, sight, viewport):
+def sizes_in_grid(size, unit, scale, w, view, viewport):
     """Return the width and the height of a point in units of the sub-pixel grid, rounded."""
     if unit == IN_PIXELS:
         side = in_grid(size * scale, viewport)
         return side, side
-    over = size * scale / w
-    return in_grid(over * sight.across, viewport), in_grid(over * sight.down, viewport)
+    pixels = size * scale / w
+    return in_grid(pixels * view.across, viewport), in_grid(pixels * view.down, viewport)
 
 
 @helper
@@ -139,13 +139,13 @@ def draw_square(x, y, sizes, depth, face, frame, viewport):
         return POINTS_UNSAMPLED if is_empty else POINTS_OUTSIDE
     for row in range(top, bottom + 1):
         start = row * viewport.width
-        for place in range(start + left, start + right + 1):
-            put(np.uintp(place), depth, face, depths, faces)
+        for pixel in range(start + left, start + right + 1):
+            depth_test(np.uintp(pixel), depth, face, depths, faces)
     return POINTS_DRAWN
 
 
 @helper
-def whole_root(number):
+def integer_sqrt(number):
     """Return the largest whole number whose square is not above a number below 2**61."""
     root = np.int64(np.sqrt(np.float64(number)))
     while root * root > number:
@@ -160,7 +160,7 @@ def draw_one_pixel(column, row, depth, face, frame, viewport):
     """Draw the only pixel of a point."""
     if not (0 <= column < viewport.width and 0 <= row < viewport.height):
         return POINTS_OUTSIDE
-    put(np.uintp(row * viewport.width + column), depth, face, frame[0], frame[1])
+    depth_test(np.uintp(row * viewport.width + column), depth, face, frame[0], frame[1])
     return POINTS_DRAWN
 
 
@@ -177,7 +177,7 @@ def is_in_disc(across, down, wide, high):
 def reach_in_row(down, wide, high):
     """Return a disc's doubled half width in the row at a doubled offset ``down``."""
     if wide == high:
-        return whole_root(wide * wide - down * down)
+        return integer_sqrt(wide * wide - down * down)
     y = np.float64(down) / np.float64(high)
     return np.int64(np.float64(wide) * np.sqrt(max(1.0 - y * y, 0.0)))
 
@@ -204,8 +204,8 @@ def draw_disc(x, y, sizes, depth, face, frame, viewport):
         left = max(first_centre(2 * x - reach, grid), np.int64(0))
         right = min(first_centre(2 * x + reach + 1, grid) - 1, viewport.width - 1)
         start = row * viewport.width
-        for place in range(start + left, start + right + 1):
-            put(np.uintp(place), depth, face, depths, faces)
+        for pixel in range(start + left, start + right + 1):
+            depth_test(np.uintp(pixel), depth, face, depths, faces)
             outcome = POINTS_DRAWN
     return outcome
 
@@ -234,14 +234,14 @@ def ndc_of(column, row, viewport):
 
 
 @helper
-def nearest_to_centre(centre, ndc, sight):
+def nearest_to_centre(centre, ndc, view):
     """
     Return the offset from a sphere's centre to the nearest point of a ray, and its direction.
 
     The ray is the intersection of two planes, ``r0 p = x r3 p`` and ``r1 p = y r3 p`` with rows r
     of the matrix; the centre's distances from them are differences of its clip coordinates.
     """
-    m, (x, y) = sight.matrix, ndc
+    m, (x, y) = view.matrix, ndc
     ax, ay, az = m[0, 0] - x * m[3, 0], m[0, 1] - x * m[3, 1], m[0, 2] - x * m[3, 2]
     bx, by, bz = m[1, 0] - y * m[3, 0], m[1, 1] - y * m[3, 1], m[1, 2] - y * m[3, 2]
     w = clip_row(m, 3, centre)
@@ -249,60 +249,60 @@ def nearest_to_centre(centre, ndc, sight):
     dx, dy, dz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     shrink = -1.0 / scalar(dx, dy, dz, dx, dy, dz)
     to_a, to_b = shrink * beside_a, shrink * beside_b
-    way = (
+    offset = (
         to_a * (by * dz - bz * dy) + to_b * (dy * az - dz * ay),
         to_a * (bz * dx - bx * dz) + to_b * (dz * ax - dx * az),
         to_a * (bx * dy - by * dx) + to_b * (dx * ay - dy * ax),
     )
-    along = sight.away * np.sqrt(-shrink)
-    return way, (dx * along, dy * along, dz * along)
+    along = view.away * np.sqrt(-shrink)
+    return offset, (dx * along, dy * along, dz * along)
 
 
 @helper
-def is_between_planes(centre, offset, sight):
+def is_between_planes(centre, offset, view):
     """Return whether a point is beyond the near plane, and whether before the far one."""
-    m = sight.matrix
+    m = view.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
     z, w = clip_row(m, 2, point), clip_row(m, 3, point)
     return w > 0.0 and z >= -w, z <= w
 
 
 @helper
-def meet_sphere(centre, radius, ndc, sight):
+def meet_sphere(centre, radius, ndc, view):
     """
     Intersect a ray with a sphere: return the offset from its centre to the visible hit, and a code.
 
     0: no visible hit; 1: hit; 2: the ray misses, and the offset leads to its nearest point.
     """
-    way, along = nearest_to_centre(centre, ndc, sight)
-    left = radius * radius - scalar(way[0], way[1], way[2], way[0], way[1], way[2])
-    half = np.sqrt(max(left, 0.0))
-    offset = way[0] - half * along[0], way[1] - half * along[1], way[2] - half * along[2]
-    is_in_front, is_before_far = is_between_planes(centre, offset, sight)
+    foot, along = nearest_to_centre(centre, ndc, view)
+    squared = radius * radius - scalar(foot[0], foot[1], foot[2], foot[0], foot[1], foot[2])
+    half = np.sqrt(max(squared, 0.0))
+    offset = foot[0] - half * along[0], foot[1] - half * along[1], foot[2] - half * along[2]
+    is_in_front, is_before_far = is_between_planes(centre, offset, view)
     if not is_in_front:
-        offset = way[0] + half * along[0], way[1] + half * along[1], way[2] + half * along[2]
-        is_in_front, is_before_far = is_between_planes(centre, offset, sight)
+        offset = foot[0] + half * along[0], foot[1] + half * along[1], foot[2] + half * along[2]
+        is_in_front, is_before_far = is_between_planes(centre, offset, view)
     if not (is_in_front and is_before_far):
         return offset, 0
-    return offset, 1 if left >= 0.0 else 2
+    return offset, 1 if squared >= 0.0 else 2
 
 
 @helper
-def depth_on_sphere(centre, offset, sight, depth_coefficients):
+def depth_on_sphere(centre, offset, view, depth_coefficients):
     """Return the stored depth of a point of a sphere."""
-    m = sight.matrix
+    m = view.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
     return projection.stored_depth(clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients)
 
 
 @helper
-def touching_planes(centre, radius, row, sight):
+def sphere_bounds(centre, radius, row, view):
     """
     Return a sphere's bounds in NDC x (row 0) or y (row 1), from tangent planes through the eye.
 
     Unbounded unless the whole sphere is in front of the eye.
     """
-    m = sight.matrix
+    m = view.matrix
     a, w = clip_row(m, row, centre), clip_row(m, 3, centre)
     aa = scalar(m[row, 0], m[row, 1], m[row, 2], m[row, 0], m[row, 1], m[row, 2])
     ww = scalar(m[3, 0], m[3, 1], m[3, 2], m[3, 0], m[3, 1], m[3, 2])
@@ -326,9 +326,9 @@ def pixels_between(low, high, length, before, count):
 
 
 @helper
-def is_out_of_sight(centre, radius, sight):
+def is_out_of_sight(centre, radius, view):
     """Return whether a sphere is wholly behind the near plane, or beyond the far one."""
-    m = sight.matrix
+    m = view.matrix
     z, w = clip_row(m, 2, centre), clip_row(m, 3, centre)
     nx, ny, nz = m[3, 0] + m[2, 0], m[3, 1] + m[2, 1], m[3, 2] + m[2, 2]
     fx, fy, fz = m[3, 0] - m[2, 0], m[3, 1] - m[2, 1], m[3, 2] - m[2, 2]
@@ -339,13 +339,13 @@ def is_out_of_sight(centre, radius, sight):
 
 
 @helper
-def nearest_depth(centre, radius, sight, depth_coefficients):
+def nearest_depth(centre, radius, view, depth_coefficients):
     """
     Return a stored depth nearer than every point of a sphere; inf where there is no simple bound.
 
     A pixel whose stored depth is nearer hides the sphere.
     """
-    m = sight.matrix
+    m = view.matrix
     x, y, z = m[3, 0], m[3, 1], m[3, 2]
     sign = -1.0
     if x == 0.0 and y == 0.0 and z == 0.0:
@@ -364,19 +364,19 @@ def nearest_depth(centre, radius, sight, depth_coefficients):
 
 
 @helper
-def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport):
+def draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport):
     """Draw the pixels whose rays hit a sphere; return its outcome."""
     depths, faces = frame
     kind = depths.dtype.type
-    if is_out_of_sight(centre, radius, sight):
+    if is_out_of_sight(centre, radius, view):
         return POINTS_OUTSIDE
     width, height = setup.whole_size(viewport)
-    low_x, high_x = touching_planes(centre, radius, 0, sight)
-    low_y, high_y = touching_planes(centre, radius, 1, sight)
+    low_x, high_x = sphere_bounds(centre, radius, 0, view)
+    low_y, high_y = sphere_bounds(centre, radius, 1, view)
     left, right = pixels_between(low_x, high_x, width, viewport.left, viewport.width)
     top, bottom = pixels_between(-high_y, -low_y, height, viewport.top, viewport.height)
     outcome = POINTS_UNSAMPLED if left <= right and top <= bottom else POINTS_OUTSIDE
-    bound = nearest_depth(centre, radius, sight, depth_coefficients)
+    bound = nearest_depth(centre, radius, view, depth_coefficients)
     for row in range(top, bottom + 1):
         start = row * viewport.width
         for column in range(left, right + 1):
@@ -384,22 +384,22 @@ def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport
             if outcome == POINTS_DRAWN and depths[np.uintp(start + column)] > bound:
                 continue
             ndc = ndc_of(column, row, viewport)
-            offset, is_seen = meet_sphere(centre, radius, ndc, sight)
+            offset, is_seen = meet_sphere(centre, radius, ndc, view)
             if is_seen == 1:
-                depth = depth_on_sphere(centre, offset, sight, depth_coefficients)
-                put(np.uintp(start + column), kind(depth), face, depths, faces)
+                depth = depth_on_sphere(centre, offset, view, depth_coefficients)
+                depth_test(np.uintp(start + column), kind(depth), face, depths, faces)
                 outcome = POINTS_DRAWN
     return outcome
 
 
 @helper
-def draw_sphere_pixel(x, y, centre, radius, face, frame, sight, depth_coefficients, viewport):
+def draw_sphere_pixel(x, y, centre, radius, face, frame, view, depth_coefficients, viewport):
     """Draw the pixel that holds a sphere's centre, if its ray misses the sphere."""
     column, row = holding_pixel(x, viewport.grid_bits), holding_pixel(y, viewport.grid_bits)
-    offset, is_seen = meet_sphere(centre, radius, ndc_of(column, row, viewport), sight)
+    offset, is_seen = meet_sphere(centre, radius, ndc_of(column, row, viewport), view)
     if is_seen != 2:
         return POINTS_UNSAMPLED
-    depth = depth_on_sphere(centre, offset, sight, depth_coefficients)
+    depth = depth_on_sphere(centre, offset, view, depth_coefficients)
     return draw_one_pixel(column, row, frame[0].dtype.type(depth), face, frame, viewport)
 
 
@@ -423,7 +423,7 @@ def radius_of(points, owner, number):
 
 
 @disjoint_helper
-def find_places(snapped_x, snapped_y, codes, viewport):
+def find_pixels(snapped_x, snapped_y, codes, viewport):
     """
     Write the pixel of each point of one pixel over its outcode, -1 for none.
 
@@ -448,61 +448,61 @@ def find_places(snapped_x, snapped_y, codes, viewport):
 @helper
 def draw_pixels(first_face, count, frame, viewport, scratch, counts):
     """Draw a block of points of one pixel each."""
-    numbers, whole, _ = scratch
+    floats, ints, _ = scratch
     depths, faces = frame
     kind = depths.dtype.type
-    drawn, invalid = find_places(*three_parts(whole, projection.SNAPPED_X, 0, count), viewport)
+    drawn, invalid = find_pixels(*three_parts(ints, projection.SNAPPED_X, 0, count), viewport)
     counts[POINTS_DRAWN] += drawn
     counts[POINTS_INVALID] += invalid
     counts[POINTS_OUTSIDE] += count - drawn - invalid
     # Prefetch all pixels first.
     for i in range(count):
-        place = whole[projection.CODE, np.uintp(i)]
-        if place >= 0:
-            fetch(depths, np.uintp(place))
+        pixel = ints[projection.CODE, np.uintp(i)]
+        if pixel >= 0:
+            fetch(depths, np.uintp(pixel))
     for i in range(count):
-        place = whole[projection.CODE, np.uintp(i)]
-        if place >= 0:
-            depth = kind(numbers[projection.DEPTH, np.uintp(i)])
-            put(np.uintp(place), depth, np.int32(first_face + i), depths, faces)
+        pixel = ints[projection.CODE, np.uintp(i)]
+        if pixel >= 0:
+            depth = kind(floats[projection.DEPTH, np.uintp(i)])
+            depth_test(np.uintp(pixel), depth, np.int32(first_face + i), depths, faces)
 
 
 @helper
 def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, scratch, counts):
     """Draw a block of points of any size and shape, of one object."""
-    sight, depth_coefficients, viewport = lens
-    numbers, whole, _ = scratch
+    view, depth_coefficients, viewport = lens
+    floats, ints, _ = scratch
     kind = frame[0].dtype.type
     shape, unit = points.shapes[owner, 0], points.shapes[owner, 1]
-    place, step = points.size_places[owner, 0], points.size_places[owner, 1]
+    first_size, step = points.size_places[owner, 0], points.size_places[owner, 1]
     first_number = first - points.vertex_starts[owner]
     first_face = points.face_starts[owner] + first_number
     scale = points.scales[owner]
     for i in range(count):
         n = np.uintp(i)
-        code, w = whole[projection.CODE, n], numbers[projection.W, n]
+        code, w = ints[projection.CODE, n], floats[projection.W, n]
         face = np.int32(first_face + i)
-        x, y = np.int64(whole[projection.SNAPPED_X, n]), np.int64(whole[projection.SNAPPED_Y, n])
+        x, y = np.int64(ints[projection.SNAPPED_X, n]), np.int64(ints[projection.SNAPPED_Y, n])
         if code & setup.INVALID:
             counts[POINTS_INVALID] += 1
             continue
         if shape != SPHERE and (code & UNSEEN):
             counts[POINTS_OUTSIDE] += 1
             continue
-        size = points.sizes[np.uintp(place + step * (first_number + i))]
-        depth = kind(numbers[projection.DEPTH, n])
+        size = points.sizes[np.uintp(first_size + step * (first_number + i))]
+        depth = kind(floats[projection.DEPTH, n])
         is_ahead = (code & setup.GUARD) == 0
-        sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, sight, viewport)
+        sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, view, viewport)
         if shape == SPHERE:
             centre = centre_of(positions, np.uintp(first + i), matrices, owner)
             radius = 0.5 * (size * scale)
             outcome = draw_sphere(
-                centre, radius, face, frame, sight, depth_coefficients, viewport
+                centre, radius, face, frame, view, depth_coefficients, viewport
             )  # fmt: skip
             is_large = min(sizes[0], sizes[1]) >= np.int64(1) << viewport.grid_bits
             if is_ahead and is_large and outcome != POINTS_DRAWN:
                 outcome = draw_sphere_pixel(
-                    x, y, centre, radius, face, frame, sight, depth_coefficients, viewport
+                    x, y, centre, radius, face, frame, view, depth_coefficients, viewport
                 )
         elif shape == SQUARE:
             outcome = draw_square(x, y, sizes, depth, face, frame, viewport)
@@ -524,7 +524,7 @@ def are_pixels(owner, points):
 @kernel
 def draw_points(
     vertices: (int64, int64), positions: float64[:, ::1], relative_from_model: float64[:, :, ::1],
-    points: PointRows, sight: PointView, depth_coefficients: (float64, float64, float64),
+    points: PointRows, view: PointView, depth_coefficients: (float64, float64, float64),
     viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), counts: int64[::1],
     scratch: (float64[:, ::1], int32[:, ::1], float64[::1]),
 ):  # fmt: skip
@@ -539,7 +539,7 @@ def draw_points(
     relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
     points : PointRows
-    sight : PointView
+    view : PointView
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
@@ -550,7 +550,7 @@ def draw_points(
     scratch : tuple
         This call's own, from `projection.scratch_memory`.
     """
-    numbers, whole, largest = scratch
+    floats, ints, largest = scratch
     pixels = flat(frame[0]), flat(frame[1])
     objects = points.vertex_starts, relative_from_model
     owner, first = setup.last_at_most(points.vertex_starts, vertices[0]), vertices[0]
@@ -565,20 +565,20 @@ def draw_points(
         is_pixel = are_pixels(o, points)
         while first < end:
             count = min(np.int64(projection.BLOCK), end - first)
-            projection.load_relative(positions, first, first + count, objects, owner, numbers)
-            x, y = part(numbers, projection.X, 0, count), part(numbers, projection.Y, 0, count)
-            z, w = part(numbers, projection.Z, 0, count), part(numbers, projection.W, 0, count)
-            projection.transform_rows(sight.matrix, x, y, z, w)
+            projection.load_relative(positions, first, first + count, objects, owner, floats)
+            x, y = part(floats, projection.X, 0, count), part(floats, projection.Y, 0, count)
+            z, w = part(floats, projection.Z, 0, count), part(floats, projection.W, 0, count)
+            projection.transform_rows(view.matrix, x, y, z, w)
             projection.project_rows(
                 depth_coefficients, viewport, largest[0], x, y, z, w,
-                part(numbers, projection.DEPTH, 0, count),
-                *three_parts(whole, projection.SNAPPED_X, 0, count),
+                part(floats, projection.DEPTH, 0, count),
+                *three_parts(ints, projection.SNAPPED_X, 0, count),
             )  # fmt: skip
             if is_pixel:
                 face = points.face_starts[o] + first - points.vertex_starts[o]
                 draw_pixels(face, count, pixels, viewport, scratch, counts)
             else:
-                lens = sight, depth_coefficients, viewport
+                lens = view, depth_coefficients, viewport
                 draw_shapes(
                     first, count, o, positions, relative_from_model, points, lens, pixels,
                     scratch, counts,
@@ -605,8 +605,8 @@ def merge_pictures(
     for n in range(drawn[0].shape[0]):
         for row in range(rows[0], rows[1]):
             depths, faces = drawn[0][n, row], drawn[1][n, row]
-            own, own_faces = frame[0][row], frame[1][row]
+            depth, face_id = frame[0][row], frame[1][row]
             for column in range(depths.shape[0]):
                 if faces[column] >= 0:
-                    place = np.uintp(column)
-                    put(place, depths[column], faces[column], own, own_faces)
+                    pixel = np.uintp(column)
+                    depth_test(pixel, depths[column], faces[column], depth, face_id)

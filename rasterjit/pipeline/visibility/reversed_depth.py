@@ -39,9 +39,9 @@ def plane_depth(a, b, c, column, row, geometry, vertex_depths):
     ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
     bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
     cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
-    over = 1.0 / np.float64(edge(ax, ay, bx, by, cx, cy))
-    second = np.float64(edge(cx, cy, ax, ay, px, py)) * over
-    third = np.float64(edge(ax, ay, bx, by, px, py)) * over
+    inverse = 1.0 / np.float64(edge(ax, ay, bx, by, cx, cy))
+    second = np.float64(edge(cx, cy, ax, ay, px, py)) * inverse
+    third = np.float64(edge(ax, ay, bx, by, px, py)) * inverse
     return interpolate((0.0, second, third), vertex_depths[a], vertex_depths[b], vertex_depths[c])
 
 
@@ -75,7 +75,7 @@ def fill_depths(
                 continue
             a, b, c = corners_of(geometry.faces, face)
             if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
-                found = clipped_depth(a, b, c, column, row, geometry, depth_coefficients)
+                value = clipped_depth(a, b, c, column, row, geometry, depth_coefficients)
             else:
-                found = plane_depth(a, b, c, column, row, geometry, vertex_depths)
-            depth[row, column] = found
+                value = plane_depth(a, b, c, column, row, geometry, vertex_depths)
+            depth[row, column] = value

@@ -34,9 +34,9 @@ the vertices. Vertices are taken in a fixed order (topmost, then leftmost first,
 neither rotation nor winding of the face changes a bit.
 
 Hierarchical Z: the least depth of each cell of 8 by 8 samples culls triangles behind it. Long lists
-are sorted first, roughly front to back by nearest depth (`draw_ordered`), and hidden triangles are
+are sorted first, roughly front to back by nearest depth (`draw_sorted`), and hidden triangles are
 culled before setup, most of them where depth complexity is high. Where half of the triangles are
-visible, sorting takes as long as it saves, so a thread goes by its recent lists (`pays_to_order`).
+visible, sorting takes as long as it saves, so a thread goes by its recent lists (`pays_to_sort`).
 Short lists, and alpha-tested objects, are drawn as they are listed. Then cell depths are updated
 each time the number of triangles drawn has doubled, and only wide triangles are tested: for small
 ones the test costs as much as it saves.
@@ -59,7 +59,6 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, sign_at
 from rasterjit.pipeline.geometry.triangle_batches import (
     ACROSS,
-    ASKED,
     AX,
     AY,
     BATCH,
@@ -80,30 +79,31 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     EDGE,
     FACE,
     FIRST,
+    FLOAT64,
+    FLOAT_ROWS,
     GRID_BITS,
+    INT_ROWS,
     LEFT,
     LEFT_COLUMN,
+    MAX_SORTED,
     MIXED,
     ORDER,
-    ORDERED,
-    PUT_IN_ORDER,
+    PARTS,
+    PREFETCH,
     RANGE,
-    REAL,
-    REAL_ROWS,
+    REQUEST_SIZE,
     RIGHT,
     RIGHT_COLUMN,
-    ROOM,
-    SEEN_OF_THEM,
     SHIFT_X,
     SHIFT_Y,
     SIDE,
     SMALL_PIXELS,
-    TO_COME,
+    SORTED,
+    SORTED_DRAWN,
+    STRIDE,
     TOP,
     TOP_ROW,
-    WAYS,
     WEIGHT,
-    WHOLE_ROWS,
     WIDE,
     at,
     order_memory,
@@ -134,13 +134,13 @@ Rounding error of two depths of a plane, relative to its range plus its largest 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
 
-MIN_ORDERED = 128
+MIN_SORTED = 128
 """Fewest triangles of a tile for which sorting pays."""
 
-REMEMBERED = 1 << 16
+MAX_HISTORY = 1 << 16
 """Most sorted triangles in a thread's statistics of how many were visible."""
 
-FORGETTING_BITS = 4
+RETRY_BITS = 4
 """One in 2**4 unsorted triangles counts as sorted and hidden, so that sorting is retried."""
 
 NOTHING = -1
@@ -261,26 +261,27 @@ def clamped(depth, plane):
 
 
 @helper
-def draw_small(n, whole, real, plane, origin, tile, is_mixed):
+def draw_small(n, ints, floats, plane, origin, tile, is_mixed):
     """Rasterize a small triangle: test the samples of its box, row by row."""
-    left, top = np.int64(whole[at(LEFT, n)]), np.int64(whole[at(TOP, n)])
+    left, top = np.int64(ints[at(LEFT, n)]), np.int64(ints[at(TOP, n)])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
-    rows = np.int64(whole[at(BOTTOM, n)]) - top + 1
-    columns = np.int32(whole[at(RIGHT, n)] - left + 1)
-    ax, ay, bx, by = whole[at(AX, n)], whole[at(AY, n)], whole[at(BX, n)], whole[at(BY, n)]
-    cx, cy = whole[at(CX, n)], whole[at(CY, n)]
+    rows = np.int64(ints[at(BOTTOM, n)]) - top + 1
+    columns = np.int32(ints[at(RIGHT, n)] - left + 1)
+    ax, ay, bx, by = ints[at(AX, n)], ints[at(AY, n)], ints[at(BX, n)], ints[at(BY, n)]
+    cx, cy = ints[at(CX, n)], ints[at(CY, n)]
     edges = (
-        whole[at(SIDE, n)], whole[at(SIDE + 1, n)], whole[at(SIDE + 2, n)],
+        ints[at(SIDE, n)], ints[at(SIDE + 1, n)], ints[at(SIDE + 2, n)],
         np.int32(by - cy), np.int32(cy - ay), np.int32(ay - by),
         np.int32(cx - bx), np.int32(ax - cx), np.int32(bx - ax),
     )  # fmt: skip
     depth = (
-        real[at(EDGE, n)], real[at(EDGE + 1, n)], real[at(ACROSS, n)], real[at(ACROSS + 1, n)],
-        real[at(DOWN, n)], real[at(DOWN + 1, n)], plane[0], plane[1], plane[2], plane[4], plane[5],
+        floats[at(EDGE, n)], floats[at(EDGE + 1, n)], floats[at(ACROSS, n)],
+        floats[at(ACROSS + 1, n)], floats[at(DOWN, n)], floats[at(DOWN + 1, n)], plane[0], plane[1],
+        plane[2], plane[4], plane[5],
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[at(FACE, n)]), is_mixed,
+        np.int32(ints[at(FACE, n)]), is_mixed,
     )  # fmt: skip
 
 
@@ -314,52 +315,52 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
 
 
 @helper
-def hidden_depth(n, whole, origin, cells):
+def hidden_depth(n, ints, origin, cells):
     """Return the least depth of the cells that a triangle's box touches: below it, it is hidden."""
-    left = max(np.int64(whole[at(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
-    right = (np.int64(whole[at(RIGHT, n)]) - origin[0]) >> CELL_BITS
-    top = (np.int64(whole[at(TOP, n)]) - origin[1]) >> CELL_BITS
-    bottom = (np.int64(whole[at(BOTTOM, n)]) - origin[1]) >> CELL_BITS
+    left = max(np.int64(ints[at(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
+    right = (np.int64(ints[at(RIGHT, n)]) - origin[0]) >> CELL_BITS
+    top = (np.int64(ints[at(TOP, n)]) - origin[1]) >> CELL_BITS
+    bottom = (np.int64(ints[at(BOTTOM, n)]) - origin[1]) >> CELL_BITS
     return least_in_rows(
         cells, top * CELLS, np.int64(CELLS), bottom + 1 - top, np.int32(left), np.int32(right)
     )
 
 
 @helper
-def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed):
+def draw_triangle(n, ints, floats, origin, bits, tile_depth, cells, tile, spans, is_mixed):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
     It is culled if it lies below the tile depth, or, if wide, below the depths of its cells.
     """
-    lowest, highest = real[at(RANGE, n)], real[at(RANGE + 1, n)]
+    lowest, highest = floats[at(RANGE, n)], floats[at(RANGE + 1, n)]
     if tile[0].dtype.type(highest) < tile_depth:
         return
-    weight_a, weight_b = real[at(WEIGHT, n)], real[at(WEIGHT + 1, n)]
-    step = real[at(ACROSS, n)] * weight_a + real[at(ACROSS + 1, n)] * weight_b
-    plane = real[at(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
-    if not whole[at(WIDE, n)]:
-        draw_small(n, whole, real, plane, origin, tile, is_mixed)
+    weight_a, weight_b = floats[at(WEIGHT, n)], floats[at(WEIGHT + 1, n)]
+    step = floats[at(ACROSS, n)] * weight_a + floats[at(ACROSS + 1, n)] * weight_b
+    plane = floats[at(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
+    if not ints[at(WIDE, n)]:
+        draw_small(n, ints, floats, plane, origin, tile, is_mixed)
         return
-    hidden = hidden_depth(n, whole, origin, cells)
+    hidden = hidden_depth(n, ints, origin, cells)
     if tile[0].dtype.type(highest) < hidden:
         return
     a, b, c = (
-        (np.int64(whole[at(AX, n)]), np.int64(whole[at(AY, n)])),
-        (np.int64(whole[at(BX, n)]), np.int64(whole[at(BY, n)])),
-        (np.int64(whole[at(CX, n)]), np.int64(whole[at(CY, n)])),
+        (np.int64(ints[at(AX, n)]), np.int64(ints[at(AY, n)])),
+        (np.int64(ints[at(BX, n)]), np.int64(ints[at(BY, n)])),
+        (np.int64(ints[at(CX, n)]), np.int64(ints[at(CY, n)])),
     )
     box = (
-        np.int64(whole[at(LEFT, n)]),
-        np.int64(whole[at(TOP, n)]),
-        np.int64(whole[at(RIGHT, n)]),
-        np.int64(whole[at(BOTTOM, n)]),
+        np.int64(ints[at(LEFT, n)]),
+        np.int64(ints[at(TOP, n)]),
+        np.int64(ints[at(RIGHT, n)]),
+        np.int64(ints[at(BOTTOM, n)]),
     )
     if tile[0].dtype.type(lowest) < hidden:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if tile[0].dtype.type(nearest) < hidden:
             return
-    face = np.int32(whole[at(FACE, n)])
+    face = np.int32(ints[at(FACE, n)])
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
 
 
@@ -369,33 +370,33 @@ SPANS = int32[::1], int32[::1], float64[::1]
 
 @kernel
 def draw_planned(
-    asked: int64[::1], cell_depths: stored[:, ::1], depths: stored[:, ::1], numbers: int32[:, ::1],
-    whole: int32[:, ::1], real: REAL, spans: SPANS,
+    request: int64[::1], cell_depths: stored[:, ::1], depths: stored[:, ::1],
+    numbers: int32[:, ::1], ints: int32[:, ::1], floats: FLOAT64, spans: SPANS,
 ):  # fmt: skip
     """
     Draw planned triangles of a batch, one after the other, into a tile.
 
     Parameters
     ----------
-    asked : (15,) int64
+    request : (15,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
         For each cell of the tile: what lies below it need not be drawn there.
     depths, numbers : (rows, columns)
         The tile; changed.
-    whole, real : (rows, columns)
+    ints, floats : (rows, columns)
         The batch, from ``triangle_batches.plan_batch``.
     spans : tuple
         Scratch memory.
     """
-    tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
-    bits, cells, is_mixed = asked[GRID_BITS], flat(cell_depths), asked[MIXED] != 0
+    tile, origin = (flat(depths), flat(numbers)), (request[LEFT_COLUMN], request[TOP_ROW])
+    bits, cells, is_mixed = request[GRID_BITS], flat(cell_depths), request[MIXED] != 0
     tile_depth = least_in_rows(
         cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
     )
-    for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
+    for n in range(np.uintp(request[DRAW_FIRST]), np.uintp(request[DRAW_END])):
         draw_triangle(
-            n, flat(whole), flat(real), origin, bits, tile_depth, cells, tile, spans, is_mixed
+            n, flat(ints), flat(floats), origin, bits, tile_depth, cells, tile, spans, is_mixed
         )
 
 
@@ -418,7 +419,7 @@ class Drawing(NamedTuple):
     So these are compiled once for all kernels that draw triangles.
     """
 
-    asked: int64[::1]
+    request: int64[::1]
     """(15,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
@@ -426,26 +427,26 @@ class Drawing(NamedTuple):
     """(2,): how to call ``triangle_batches.plan_batch``."""
     tile: int64[::1]
     """(2,): how to call `draw_planned` for the frame's tile."""
-    own: int64[::1]
+    scratch_tile: int64[::1]
     """(2,): the same for the scratch tile of alpha-tested triangles, if there are any."""
     sort: int64[::1]
     """(2,): how to call ``triangle_batches.order_triangles``."""
-    plan_ordered: int64[::1]
+    plan_sorted: int64[::1]
     """(2,): how to call ``triangle_batches.plan_batch`` for sorted triangles."""
     order: ORDER
     """Sorted triangles."""
     cells: (int64[::1], int64[::1])
     """From `cell_masks`."""
-    kept: int32[::1]
+    queue: int32[::1]
     """(192,): the next triangles to draw."""
 
 
 @helper
 def begin_tile(drawing, window, bits, shift, tile_depth):
     """Store a tile's `tile_window`, the offset added to vertices, and the tile depth."""
-    asked = drawing.asked
-    asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW] = window
-    asked[GRID_BITS], asked[SHIFT_X], asked[SHIFT_Y] = bits, shift[0], shift[1]
+    request = drawing.request
+    request[LEFT_COLUMN], request[TOP_ROW], request[RIGHT_COLUMN], request[BOTTOM_ROW] = window
+    request[GRID_BITS], request[SHIFT_X], request[SHIFT_Y] = bits, shift[0], shift[1]
     cells = flat(drawing.cell_depths)
     for n in range(cells.shape[0]):
         cells[n] = tile_depth
@@ -454,31 +455,31 @@ def begin_tile(drawing, window, bits, shift, tile_depth):
 @helper
 def plan_listed(drawing, first, count):
     """Set up a batch of listed triangles."""
-    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    drawing.request[FIRST], drawing.request[COUNT] = first, count
     call_bound(drawing.plan)
 
 
 @helper
 def draw_some(drawing, words, first, end):
     """Draw triangles ``first`` to ``end`` of the current batch into the tile bound to ``words``."""
-    drawing.asked[DRAW_FIRST], drawing.asked[DRAW_END] = first, end
+    drawing.request[DRAW_FIRST], drawing.request[DRAW_END] = first, end
     call_bound(words)
 
 
 @helper
-def draw_listed(first, count, whole, drawing, holes):
+def draw_listed(first, count, ints, drawing, holes):
     """Draw a batch of listed triangles in order, with alpha test."""
     plan_listed(drawing, first, count)
     if holes.cutoffs.shape[0] == 0:
         draw_some(drawing, drawing.tile, 0, count)
         return
-    asked = drawing.asked
-    origin, shift = (asked[LEFT_COLUMN], asked[TOP_ROW]), (asked[SHIFT_X], asked[SHIFT_Y])
+    request = drawing.request
+    origin, shift = (request[LEFT_COLUMN], request[TOP_ROW]), (request[SHIFT_X], request[SHIFT_Y])
     alpha_test.begin_batch(holes, count, origin, shift)
     owner = np.int64(0)
     for n in range(np.uintp(count)):
-        owner, is_tested = alpha_test.find_owner(whole[FACE, n], owner, holes)
-        draw_some(drawing, drawing.own if is_tested else drawing.tile, n, n + np.uintp(1))
+        owner, is_tested = alpha_test.find_owner(ints[FACE, n], owner, holes)
+        draw_some(drawing, drawing.scratch_tile if is_tested else drawing.tile, n, n + np.uintp(1))
         if is_tested:
             alpha_test.keep(n, owner, holes)
 
@@ -510,63 +511,63 @@ def open_cells(nearest, cell_depths):
 
 
 @helper
-def keep_seen(order, first, end, mask, tables, kept, count):
+def queue_visible(order, first, end, mask, tables, queue, count):
     """
-    Append the triangles that touch cells of a mask to ``kept``.
+    Append the triangles that touch cells of a mask to ``queue``.
 
-    Returns how many ``kept`` holds, and the cells that any of them touches.
+    Returns how many ``queue`` holds, and the cells that any of them touches.
     """
     (of_columns, of_rows), touched = tables, np.int64(0)
     for n in range(np.uintp(first), np.uintp(end)):
         entry = order[n]
         box = np.uintp(entry >> 32)
         cells = of_columns[box & np.uintp(63)] & of_rows[box >> np.uintp(6)]
-        kept[np.uintp(count)] = np.int32(entry & 0x7FFFFFFF)
-        seen = cells & mask
-        count += np.int64(seen != 0)
-        touched |= seen
+        queue[np.uintp(count)] = np.int32(entry & 0x7FFFFFFF)
+        visible = cells & mask
+        count += np.int64(visible != 0)
+        touched |= visible
     return count, touched
 
 
 @helper
-def draw_kept(drawing, first, count):
+def draw_queued(drawing, first, count):
     """Set up and draw sorted triangles."""
-    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
-    call_bound(drawing.plan_ordered)
+    drawing.request[FIRST], drawing.request[COUNT] = first, count
+    call_bound(drawing.plan_sorted)
     draw_some(drawing, drawing.tile, 0, count)
 
 
 @helper
-def draw_ordered(first, count, scratch, drawing):
+def draw_sorted(first, count, scratch, drawing):
     """Draw listed triangles front to back, culling those that are hidden by then."""
-    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    drawing.request[FIRST], drawing.request[COUNT] = first, count
     call_bound(drawing.sort)
-    drawing.asked[TO_COME], drawing.asked[MIXED] = 0, 1
+    drawing.request[PREFETCH], drawing.request[MIXED] = 0, 1
     order, ends, bounds = drawing.order
-    kept, found, begin, touched = drawing.kept, np.int64(0), np.int64(0), np.int64(0)
+    queue, queued, begin, touched = drawing.queue, np.int64(0), np.int64(0), np.int64(0)
     bucket = 0
     while begin < count:
-        while ends[(bucket + 1) * WAYS - 1] <= begin:
+        while ends[(bucket + 1) * PARTS - 1] <= begin:
             bucket += 1
         mask = open_cells(bounds[bucket], drawing.cell_depths)
-        stop = min(begin + 2 * BATCH, ends[(bucket + 1) * WAYS - 1])
-        found, some = keep_seen(order, begin, stop, mask, drawing.cells, kept, found)
-        touched |= some
+        stop = min(begin + 2 * BATCH, ends[(bucket + 1) * PARTS - 1])
+        queued, cells = queue_visible(order, begin, stop, mask, drawing.cells, queue, queued)
+        touched |= cells
         begin = stop
         drawn, least = np.int64(0), np.int64(BATCH if begin < count else 1)
-        while found - drawn >= least:
-            batch = min(np.int64(BATCH), found - drawn)
-            draw_kept(drawing, drawn, batch)
+        while queued - drawn >= least:
+            batch = min(np.int64(BATCH), queued - drawn)
+            draw_queued(drawing, drawn, batch)
             drawn += batch
         if drawn > 0:
-            for n in range(found - drawn):
-                kept[n] = kept[drawn + n]
-            found -= drawn
-            drawing.asked[SEEN_OF_THEM] += drawn
+            for n in range(queued - drawn):
+                queue[n] = queue[drawn + n]
+            queued -= drawn
+            drawing.request[SORTED_DRAWN] += drawn
             raise_cells(scratch[0], drawing.cell_depths, touched)
-            touched = some
-    drawing.asked[MIXED] = 0
-    drawing.asked[PUT_IN_ORDER] += count
+            touched = cells
+    drawing.request[MIXED] = 0
+    drawing.request[SORTED] += count
 
 
 @cache
@@ -585,31 +586,31 @@ def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 @helper
-def pays_to_order(asked, count):
+def pays_to_sort(request, count):
     """
     Return whether to sort a list of triangles.
 
     It is while half of the recently sorted triangles were hidden; else it is retried now and then.
     """
-    if count < MIN_ORDERED:
+    if count < MIN_SORTED:
         return False
-    if asked[PUT_IN_ORDER] > REMEMBERED:
-        asked[PUT_IN_ORDER] >>= 1
-        asked[SEEN_OF_THEM] >>= 1
-    if 2 * asked[SEEN_OF_THEM] <= asked[PUT_IN_ORDER]:
+    if request[SORTED] > MAX_HISTORY:
+        request[SORTED] >>= 1
+        request[SORTED_DRAWN] >>= 1
+    if 2 * request[SORTED_DRAWN] <= request[SORTED]:
         return True
-    asked[PUT_IN_ORDER] += count >> FORGETTING_BITS
+    request[SORTED] += count >> RETRY_BITS
     return False
 
 
 @helper
 def draw_list(first, end, scratch, drawing, holes):
     """Draw listed triangles ``first`` to ``end`` into the thread's tile, with alpha test."""
-    if holes.cutoffs.shape[0] == 0 and pays_to_order(drawing.asked, end - first):
-        for begin in range(first, end, ORDERED):
-            count = min(ORDERED, end - begin)
-            drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
-            draw_ordered(begin, count, scratch, drawing)
+    if holes.cutoffs.shape[0] == 0 and pays_to_sort(drawing.request, end - first):
+        for begin in range(first, end, MAX_SORTED):
+            count = min(MAX_SORTED, end - begin)
+            drawing.request[PREFETCH] = min(2 * BATCH, end - begin - count)
+            draw_sorted(begin, count, scratch, drawing)
         return
     raised = first + BATCH
     for begin in range(first, end, BATCH):
@@ -617,7 +618,7 @@ def draw_list(first, end, scratch, drawing, holes):
             raise_cells(scratch[0], drawing.cell_depths, np.int64(-1))
             raised += raised - first
         count = min(BATCH, end - begin)
-        drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+        drawing.request[PREFETCH] = min(2 * BATCH, end - begin - count)
         draw_listed(begin, count, scratch[2], drawing, holes)
 
 
@@ -631,7 +632,7 @@ def clear_tile(depths, numbers, empty):
 
 
 @helper
-def leave_empty(frame, window, empty):
+def clear_frame_tile(frame, window, empty):
     """Clear the window of a tile in the frame."""
     depth, face_id = frame
     for row in range(window[1], window[3] + 1):
@@ -663,8 +664,8 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
     return (
         np.empty(SCRATCH_SHAPE, depth_type),
         np.empty(SCRATCH_SHAPE, np.int32),
-        np.empty((WHOLE_ROWS, ROOM), np.int32),
-        np.empty((REAL_ROWS, ROOM), np.float64),
+        np.empty((INT_ROWS, STRIDE), np.int32),
+        np.empty((FLOAT_ROWS, STRIDE), np.float64),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float64),
@@ -673,7 +674,7 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
 
 
 SCRATCH = (
-    stored[:, ::1], int32[:, ::1], int32[:, ::1], REAL, *SPANS, stored[::1],
+    stored[:, ::1], int32[:, ::1], int32[:, ::1], FLOAT64, *SPANS, stored[::1],
 )  # fmt: skip
 """The types of `scratch_memory`."""
 
@@ -694,18 +695,18 @@ class TileMemory(NamedTuple):
 
     scratch: tuple[Any, ...]
     """From `scratch_memory`."""
-    asked: NDArray[np.int64]
+    request: NDArray[np.int64]
     cell_depths: NDArray[Any]
     order: tuple[Any, ...]
     """From ``triangle_batches.order_memory``."""
-    kept: NDArray[np.int32]
+    queue: NDArray[np.int32]
 
 
 def tile_memory(depth_type: Any = np.float32) -> TileMemory:
     """Return the memory of a `TileDrawer`, for stored depths of a type."""
     return TileMemory(
-        scratch_memory(depth_type), np.zeros(ASKED, np.int64), np.empty((CELLS, CELLS), depth_type),
-        order_memory(), np.empty(3 * BATCH, np.int32),
+        scratch_memory(depth_type), np.zeros(REQUEST_SIZE, np.int64),
+        np.empty((CELLS, CELLS), depth_type), order_memory(), np.empty(3 * BATCH, np.int32),
     )  # fmt: skip
 
 
@@ -732,29 +733,29 @@ def tile_drawer(
     memory : TileMemory or None
         From `tile_memory` for the same type, for this thread alone; None: it is made here.
     """
-    scratch, asked, cell_depths, (order, surveyed), kept = memory or tile_memory(depth_type)
+    scratch, request, cell_depths, (order, surveyed), queue = memory or tile_memory(depth_type)
     test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
-    planned = Bound(plan_batch, asked, listed, faces, screen, *scratch[2:4])
-    tile = own = drawn_into(scratch[:2], asked, cell_depths, scratch)
+    planned = Bound(plan_batch, request, listed, faces, screen, *scratch[2:4])
+    tile = spare = drawn_into(scratch[:2], request, cell_depths, scratch)
     if alpha_tests is not None:
-        own = drawn_into((test.holes.depth, test.holes.numbers), asked, cell_depths, scratch)
-    sort = Bound(order_triangles, asked, listed, faces, screen, *scratch[2:4], surveyed, order)
-    again = Bound(plan_batch, asked, kept, faces, screen, *scratch[2:4])
+        spare = drawn_into((test.holes.depth, test.holes.numbers), request, cell_depths, scratch)
+    sort = Bound(order_triangles, request, listed, faces, screen, *scratch[2:4], surveyed, order)
+    queued = Bound(plan_batch, request, queue, faces, screen, *scratch[2:4])
     drawing = Drawing(
-        asked, cell_depths, planned.words, tile.words, own.words, sort.words, again.words, order,
-        cell_masks(), kept,
+        request, cell_depths, planned.words, tile.words, spare.words, sort.words, queued.words,
+        order, cell_masks(), queue,
     )  # fmt: skip
-    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own, sort, again))
+    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, spare, sort, queued))
 
 
 def drawn_into(
     tile: tuple[Any, ...],
-    asked: NDArray[np.int64],
+    request: NDArray[np.int64],
     cell_depths: NDArray[Any],
     scratch: tuple[Any, ...],
 ) -> Bound:
     """Return `draw_planned`, bound to a tile."""
-    return Bound(draw_planned, asked, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY])
+    return Bound(draw_planned, request, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY])
 
 
 ALL = np.empty(0, np.int64)
@@ -762,17 +763,17 @@ ALL = np.empty(0, np.int64)
 
 
 @helper
-def next_taken(taken, count):
+def claim_tiles(counter, count):
     """Claim the next tiles from the shared counter; return the first, and one past the last."""
-    if taken.shape[0] == 0:
+    if counter.shape[0] == 0:
         return np.int64(0), np.int64(0)
-    first = min(add_to(taken, 0, taken[1]), np.int64(count))
-    return first, min(first + taken[1], np.int64(count))
+    first = min(add_to(counter, 0, counter[1]), np.int64(count))
+    return first, min(first + counter[1], np.int64(count))
 
 
 @kernel
 def draw_tiles(
-    tiles: int32[::1], taken: int64[::1], starts: int64[::1], tile_depths: stored[::1],
+    tiles: int32[::1], counter: int64[::1], starts: int64[::1], tile_depths: stored[::1],
     viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH,
     drawing: Drawing, holes: Holes,
 ):  # fmt: skip
@@ -783,7 +784,7 @@ def draw_tiles(
     ----------
     tiles : (N,) int32
         Tile numbers, row by row.
-    taken : (2,) int64, or (0,)
+    counter : (2,) int64, or (0,)
         How many of them threads have taken, changed, and how many each takes at a time; `ALL`: they
         are all for this thread.
     starts : (tiles + 1,) int64
@@ -806,11 +807,11 @@ def draw_tiles(
     depth, face_id = frame
     depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    n, stop = np.int64(0), np.int64(0 if taken.shape[0] else tiles.shape[0])
+    n, stop = np.int64(0), np.int64(0 if counter.shape[0] else tiles.shape[0])
     covered = np.int64(0)
     while True:
         if n == stop:
-            n, stop = next_taken(taken, tiles.shape[0])
+            n, stop = claim_tiles(counter, tiles.shape[0])
             if n == stop:
                 return covered
         number = np.int64(tiles[n])
@@ -818,7 +819,7 @@ def draw_tiles(
         window = tile_window(number, columns, viewport)
         first, end = starts[number], starts[number + 1]
         if first == end:
-            leave_empty(frame, window, empty)
+            clear_frame_tile(frame, window, empty)
             continue
         clear_tile(depths, numbers, empty)
         begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
@@ -831,9 +832,9 @@ def draw_tiles(
             frame_numbers = face_id[top + row, left : left + width]
             for column in range(frame_depth.shape[0]):
                 frame_depth[column] = depths[row, column]
-            some = np.int32(0)
+            in_row = np.int32(0)
             for column in range(frame_numbers.shape[0]):
                 face = numbers[row, column]
                 frame_numbers[column] = face
-                some += np.int32(face != NOTHING)
-            covered += some
+                in_row += np.int32(face != NOTHING)
+            covered += in_row

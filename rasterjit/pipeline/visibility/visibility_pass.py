@@ -25,11 +25,10 @@ from rasterjit.pipeline.geometry import (
 )
 from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.pipeline.visibility import alpha_test, line_pass, tile_rasterizer
-from rasterjit.pipeline.visibility import point_pass as painting
-from rasterjit.pipeline.visibility import primitive_expansion as expanding
+from rasterjit.pipeline.visibility import alpha_test, line_pass, point_pass, tile_rasterizer
+from rasterjit.pipeline.visibility import primitive_expansion as expansion
 from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
-from rasterjit.pipeline.visibility.point_pass import PointsSeen
+from rasterjit.pipeline.visibility.point_pass import PicturePoints
 from rasterjit.pipeline.visibility.primitive_expansion import (
     Expand,
     Primitive,
@@ -62,7 +61,7 @@ TILES_PER_TASK = 4
 SPARE_VERTICES = 1024
 """Spare capacity for vertices made by clipping, before arrays have to be copied."""
 
-EXPANDERS: dict[str, Expand] = {"lines": line_pass.expand, "points": painting.expand_squares}
+EXPANDERS: dict[str, Expand] = {"lines": line_pass.expand, "points": point_pass.expand_squares}
 """Functions that expand segments and points into triangles, by kind of object."""
 
 
@@ -136,7 +135,7 @@ class Coverage(NamedTuple):
     ``None`` if none reads it."""
     reversed_vertex_depth: NDArray[np.float64] | None = None
     """(V+E,), that of the vertices."""
-    points: PointsSeen | None = None
+    points: PicturePoints | None = None
     """The points of the picture; ``None`` if no object is of points."""
     covered: int | None = None
     """How many pixels show a face; ``None`` if they were not counted."""
@@ -182,11 +181,11 @@ def transform(
     objects = vertex_starts, _rounded(relative_from_model, kind)
     matrix = _rounded(clip_from_relative, kind)
 
-    own = positions, objects, matrix, clip_positions
+    shared = positions, objects, matrix, clip_positions
     workers.call(
         projection.transform_positions,
         [
-            ((n, min(n + per_task, end)), *own, projection.scratch_memory(kind))
+            ((n, min(n + per_task, end)), *shared, projection.scratch_memory(kind))
             for first, end in ([(0, count)] if runs is None else runs)
             for n in range(first, end, per_task)
         ],
@@ -293,10 +292,10 @@ def _to_screen(
             else:
                 scratch = projection.scratch_memory(precision)
             calls.append(((first, min(first + per_task, end)), *arguments, screen, scratch))
-    seen = 0
+    all_codes = 0
     for bits in workers.call(kernel, calls):
-        seen |= bits
-    return screen, seen
+        all_codes |= bits
+    return screen, all_codes
 
 
 def clip(
@@ -337,7 +336,7 @@ def clip(
     if primitives is None:
         cut = _cut_faces(faces, codes, workers)
     else:
-        runs = expanding.runs_between([one.faces for one in primitives.objects], len(faces))
+        runs = expansion.runs_between([one.faces for one in primitives.objects], len(faces))
         cut = np.concatenate(
             [np.empty(0, np.int32)]
             + [_cut_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
@@ -395,17 +394,17 @@ def _cut_faces(
     """Return the numbers of the faces that have to be cut, ascending."""
     edges = _edges(len(faces), MIN_FACES, FACES_PER_TASK, workers)
     parts = [faces[first:end] for first, end in itertools.pairwise(edges)]
-    found = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
-    rows = list(zip(parts, itertools.repeat(codes), found))
+    lists = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
+    rows = list(zip(parts, itertools.repeat(codes), lists))
     counts = workers.call(clipping.find_clipped_faces, rows)
     for n, count in enumerate(counts):
-        if count > len(found[n]):
-            found[n] = np.empty(count, np.int32)
-            clipping.find_clipped_faces(parts[n], codes, found[n])
-    if len(found) == 1:
-        return found[0][: counts[0]]
+        if count > len(lists[n]):
+            lists[n] = np.empty(count, np.int32)
+            clipping.find_clipped_faces(parts[n], codes, lists[n])
+    if len(lists) == 1:
+        return lists[0][: counts[0]]
     return np.concatenate(
-        [some[:count] + first for some, count, first in zip(found, counts, edges, strict=False)],
+        [ids[:count] + first for ids, count, first in zip(lists, counts, edges, strict=False)],
         dtype=np.int32,
     )
 
@@ -436,7 +435,7 @@ class Drawable(NamedTuple):
     """Whether the alpha test interpolates affinely, in screen space."""
 
 
-class Wanted(NamedTuple):
+class Options(NamedTuple):
     """Which results of a picture are kept, and how it is drawn."""
 
     depth: bool = True
@@ -458,9 +457,9 @@ class Wanted(NamedTuple):
     drawing pictures."""
 
 
-def find_visible(
+def run_visibility(
     drawable: Drawable,
-    wanted: Wanted,
+    wanted: Options,
     workers: Workers,
     clock: Callable[[str], None],
     *,
@@ -474,7 +473,7 @@ def find_visible(
     Parameters
     ----------
     drawable : Drawable
-    wanted : Wanted
+    wanted : Options
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
@@ -490,19 +489,19 @@ def find_visible(
     primitives, hidden, is_affine = drawable[6:]
     reach, depth_type = wanted.reach, wanted.depth_type
     kept = kept or Kept(workers.memory, lasts=False)
-    painted: list[Primitive] = []
+    drawn_points: list[Primitive] = []
     if primitives is not None:
-        painted = [
-            one for one in primitives.objects if painting.is_painted(one, wanted.lists, alpha_tests)
+        drawn_points = [
+            one for one in primitives.objects if point_pass.is_cloud(one, wanted.lists, alpha_tests)
         ]
     # Transform and project vertices.
     if isinstance(vertices, ModelVertices):
-        runs, left_out = None, list(vertices.unused)
+        runs, unused = None, list(vertices.unused)
         if not (wanted.lists or wanted.clip_positions):
             # Points are projected when they are drawn.
-            left_out += [one.vertices for one in painted]
-        if left_out:
-            runs = list(expanding.runs_between(sorted(left_out), len(vertices.positions)))
+            unused += [one.vertices for one in drawn_points]
+        if unused:
+            runs = list(expansion.runs_between(sorted(unused), len(vertices.positions)))
         screen, seen = transform_and_project(
             vertices, depth_coefficients, viewport, workers, kept, runs
         )
@@ -528,13 +527,13 @@ def find_visible(
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
         make_room = partial(screen_arrays, memory=workers.memory)
-        drawn_as_such = {one.number for one in painted}
-        own = tuple([one for one in primitives.objects if one.number not in drawn_as_such])
-        all_faces, screen = expanding.expand(
-            primitives._replace(objects=own), EXPANDERS, projected, all_faces, screen, make_room,
-            workers,
+        numbers = {one.number for one in drawn_points}
+        expanded = tuple([one for one in primitives.objects if one.number not in numbers])
+        all_faces, screen = expansion.expand(
+            primitives._replace(objects=expanded), EXPANDERS, projected, all_faces, screen,
+            make_room, workers,
         )  # fmt: skip
-        for one in painted:
+        for one in drawn_points:
             screen.codes[slice(*one.vertices)] = setup.GUARD
         seen |= setup.GUARD
         clock("lines, points")
@@ -542,10 +541,10 @@ def find_visible(
         geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
         alpha_tests = alpha_tests._replace(geometry=geometry)
     lists = None
-    skipped = [one.faces for one in painted]
+    skipped = [one.faces for one in drawn_points]
     if hidden:
         skipped = sorted({*skipped, *hidden})
-        painted = [one for one in painted if one.faces not in hidden]
+        drawn_points = [one for one in drawn_points if one.faces not in hidden]
     # Set up triangles, and list those of each tile.
     if wanted.draws or wanted.lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
@@ -558,7 +557,7 @@ def find_visible(
         sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
     # Draw triangles, then points.
-    has_points = wanted.draws and bool(painted)
+    has_points = wanted.draws and bool(drawn_points)
     if depth is None:
         width = viewport.width * (wanted.depth or has_points)
         depth = workers.memory.empty((viewport.height, width), depth_type)
@@ -568,7 +567,9 @@ def find_visible(
     points = None
     if primitives is not None and "points" in primitives.kinds:
         view = vertices.clip_from_relative, depth_coefficients, viewport
-        points = painting.points_of(primitives, objects.face_starts, vertices.vertex_starts, *view)
+        points = point_pass.points_of(
+            primitives, objects.face_starts, vertices.vertex_starts, *view
+        )
     covered = None
     if wanted.draws:
         frame = depth, face_id
@@ -578,20 +579,22 @@ def find_visible(
         )  # fmt: skip
         if has_points:
             covered = None
-            cloud = painting.DrawnPoints(
+            cloud = point_pass.DrawnPoints(
                 vertices.positions, vertices.relative_from_model,
-                painting.only(points.rows, painted), points.sight, depth_coefficients,
+                point_pass.subset(points.rows, drawn_points), points.view, depth_coefficients,
             )  # fmt: skip
             target = frame
             if wanted.lists:
                 # Transparent surfaces lie before it, or behind.
                 shape = viewport.height, viewport.width
                 target = np.empty(shape, depth_type), np.empty(shape, np.int32)
-                painting.clear(target)
+                point_pass.clear(target)
                 points = points._replace(picture=target)
-            sums = sums + painting.sums_of(painting.draw_cloud(cloud, viewport, target, workers))
+            sums = sums + point_pass.skipped(
+                point_pass.draw_cloud(cloud, viewport, target, workers)
+            )
             if wanted.lists:
-                painting.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
+                point_pass.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
     else:
         depth.fill(tile_rasterizer.empty_depth(depth_type))
         face_id.fill(tile_rasterizer.NOTHING)
@@ -605,9 +608,9 @@ def find_visible(
     )  # fmt: skip
 
 
-def kernels_of(wanted: Wanted, has_alpha_tests: bool, kinds: Collection[str] = ()) -> Rows:
+def kernels_of(wanted: Options, has_alpha_tests: bool, kinds: Collection[str] = ()) -> Rows:
     """
-    Return the kernels that `find_visible` calls, each with its variant and when it is called.
+    Return the kernels that `run_visibility` calls, each with its variant and when it is called.
 
     ``wanted.precision`` is that of model positions as well; ``kinds`` are those of objects whose
     faces are not triangles.
@@ -644,7 +647,7 @@ def kernels_of(wanted: Wanted, has_alpha_tests: bool, kinds: Collection[str] = (
             KernelRow(point_rasterizer.merge_pictures, depth, "several threads draw points"),
         ]
     if wanted.draws and has_alpha_tests:
-        rows += [KernelRow(alpha_test.keep_shown, depth), KernelRow(alpha_test.find_alphas)]
+        rows += [KernelRow(alpha_test.queue_triangle, depth), KernelRow(alpha_test.find_alphas)]
     return rows
 
 
@@ -697,7 +700,7 @@ def set_up(
     per_task = _per_task(face_count, MIN_FACES, FACES_PER_TASK, workers)
     edges = [
         (first, min(first + per_task, end))
-        for start, end in expanding.runs_between(skipped, face_count)
+        for start, end in expansion.runs_between(skipped, face_count)
         for first in range(start, end, per_task)
     ] or [(0, 0)]
     chunks = len(edges)
@@ -810,9 +813,9 @@ def draw(
         drawers.append(
             tile_rasterizer.tile_drawer(binned, faces, screen, kind, alpha_tests, memory)
         )
-    taken = np.array([0, per_task], np.int64) if tasks > 1 else tile_rasterizer.ALL
-    own = tiles, taken, starts, tile_depths, viewport, frame
-    calls = [(*own, *drawer[:3]) for drawer in drawers[:threads]]
+    counter = np.array([0, per_task], np.int64) if tasks > 1 else tile_rasterizer.ALL
+    shared = tiles, counter, starts, tile_depths, viewport, frame
+    calls = [(*shared, *drawer[:3]) for drawer in drawers[:threads]]
     return int(sum(workers.call(tile_rasterizer.draw_tiles, calls)))
 
 
