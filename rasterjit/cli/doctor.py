@@ -42,6 +42,7 @@ EXTRAS = {
     "terminal": ("blessed",),
     "notebook": ("rendercanvas", "anywidget", "simplejpeg"),
     "mpl": ("matplotlib",),
+    "mujoco": ("mujoco",),
     "distributed": ("dask", "distributed"),
     "large": ("tifffile",) if sys.version_info < (3, 11) else ("tifffile", "zarr"),
 }
