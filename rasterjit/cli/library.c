@@ -1,7 +1,9 @@
-/* Whether this CPU, and its system, run the code of a library: on x86-64 the level that LEVEL names.
+/* The function rasterjit_runs() of every library: it returns 1 if this computer can run the kernels.
 
-   Compiled for the baseline, and linked into the library: ``shared_libraries.py``. Bits of CPUID are
-   named as in the manuals of Intel and AMD; the levels are those of the psABI of x86-64. */
+   On x86-64, the CPU must have the level LEVEL (2, 3 or 4, as the psABI defines them), and the
+   operating system must save its registers. Other CPUs have one level, so they always can.
+   ``shared_libraries.py`` compiles this file for any CPU, and links it into each library. Bits of
+   CPUID are named as in the manuals of Intel and AMD. */
 
 #ifdef _WIN32
 #define EXPORTED __declspec(dllexport)

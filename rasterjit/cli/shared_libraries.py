@@ -27,7 +27,10 @@ OBJECT = ".o"
 OWN_CODE = Path(__file__).with_name("library.c")
 
 CALLED = frozenset(["memset", "memcpy", "memmove"])
-"""Functions of the C library that a library may call: every process has them."""
+"""
+Functions of the C library that a library may call. Processes of Linux and macOS have them; for
+Windows ``library.c`` brings ``memset``, and the linker refuses the others.
+"""
 
 
 class System(NamedTuple):
@@ -73,6 +76,8 @@ def machine_of(target: Target) -> Any:
     """Return LLVM's description of a machine, for code that may lie anywhere as a whole."""
     from llvmlite import binding
 
+    # The compiler's own function registers LLVM's targets.
+    isolated_numba.compiler().machine_of(target)
     return binding.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=3, reloc="pic", codemodel="small"
     )
@@ -171,7 +176,8 @@ def link(target: Target, name: str, objects: Sequence[Path]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
         here = Path(place)
         own, made, listed = here / f"library{OBJECT}", here / name, here / "objects"
-        listed.write_text("\n".join(map(str, (*objects, own))))
+        # Quoted for spaces, and without backslashes, which some linkers take for escapes.
+        listed.write_text("\n".join(f'"{path.as_posix()}"' for path in (*objects, own)))
         _zig(
             place, "cc", "-target", zig_target, "-O2", "-g0", "-fPIC", "-fno-sanitize=all",
             "-fno-stack-protector", f"-DLEVEL={level}", "-c", str(OWN_CODE), "-o", str(own),

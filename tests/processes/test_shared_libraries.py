@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -151,6 +155,35 @@ def test_a_kernel_that_calls_a_math_library_is_refused(triple, monkeypatch):
     kernel = stage_runner.run_list
     with pytest.raises(RuntimeError, match=r"\['sin'\]"):
         shared_libraries.compile_form(kernel, kernel.declared[0], SYMBOLS[0], [target])
+
+
+@pytest.mark.parametrize("triple", TARGETS)
+def test_a_library_is_linked_in_a_folder_whose_name_has_a_space(
+    triple, objects, tmp_path, monkeypatch
+):
+    folder = tmp_path / "of a user"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    copies = [shutil.copy(path, folder) for path in objects[triple]]
+    made = shared_libraries.link(TARGETS[triple], "made", [Path(one) for one in copies])
+    assert made == shared_libraries.link(TARGETS[triple], "made", objects[triple])
+
+
+IN_A_FRESH_PROCESS = """
+from rasterjit.cli import shared_libraries
+from rasterjit.runtime import targets
+for platform in targets.PLATFORMS.values():
+    for target in platform.targets():
+        print(shared_libraries.machine_of(target).triple)
+"""
+
+
+def test_machines_of_all_platforms_are_known_before_anything_is_compiled():
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_FRESH_PROCESS], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert {*done.stdout.split()} == {*TARGETS}
 
 
 def test_a_linker_that_fails_says_why(tmp_path):
