@@ -129,7 +129,7 @@ def _check_prebuilt_kernels() -> Iterator[Finding]:
         return
     library, problem = prebuilt_kernels.found()
     if problem is not None:
-        yield Finding("shipped code", f"{problem}: {prebuilt_kernels.REINSTALL}", False)
+        yield Finding("shipped code", problem, False)
     if library is None:
         return
     size, index = library.path.stat().st_size / 1e6, library.index

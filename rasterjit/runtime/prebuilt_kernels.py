@@ -102,14 +102,25 @@ def read_index(path: Path) -> Index:
     Raises
     ------
     UnfitError
-        It is damaged.
+        It is damaged, or has other fields.
     OSError
         It cannot be read, or is missing.
     """
     checksum, _, text = path.read_bytes().partition(b"\n")
     if hashlib.sha256(text).hexdigest().encode() != checksum:
         raise UnfitError(f"{path} is damaged")
-    return Index(**json.loads(text))
+    try:
+        index = Index(**json.loads(text))
+        # These raise here where a field is not what is used later.
+        for name, _, *target in index.libraries:
+            FOLDER.joinpath(name)
+            Target(*target)
+        ROOT.joinpath(*index.sources["files"])
+        str(index.sources["hash"])
+        dict(index.forms)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UnfitError(f"{path} has other fields than this version reads: {error}") from error
+    return index
 
 
 def open_library(path: Path, checksum: str) -> Any:
@@ -133,12 +144,16 @@ class Found(NamedTuple):
 
     library: Library | None
     problem: str | None
-    """Why there is none, where there should be one."""
+    """Why there is none, or what is wrong with one that was tried before it; and the remedy."""
 
 
 @functools.cache
 def found() -> Found:
-    """Return the machine code for this CPU that came with the installation, as far as of use."""
+    """
+    Return the machine code for this CPU that came with the installation, as far as of use.
+
+    A library that is damaged, missing or refused by the system is passed over.
+    """
     if not FOLDER.is_dir():
         return Found(None, None)
     path, asked = FOLDER / INDEX, asked_cpu()
@@ -146,16 +161,30 @@ def found() -> Found:
         index = read_index(path)
         if hash_of(index.sources["files"]) != index.sources["hash"]:
             raise UnfitError(f"{path}: it was made from other sources")
-        for name, checksum, *target in index.libraries:
-            path = FOLDER / name
-            if asked in ("", target[1]):
-                functions = open_library(path, checksum)
-                if asked or functions[RUNS]():
-                    return Found(Library(path, Target(*target), index, functions), None)
-    except UnfitError as error:
-        return Found(None, str(error))
-    except OSError as error:
+    except (UnfitError, OSError) as error:
+        return Found(None, _problem(error, path))
+    problem = None
+    for name, checksum, *target in index.libraries:
+        path = FOLDER / name
+        if asked not in ("", target[1]):
+            continue
+        try:
+            functions = open_library(path, checksum)
+        except (UnfitError, OSError) as error:
+            problem = problem or _problem(error, path)
+            continue
+        if asked or functions[RUNS]():
+            return Found(Library(path, Target(*target), index, functions), problem)
+    return Found(None, problem)
+
+
+def _problem(error: UnfitError | OSError, path: Path) -> str:
+    """Return what is wrong with a file, and the remedy, if it is to install it again."""
+    text = str(error)
+    if isinstance(error, OSError):
         # Who opens libraries names the file in the text.
-        text, place = error.strerror or str(error), str(error.filename or path)
-        return Found(None, text if place in text else f"{place}: {text}")
-    return Found(None, None)
+        text, place = error.strerror or text, str(error.filename or path)
+        text = text if place in text else f"{place}: {text}"
+    # What the system refuses to open it would refuse again.
+    helps = isinstance(error, UnfitError | FileNotFoundError)
+    return f"{text}; {REINSTALL}" if helps else text

@@ -150,7 +150,7 @@ BEFORE_COMPILING: list[Callable[[], None]] = []
 
 
 SAID: set[str] = set()
-"""What this process has told: ``damage``, ``kept``, ``shipped``."""
+"""What this process has told: ``damage``, ``kept``, ``level``, ``shipped``."""
 
 _SAYING = forks.lock()
 
@@ -592,17 +592,20 @@ def _shipped(kernel: Any, kind: RecordType) -> Code | None:
     """
     Return the machine code of a form that came with the installation.
 
-    None if nothing came, or if it is of no use: the first time that is told on standard error.
+    None if nothing came, or if it is of no use. The first time, what is wrong with what came is
+    told on standard error.
     """
     if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
         return None
     library, problem = prebuilt_kernels.found()
     if library is not None:
+        if problem is not None:
+            say_once("level", f"loading code for {library.target.cpu}: {problem}")
         symbol = prebuilt_kernels.symbol_of(kernel, kernel.declared.index(kind))
         code = library.code(symbol)
         if code is not None:
             return Code(*code, True, library)
-        problem = f"{library.path} has no {symbol}"
+        problem = f"{library.path} has no {symbol}; {prebuilt_kernels.REINSTALL}"
     if problem is not None:
         _say_unfit(problem)
     return None
@@ -616,9 +619,7 @@ def _say_unfit(problem: str) -> None:
     UNFIT.append(problem)
     # Without a compiler an error says so.
     if versions() is not None:
-        say_once(
-            "shipped", f"compiling instead of loading: {problem}; {prebuilt_kernels.REINSTALL}"
-        )
+        say_once("shipped", f"compiling instead of loading: {problem}")
 
 
 def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None:
@@ -672,7 +673,7 @@ class NoCompilerError(ImportError):
 
 
 def _no_compiler(kernel: Any) -> NoCompilerError:
-    reason = f"; {UNFIT[0]}: {prebuilt_kernels.REINSTALL}" if UNFIT else ""
+    reason = f"; {UNFIT[0]}" if UNFIT else ""
     return NoCompilerError(
         f"{full_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
     )

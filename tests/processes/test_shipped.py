@@ -300,6 +300,10 @@ DAMAGES = {
 }
 
 
+REFUSED = ("no library", "another machine's")
+"""Damages that the system finds; to install again is no remedy."""
+
+
 def names(line, path):
     """Tell whether a line names a library, its index or the source that is missing."""
     return any(text in line for text in (str(path), str(path.with_name("index")), "no_such_file"))
@@ -315,7 +319,7 @@ def test_what_is_of_no_use_is_named_and_compiled_anew(come, damage, capfd):
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("rasterjit: compiling instead of loading: ")
     assert names(line, path)
-    assert prebuilt_kernels.REINSTALL in line
+    assert (prebuilt_kernels.REINSTALL in line) == (damage not in REFUSED)
     if damage != "no form":
         assert any(finding.passed is False for finding in doctor._check_prebuilt_kernels())
 
@@ -337,8 +341,50 @@ def test_without_a_compiler_an_error_names_what_is_of_no_use(
     with pytest.raises(store.NoCompilerError, match="pip install numba") as caught:
         load()
     assert names(str(caught.value), path)
-    assert prebuilt_kernels.REINSTALL in str(caught.value)
+    assert (prebuilt_kernels.REINSTALL in str(caught.value)) == (damage not in REFUSED)
     assert capfd.readouterr().err == ""
+
+
+@needs_library
+@pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
+@pytest.mark.parametrize("damage", ["damaged", "missing", "refused"])
+def test_past_a_library_of_no_use_the_next_level_is_loaded(come, damage, capfd):
+    path = come("x86-64-v2", "x86-64-v1")
+    if damage == "damaged":
+        write(path, b"?")
+    elif damage == "missing":
+        path.unlink()
+    else:
+        index, _ = code_of(path)
+        first, second = (Target(*target) for _, _, *target in index.libraries)
+        good = path.with_name("x86-64-v1.so").read_bytes()
+        write_index(path.parent, {first: b"no code", second: good}, index.forms)
+    assert [load(), load()] == [True, True]
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"rasterjit: loading code for x86-64-v1: {path}")
+    assert (prebuilt_kernels.REINSTALL in line) == (damage != "refused")
+    assert [one.passed for one in doctor._check_prebuilt_kernels()] == [False, True]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"forms": None}, {"another": 1}, {"forms": ["a"]}, {"sources": {"files": []}},
+        {"sources": {"files": 3, "hash": ""}}, {"sources": None}, {"libraries": [["a.so", "0"]]},
+        {"libraries": 3}, {"libraries": [[3, "0", "triple", "cpu", ""]]}, "no JSON", "[]",
+    ],
+    ids=str,
+)  # fmt: skip
+def test_an_index_of_other_fields_is_of_no_use(tmp_path, monkeypatch, change):
+    index = write_index(tmp_path, {PLATFORM.targets()[0]: b"code"}, {"a": "int"})
+    text = change if isinstance(change, str) else json.dumps({**index._asdict(), **change})
+    checksum = hashlib.sha256(text.encode()).hexdigest()
+    write(tmp_path / prebuilt_kernels.INDEX, f"{checksum}\n{text}".encode())
+    monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
+    library, problem = prebuilt_kernels.found.__wrapped__()
+    assert library is None
+    assert f"{tmp_path / prebuilt_kernels.INDEX} has other fields" in problem
+    assert prebuilt_kernels.REINSTALL in problem
 
 
 WITHOUT_LLVM = """
