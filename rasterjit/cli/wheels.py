@@ -14,6 +14,7 @@ import base64
 import hashlib
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import re
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.cli import shared_libraries
+from rasterjit.io.atomic_write import atomic_file
 from rasterjit.runtime import background_compile, jit, prebuilt_kernels, store
 from rasterjit.runtime.background_compile import Task
 from rasterjit.runtime.prebuilt_kernels import Index
@@ -157,7 +159,7 @@ def make_wheel(pure: Path, platform: Platform, code: dict[str, bytes]) -> Path:
     names = sorted(files, key=lambda name: (".dist-info/" in name, name))
     lines = [f"{name},sha256={_digest(files[name])},{len(files[name])}" for name in names]
     files[record] = "\n".join((*lines, f"{record},,", "")).encode()
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+    with atomic_file(made) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in (*names, record):
             entry = zipfile.ZipInfo(name, date)
             entry.external_attr, entry.compress_type = MODE, zipfile.ZIP_DEFLATED
@@ -171,7 +173,7 @@ def other_sources(pure: Path) -> list[str]:
     with zipfile.ZipFile(pure) as archive:
         return sorted(
             name for name in archive.namelist()
-            if name.endswith(".py")
+            if name.endswith((".py", ".c"))
             and not ((base / name).is_file() and archive.read(name) == (base / name).read_bytes())
         )  # fmt: skip
 
@@ -191,7 +193,13 @@ def check() -> bool:
     except (prebuilt_kernels.UnfitError, OSError) as error:
         print(error)
         return False
-    (made,) = files_of([one for one in PLATFORMS.values() if one.triple == index.libraries[0][2]])
+    triples = {Target(*target).triple for _, _, *target in index.libraries}
+    platforms = [one for one in PLATFORMS.values() if {one.triple} == triples]
+    if not platforms:
+        known = sorted(one.triple for one in PLATFORMS.values())
+        print(f"{path} is for {sorted(triples)}, but must be for one of {known}")
+        return False
+    (made,) = files_of(platforms)
     others = []
     for name, content in made.items():
         file = path.with_name(name)
@@ -206,6 +214,11 @@ def main(arguments: Sequence[str]) -> int:
     """Make the wheels, or check what is installed; return the exit status."""
     if jit.DISABLED or jit.CHECKED:
         print("nothing is compiled: NUMBA_DISABLE_JIT or NUMBA_BOUNDSCHECK is set", file=sys.stderr)
+        return 2
+    missing = [name for name in ("numba", "ziglang") if importlib.util.find_spec(name) is None]
+    if missing:
+        remedy = 'pip install "rasterjit[wheels]"'
+        print(f"to compile and link needs {' and '.join(missing)}: {remedy}", file=sys.stderr)
         return 2
     if list(arguments) == ["check"]:
         return 0 if check() else 1

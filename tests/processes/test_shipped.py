@@ -466,14 +466,15 @@ def test_the_list_of_every_kernel_has_those_that_nobody_imported():
     assert wanted >= {(one.__module__, one.__name__) for one in own}
 
 
-def pure_wheel(place, source=""):
-    """Write the smallest wheel there is, with a source; return its path."""
+def pure_wheel(place, source="", **others):
+    """Write the smallest wheel there is, with a source and others in `cli`; return its path."""
     path = place / "rasterjit-9-py3-none-any.whl"
     about = "Wheel-Version: 1.0\nGenerator: x\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     with zipfile.ZipFile(path, "w") as archive:
         for name, text in {
             "rasterjit/__init__.py": source, "rasterjit-9.dist-info/WHEEL": about,
             "rasterjit-9.dist-info/RECORD": "rasterjit/__init__.py,,\n",
+            **{f"rasterjit/cli/{name}.c": text for name, text in others.items()},
         }.items():  # fmt: skip
             archive.writestr(zipfile.ZipInfo(name, (2020, 2, 2, 0, 0, 0)), text)
     return path
@@ -504,15 +505,54 @@ def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
         wheels.make_wheel(made, PLATFORM, packs)
 
 
+def test_a_wheel_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
+    pure = pure_wheel(tmp_path)
+    made = wheels.make_wheel(pure, PLATFORM, {})
+    before = made.read_bytes()
+    entries = iter("ab")
+    monkeypatch.setattr(zipfile.ZipFile, "writestr", lambda *_: next(entries))
+    with pytest.raises(StopIteration):
+        wheels.make_wheel(pure, PLATFORM, {"a.so": b"1"})
+    assert {*tmp_path.iterdir()} == {pure, made}
+    assert made.read_bytes() == before
+
+
 def test_a_wheel_of_other_sources_gets_no_machine_code(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
     monkeypatch.setattr(wheels, "files_of", lambda platforms: [{"a.so": b"code"}])
-    for source, status in (("edited", 2), (Path(rj.__file__).read_text(), 0)):
-        wheel = pure_wheel(tmp_path, source)
-        assert wheels.main([str(wheel), "x86_64"]) == status
-        assert ("rasterjit/__init__.py" in capsys.readouterr().err) == (status == 2)
-        assert len(list(tmp_path.iterdir())) == (1 if status else 2)
+    ours, own_code = Path(rj.__file__).read_text(), shared_libraries.OWN_CODE.read_text()
+    for source, library, differs in (
+        ("edited", own_code, "rasterjit/__init__.py"),
+        (ours, "edited", "rasterjit/cli/library.c"),
+        (ours, own_code, None),
+    ):
+        wheel = pure_wheel(tmp_path, source, library=library)
+        assert wheels.main([str(wheel), "x86_64"]) == (2 if differs else 0)
+        said = capsys.readouterr().err
+        assert f"1 files differ, {differs} first" in said if differs else not said
+        assert len(list(tmp_path.iterdir())) == (1 if differs else 2)
+
+
+@compiled_only
+def test_without_a_linker_nothing_is_compiled(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    monkeypatch.setattr(wheels, "files_of", lambda platforms: pytest.fail("it takes minutes"))
+    for words in (["check"], [str(pure_wheel(tmp_path)), "x86_64"]):
+        assert wheels.main(words) == 2
+        assert 'ziglang: pip install "rasterjit[wheels]"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("triples", [[], ["riscv64-unknown-linux-gnu"]])
+def test_a_check_of_an_unknown_platform_says_which_are_known(
+    tmp_path, monkeypatch, capsys, triples
+):
+    write_index(tmp_path, {Target(one, "a", ""): b"" for one in triples}, {})
+    monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
+    assert not wheels.check()
+    said = capsys.readouterr().out
+    assert f"is for {triples}, but must be for one of" in said
+    assert PLATFORM.triple in said
 
 
 @needs_library
