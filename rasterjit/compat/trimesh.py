@@ -61,7 +61,7 @@ WINDOW_OPTIONS = (
     "visible", "fullscreen", "resizable", "start_loop", "caption", "window_conf", "offset_lines",
     "fixed", "vsync", "style", "display", "screen",
 )  # fmt: skip
-"""Options of trimesh's window that change nothing in its first picture."""
+"""Options of trimesh's window, which are taken and change nothing."""
 
 
 def install() -> None:
@@ -86,7 +86,7 @@ def save_image(scene: trimesh.Scene, resolution: ArrayLike | None = None, **opti
         - ``flags``: mapping of ``cull`` (default True), ``wireframe`` and ``grid`` to bool, and of
           ``axis`` to True or ``"world"``, ``"all"`` or ``"without_world"``.
         - ``line_settings``: mapping of ``line_width`` and ``point_size`` to pixels.
-        - What concerns a window alone, such as ``visible``: changes nothing.
+        - Those of a window, such as ``visible`` and ``offset_lines``, change nothing.
 
     Raises
     ------
@@ -137,11 +137,10 @@ def _view(
     """Return the arguments by which a scene is drawn."""
     for name in window:
         one_of("option", name, WINDOW_OPTIONS)
-    if resolution is not None:
-        scene.camera.resolution = image_size("resolution", tuple(np.asarray(resolution).tolist()))
-    size = tuple(scene.camera.resolution.tolist())
+    wanted = scene.camera.resolution if resolution is None else resolution
+    size = image_size("resolution", wanted.tolist() if isinstance(wanted, np.ndarray) else wanted)
     switches = _mapping("flags", flags, FLAGS)
-    for name in ("cull", "wireframe", "grid"):
+    for name in ("cull", "wireframe", "grid", "fullscreen"):
         boolean(f"flags[{name!r}]", switches[name])
     # OpenGL draws nothing thinner than a pixel.
     widths = {"point_size": max(1.0, max(size) / 200), "line_width": max(1.0, max(size) / 400)}
@@ -152,12 +151,14 @@ def _view(
     _add_guides(drawn, scene, switches)
     if switches["wireframe"]:
         drawn.wireframe = Wireframe(DEFAULT_COLOR, "only")
+    color = "white" if background is None else _color("background", background)
+    scene.camera.resolution = size
     pose = np.asarray(scene.camera_transform, dtype=np.float64)
     return {
         "what": drawn, "size": size, "cull": "back" if switches["cull"] else "none",
         # OpenGL's pixels are square, whatever both fields of view say.
         "camera": replace(cameras.perspective_from_trimesh(scene.camera, pose), pixel_aspect=1.0),
-        "background": "white" if background is None else trimesh.visual.to_rgba(background),
+        "background": color,
     }  # fmt: skip
 
 
@@ -170,6 +171,19 @@ def _mapping(
     for key in given or {}:
         one_of(f"key of {name}", key, tuple(defaults))
     return {**defaults, **(given or {})}
+
+
+def _color(name: str, value: Any) -> NDArray[np.uint8]:
+    """Return a colour as trimesh reads it, (4,) codes, or raise ``ValueError``."""
+    try:
+        color = np.asarray(trimesh.visual.to_rgba(value))
+    except (TypeError, ValueError):
+        color = np.zeros(0)
+    if color.shape != (4,):
+        raise ValueError(
+            f"{name} must be RGB or RGBA, codes 0..255 or floats 0..1, got {brief(value)}"
+        )
+    return color
 
 
 def _set_looks(scene: Scene, smooth: bool, point_size: float, line_width: float) -> None:

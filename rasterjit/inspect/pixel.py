@@ -237,7 +237,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=alpha_tests, primitives=primitives, is_affine=plan.is_affine,
     )  # fmt: skip
-    wanted = visibility_pass.Options(
+    wanted = visibility_pass.VisibilityOptions(
         lists=True, clip_positions=True, depth_type=plan.depth_format.kind
     )
     coverage = visibility_pass.run_visibility(drawable, wanted, workers, lambda _: None)

@@ -148,7 +148,7 @@ def diagnose(
         If the coverage was drawn without keeping its lists.
     """
     if coverage.lists is None:
-        raise ValueError("coverage must be drawn with Options(lists=True)")
+        raise ValueError("coverage must be drawn with VisibilityOptions(lists=True)")
     faces, viewport, face_id = coverage.lists.faces, geometry.viewport, coverage.face_id
     samples, tied_pixels = _count_samples(coverage, coverage.lists, geometry, workers)
     covered = face_id >= 0

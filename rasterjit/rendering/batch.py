@@ -372,13 +372,15 @@ def _draw_one(
     if renderer is None or (renderer.size, renderer.quality) != (size, quality):
         renderer = Renderer(size, quality=quality, threads=1 if is_small else threads)
         renderer._cache = None if kept is None else kept.cache
-    frame = _draw_alone(renderer, views, 0)
+    try:
+        frame = _draw_alone(renderer, views, 0)
+    finally:
+        if not is_small:
+            renderer.close()
     cache: Any = renderer._cache
     kept = renewed(kept, cache)
     if is_small:
         kept.renderer = renderer
-    else:
-        renderer.close()
     # After an error, nothing is kept.
     BATCH_CACHES.put(what, kept)
     told = WarningsOfViews()

@@ -162,7 +162,9 @@ def rasterize(
             visibility_pass.Drawable(
                 positions, face_numbers, objects, depth_format.coefficients, viewport
             ),
-            visibility_pass.Options(depth_type=depth_format.kind, precision=quality.precision),
+            visibility_pass.VisibilityOptions(
+                depth_type=depth_format.kind, precision=quality.precision
+            ),
             workers,
             lambda _: None,
         )

@@ -65,11 +65,11 @@ def posed_input(source: Any) -> Scene:
     scene = _SCENE_BY_MESH.get(source) if isinstance(source, Mesh) else as_scene(source)
     if scene is None:
         scene = _SCENE_BY_MESH[source] = as_scene(source._alias())
-    _check_lists(scene)
+    check_lists(scene)
     return posed_scene(scene)
 
 
-def _check_lists(scene: Scene) -> None:
+def check_lists(scene: Scene) -> None:
     """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
     for name, items, kinds in (
         ("nodes", scene.nodes, (Node,)),

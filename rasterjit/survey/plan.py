@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.passes import Rows, ShadingNeeds
 from rasterjit.pipeline.records import Lighting
-from rasterjit.pipeline.visibility.visibility_pass import Options, Region
+from rasterjit.pipeline.visibility.visibility_pass import Region, VisibilityOptions
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.scene.quality import Quality, differences
@@ -246,9 +246,9 @@ class RenderPlan(TextReport):
         return self.facts.diagnose or any(effect.reads_clip_positions for effect, _ in around)
 
     @property
-    def visibility(self) -> Options:
+    def visibility(self) -> VisibilityOptions:
         """Which results of visibility are kept, and how it runs."""
-        return Options(
+        return VisibilityOptions(
             depth=self.needs_depth,
             lists=self.keeps_lists,
             clip_positions=self.keeps_clip_positions,

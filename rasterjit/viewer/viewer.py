@@ -37,6 +37,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, one_of, positive_number
+from rasterjit.survey.deformation import check_lists
 from rasterjit.viewer import effect_switches
 from rasterjit.viewer.controls import Event, Fly, Orbit
 from rasterjit.viewer.overlay import OUTPUTS_OF, Row, as_rows, mark_pixel, to_picture, write_panel
@@ -169,6 +170,7 @@ class Viewer:
         threads: int | None = None,
     ) -> None:
         self.scene: Scene = as_scene(what)
+        check_lists(self.scene)
         self._arguments = {
             "camera": camera, "size": size, "background": background, "cull": cull, "up": up,
             "time_budget": time_budget, "name": name, "threads": threads,

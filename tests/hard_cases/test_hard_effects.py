@@ -296,7 +296,7 @@ def draw_picture(filter, pixels):
 @pytest.fixture
 def poisoned(monkeypatch):
     """Make every texel of the coarser mip levels NaN, so that reading one is seen."""
-    prepared_by = Pyramid.prepared
+    prepared_by = Pyramid.prepared_chain
 
     def with_poison(pyramid, alpha, has_levels):
         texels = np.array(prepared_by(pyramid, alpha, has_levels))
@@ -304,7 +304,7 @@ def poisoned(monkeypatch):
         texels[0 if pyramid.codes is not None else width * height :] = np.nan
         return texels
 
-    monkeypatch.setattr(Pyramid, "prepared", with_poison)
+    monkeypatch.setattr(Pyramid, "prepared_chain", with_poison)
 
 
 @pytest.mark.case("G04")
@@ -657,7 +657,7 @@ def test_a_light_in_a_frame_without_colour_asks_for_nothing(sphere, camera, forb
 def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbid):
     unlit = rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("unlit", "orange"))
     dark = draw(unlit, camera)
-    forbid(planning, "lighting_of")
+    forbid(planning, "pack_lights")
     forbid(packed_scene, "join_normals")
     forbid(frame_shading, "light_vertices")
     frame = draw(scene_of(unlit, lights=[SUN, rj.PointLight((0, 0, 3))]), camera)

@@ -39,7 +39,7 @@ def draw(clip_positions, faces=((0, 1, 2),), size=SIZE, bits=8, turn=0):
     objects = Objects(np.array([0, len(faces)]), np.array([turn], np.int8))
     coverage = drawing.run_visibility(
         drawing.Drawable(positions, faces, objects, (0.0, -1.0, 0.0), viewport),
-        drawing.Options(lists=True), threads.Workers(1), lambda _: None,
+        drawing.VisibilityOptions(lists=True), threads.Workers(1), lambda _: None,
     )  # fmt: skip
     geometry = Geometry(
         faces, coverage.screen.xy, coverage.screen.codes, coverage.screen.w, positions, viewport

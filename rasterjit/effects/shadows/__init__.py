@@ -163,7 +163,7 @@ class ShadowMaps(LooksAround):
         cast = "something casts a shadow on what is seen"
         facts = plan.facts
         drawn = visibility_pass.kernels_of(
-            visibility_pass.Options(), facts.shades_through_holes, facts.counts.primitives
+            visibility_pass.VisibilityOptions(), facts.shades_through_holes, facts.counts.primitives
         )
         rows = [
             row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)

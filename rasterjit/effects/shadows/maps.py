@@ -230,7 +230,11 @@ def _draw(
         ),
     )  # fmt: skip
     visibility_pass.run_visibility(
-        drawable, visibility_pass.Options(faces=False), workers, lambda _: None, depth=texels
+        drawable,
+        visibility_pass.VisibilityOptions(faces=False),
+        workers,
+        lambda _: None,
+        depth=texels,
     )
 
 

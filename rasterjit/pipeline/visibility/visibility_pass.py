@@ -435,7 +435,7 @@ class Drawable(NamedTuple):
     """Whether the alpha test interpolates affinely, in screen space."""
 
 
-class Options(NamedTuple):
+class VisibilityOptions(NamedTuple):
     """Which results of a picture are kept, and how it is drawn."""
 
     depth: bool = True
@@ -459,7 +459,7 @@ class Options(NamedTuple):
 
 def run_visibility(
     drawable: Drawable,
-    wanted: Options,
+    wanted: VisibilityOptions,
     workers: Workers,
     clock: Callable[[str], None],
     *,
@@ -473,7 +473,7 @@ def run_visibility(
     Parameters
     ----------
     drawable : Drawable
-    wanted : Options
+    wanted : VisibilityOptions
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
@@ -608,7 +608,9 @@ def run_visibility(
     )  # fmt: skip
 
 
-def kernels_of(wanted: Options, has_alpha_tests: bool, kinds: Collection[str] = ()) -> Rows:
+def kernels_of(
+    wanted: VisibilityOptions, has_alpha_tests: bool, kinds: Collection[str] = ()
+) -> Rows:
     """
     Return the kernels that `run_visibility` calls, each with its variant and when it is called.
 
