@@ -92,8 +92,10 @@ class Coded(NamedTuple):
 def _read_texels(texels: Any, first: Any, numbers: Any, coded: Coded) -> Any:
     """Return texels, (N, CHANNELS), in `HALVES` from a first one."""
     numbers = numbers.astype(np.int64)
-    found = texels[np.where(numbers < coded.end, 0, int(first) + numbers // HALVES)]
-    for n in np.flatnonzero(numbers < coded.end):
+    is_code = numbers < coded.end
+    found = np.empty((len(numbers), CHANNELS), np.float32)
+    found[~is_code] = texels[int(first) + numbers[~is_code] // HALVES]
+    for n in np.flatnonzero(is_code):
         red = int(coded.first + numbers[n] // HALVES * coded.step)
         entries = [int(coded.codes[red + other]) for other in (0, *map(int, coded.others))]
         starts = (int(coded.curve),) * 3 + (int(coded.alphas),)

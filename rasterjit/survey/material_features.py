@@ -172,7 +172,7 @@ class TextureRow(MaterialRow):
             if texture is None or texture.filter == "trilinear":
                 return texture
             if texture not in known:
-                known[texture] = replace(texture, filter="trilinear")
+                known[texture] = texture.with_filter("trilinear")
             return known[texture]
 
         def changes(material: Material) -> dict[str, Any]:
