@@ -18,7 +18,7 @@ mujoco = pytest.importorskip("mujoco", reason=REASON)
 
 import rasterjit as rj  # noqa: E402
 from rasterjit.compat import mujoco as drawn  # noqa: E402
-from rasterjit.compat.mujoco import shapes  # noqa: E402
+from rasterjit.compat.mujoco import drawing, shapes  # noqa: E402
 
 HEIGHT, WIDTH = 60, 80
 CAMERA = '<camera name="front" pos="0 -4 2" xyaxes="1 0 0 0 0.5 1" fovy="50"/>'
@@ -311,15 +311,130 @@ def test_geoms_that_a_program_adds_are_drawn():
     assert (color[..., 0] > 60).sum() > 60
 
 
-def test_a_cloth_is_drawn(tmp_path, monkeypatch):
+@pytest.fixture
+def cloth(tmp_path, monkeypatch):
     # MuJoCo warns of it in a file where the program runs.
     monkeypatch.chdir(tmp_path)
-    model = model_of(
+    return model_of(
         '<flexcomp type="grid" count="5 5 1" spacing=".3 .3 .3" dim="2" name="cloth" pos="0 0 1" '
         'radius=".02" rgba="0 1 0 1"><contact selfcollide="none"/></flexcomp>'
     )
-    _, _, numbers = pictures(model)
+
+
+def test_a_cloth_is_drawn(cloth):
+    _, _, numbers = pictures(cloth)
     assert (numbers[..., 1] == mujoco.mjtObj.mjOBJ_FLEX).sum() > 50
+
+
+@pytest.mark.parametrize("mode", ["color", "depth", "segmentation"])
+def test_a_batch_has_the_cloth_of_each_state(cloth, mode):
+    states = [data_of(cloth), data_of(cloth)]
+    states[1].qpos[2::3] -= 0.4
+    mujoco.mj_forward(cloth, states[1])
+    with drawn.Renderer(cloth, HEIGHT, WIDTH) as renderer:
+        if mode != "color":
+            getattr(renderer, f"enable_{mode}_rendering")()
+        batch = renderer.render_batch(states, "front")
+        for data, found in zip(states, batch, strict=True):
+            renderer.update_scene(data, "front")
+            np.testing.assert_array_equal(found, renderer.render())
+    assert (batch[0] != batch[1]).any()
+
+
+def test_a_batch_uses_the_threads_of_its_renderer_and_is_as_silent(monkeypatch):
+    module = sys.modules["rasterjit.compat.mujoco.renderer"]
+    asked, known = [], module.render_batch
+    monkeypatch.setattr(
+        module, "render_batch", lambda *a, **k: asked.append(k["threads"]) or known(*a, **k)
+    )
+    camera = '<camera name="front" pos="0 -4 0" xyaxes="-1 0 0 0 0 1"/>'
+    model = model_of('<geom type="sphere" size="1"/>', camera=camera)
+    with drawn.Renderer(model, HEIGHT, WIDTH, threads=1) as renderer, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # The sphere is behind the camera.
+        assert not renderer.render_batch([data_of(model)] * 2, "front").any()
+    assert asked == [1]
+
+
+def test_changed_flags_and_textures_are_followed():
+    model = model_of(
+        '<geom type="plane" size="1 2 1" material="own"/>'
+        '<geom name="ball" type="sphere" size=".5" pos="0 0 2.9"/>',
+        '<texture name="own" type="2d" builtin="checker" width="64" height="64" rgb1="1 0 0"/>'
+        '<material name="own" texture="own" specular="0"/>',
+        camera='<camera name="front" pos="0 0 3" xyaxes="1 0 0 0 1 0"/>',
+    )
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+
+        def picture():
+            renderer.update_scene(data_of(model), "front")
+            return renderer.render()
+
+        found = [picture()]
+        for values in (model.mat_texuniform, model.mat_texrepeat):
+            values[0] = 3
+            found.append(picture())
+        # The camera is in the ball, whose inside is seen now.
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = 0
+        found.append(renderer.render())
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = 1
+        np.testing.assert_array_equal(renderer.render(), found[2])
+    assert len({one.tobytes() for one in found}) == 4
+
+
+def test_what_is_kept_is_bounded():
+    model = model_of(
+        '<geom type="box" size="1 .1 1" material="own"/>',
+        '<texture name="own" type="cube" builtin="checker" width="8" height="8" rgb1="1 0 0"/>'
+        '<material name="own" texture="own" texuniform="true"/>',
+    )
+    data = data_of(model)
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        scene = renderer._scene
+        for number in range(100):
+            model.mat_rgba[0, 0] = model.geom_size[0, 0] = 0.5 + number / 300.0
+            scene.follow(data, "front")
+            first = scene.nodes[0].mesh
+        scene.follow(data, "front")
+        assert scene.nodes[0].mesh is first
+        for kept in (scene._meshes, scene._surfaces, scene._textures):
+            assert 1 <= len(kept) <= 1 + drawing.SPARE
+
+
+@pytest.mark.parametrize("kind", ["LABEL", "NONE"])
+def test_geoms_without_a_shape_are_not_drawn(kind):
+    model = model_of('<geom type="box" size=".1 .1 .1" pos="0 9 0"/>')
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        renderer.update_scene(data_of(model), "front")
+        expected, scene = renderer.render(), renderer.scene
+        mujoco.mjv_initGeom(
+            scene.geoms[scene.ngeom], getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"), np.ones(3),
+            np.zeros(3), np.eye(3).ravel(), np.array([1, 0, 0, 1], np.float32),
+        )  # fmt: skip
+        scene.ngeom += 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            np.testing.assert_array_equal(renderer.render(), expected)
+        scene.geoms[scene.ngeom - 1].type = 77
+        with pytest.warns(UserWarning, match="not drawn: geoms of the unknown type 77"):
+            np.testing.assert_array_equal(renderer.render(), expected)
+
+
+def test_point_lights_are_drawn_and_those_of_images_named():
+    wall = '<geom type="box" size="2 .1 2"/>'
+    camera = '<camera name="front" pos="0 -4 0" xyaxes="1 0 0 0 0 1"/>'
+    plain = pictures(model_of(wall, camera=camera, flags="<rgba/>"))[0]
+    light = (
+        '<light type="point" pos="0 -2 0" diffuse=".5 0 0" specular="0 0 0" castshadow="false"/>'
+    )
+    model = model_of(light + wall, camera=camera)
+    lit = pictures(model)[0].astype(int)
+    middle = HEIGHT // 2, WIDTH // 2
+    assert lit[middle][0] > plain[middle][0] + 40
+    assert abs(lit[middle][1] - int(plain[middle][1])) <= 2
+    model.light_type[0] = mujoco.mjtLightType.mjLIGHT_IMAGE
+    with pytest.warns(UserWarning, match="not drawn: lights of type image"):
+        np.testing.assert_array_equal(pictures(model)[0], plain)
 
 
 def test_what_is_not_drawn_is_named_once():
@@ -327,7 +442,8 @@ def test_what_is_not_drawn_is_named_once():
     with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
         renderer.update_scene(data_of(model), "front")
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_WIREFRAME] = 1
-        with pytest.warns(UserWarning, match="not drawn: wireframes"):
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 1
+        with pytest.warns(UserWarning, match="not drawn: wireframes, segments as colours"):
             renderer.render()
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -342,12 +458,42 @@ def test_an_array_of_ones_own_is_filled():
         assert renderer.render(out=out) is out
         np.testing.assert_array_equal(out, renderer.render())
         with pytest.raises(
-            ValueError, match=r"out must have the shape \(60, 80, 3\), got \(2, 2\)"
+            ValueError, match=r"out must be .* uint8 with shape \(60, 80, 3\), got .* \(2, 2\)"
         ):
-            renderer.render(out=np.zeros((2, 2)))
+            renderer.render(out=np.zeros((2, 2), np.uint8))
+        with pytest.raises(ValueError, match=r"out must be an array of uint8.*, got .*float64"):
+            renderer.render(out=np.zeros((HEIGHT, WIDTH, 3)))
+        with pytest.raises(ValueError, match=r"out must be an array of uint8.*, got list"):
+            renderer.render(out=[1, 2])
+        out.flags.writeable = False
+        with pytest.raises(ValueError, match="out must be writable"):
+            renderer.render(out=out)
         assert (renderer.height, renderer.width, renderer.model) == (HEIGHT, WIDTH, model)
-    with pytest.raises(RuntimeError, match="render cannot be called after close"):
-        renderer.render()
+    data = data_of(model)
+    for method, arguments in (
+        ("render", ()),
+        ("update_scene", (data,)),
+        ("render_batch", ([data],)),
+    ):
+        with pytest.raises(RuntimeError, match=f"{method} cannot be called after close"):
+            getattr(renderer, method)(*arguments)
+
+
+def test_wrong_states_and_options_are_named():
+    model = model_of('<geom type="sphere" size="1"/>')
+    other = data_of(model_of('<geom type="sphere" size="1"/>' * 2))
+    twin = data_of(model_of('<geom type="sphere" size="1"/>'))
+    with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
+        with pytest.raises(ValueError, match=r"data must be a mujoco\.MjData, got None"):
+            renderer.update_scene(None)
+        with pytest.raises(ValueError, match=r"data must be of the renderer's model, .*ngeom = 1"):
+            renderer.update_scene(other)
+        with pytest.raises(ValueError, match=r"states\[1\] must be of the renderer's model"):
+            renderer.render_batch([twin, other])
+        with pytest.raises(ValueError, match="states must be a sequence, got MjData"):
+            renderer.render_batch(twin)
+        with pytest.raises(ValueError, match=r"scene_option must be a mujoco\.MjvOption, got 3"):
+            renderer.update_scene(twin, scene_option=3)
 
 
 @pytest.mark.parametrize(
@@ -386,7 +532,13 @@ def test_an_environment_renders_without_opengl(monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         made = gymnasium.make("Reacher-v5", render_mode="rgb_array", width=WIDTH, height=HEIGHT)
+        old, closed = made.unwrapped.mujoco_renderer, []
+        monkeypatch.setattr(old, "close", lambda: closed.append(True))
         environment = drawn.draw_environment(made)
+        ours = made.unwrapped.mujoco_renderer
+        assert drawn.draw_environment(made) is made
+        assert made.unwrapped.mujoco_renderer is ours
+        assert closed == [True]
         environment.reset(seed=0)
         first = environment.render()
         for _ in range(5):
@@ -398,6 +550,10 @@ def test_an_environment_renders_without_opengl(monkeypatch):
     assert (first != second).any()
     with pytest.raises(ValueError, match="environment must be one of gymnasium's for MuJoCo"):
         drawn.draw_environment(object())
+    made.unwrapped.mujoco_renderer = old
+    del old._vopt
+    with pytest.raises(ValueError, match=r"gymnasium 1\.0 or later, got .* has no _vopt"):
+        drawn.draw_environment(made)
 
 
 def test_the_extra_is_named_where_mujoco_is_missing():

@@ -28,7 +28,7 @@ from rasterjit.scene.material import AlphaMode, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
-from rasterjit.scene.validation import read_only
+from rasterjit.scene.validation import brief, read_only
 from rasterjit.scene.vectors import cross, dot, length
 from rasterjit.scene.warning import warn_caller
 
@@ -44,6 +44,17 @@ SHAPES = {
     GEOM.mjGEOM_LINE: ("line",), GEOM.mjGEOM_LINEBOX: ("line box",),
 }  # fmt: skip
 """Parts of geoms whose size is a scale."""
+
+WHOLE = (
+    GEOM.mjGEOM_PLANE, GEOM.mjGEOM_HFIELD, GEOM.mjGEOM_MESH, GEOM.mjGEOM_SDF, GEOM.mjGEOM_FLEX,
+    GEOM.mjGEOM_SKIN,
+)  # fmt: skip
+"""Kinds of geoms of one part, whose size is no scale."""
+
+PARTS = {
+    **SHAPES, **dict.fromkeys(WHOLE, ("",)), GEOM.mjGEOM_LABEL: (), GEOM.mjGEOM_NONE: (),
+}  # fmt: skip
+"""Parts of all kinds of geoms that are known."""
 
 OPAQUE = 0.995
 """Alpha from which on MuJoCo takes a geom for opaque."""
@@ -62,20 +73,32 @@ OBJECTS = {int(kind): kind.name[6:].lower() for kind in mujoco.mjtObj.__members_
 
 REST = (
     (FLAG.mjRND_WIREFRAME, "wireframes"), (FLAG.mjRND_ADDITIVE, "additive transparency"),
-    (FLAG.mjRND_FOG, "fog"),
+    (FLAG.mjRND_FOG, "fog"), (FLAG.mjRND_SEGMENT, "segments as colours (mjRND_SEGMENT)"),
+    (FLAG.mjRND_IDCOLOR, "numbers as colours (mjRND_IDCOLOR)"),
+    (FLAG.mjRND_DEPTH, "depth as colours (mjRND_DEPTH)"),
 )  # fmt: skip
 """Flags for what is not drawn here."""
 
-_PLAIN = operator.attrgetter(
-    "type", "dataid", "objtype", "objid", "matid", "texid", "texcoord", "segid", "emission",
-    "specular", "shininess", "reflectance",
+SIZES = (
+    "nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nsite", "ncam", "nlight", "nmocap", "neq",
+    "ntendon", "nwrap", "nsensor", "nmesh", "nskin", "nskinvert", "nflex", "nflexvert",
+    "nflexedge", "nflexelem", "nbvh",
 )  # fmt: skip
-_LIGHT = operator.attrgetter(
+"""Counts of a model's things that states have arrays of."""
+
+SPARE = 16
+"""Least number of meshes, and of textures, that are kept beyond those in use."""
+
+_GEOM_FIELDS = operator.attrgetter(
+    "type", "dataid", "objtype", "objid", "matid", "texid", "texcoord", "segid", "emission",
+    "specular", "shininess", "reflectance", "texuniform",
+)  # fmt: skip
+_LIGHT_FIELDS = operator.attrgetter(
     "type", "pos", "dir", "attenuation", "cutoff", "exponent", "ambient", "diffuse", "specular",
     "castshadow",
 )  # fmt: skip
 _TYPE, _DATA, _OBJECT, _NUMBER, _MATERIAL, _TEXTURE, _HAS_UV, _SEGMENT, _EMISSION = range(9)
-_SPECULAR, _SHININESS, _REFLECTANCE = 9, 10, 11
+_SPECULAR, _SHININESS, _REFLECTANCE, _IS_UNIFORM = 9, 10, 11, 12
 
 
 class GeomArrays:
@@ -124,11 +147,12 @@ class ModelScene(Scene):
         self._surfaces: dict[Any, shapes.Triangulation] = {}
         self._meshes: dict[Any, Mesh] = {}
         self._textures: dict[Any, Texture] = {}
+        self._whole_textures: dict[int, Texture] = {}
         self._lists: Any = None
         self._looks: Any = None
         self._lit_by: Any = None
         self._shadow_size = SHADOW_SIZE
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
         self._owners = np.zeros(0, np.int64)
         self._parts: list[str] = []
         self._matrices = np.zeros((0, 4, 4))
@@ -149,15 +173,20 @@ class ModelScene(Scene):
         Raises
         ------
         ValueError
-            If there is no such camera.
+            If there is no such camera, the state is of another model, or an argument is of another
+            kind.
         """
         self.list_geoms(data, camera, scene_option)
         self.update()
 
     def list_geoms(self, data: Any, camera: Any = -1, scene_option: Any = None) -> None:
         """Let MuJoCo list the geoms of a state, for a later `update`."""
+        check_state("data", data, self._model)
+        option = self._option if scene_option is None else scene_option
+        if not isinstance(option, mujoco.MjvOption):
+            raise ValueError(f"scene_option must be a mujoco.MjvOption, got {brief(option)}")
         mujoco.mjv_updateScene(
-            self._model, data, self._option if scene_option is None else scene_option, None,
+            self._model, data, option, None,
             camera_of(self._model, camera), mujoco.mjtCatBit.mjCAT_ALL.value, self._geom_scene,
         )  # fmt: skip
 
@@ -165,16 +194,18 @@ class ModelScene(Scene):
         """Follow the list of geoms, lights and cameras as it is: programs add geoms to it."""
         scene = self._geom_scene
         count = scene.ngeom
-        rows = [_PLAIN(geom) for geom in scene.geoms[:count]]
+        rows = [_GEOM_FIELDS(geom) for geom in scene.geoms[:count]]
         if rows != self._lists:
             self._list(rows)
         self._name_rest(rows)
         self._light(scene)
-        size, rgba = self._arrays.size[:count], self._arrays.rgba[:count]
-        sized = size[self._is_sized].tobytes()
-        looks = rgba.tobytes(), self._behind(count).tobytes(), self._gain, sized
-        dynamic = bool({GEOM.mjGEOM_SKIN, GEOM.mjGEOM_FLEX} & {row[_TYPE] for row in rows})
-        if looks != self._looks or dynamic:
+        arrays, model = self._arrays, self._model
+        values = (
+            arrays.rgba[:count], self._behind(count), arrays.size[:count][self._is_sized],
+            arrays.repeat[:count], model.mat_texrepeat, model.mat_texuniform,
+        )  # fmt: skip
+        looks = self._gain, self._is_culled, *(value.tobytes() for value in values)
+        if looks != self._looks or self.has_deformed:
             self._looks = looks
             self._show(rows)
         self._move()
@@ -188,6 +219,11 @@ class ModelScene(Scene):
     def listed(self) -> Any:
         """What is equal for two states of which only places differ."""
         return self._lists, self._looks
+
+    @property
+    def has_deformed(self) -> bool:
+        """Whether there are skins or flexible bodies, whose meshes change with the state."""
+        return bool(self._is_global.any())
 
     def object_numbers(self) -> list[tuple[int, int] | None]:
         """Return number and type of the object of each node, None of what has none."""
@@ -248,7 +284,7 @@ class ModelScene(Scene):
     def _list(self, rows: list[tuple[Any, ...]]) -> None:
         """Make a node for each part of each geom."""
         self._lists, self._looks = rows, None
-        parts = [(n, part) for n, row in enumerate(rows) for part in SHAPES.get(row[_TYPE], ("",))]
+        parts = [(n, part) for n, row in enumerate(rows) for part in PARTS.get(row[_TYPE], ())]
         self._owners = np.array([n for n, _ in parts], np.int64)
         self._parts = [part for _, part in parts]
         kinds = np.array([row[_TYPE] for row in rows], np.int64)[self._owners]
@@ -280,6 +316,8 @@ class ModelScene(Scene):
         else:
             for owner, mesh in zip(self._owners, found, strict=True):
                 self.add(mesh, name=self._name(rows[owner]))
+        for kept in (self._meshes, self._surfaces, self._textures):
+            drop_oldest(kept, len(found) + max(len(found), SPARE))
 
     def _name(self, row: tuple[Any, ...]) -> str:
         """Return the name of a geom's object."""
@@ -331,12 +369,15 @@ class ModelScene(Scene):
         size = tuple(arrays.size[owner].tolist())
         rgba = arrays.rgba[owner].tolist()
         texture, mapping = self._mapping(owner, row, size)
-        look = (*rgba, row[_EMISSION], row[_SPECULAR], row[_SHININESS], behind, self._gain, texture)
+        look = (
+            *rgba, row[_EMISSION], row[_SPECULAR], row[_SHININESS], behind, self._gain,
+            self._is_culled, texture,
+        )  # fmt: skip
         if kind in (GEOM.mjGEOM_SKIN, GEOM.mjGEOM_FLEX):
             return self._dynamic(row, self._material(rgba, row, texture, behind))
         width = 1.5 if part == "line box" else size[0]
         key = part or kind, row[_DATA], mapping, width if "line" in part else None, look
-        if key not in self._meshes:
+        if not renew(self._meshes, key):
             material = self._material(rgba, row, texture, behind)
             if "line" in part:
                 width *= float(self._model.vis.global_.linewidth)
@@ -350,7 +391,7 @@ class ModelScene(Scene):
         part, data, mapping = key
         surface = self._surface(part, data)
         if mapping is not None and mapping[0] == "cube":
-            if key not in self._surfaces:
+            if not renew(self._surfaces, key):
                 self._surfaces[key] = shapes.wrapped_in_cube(surface, mapping[1])
             surface = self._surfaces[key]
         elif mapping is not None and mapping[0] == "flat":
@@ -362,7 +403,7 @@ class ModelScene(Scene):
     def _surface(self, part: Any, data: int) -> shapes.Triangulation:
         """Return a shape, by its name, or by the kind of a geom of the model's and its number."""
         key = part, data
-        if key not in self._surfaces:
+        if not renew(self._surfaces, key):
             quality = self._model.vis.quality
             if part == GEOM.mjGEOM_PLANE and data >= 0:
                 found = shapes.plane(self._model, data)
@@ -381,6 +422,7 @@ class ModelScene(Scene):
     def _dynamic(self, row: tuple[Any, ...], material: Material) -> Mesh:
         """Return a skin or a flexible body, as it is now."""
         scene, model, number, uv = self._geom_scene, self._model, row[_NUMBER], None
+        is_textured = material.base_color_texture is not None
         if row[_TYPE] == GEOM.mjGEOM_SKIN:
             first, count = scene.skinvertadr[number], scene.skinvertnum[number]
             points, normals = (
@@ -389,7 +431,7 @@ class ModelScene(Scene):
             )
             start = model.skin_faceadr[number]
             faces = model.skin_face[start : start + model.skin_facenum[number]]
-            if model.skin_texcoordadr[number] >= 0:
+            if is_textured and model.skin_texcoordadr[number] >= 0:
                 start = model.skin_texcoordadr[number]
                 uv = shapes.v_up(model.skin_texcoord[start : start + count])
         else:
@@ -399,9 +441,10 @@ class ModelScene(Scene):
                 array.ravel()[own].reshape(-1, 3) for array in (scene.flexface, scene.flexnormal)
             )
             faces = np.arange(3 * used).reshape(-1, 3)
-            uv = scene.flextexcoord.ravel()[6 * start : 6 * (start + used)].reshape(-1, 2)
-            uv = shapes.v_up(uv)
-        uv = uv if material.base_color_texture is not None else None
+            # Without a texture MuJoCo leaves them as they are in memory.
+            if is_textured:
+                uv = scene.flextexcoord.ravel()[6 * start : 6 * (start + used)].reshape(-1, 2)
+                uv = shapes.v_up(uv)
         return Mesh(points, faces, normals=normals, uv=uv, material=material)
 
     def _mapping(self, owner: int, row: tuple[Any, ...], size: Any) -> tuple[Any, Any]:
@@ -410,7 +453,7 @@ class ModelScene(Scene):
         number, is_uniform = row[_TEXTURE], False
         repeat: list[float] = self._arrays.repeat[owner].tolist()
         if number >= 0:
-            is_uniform = bool(self._geom_scene.geoms[owner].texuniform)
+            is_uniform = bool(row[_IS_UNIFORM])
         elif material >= 0:
             number = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
             repeat = model.mat_texrepeat[material].tolist()
@@ -439,14 +482,14 @@ class ModelScene(Scene):
     ) -> Texture:
         """Return a texture of the model, repeated and moved."""
         key = number, scale, offset
-        if key not in self._textures:
-            base = self._textures.get((number, (1.0, 1.0), (0.0, 0.0)))
-            if base is None:
-                base = self._textures[number, (1.0, 1.0), (0.0, 0.0)] = Texture(
+        if not renew(self._textures, key):
+            whole = self._whole_textures.get(number)
+            if whole is None:
+                whole = self._whole_textures[number] = Texture(
                     picture_of(self._model, number),
                     color_space="linear" if self._as_codes else "srgb",
                 )
-            self._textures[key] = base.with_transform(offset=offset, scale=scale)
+            self._textures[key] = whole.with_transform(offset=offset, scale=scale)
         return self._textures[key]
 
     def _material(
@@ -476,8 +519,13 @@ class ModelScene(Scene):
             emissive_texture=texture if row[_EMISSION] > 0.0 else None,
             alpha_mode=mode,
             double_sided=row[_TYPE] in (GEOM.mjGEOM_PLANE, GEOM.mjGEOM_TRIANGLE)
-            or not self._geom_scene.flags[FLAG.mjRND_CULL_FACE],
+            or not self._is_culled,
         )  # fmt: skip
+
+    @property
+    def _is_culled(self) -> bool:
+        """Whether faces that are seen from behind are dropped."""
+        return bool(self._geom_scene.flags[FLAG.mjRND_CULL_FACE])
 
     # Light.
 
@@ -494,13 +542,13 @@ class ModelScene(Scene):
             light
             for light in scene.lights[: scene.nlight]
             # States that mj_forward has not seen have no directions yet.
-            if light.type in (LIGHT.mjLIGHT_DIRECTIONAL, LIGHT.mjLIGHT_SPOT) and light.dir.any()
+            if light.type != LIGHT.mjLIGHT_IMAGE and light.dir.any()
         ]
-        told = [[*map(_plain, _LIGHT(light))] for light in own]
+        values = [[*map(_as_list, _LIGHT_FIELDS(light))] for light in own]
         has_shadows = bool(scene.flags[FLAG.mjRND_SHADOW] and self._model.vis.quality.shadowsize)
-        if (told, has_shadows) == self._lit_by:
+        if (values, has_shadows) == self._lit_by:
             return
-        self._lit_by = told, has_shadows
+        self._lit_by = values, has_shadows
         lights = [self._one_light(light, has_shadows) for light in own]
         around = sum((np.array(light.ambient, np.float64) for light in own), np.zeros(3))
         if not own:
@@ -526,7 +574,7 @@ class ModelScene(Scene):
         constant, linear, squared = light.attenuation.tolist()
         fading = constant + linear * away + squared * away * away
         strength *= max(away * away, 1e-6) / max(fading, 1e-6)
-        if light.cutoff > 90.0:
+        if light.type == LIGHT.mjLIGHT_POINT or light.cutoff > 90.0:
             return PointLight(light.pos, color, strength, shadow=shadow)
         outer, inner = float(light.cutoff), float(light.cutoff)
         if light.exponent > 0.0:
@@ -544,6 +592,10 @@ class ModelScene(Scene):
         """Warn once of each thing that is not drawn."""
         scene = self._geom_scene
         rest = [name for flag, name in REST if scene.flags[flag]]
+        kinds = {int(row[_TYPE]) for row in rows} - PARTS.keys()
+        rest.extend(f"geoms of the unknown type {kind}" for kind in sorted(kinds))
+        if any(light.type == LIGHT.mjLIGHT_IMAGE for light in scene.lights[: scene.nlight]):
+            rest.append("lights of type image")
         if not self._as_codes and self.mirror() is not None:
             rest.append("reflections")
         flexes = [row[_NUMBER] for row in rows if row[_TYPE] == GEOM.mjGEOM_FLEX]
@@ -559,13 +611,44 @@ class ModelScene(Scene):
         ):  # fmt: skip
             if is_set:
                 rest.append(name)
-        new = [name for name in rest if name not in self._told]
+        new = [name for name in rest if name not in self._warned]
         if new:
-            self._told.update(new)
+            self._warned.update(new)
             warn_caller(f"not drawn: {', '.join(new)}")
 
 
-def _plain(value: Any) -> Any:
+def renew(kept: dict[Any, Any], key: Any) -> bool:
+    """Make the item of a key the newest one, and tell whether there is any."""
+    if key not in kept:
+        return False
+    kept[key] = kept.pop(key)
+    return True
+
+
+def drop_oldest(kept: dict[Any, Any], most: int) -> None:
+    """Drop the items that were used least recently, until there are so many."""
+    for key in [*kept][: max(0, len(kept) - most)]:
+        del kept[key]
+
+
+def check_state(name: str, data: Any, model: Any) -> None:
+    """Raise ``ValueError`` unless ``data`` is a state of a model, or of one of the same sizes."""
+    if not isinstance(data, mujoco.MjData):
+        raise ValueError(f"{name} must be a mujoco.MjData, got {brief(data)}")
+    # Environments load a model each, from the same file.
+    if data.signature == model.signature:
+        return
+    other = data.model
+    for size in SIZES:
+        expected, found = getattr(model, size), getattr(other, size)
+        if expected != found:
+            raise ValueError(
+                f"{name} must be of the renderer's model, with {size} = {expected}, got that of "
+                f"another with {size} = {found}"
+            )
+
+
+def _as_list(value: Any) -> Any:
     """Return an array as a list, and all else as it is."""
     return value.tolist() if isinstance(value, np.ndarray) else value
 

@@ -10,8 +10,13 @@ import numpy as np
 from rasterjit.compat.mujoco.renderer import Renderer
 from rasterjit.scene.validation import brief, one_of
 
-MODES = "rgb_array", "depth_array", "rgbd_tuple"
+RENDER_MODES = "rgb_array", "depth_array", "rgbd_tuple"
 """What an environment may be asked to render."""
+
+TAKEN_OVER = (
+    "model", "data", "camera_id", "default_cam_config", "height", "width", "max_geom", "_vopt",
+)  # fmt: skip
+"""Attributes of gymnasium's ``MujocoRenderer`` that are read."""
 
 
 def draw_environment(environment: Any) -> Any:
@@ -31,7 +36,7 @@ def draw_environment(environment: Any) -> Any:
     Raises
     ------
     ValueError
-        If it has no ``mujoco_renderer``, or another mode.
+        If it has no ``mujoco_renderer``, or one older than gymnasium 1.0, or another mode.
     """
     inner = getattr(environment, "unwrapped", environment)
     known = getattr(inner, "mujoco_renderer", None)
@@ -40,8 +45,17 @@ def draw_environment(environment: Any) -> Any:
             "environment must be one of gymnasium's for MuJoCo, with a mujoco_renderer, got "
             f"{brief(environment)}"
         )
-    one_of("render_mode", inner.render_mode, MODES)
+    if isinstance(known, EnvironmentRenderer):
+        return environment
+    missing = [name for name in TAKEN_OVER if not hasattr(known, name)]
+    if missing:
+        raise ValueError(
+            "environment must be one of gymnasium 1.0 or later, got one whose mujoco_renderer has "
+            f"no {', '.join(missing)}"
+        )
+    one_of("render_mode", inner.render_mode, RENDER_MODES)
     inner.mujoco_renderer = EnvironmentRenderer(known)
+    known.close()
     return environment
 
 
@@ -66,7 +80,7 @@ class EnvironmentRenderer:
 
     def render(self, render_mode: str | None) -> Any:
         """Return what gymnasium's renderer returns in a mode; depth as OpenGL's buffer has it."""
-        mode = one_of("render_mode", render_mode, MODES)
+        mode = one_of("render_mode", render_mode, RENDER_MODES)
         renderer = self._renderer
         renderer.update_scene(self.data, self._chosen_camera(), self._option)
         renderer.disable_depth_rendering()

@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.mujoco import shapes
-from rasterjit.compat.mujoco.drawing import FLAG, GEOM, SHADOW_SIZE, ModelScene, picture_of
+from rasterjit.compat.mujoco.drawing import (
+    FLAG,
+    GEOM,
+    SHADOW_SIZE,
+    ModelScene,
+    check_state,
+    picture_of,
+)
 from rasterjit.compat.opengl_camera import matrix_camera, upside_down
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.renderer import Renderer as Engine
@@ -23,7 +30,8 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
-from rasterjit.scene.validation import brief, whole_number
+from rasterjit.scene.validation import brief, sequence, whole_number
+from rasterjit.scene.warning import REPEATED, silence_warnings
 
 Mode: TypeAlias = Literal["linear", "depth", "object_id"]
 
@@ -39,7 +47,7 @@ SMALL = 1 << 16
 SKY_DISTANCE = 0.7
 """Of the sky, in those of the far plane."""
 
-MODES: dict[Mode, tuple[tuple[int, ...], type]] = {
+PIXELS: dict[Mode, tuple[tuple[int, ...], type]] = {
     "linear": ((3,), np.uint8), "depth": ((), np.float32), "object_id": ((2,), np.int32),
 }  # fmt: skip
 """What is drawn for colours, depth and numbers: the shape of a pixel, and its type."""
@@ -57,7 +65,7 @@ class Renderer:
     max_geom : int
         Most geoms of a scene.
     threads : int, optional
-        Default: all processors, but one for pictures of up to 65536 pixels.
+        Default: all processors, but one for `render` of pictures of up to 65536 pixels.
 
     Raises
     ------
@@ -91,6 +99,7 @@ class Renderer:
         }  # fmt: skip
         size = self._width, self._height
         self._scene._shadow_size = min(SHADOW_SIZE, SHADOW_TEXELS * max(size))
+        self._threads = threads
         if threads is None and size[0] * size[1] <= SMALL:
             threads = 1
         self._engines = {
@@ -158,9 +167,13 @@ class Renderer:
 
         Raises
         ------
+        RuntimeError
+            After `close`.
         ValueError
-            If there is no such camera, or an argument is of another kind.
+            If there is no such camera, the state is of another model, or an argument is of another
+            kind.
         """
+        self._check_open("update_scene")
         self._scene.list_geoms(data, camera, scene_option)
 
     def render(self, *, out: NDArray[Any] | None = None) -> NDArray[Any]:
@@ -170,7 +183,7 @@ class Renderer:
         Parameters
         ----------
         out : array, optional
-            Where it is written, of the shape that is returned.
+            Where it is written, of the shape and type that are returned.
 
         Returns
         -------
@@ -186,15 +199,17 @@ class Renderer:
         RuntimeError
             After `close`.
         ValueError
-            If ``out`` has another shape.
+            If ``out`` is no writable array of that shape and type.
         """
-        if self._is_closed:
-            raise RuntimeError("render cannot be called after close")
-        own, kind = MODES[self._mode]
+        self._check_open("render")
+        own, kind = PIXELS[self._mode]
         shape = self._height, self._width, *own
-        if out is not None and out.shape != shape:
-            raise ValueError(f"out must have the shape {shape}, got {out.shape}")
         found = np.empty(shape, kind) if out is None else out
+        if not isinstance(found, np.ndarray) or (found.shape, found.dtype) != (shape, kind):
+            expected = f"an array of {np.dtype(kind)} with shape {shape}"
+            raise ValueError(f"out must be {expected}, got {brief(found)}")
+        if not found.flags.writeable:
+            raise ValueError("out must be writable, got an array that is read-only")
         # Programs add geoms to the list after update_scene.
         self._scene.update()
         if self._mode == "linear":
@@ -216,18 +231,24 @@ class Renderer:
 
         Raises
         ------
+        RuntimeError
+            After `close`.
         ValueError
-            If MuJoCo lists other geoms for one of them than for the first.
+            If MuJoCo lists other geoms for one of them than for the first, or an argument is wrong
+            as it is for `update_scene`.
         """
-        given, own, kind = list(states), *MODES[self._mode]
+        self._check_open("render_batch")
+        given, own, kind = sequence("states", states), *PIXELS[self._mode]
         shape = len(given), self._height, self._width, *own
         found: NDArray[Any] = np.empty(shape, kind)
         if not given:
             return found
         places, cameras, lights = [], [], []
         known: Any = None
+        has_extras = False
         for number, data in enumerate(given):
             scene = self._scene
+            check_state(f"states[{number}]", data, self.model)
             scene.follow(data, camera, scene_option)
             if known is None:
                 known = scene.listed
@@ -239,9 +260,11 @@ class Renderer:
             places.append(scene.matrices)
             cameras.append(self._camera())
             lights.append(list(scene.lights))
+            has_extras = has_extras or self._has_extras()
         drawn = self._shape_scene() if self._mode != "linear" else self._scene
-        if self._mode == "linear" and (self._has_extras() or lights != lights[:1] * len(lights)):
-            # Each has a sky or a mirror, or light, of its own.
+        is_lit_apart = has_extras or lights != lights[:1] * len(lights)
+        if self._scene.has_deformed or (self._mode == "linear" and is_lit_apart):
+            # Each has skins, a sky or a mirror, or light, of its own.
             for number, data in enumerate(given):
                 self.update_scene(data, camera, scene_option)
                 self.render(out=found[number])
@@ -251,11 +274,13 @@ class Renderer:
         else:
             where = {id(node): n for n, node in enumerate(self._scene.nodes)}
             picked = [where[id(node)] for node in drawn.nodes]
-            batch = render_batch(
-                drawn, cameras, size=(self._width, self._height), outputs=(self._mode,),
-                quality=self._qualities[self._mode], background="black",
-                transforms=np.stack(places)[:, picked],
-            )  # fmt: skip
+            # `render` does not warn of empty views either.
+            with silence_warnings(REPEATED):
+                batch = render_batch(
+                    drawn, cameras, size=(self._width, self._height), outputs=(self._mode,),
+                    quality=self._qualities[self._mode], background="black",
+                    transforms=np.stack(places)[:, picked], threads=self._threads,
+                )  # fmt: skip
             for number in range(len(given)):
                 self._write(batch.arrays()[self._mode][number], found[number])
         return found
@@ -276,6 +301,10 @@ class Renderer:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _check_open(self, method: str) -> None:
+        if self._is_closed:
+            raise RuntimeError(f"{method} cannot be called after close")
 
     # Pictures.
 
