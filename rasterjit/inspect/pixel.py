@@ -51,7 +51,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
-from rasterjit.survey import object_transforms as placing
+from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import prepare
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import with_field
@@ -218,9 +218,9 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     workers = Workers(1)
     cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
-    views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
+    views = object_transforms.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
-    objects = placing.cull_objects(
+    objects = object_transforms.cull_objects(
         plan.cull, views.screen_winding, views.mirrored, arrays.face_starts,
         cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip

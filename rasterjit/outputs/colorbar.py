@@ -95,11 +95,11 @@ def draw_colorbar(
     if scale.nan_color is not None:
         bottom -= 2 * size
     ticks = _ticks_of(low, high, bottom - top, size)
-    labels, note = write_ticks(ticks)
+    labels, note = format_ticks(ticks)
     if note:
         top += 2 * size
         ticks = _ticks_of(low, high, bottom - top, size)
-        labels, note = write_ticks(ticks)
+        labels, note = format_ticks(ticks)
     bottom = max(bottom, top + 1)
     length, left, right = bottom - top, size, size + round(1.2 * size)
     if len(ticks) < 2 and high > low and length >= 2 * size:
@@ -193,7 +193,7 @@ def exponent_of(value: float) -> int:
     return Decimal(repr(value)).adjusted() if value else 0
 
 
-def write_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
+def format_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
     """
     Format ticks with as many digits as tell them apart; return a note of factor and offset.
 

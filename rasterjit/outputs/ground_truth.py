@@ -73,9 +73,9 @@ def fill_buffers(
     points = coverage.points if plan.facts.visible.points else None
     for name, fill in list_fills(plan, cache, placement).items():
         result[name] = fill.run(face_id, geometry, workers)
-    _fill_numbers(plan, cache, face_id, result)
+    _fill_object_ids(plan, cache, face_id, result)
     if points is not None:
-        _fill_points(plan, cache, geometry, placement, face_id, points, result, workers)
+        _overwrite_round_points(plan, cache, geometry, placement, face_id, points, result, workers)
     _complete_buffers(plan, cache, placement, face_id, result, workers)
     if compared is not None:
         shared = face_id, geometry, shapes.arrays.face_starts
@@ -139,12 +139,14 @@ def list_fills(
         fills[name] = FillCall(interpolation.fill_positions, (3,), arguments)
     # The kernel is the same without vertex normals: it is given an empty table.
     count = len(shapes.meshes)
-    flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
+    no_normals = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
     if not asked.isdisjoint(NORMAL_OUTPUTS):
-        normals = (shapes.normals, np.ones(count, np.uint8)) if plan.facts.shows_normals else flat
+        normals = (
+            (shapes.normals, np.ones(count, np.uint8)) if plan.facts.shows_normals else no_normals
+        )
         fills["normal"] = FillCall(interpolation.fill_normals, (3,), (placement, normals))
     if "geometric_normal" in asked:
-        normals = _normals_of_points(shapes, flat)
+        normals = _normals_of_points(shapes, no_normals)
         fills["geometric_normal"] = FillCall(interpolation.fill_normals, (3,), (placement, normals))
     return fills
 
@@ -206,7 +208,7 @@ def _unclip_weights(cut: Cut, face_id: Int32, barycentric: Float32) -> None:
         barycentric[block] = (a + b) + c
 
 
-def _fill_numbers(plan: RenderPlan, cache: SceneCache, face_id: Int32, result: Buffers) -> None:
+def _fill_object_ids(plan: RenderPlan, cache: SceneCache, face_id: Int32, result: Buffers) -> None:
     """Fill the buffers of numbers that belong to whole objects, -1 where nothing is."""
     asked = [name for name in ("object_id", "instance_id", "material_id") if name in plan.outputs]
     if not asked:
@@ -240,7 +242,7 @@ def material_numbers(shapes: Shapes) -> Int32:
     return np.array([*(of_meshes[mesh] for mesh in shapes.meshes), -1], np.int32)
 
 
-def _fill_points(
+def _overwrite_round_points(
     plan: RenderPlan,
     cache: SceneCache,
     geometry: Geometry,
@@ -372,10 +374,10 @@ def _distances(
     return distance
 
 
-def _normals_of_points(shapes: Shapes, flat: tuple[Float32, UInt8]) -> tuple[Float32, UInt8]:
+def _normals_of_points(shapes: Shapes, no_normals: tuple[Float32, UInt8]) -> tuple[Float32, UInt8]:
     """Return the normals that points were given, and the objects that have some."""
     has_own = [mesh.primitive == "points" and mesh.normals is not None for mesh in shapes.meshes]
-    return (shapes.normals, np.array(has_own, np.uint8)) if any(has_own) else flat
+    return (shapes.normals, np.array(has_own, np.uint8)) if any(has_own) else no_normals
 
 
 def _camera_normals(normal: Float32, camera: Camera, workers: Workers) -> Float32:
@@ -437,7 +439,7 @@ def add_reversed_depth(
     depth, vertex_depths = coverage.depth, coverage.screen.depth
     if not depth_format.is_reversed:
         coefficients = camera.depth_coefficients()
-        vertex_depths = _reversed_vertices(depth_format, coefficients, coverage)
+        vertex_depths = _reversed_vertex_depths(depth_format, coefficients, coverage)
         depth = workers.memory.empty(coverage.face_id.shape, np.float32)
         arguments = geometry, vertex_depths, coefficients, depth
         fill_rows(depths.fill_depths, coverage.face_id, arguments, workers)
@@ -449,7 +451,7 @@ def add_reversed_depth(
     return coverage._replace(reversed_depth=depth, reversed_vertex_depth=vertex_depths)
 
 
-def _reversed_vertices(
+def _reversed_vertex_depths(
     depth_format: DepthFormat,
     coefficients: tuple[float, float, float],
     coverage: visibility_pass.Coverage,

@@ -54,7 +54,7 @@ from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import boolean
-from rasterjit.survey import object_transforms as placing
+from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import merge_needs
 from rasterjit.survey.effect import Bends, FrameContext, Planned, neighbourhood_effects
@@ -429,8 +429,8 @@ def _compare(planned: LensPlan) -> Comparison | None:
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
     old = prepare(scene.nodes, cache, quality, scene.environment is not None)
-    views = placing.view_places(cache.places, planned.camera, size)
-    old_views = placing.view_places(old.places, camera, size)
+    views = object_transforms.view_places(cache.places, planned.camera, size)
+    old_views = object_transforms.view_places(old.places, camera, size)
     positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)
     return Comparison(
         planned.lens, planned.sight, sight_before,

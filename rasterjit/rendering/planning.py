@@ -40,8 +40,7 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import boolean, brief, one_of
-from rasterjit.survey import clip_planes, deformation
-from rasterjit.survey import object_transforms as placing
+from rasterjit.survey import clip_planes, deformation, object_transforms
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import (
     PlaneNeeds,
@@ -442,16 +441,16 @@ def plan_views(
     size, quality = request.size, request.quality
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
-    views = placing.view_places(cache.places, camera, size)
+    views = object_transforms.view_places(cache.places, camera, size)
     plan = plan_frame(request, scene, camera, cache.inventory, views, last)
     if any(plan.plane_needs.steps) and _are_moved(camera, plan.camera):
-        views = placing.view_again(views, plan.camera, size)
+        views = object_transforms.view_again(views, plan.camera, size)
     earlier = find_earlier(request.previous, plan, scene, camera)
     if earlier is None:
         return PlannedFrame(plan, cache, views, scene)
     earlier = cut_alike(earlier[0], scene), earlier[1]
     old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
-    old_views = placing.view_places(old.places, earlier[1], size)
+    old_views = object_transforms.view_places(old.places, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
     if earlier[1] is camera:
         # One camera has its planes in one place.
@@ -460,7 +459,7 @@ def plan_views(
             return plan_views(request, scene, move_planes(camera, *steps), cache, last)
         old_plan = old_plan.with_(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
-        old_views = placing.view_again(old_views, old_plan.camera, size)
+        old_views = object_transforms.view_again(old_views, old_plan.camera, size)
     before = PlannedFrame(old_plan, old, old_views, earlier[0])
     return PlannedFrame(plan.with_(previous=old_plan), cache, views, scene, before)
 
@@ -488,7 +487,7 @@ def settle_cameras(
         return list(cameras)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
-    low, high = placing.box_around(cache.shapes.boxes, cache.places.world_from_model)
+    low, high = object_transforms.box_around(cache.shapes.boxes, cache.places.world_from_model)
     beyond = uneven_spheres(scene.nodes, cache.places.world_from_model)
     near_by = [
         camera
@@ -543,7 +542,7 @@ def look_from(
     shown = camera if picture is None else picture
     if cache is None:
         cache = prepare(scene.nodes, None, quality, scene.environment is not None)
-    views = placing.view_places(cache.places, shown, size)
+    views = object_transforms.view_places(cache.places, shown, size)
     boxes = Boxes(
         cache.extents, shown.eye_position(), views.relative_from_model,
         views.clip_from_relative, beyond=cache.tables.inventory.beyond(size),

@@ -23,12 +23,17 @@ from rasterjit.outputs.ground_truth import add_reversed_depth
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.fragments.fragment_bands import sampled_viewport
 from rasterjit.pipeline.records import Placement
-from rasterjit.pipeline.visibility import visibility_pass as drawing
+from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.primitive_expansion import primitives_of
 from rasterjit.pipeline.visibility.visibility_pass import Seen
-from rasterjit.rendering import frame_shading, planning, supersample, view_warnings
+from rasterjit.rendering import (
+    frame_shading,
+    planning,
+    quality_selection,
+    supersample,
+    view_warnings,
+)
 from rasterjit.rendering import lens as lenses
-from rasterjit.rendering import quality_selection as budgets
 from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
 from rasterjit.rendering.planning import (
     Cull,
@@ -55,7 +60,7 @@ from rasterjit.scene.validation import (
     sequence,
     thread_count,
 )
-from rasterjit.survey import object_transforms as placing
+from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import FrameContext
@@ -64,7 +69,7 @@ from rasterjit.survey.packed_scene import SceneArrays, front_windings_of, placem
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import CameraView
 
-MAX_KEPT = drawing.VERTICES_PER_TASK
+MAX_KEPT = visibility_pass.VERTICES_PER_TASK
 """Most faces, and vertices, of a scene whose buffers are reused for the next frame: for larger ones
 allocation costs little beside drawing, and the memory is better used otherwise."""
 
@@ -336,27 +341,27 @@ def find_visible(
     camera, arrays = plan.camera, cache.shapes.arrays
     kept = kept or Kept(workers.memory, lasts=False)
     if views is None:
-        views = placing.view_places(cache.places, camera, plan.size)
+        views = object_transforms.view_places(cache.places, camera, plan.size)
     # Viewport, and face culling.
     spacing = supersample.spacing_of(camera)
     viewport = kept.made(
-        "viewport", drawing.viewport_of, plan.size, plan.quality.subpixel_bits, plan.region,
+        "viewport", visibility_pass.viewport_of, plan.size, plan.quality.subpixel_bits, plan.region,
         spacing,
     )  # fmt: skip
     objects = kept.made(
-        "objects", placing.cull_objects, plan.cull, views.screen_winding, views.mirrored,
+        "objects", object_transforms.cull_objects, plan.cull, views.screen_winding, views.mirrored,
         arrays.face_starts, cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip
     clock("plan")
     # Vertices, faces, lines and points.
-    vertices = drawing.ModelVertices(
+    vertices = visibility_pass.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative, arrays.unused,
     )  # fmt: skip
     wanted = plan.visibility._replace(**changes)
     if plan.layers is not None and not wanted.draws:
         wanted = wanted._replace(reach=sampled_viewport(viewport, plan.layers.samples).reach)
-    drawable = drawing.Drawable(
+    drawable = visibility_pass.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=frame_shading.find_hit_tests(plan, cache),
         primitives=primitives_of(
@@ -367,10 +372,12 @@ def find_visible(
         hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
     # Run visibility, then derive what shading and outputs read.
-    coverage = drawing.run_visibility(drawable, wanted, workers, clock, kept=kept, face_id=face_id)
+    coverage = visibility_pass.run_visibility(
+        drawable, wanted, workers, clock, kept=kept, face_id=face_id
+    )
     geometry = kept.made(
-        "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,
-        viewport, plan.is_affine,
+        "geometry", visibility_pass.geometry_of, arrays.faces, coverage.screen,
+        coverage.clip_positions, viewport, plan.is_affine,
     )  # fmt: skip
     placement = _placement(arrays, views, kept)
     if plan.reads_depth:
@@ -424,7 +431,7 @@ def compare(
 
 
 def stats_of(
-    coverage: drawing.Coverage, seconds: dict[str, float], covered: int | None = None
+    coverage: visibility_pass.Coverage, seconds: dict[str, float], covered: int | None = None
 ) -> FrameStats:
     """Return the frame's statistics; counts covered pixels unless known."""
     totals = coverage.totals
@@ -671,7 +678,8 @@ class Renderer(Guarded):
             with Renderer(self.size, threads=self._workers.threads) as lone:
                 return lone._render(own, scene, camera)
 
-        return budgets.draw_in_time(budget, budgets.times_of(what, circumstances), draw)
+        times = quality_selection.times_of(what, circumstances)
+        return quality_selection.draw_in_time(budget, times, draw)
 
     def _render_within(
         self,
@@ -688,7 +696,9 @@ class Renderer(Guarded):
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
             )
         wanted = request.outputs
-        request = request._replace(outputs=tuple(dict.fromkeys((*wanted, *budgets.LIGHT))))
+        request = request._replace(
+            outputs=tuple(dict.fromkeys((*wanted, *quality_selection.LIGHT)))
+        )
         refined = self._refine(request, scene, camera, ())
         drawn: list[Frame] = []
 
@@ -700,10 +710,10 @@ class Renderer(Guarded):
             picture = replace(Quality.reference(), samples=1)
             for is_turned in (False, True):
                 swept = supersample.SweptCamera(drawn[0].plan.camera, (0.0, 0.0), 1.0, is_turned)
-                own = request._replace(quality=picture, outputs=budgets.LIGHT)
+                own = request._replace(quality=picture, outputs=quality_selection.LIGHT)
                 yield self._render(own._replace(diagnose=False, previous=None), scene, swept)
 
-        frame = budgets.draw_within_error(bound, draw, refined, sweep)
+        frame = quality_selection.draw_within_error(bound, draw, refined, sweep)
         return select_outputs(frame, wanted)
 
     def refine(

@@ -37,7 +37,7 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
-from rasterjit.survey import object_transforms as placing
+from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.plan import RenderPlan
 
@@ -453,5 +453,5 @@ class SceneSnapshot:
 
     def plan(self, camera: Camera) -> RenderPlan:
         """Return the plan of a view."""
-        views = placing.view_places(self._cache.places, camera, self._request.size)
+        views = object_transforms.view_places(self._cache.places, camera, self._request.size)
         return plan_frame(self._request, self._scene, camera, self._cache.inventory, views)

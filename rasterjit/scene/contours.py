@@ -57,7 +57,7 @@ class Contours:
         store(self, levels=_levels(self.levels), color=rgba("color", self.color))
         store(self, width=check.positive_number("width", self.width))
 
-    def values_in(self, low: float, high: float) -> NDArray[np.float64]:
+    def level_values(self, low: float, high: float) -> NDArray[np.float64]:
         """Return the values of the lines, ascending, (N,), given the range."""
         low, high = check.finite_number("low", low), check.finite_number("high", high)
         if not isinstance(self.levels, int):

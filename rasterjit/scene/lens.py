@@ -556,7 +556,7 @@ def _sum(one: Coefficients, other: Coefficients, factor: float = 1.0) -> Coeffic
 
 
 def _roots(coefficients: Coefficients, limit: float) -> list[float]:
-    """Return where a polynomial changes its sign in 0..most, ascending."""
+    """Return where a polynomial changes its sign in 0..limit, ascending."""
     if len(coefficients) < 2:
         return []
     # Between the roots of its derivative it only grows or only falls.

@@ -91,7 +91,7 @@ class Field(HoldsArrays):
     @property
     def levels(self) -> NDArray[np.float64]:
         """The values of its contours, ascending; (0,) without."""
-        return np.empty(0) if self.contours is None else self.contours.values_in(*self.range)
+        return np.empty(0) if self.contours is None else self.contours.level_values(*self.range)
 
     @property
     def min_alpha(self) -> np.float32:

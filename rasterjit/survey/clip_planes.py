@@ -402,7 +402,7 @@ def _visible_depths(
         Of the spheres.
     rows : (5, 4) float64
         As `_mesh_depths` takes them.
-    place : (3, 4) float64
+    matrix : (3, 4) float64
         From model space, relative to the eye.
     radius : float
         Of the largest sphere of the mesh, scene units.

@@ -108,9 +108,9 @@ def test_a_number_of_levels_lies_inside_the_range():
     assert (lines == np.isin(np.arange(32), [8, 16, 24])).all()
     lines = strip([0, 0, 32, 32], 1, range=(0, 8))
     assert (lines == (np.arange(32) == 4)).all()
-    assert rj.Contours(3).values_in(2.0, 2.0).tolist() == []
-    assert rj.Contours(3).values_in(1.0, np.nextafter(1.0, 2.0)).tolist() == []
-    assert rj.Contours([3, 1, 3, 2]).values_in(0.0, 0.0).tolist() == [1.0, 2.0, 3.0]
+    assert rj.Contours(3).level_values(2.0, 2.0).tolist() == []
+    assert rj.Contours(3).level_values(1.0, np.nextafter(1.0, 2.0)).tolist() == []
+    assert rj.Contours([3, 1, 3, 2]).level_values(0.0, 0.0).tolist() == [1.0, 2.0, 3.0]
 
 
 def test_levels_lie_as_close_as_they_like():

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.outputs.colorbar import find_ticks, write_ticks
+from rasterjit.outputs.colorbar import find_ticks, format_ticks
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -56,7 +56,7 @@ def test_ticks_are_where_their_values_are(low, high):
     right = size + 12
     marks = np.flatnonzero((picture[:, right + 2, :3] == 0).all(axis=1))
     ticks, length = find_ticks(low, high, 220 // 30), 220
-    if write_ticks(ticks)[1]:
+    if format_ticks(ticks)[1]:
         length -= 2 * size
         ticks = find_ticks(low, high, length // 30)
     assert (picture[-size - length : -size, right, :3] == 0).all()
@@ -91,7 +91,7 @@ def test_ticks_are_where_their_values_are(low, high):
 )
 def test_ticks_are_round_and_told_apart(low, high, most, texts, note):
     ticks = find_ticks(low, high, most)
-    assert write_ticks(ticks) == (texts, note)
+    assert format_ticks(ticks) == (texts, note)
     assert all(low <= tick <= high for tick in ticks)
     assert len(ticks) <= most + 1
 
@@ -109,7 +109,7 @@ def test_a_great_many_ranges_have_ticks():
         high = low + float(10.0 ** rng.uniform(-30, 30))
         most = int(rng.integers(1, 12))
         ticks = find_ticks(low, high, most)
-        texts, note = write_ticks(ticks)
+        texts, note = format_ticks(ticks)
         assert 1 <= len(ticks) <= most + 1
         assert all(low <= tick <= high for tick in ticks)
         assert len(set(texts)) == len(texts)

@@ -58,13 +58,13 @@ NOTHING = "–"
 WIDE, NARROW = 480, 336
 """Columns of the screen that an enlarged picture takes at most, on a desktop and on a phone."""
 
-TIMES = {
+TIME_NOTES = {
     WALL: "Times are medians, each over the standard’s time in the same round.",
     CPU: "Times are what all threads together worked for a frame: medians of the least half.",
 }
 """What is said of times, by the clock."""
 
-RESULTS = (
+RESULT_COLUMNS = (
     ("time", "standard = 1"),
     ("ms", ""),
     ("RMSE", "linear light"),
@@ -198,8 +198,8 @@ def _contents(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
         "style": _file("page.css"),
         "script": _file("page.js"),
         "take": options_of(choose(study).trial, study.standard),
-        "varied": _varied(study),
-        "times": TIMES[study.clock],
+        "varied": _quartile_range_text(study),
+        "times": TIME_NOTES[study.clock],
         "plot": plot_front(study, "front-"),
         "points": sorted((study.standard, *study.trials), key=lambda one: (one.ratio, one.label)),
         "labels": [trial.label for trial in front],
@@ -210,7 +210,7 @@ def _contents(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
         "results": results,
         "impossible": {f"not possible: {name}": why for name, why in study.impossible.items()},
         "sentences": {**{n: text for n, text in sentences.items() if n not in without}, **without},
-        "spread": _spread(study),
+        "spread": _spread_summary(study),
         "machine": {**study.machine, **study.versions},
     }
 
@@ -233,7 +233,7 @@ def words(text: str) -> list[str]:
     return [f"{option} {value}" for option, value in zip(parts[::2], parts[1::2], strict=True)]
 
 
-def _varied(study: Study) -> str:
+def _quartile_range_text(study: Study) -> str:
     """Return between which times the middle half of the standard's frames lay; "": one frame."""
     seconds = study.standard.seconds
     if len(seconds) < 2:
@@ -302,7 +302,7 @@ def results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
     Returns
     -------
     columns : list of (str, str)
-        Of `RESULTS`.
+        Of `RESULT_COLUMNS`.
     groups : list of TableGroup
         Settings, each with its levels, the standard among them: the dominated ones are grey and
         name what dominates them.
@@ -327,10 +327,10 @@ def results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
             ))  # fmt: skip
         groups.append(TableGroup(rows, setting))
     cells = [row.cells for group in groups for row in group.rows]
-    shown = [n for n in range(len(RESULTS)) if any(row[n][0] != NOTHING for row in cells)]
+    shown = [n for n in range(len(RESULT_COLUMNS)) if any(row[n][0] != NOTHING for row in cells)]
     for group in groups:
         group.rows[:] = [row._replace(cells=[row.cells[n] for n in shown]) for row in group.rows]
-    return [RESULTS[n] for n in shown], groups
+    return [RESULT_COLUMNS[n] for n in shown], groups
 
 
 def milliseconds(seconds: float) -> str:
@@ -348,7 +348,7 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
 
 
 def _results(trial: Trial) -> list[Cell]:
-    """Return the cells of a trial's row, in the order of `RESULTS`."""
+    """Return the cells of a trial's row, in the order of `RESULT_COLUMNS`."""
     low, high = trial.spread
     errors, middle = trial.errors, milliseconds(trial.median)
     time, taken = ("", NOT_MEASURED), f"≈ {middle}"
@@ -372,7 +372,7 @@ def _or_nothing(value: float | None) -> str:
     return NOTHING if value is None else number(value)
 
 
-def _spread(study: Study) -> dict[str, Any] | None:
+def _spread_summary(study: Study) -> dict[str, Any] | None:
     """Return how far the times of the rounds lay apart; None: there was one."""
     spreads = [
         ((trial.spread[1] - trial.spread[0]) / trial.ratio, trial.label)

@@ -28,7 +28,7 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
 from rasterjit.pipeline.geometry.setup import corners_of
-from rasterjit.pipeline.geometry.unproject import change, locate
+from rasterjit.pipeline.geometry.unproject import scaled_derivative, unproject_pixel
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import sample_block as rows
@@ -180,10 +180,10 @@ def set_up_block(s, count, row, lens, viewer, snap, pattern):
     for i in range(min(count, BLOCK_COLUMNS)):
         # Find the point, in radii, relative to the eye.
         depth = s[DEPTH + i]
-        x, y, z, s[PW + i] = locate(parts, s[COLUMN + i], row, depth)
-        ax, ay, az = change(parts[0], x, y, z)
-        bx, by, bz = change(parts[1], x, y, z)
-        cx, cy, cz = change(parts[2], x, y, z)
+        x, y, z, s[PW + i] = unproject_pixel(parts, s[COLUMN + i], row, depth)
+        ax, ay, az = scaled_derivative(parts[0], x, y, z)
+        bx, by, bz = scaled_derivative(parts[1], x, y, z)
+        cx, cy, cz = scaled_derivative(parts[2], x, y, z)
         # Turn the normal toward the viewer.
         ex, ey, ez = viewer[0] - viewer[3] * x, viewer[1] - viewer[3] * y, viewer[2] - viewer[3] * z
         scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + TINY)

@@ -15,7 +15,7 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
 from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, corners_of
-from rasterjit.pipeline.geometry.unproject import change, locate
+from rasterjit.pipeline.geometry.unproject import scaled_derivative, unproject_pixel
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import helper, kernel
@@ -71,9 +71,9 @@ def max_slope(a, b, c, axis, codes, xy, grid_bits, depths):
 def slopes_at(lens, viewer, column, row, depth, normal):
     """Return the normal toward the viewer, both slopes of the depth, and a footprint in depth."""
     parts = lens[0], lens[1], lens[2], lens[3]
-    x, y, z, _ = locate(parts, column, row, depth)
-    across, down = change(lens[0], x, y, z), change(lens[1], x, y, z)
-    deeper = change(lens[2], x, y, z)
+    x, y, z, _ = unproject_pixel(parts, column, row, depth)
+    across, down = scaled_derivative(lens[0], x, y, z), scaled_derivative(lens[1], x, y, z)
+    deeper = scaled_derivative(lens[2], x, y, z)
     nx, ny, nz = normal
     toward = (
         nx * (viewer[0] - viewer[3] * x)

@@ -2,8 +2,8 @@
 Unproject: find the point seen at a pixel from its stored depth, for any camera.
 
 Clip x, y, w and the stored depth times w are linear in the homogeneous point. So the point is
-linear in column, row, stored depth and 1: a lens is the (4, 4) float32 matrix of these, its rows
-homogeneous points in world axes relative to the eye. w of what is seen is above 0.
+linear in column, row, stored depth and 1: `relative_from_pixel` is the (4, 4) float32 matrix of
+these, its rows homogeneous points in world axes relative to the eye. w of what is seen is above 0.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from rasterjit.runtime.jit import helper
 
 
 @helper
-def locate(lens, column, row, depth):
+def unproject_pixel(relative_from_pixel, column, row, depth):
     """Return the point seen at a pixel, and its w."""
-    across, down, deeper, origin = lens
+    across, down, deeper, origin = relative_from_pixel
     w = origin[3] + column * across[3] + row * down[3] + depth * deeper[3]
     x = origin[0] + column * across[0] + row * down[0] + depth * deeper[0]
     y = origin[1] + column * across[1] + row * down[1] + depth * deeper[1]
@@ -23,11 +23,15 @@ def locate(lens, column, row, depth):
 
 
 @helper
-def change(part, x, y, z):
+def scaled_derivative(matrix_row, x, y, z):
     """
-    Return w times the derivative of a point with respect to one row of the lens.
+    Return w times the derivative of a point by the column, row or depth that a matrix row is for.
 
     The offset to the point ``i`` columns, ``j`` rows and ``d`` of depth away is the sum of ``i``,
     ``j`` and ``d`` times these, over the w there: exactly, as far as the differences are exact.
     """
-    return part[0] - x * part[3], part[1] - y * part[3], part[2] - z * part[3]
+    return (
+        matrix_row[0] - x * matrix_row[3],
+        matrix_row[1] - y * matrix_row[3],
+        matrix_row[2] - z * matrix_row[3],
+    )
