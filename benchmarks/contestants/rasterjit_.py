@@ -99,7 +99,7 @@ class Visibility:
         drawable = self._stages.Drawable(
             vertices, self._faces, self._objects, NEARER_IS_LESS, self._viewport
         )
-        wanted = self._stages.Options()
+        wanted = self._stages.VisibilityOptions()
         self._coverage = self._stages.run_visibility(
             drawable, wanted, self._workers, lambda stage: None
         )

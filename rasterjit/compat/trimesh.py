@@ -57,6 +57,9 @@ AXES = ("world", "all", "without_world")
 DEFAULT_COLOR = trimesh.visual.color.DEFAULT_COLOR
 """Of meshes without a colour, and of wires."""
 
+OPTIONS = ("background", "smooth", "flags", "line_settings")
+"""Options of trimesh's window that a picture follows."""
+
 WINDOW_OPTIONS = (
     "visible", "fullscreen", "resizable", "start_loop", "caption", "window_conf", "offset_lines",
     "fixed", "vsync", "style", "display", "screen",
@@ -136,7 +139,7 @@ def _view(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the arguments by which a scene is drawn."""
     for name in window:
-        one_of("option", name, WINDOW_OPTIONS)
+        one_of("option", name, (*OPTIONS, *WINDOW_OPTIONS))
     wanted = scene.camera.resolution if resolution is None else resolution
     size = image_size("resolution", wanted.tolist() if isinstance(wanted, np.ndarray) else wanted)
     switches = _mapping("flags", flags, FLAGS)
@@ -196,7 +199,8 @@ def _set_looks(scene: Scene, smooth: bool, point_size: float, line_width: float)
         elif isinstance(mesh, Mesh):
             colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
             material = mesh.material
-            if colors is None and material.base_color is None:
+            has_color = material.base_color is not None or material.base_color_texture is not None
+            if colors is None and not has_color:
                 material = replace(material, base_color=DEFAULT_COLOR)
             elif colors is not None and np.any(colors[:, 3] < 1.0):
                 material = replace(material, alpha_mode="blend")

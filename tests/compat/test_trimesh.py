@@ -172,3 +172,15 @@ def test_silhouettes_are_those_of_trimesh_itself(installed, tmp_path):
         assert 0.2 < own.mean() < 0.95
         assert not (own & ~grown(theirs)).any()
         assert not (theirs & ~grown(own)).any()
+
+
+def test_a_texture_is_not_darkened_by_a_colour_that_nobody_set(installed):
+    square = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    image = Image.new("RGB", (4, 4), (250, 200, 100))
+    uv = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    shades = []
+    dark = trimesh.visual.material.SimpleMaterial(image, diffuse=[102] * 3, kd=0.4)
+    for material in (None, dark):
+        square.visual = trimesh.visual.TextureVisuals(uv, image=image, material=material)
+        shades.append(pixels(trimesh.Scene([square]).save_image((40, 30)))[15, 20, 0])
+    assert shades[0] > 200 > 150 > shades[1]
