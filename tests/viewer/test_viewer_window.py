@@ -198,8 +198,8 @@ async def until(wanted):
 
 async def play():
     await until(lambda: viewer.is_done)
-    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
-    viewer._change()
+    viewer.controls = viewer.controls.turn(40.0, 10.0).at_rest()
+    viewer._invalidate()
     kinds.append(type(viewer.controls))
     tool("windowfocus", "mousemove", "50", "50")
     for _ in range(2):
