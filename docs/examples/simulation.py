@@ -53,9 +53,9 @@ def main() -> None:
             renderer.update_scene(data, camera="front")
             color = renderer.render()
             renderer.enable_depth_rendering()
-            near = np.uint8(255.0 * np.clip(1.0 - renderer.render() / 5.0, 0.0, 1.0))
+            near = (255.0 * np.clip(1.0 - renderer.render() / 5.0, 0.0, 1.0)).astype(np.uint8)
             renderer.enable_segmentation_rendering()
-            numbers = np.uint8(100 * (renderer.render()[..., 0] + 1))
+            numbers = (100 * (renderer.render()[..., 0] + 1)).astype(np.uint8)
             renderer.disable_segmentation_rendering()
             grey = [np.repeat(part[..., None], 3, axis=2) for part in (near, numbers)]
             pictures.append(np.concatenate([color, *grey], axis=1))
