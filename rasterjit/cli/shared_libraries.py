@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from rasterjit.runtime import isolated_numba
 from rasterjit.runtime.state_block import RecordType
-from rasterjit.runtime.targets import Target, parts_of
+from rasterjit.runtime.targets import PLATFORMS, Target, parts_of
 
 OBJECT = ".o"
 
@@ -89,10 +89,13 @@ def compile_form(
     """
     Return what a form of a kernel returns, and its object code for targets of one CPU.
 
-    It is optimized once, for the first of them.
+    It is optimized once, for Linux: for macOS, LLVM would call what other systems lack.
     """
     compiler = isolated_numba.compiler()
-    returns, module = compiler.lower(value, kind, name, targets[0])
+    first = targets[0]
+    on_linux = (one for system in ("x86_64", "aarch64") for one in PLATFORMS[system].targets())
+    same_cpu = (one for one in on_linux if one[1:] == first[1:])
+    returns, module = compiler.lower(value, kind, name, next(same_cpu, first))
     codes = []
     for target in targets:
         codes.append(machine_of(target).emit_object(module_for(module, target)))
