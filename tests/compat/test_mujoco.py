@@ -241,6 +241,17 @@ def test_pictures_follow_the_state():
     assert middles[1] > middles[0] + 4.0
 
 
+def batch_as_single_pictures(renderer, states, mode):
+    """Return the pictures of a batch, which have to be those that are drawn one by one."""
+    if mode != "color":
+        getattr(renderer, f"enable_{mode}_rendering")()
+    batch = renderer.render_batch(states, "front")
+    for data, found in zip(states, batch, strict=True):
+        renderer.update_scene(data, "front")
+        np.testing.assert_array_equal(found, renderer.render())
+    return batch
+
+
 @pytest.mark.parametrize("mode", ["color", "depth", "segmentation"])
 @pytest.mark.parametrize("extra", ["", '<light pos="1 -1 3" dir="-.2 .2 -1"/>'])
 def test_a_batch_has_the_pictures_of_its_states(mode, extra):
@@ -252,12 +263,7 @@ def test_a_batch_has_the_pictures_of_its_states(mode, extra):
         mujoco.mj_forward(model, data)
         states.append(data)
     with drawn.Renderer(model, HEIGHT, WIDTH) as renderer:
-        if mode != "color":
-            getattr(renderer, f"enable_{mode}_rendering")()
-        batch = renderer.render_batch(states, "front")
-        for data, found in zip(states, batch, strict=True):
-            renderer.update_scene(data, "front")
-            np.testing.assert_array_equal(found, renderer.render())
+        batch = batch_as_single_pictures(renderer, states, mode)
     assert len({picture.tobytes() for picture in batch}) == 3
 
 
@@ -332,12 +338,7 @@ def test_a_batch_has_the_cloth_of_each_state(cloth, mode):
     states[1].qpos[2::3] -= 0.4
     mujoco.mj_forward(cloth, states[1])
     with drawn.Renderer(cloth, HEIGHT, WIDTH) as renderer:
-        if mode != "color":
-            getattr(renderer, f"enable_{mode}_rendering")()
-        batch = renderer.render_batch(states, "front")
-        for data, found in zip(states, batch, strict=True):
-            renderer.update_scene(data, "front")
-            np.testing.assert_array_equal(found, renderer.render())
+        batch = batch_as_single_pictures(renderer, states, mode)
     assert (batch[0] != batch[1]).any()
 
 
