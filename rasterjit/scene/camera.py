@@ -152,10 +152,14 @@ class PerspectiveCamera(Projecting):
     def __post_init__(self) -> None:
         _store_pose(self)
         transforms.lens_matrix(self.fov_y, 1.0, default_near(self.near, self.far), self.far)
-        near = None if self.near is None else float(self.near)
-        store(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
-        store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
-        store(self, pixel_aspect=bounded_number("pixel_aspect", self.pixel_aspect, 1e-6, 1e6))
+        store(
+            self,
+            fov_y=float(self.fov_y),
+            near=None if self.near is None else float(self.near),
+            far=float(self.far),
+            min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE),
+            pixel_aspect=bounded_number("pixel_aspect", self.pixel_aspect, 1e-6, 1e6),
+        )
 
     @property
     def frustum(self) -> tuple[Any, ...]:
@@ -629,11 +633,12 @@ def check_camera(name: str, camera: Any) -> Camera:
 
 def _store_pose(camera: PerspectiveCamera | OrthographicCamera) -> None:
     """Check eye, target and up together; store them as tuples of float, and the view matrix."""
-    view_from_world = transforms.look_at(camera.eye, camera.target, camera.up)
+    eye, target, up = (
+        triple("eye", camera.eye), triple("target", camera.target), triple("up", camera.up)
+    )  # fmt: skip
+    view_from_world = transforms.look_at(eye, target, up)
     view_from_world.flags.writeable = False
-    store(camera, _view_from_world=view_from_world)
-    for name in ("eye", "target", "up"):
-        store(camera, **{name: triple(name, getattr(camera, name))})
+    store(camera, eye=eye, target=target, up=up, _view_from_world=view_from_world)
 
 
 def _solve_origin(rows: Float64) -> Float64:

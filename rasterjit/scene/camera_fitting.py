@@ -99,7 +99,7 @@ class BoundingSphere(NamedTuple):
 
 def up_rotation(up: ArrayLike) -> Matrix:
     """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
-    x, y, z = transforms.unit_vector("up", up).tolist()
+    x, y, z = transforms.unit_triple("up", up)
     # The axis is the cross product of y and up; its length is the sine.
     sine = math.sqrt(x * x + z * z)
     axis = (z, 0.0, -x) if sine > 0.0 else (1.0, 0.0, 0.0)
@@ -312,7 +312,7 @@ def fit_camera(
     """
     # Arguments.
     check.one_of("projection", projection, PROJECTIONS)
-    to_camera = transforms.unit_vector("direction", direction)
+    to_camera = transforms.unit_triple("direction", direction)
     upward = _valid_up(up, to_camera)
     focal = transforms.focal_length(fov_y)
     margin = check.finite_number("margin", margin)
@@ -336,8 +336,8 @@ def fit_camera(
     right, up_axis, backward = axes
     with np.errstate(over="ignore", invalid="ignore"):
         center_xy = center + radius * (fitted.x * right + fitted.y * up_axis)
-        eye = center_xy + radius * fitted.z * backward
-        target = center_xy + radius * fitted.target * backward
+        eye = to_triple(center_xy + radius * fitted.z * backward)
+        target = to_triple(center_xy + radius * fitted.target * backward)
     # The camera.
     extent: dict[str, float]
     if is_parallel:
@@ -348,7 +348,7 @@ def fit_camera(
         "near": radius * fitted.near * (1.0 - CLEARANCE),
         "far": radius * fitted.far * (1.0 + CLEARANCE),
     }
-    if not all(map(math.isfinite, (*extent.values(), *depths.values(), *eye.tolist()))):
+    if not all(map(math.isfinite, (*extent.values(), *depths.values(), *eye))):
         raise ValueError(
             "scene, fov_y, margin, zoom and aspect must lead to finite distances, got a distance "
             f"of {radius * fitted.z!r} and {extent} for what lies within {radius!r} of "
@@ -441,13 +441,12 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     return replace(camera, clip_from_view=clip)
 
 
-def _valid_up(up: ArrayLike, to_camera: Float64) -> Vector:
+def _valid_up(up: ArrayLike, to_camera: Vector) -> Vector:
     """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
-    upward = transforms.unit_vector("up", up)
+    upward = transforms.unit_triple("up", up)
     if not transforms.are_parallel(upward, to_camera):
-        return to_triple(up)
-    (x, y, z), (a, b, c) = upward.tolist(), to_camera.tolist()
-    is_above = x * a + y * b + z * c > 0.0
+        return check.triple("up", up)
+    is_above = dot(upward, to_camera) > 0.0
     fallback = (0.0, 0.0, -1.0 if is_above else 1.0)
     return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, to_camera) else fallback
 

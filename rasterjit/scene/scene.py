@@ -36,7 +36,7 @@ from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.section import SectionPlane, check_section
 from rasterjit.scene.skin import Deformable, Skin
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.scene.transforms import transform_instances, unit_vector
+from rasterjit.scene.transforms import transform_instances, unit_triple
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -70,12 +70,6 @@ def _effect(name: str, value: Any) -> Any:
         got = check.short_repr(value)
         raise ValueError(f"scene.{name} must be {article} {kind.__name__} or None, got {got}")
     return value
-
-
-def _direction(name: str, value: ArrayLike) -> tuple[float, float, float]:
-    """Return a vector scaled to length 1, or raise ``ValueError``."""
-    x, y, z = unit_vector(name, value).tolist()
-    return x, y, z
 
 
 class Scene(Guarded, PicturePreview):
@@ -134,7 +128,7 @@ class Scene(Guarded, PicturePreview):
         {
             **dict.fromkeys(EFFECT_FIELDS, _effect),
             "section": lambda _, value: check_section("section", value),
-            "up": lambda name, value: None if value is None else _direction(name, value),
+            "up": lambda name, value: None if value is None else unit_triple(name, value),
         }
     )
 

@@ -215,10 +215,10 @@ def unit_vector(name: str, value: ArrayLike) -> Float64:
     ValueError
         If ``value`` is zero, not finite or not three numbers.
     """
-    return np.array(_unit_triple(name, value))
+    return np.array(unit_triple(name, value))
 
 
-def _unit_triple(name: str, value: ArrayLike) -> _Triple:
+def unit_triple(name: str, value: ArrayLike) -> _Triple:
     """Return three floats scaled to length one, or raise ``ValueError`` as `unit_vector` does."""
     x, y, z = check.triple(name, value)
     if not (x or y or z):
@@ -248,7 +248,7 @@ def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
     ValueError
         If either is zero, not finite or not three numbers.
     """
-    normal = cross(_unit_triple("a", a), _unit_triple("b", b))
+    normal = cross(unit_triple("a", a), unit_triple("b", b))
     return math.sqrt(dot(normal, normal)) <= _PARALLEL_SINE
 
 
@@ -318,7 +318,7 @@ def rotate(axis: ArrayLike, degrees: float) -> Matrix:
     ValueError
         If ``axis`` is zero or not finite, or ``degrees`` is not finite.
     """
-    x, y, z = _unit_triple("axis", axis)
+    x, y, z = unit_triple("axis", axis)
     sine, cosine = sine_cosine(degrees)
     rest = 1.0 - cosine
     matrix = np.eye(4)
@@ -460,15 +460,16 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
     x, y, z = check.triple("target", target)
     if origin == (x, y, z):
         raise ValueError(f"target must differ from eye, both are {origin}")
-    back = _unit_triple("eye - target", (eye_x - x, eye_y - y, eye_z - z))
-    upward = _unit_triple("up", up)
-    if are_parallel(upward, back):
+    back = unit_triple("eye - target", (eye_x - x, eye_y - y, eye_z - z))
+    upward = unit_triple("up", up)
+    side = cross(upward, back)
+    if math.sqrt(dot(side, side)) <= _PARALLEL_SINE:
         raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
-    side = _unit_triple("up", cross(upward, back))
+    side = unit_numbers(*side)
     # Remove what cancellation in the cross product left along the line of sight.
     tilt = dot(side, back)
-    side = _unit_triple(
-        "up", (side[0] - tilt * back[0], side[1] - tilt * back[1], side[2] - tilt * back[2])
+    side = unit_numbers(
+        side[0] - tilt * back[0], side[1] - tilt * back[1], side[2] - tilt * back[2]
     )
     rows = [(*row, -dot(row, origin)) for row in (side, cross(back, side), back)]
     return np.array([*rows, _LAST_ROW]) + 0.0

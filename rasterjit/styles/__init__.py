@@ -301,12 +301,11 @@ def _key_direction(camera: Camera, up: tuple[float, float, float]) -> tuple[floa
     if max(map(abs, level)) < MIN_LEVEL * max(map(abs, toward)):
         # It looks straight down: what is at the top of the picture is behind.
         level = [-part for part in view[1, :3].tolist()]
-    x, y, z = transforms.unit_vector("camera", level).tolist()
+    x, y, z = transforms.unit_triple("camera", level)
     right = (up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x)
     aside, above, ahead = KEY
     key = [aside * r + above * u + ahead * a for r, u, a in zip(right, up, (x, y, z), strict=True)]
-    x, y, z = transforms.unit_vector("camera", key).tolist()
-    return x, y, z
+    return transforms.unit_triple("camera", key)
 
 
 MIN_LEVEL = 1e-6

@@ -215,10 +215,13 @@ class CountedRow(MaterialRow):
     """A row that is in if any object in view has something."""
 
     none = ""
+    """What to say if no material or mesh has it."""
+    counted = ""
+    """The field of `ObjectCounts` that counts the objects that have it."""
 
     def count(self, contents: ObjectCounts) -> int:
         """Return how many objects have it."""
-        raise NotImplementedError
+        return getattr(contents, self.counted)
 
     def is_needed(self, facts: Facts) -> bool:
         """Tell whether the frame shows it, if an object in view has it."""
@@ -241,10 +244,7 @@ class ScalarFields(CountedRow):
 
     name = "scalar fields"
     none = "no mesh has scalars of its vertices"
-
-    def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects show some."""
-        return contents.with_field
+    counted = "with_field"
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with meshes that have none."""
@@ -258,10 +258,7 @@ class MicrofacetRow(CountedRow):
 
     name = "microfacets"
     none = "no material is shaded pbr"
-
-    def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects are shaded so."""
-        return contents.pbr
+    counted = "pbr"
 
     def is_needed(self, facts: Facts) -> bool:
         """Tell whether light falls on anything."""
@@ -298,10 +295,7 @@ class Emission(CountedRow):
 
     name = "emission"
     none = "no material is emissive"
-
-    def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects send out light."""
-        return contents.emitting
+    counted = "emitting"
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with materials that send out none."""
@@ -325,11 +319,7 @@ class LayerRow(CountedRow):
     """
 
     def __init__(self, name: str, none: str, counted: str, lacking: dict[str, Any]) -> None:
-        self.name, self.none, self._counted, self._lacking = name, none, counted, lacking
-
-    def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects have it."""
-        return getattr(contents, self._counted)
+        self.name, self.none, self.counted, self._lacking = name, none, counted, lacking
 
     def is_needed(self, facts: Facts) -> bool:
         """Tell whether light falls on anything."""
@@ -363,10 +353,7 @@ class SingleSided(CountedRow):
 
     name = "single-sided objects"
     none = "every material is double_sided"
-
-    def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects are single-sided."""
-        return contents.single_sided
+    counted = "single_sided"
 
     def is_needed(self, facts: Facts) -> bool:
         """Return True: every frame culls back faces."""

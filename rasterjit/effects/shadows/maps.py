@@ -538,7 +538,7 @@ def collect_scenery(
 def _right_of(camera: Camera) -> tuple[float, ...]:
     """Return the x axis of a camera in the world, of length one."""
     right = camera.view_matrix()[0, :3]
-    return tuple(transforms.unit_vector("axis", right).tolist()) if right.any() else (1.0, 0.0, 0.0)
+    return transforms.unit_triple("axis", right) if right.any() else (1.0, 0.0, 0.0)
 
 
 @lru_cache(1)
