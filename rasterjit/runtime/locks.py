@@ -110,9 +110,9 @@ class Lock:
         return False
 
 
-def lock(path: Path) -> Lock | None:
+def lock(path: Path, is_made: bool = False) -> Lock | None:
     """
-    Lock a file or folder that is there; None if another has it.
+    Lock a file or folder that is there, or a file that is made if missing; None if another has it.
 
     Raises
     ------
@@ -124,8 +124,10 @@ def lock(path: Path) -> Lock | None:
     flags = os.O_RDONLY if is_folder else os.O_RDWR
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"):
         flags |= getattr(os, name, 0)
+    if is_made:
+        flags |= os.O_CREAT
     with _OPENING:
-        descriptor = os.open(path, flags)
+        descriptor = os.open(path, flags, 0o600)
         try:
             is_sure = _lock(descriptor)
         except BaseException:

@@ -15,6 +15,10 @@ A file begins with a checksum over its name and its content. Damaged and missing
 compiled again. Files are written under another name and moved into place, so that none is ever
 seen half written, whoever else writes. Who compiles holds a lock; others wait for a minute.
 
+Code is linked before it is stored. A store may come from elsewhere, and an entry that cannot be
+linked may end the process: so a mark, which its process locks, lies beside an entry while it is
+linked. An entry with a mark that nobody holds is removed, and compiled again.
+
 Where Numba is missing, an entry of any version will do: the bits are the same. Without llvmlite,
 which links entries, none will.
 
@@ -60,8 +64,9 @@ FOLDER_VARIABLE = "RASTERJIT_CACHE_DIR"
 MAGIC = b"RasterJIT kernel 2\n"
 SUM = hashlib.sha256().digest_size
 
-SUFFIX, PART, LOCK = ".kernel", ".part", ".lock"
-"""How files end: an entry, one that is being written, and the claim of who compiles one."""
+SUFFIX, PART, LOCK, MARK = ".kernel", ".part", ".lock", ".linking"
+"""How files end: an entry, one that is being written, the claim of who compiles one, and the mark
+of who links one."""
 
 PATIENCE = 60.0
 """Seconds that another process may take to compile before this one does it, too."""
@@ -634,10 +639,43 @@ def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None
         _say_damaged(path, "was made for another kernel, machine or version")
         return None
     try:
-        return _linked(kernel, name, found[0].returns, found[1], True)
+        with _marked(path) as has_ended_process:
+            # Without a compiler there is nothing better.
+            if has_ended_process and versions() is not None:
+                with contextlib.suppress(OSError):
+                    _patiently(lambda: path.unlink(missing_ok=True))
+                _say_damaged(path, "was being linked when a process ended")
+                return None
+            return _linked(kernel, name, found[0].returns, found[1], True)
     except RuntimeError:
         _say_damaged(path, "is no machine code")
     return None
+
+
+@contextlib.contextmanager
+def _marked(path: Path) -> Iterator[bool]:
+    """
+    Mark an entry while it is linked; tell whether a process that marked it ended meanwhile.
+
+    Nothing is marked where another process links the entry, too, or where no file can be locked.
+    """
+    mark, held = path.with_suffix(MARK), None
+    with contextlib.suppress(OSError):
+        held = lock(mark, is_made=True)
+    if held is None:
+        yield False
+        return
+    with held:
+        has_ended_process = False
+        with contextlib.suppress(OSError):
+            has_ended_process = held.is_sure and held.read() != b"" and held.is_of(mark)
+            held.write(b"linking")
+        try:
+            yield has_ended_process
+        finally:
+            with contextlib.suppress(OSError):
+                held.write(b"")
+                held.remove(mark)
 
 
 def is_kept(kernel: Any, kind: RecordType) -> bool:

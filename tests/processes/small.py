@@ -45,7 +45,7 @@ def start(place, names=("has_index",), before="", **environment):
     code = USE.format(names=tuple(names), before=before)
     return subprocess.Popen(
         [sys.executable, "-c", code, str(HERE)], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         env={**os.environ, "RASTERJIT_CACHE_DIR": str(place), **environment},
     )  # fmt: skip
 

@@ -144,6 +144,74 @@ def test_what_ends_the_process_when_it_is_linked_is_not_stored(place, monkeypatc
     assert not [*place.glob("*.kernel")]
 
 
+WAITS_WHILE_LINKING = """
+link = store._linked
+def wait_and_link(*given):
+    print("linking", flush=True)
+    sys.stdin.readline()
+    return link(*given)
+store._linked = wait_and_link
+"""
+
+
+def start_linking(place):
+    """Start a process that links the entry of a store when told to, and wait until it is there."""
+    process = start(place, before=WAITS_WHILE_LINKING)
+    assert process.stdout.readline() == "linking\n"
+    return process
+
+
+def test_an_entry_that_ended_the_process_that_linked_it_is_compiled_again(place):
+    use(place)
+    content = entry(place).read_bytes()
+    killed = start_linking(place)
+    killed.kill()
+    killed.communicate()
+    found, compiled, _, said = use(place)
+    assert (found, compiled) == ([RESULTS["has_index"]], ["has_index"])
+    (line,) = said.splitlines()
+    assert line.endswith(f"{entry(place).name} was being linked when a process ended")
+    # It is no worse than another.
+    assert entry(place).read_bytes() == content
+    assert use(place)[1:] == ([], False, "")
+    assert [path.suffix for path in place.iterdir()] == [".kernel"]
+
+
+def test_an_entry_that_another_process_links_is_linked_too(place):
+    use(place)
+    first = start_linking(place)
+    second = start_linking(place)
+    assert use(place)[1:] == ([], False, "")
+    for process in (second, first):
+        out, said = process.communicate("\n")
+        assert out.endswith(", [], false]\n")
+        assert said == ""
+        assert use(place)[1:] == ([], False, "")
+    assert [path.suffix for path in place.iterdir()] == [".kernel"]
+
+
+def test_without_numba_an_entry_that_ended_a_process_is_tried_again(place):
+    use(place)
+    killed = start_linking(place)
+    killed.kill()
+    killed.communicate()
+    assert use(place, before="store.versions = lambda: None")[1:] == ([], False, "")
+    assert [path.suffix for path in place.iterdir()] == [".kernel"]
+
+
+def test_an_error_while_an_entry_is_linked_leaves_no_mark(place, monkeypatch):
+    load()
+
+    def fail(*given):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(store, "_linked", fail)
+        with pytest.raises(KeyboardInterrupt):
+            load()
+    assert load()
+
+
 def test_object_code_that_cannot_be_linked_is_compiled_again(place):
     load()
     path = entry(place)
