@@ -782,7 +782,9 @@ def recorded() -> dict[str, dict[str, str]]:
     return json.loads(RECORDED.read_text())
 
 
-def every_digest(only: tuple[str, ...] = ()) -> Iterator[tuple[str, dict[str, str]]]:
+def every_digest(
+    only: tuple[str, ...] = (), threads: int = 1
+) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield each frame's name and hashes, of all outputs or of some that the stages make."""
     for name, make in FRAMES.items():
         thing = make()
@@ -790,7 +792,7 @@ def every_digest(only: tuple[str, ...] = ()) -> Iterator[tuple[str, dict[str, st
             continue
         if only and isinstance(thing, Shot):
             thing = replace(thing, outputs=only)
-        found = digests(thing.draw())
+        found = digests(thing.draw(threads))
         yield name, {k: v for k, v in found.items() if not only or k in only}
 
 

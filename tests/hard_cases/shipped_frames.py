@@ -1,13 +1,15 @@
 """
 Draw every recorded frame with the machine code that came with the installation, without compilers.
 
-``python tests/hard_cases/shipped_frames.py [FOLDER ...]`` prints how many frames there are and for
-which CPUs the code is. Modules are looked for in the folders first. Ends with status 1, and names
-the frames, if some have other hashes or anything was compiled.
+``python tests/hard_cases/shipped_frames.py [--threads=N] [FOLDER ...]`` prints how many frames
+there are and for which CPUs the code is. One thread draws unless a number is given. Modules are
+looked for in the folders first. Ends with status 1, and names the frames, if some have other hashes
+or anything was compiled.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import warnings
 
@@ -23,8 +25,12 @@ class NotInstalled:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
-def main(folders):
-    sys.path[:0] = folders
+def main(arguments):
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("folders", nargs="*")
+    asked = parser.parse_args(arguments)
+    sys.path[:0] = asked.folders
     sys.meta_path.insert(0, NotInstalled())
     import frames
 
@@ -32,12 +38,13 @@ def main(folders):
 
     # Some are cut, out of view, or rounded off, on purpose.
     warnings.simplefilter("ignore")
-    found, recorded = dict(frames.every_digest()), frames.recorded()
+    found, recorded = dict(frames.every_digest(threads=asked.threads)), frames.recorded()
     library, problem = prebuilt_kernels.found()
     wrong = sorted(name for name in recorded if found.get(name) != recorded[name])
     if wrong or store.USED.compiled or library is None:
         sys.exit(f"other hashes: {wrong}; compiled: {store.USED.compiled}; {problem}")
-    print(f"{len(found)} frames by {library.target.triple}, {library.target.cpu}")
+    by = f"{library.target.triple}, {library.target.cpu}"
+    print(f"{len(found)} frames by {by}; threads: {asked.threads}")
 
 
 if __name__ == "__main__":

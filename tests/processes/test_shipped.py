@@ -608,4 +608,4 @@ def test_all_frames_are_drawn_from_what_came_without_a_compiler(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
-    assert done.stdout.endswith(f"{target.cpu}\n")
+    assert done.stdout.endswith(f"{target.cpu}; threads: 1\n")
