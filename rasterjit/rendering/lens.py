@@ -184,7 +184,7 @@ def through_lens(planned: LensPlan) -> ThroughLens:
     axes = world_axes(planned.camera, planned.size)
 
     def directions(columns: Float64, rows: Float64) -> Float64:
-        return _mixed(lens.directions(sight.places(columns, rows)), axes)
+        return _mixed(lens.unproject(sight.places(columns, rows)), axes)
 
     pictures = (one.plan for one in planned.pictures)
     clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
@@ -199,7 +199,7 @@ def _pixels_of(
     axes = world_axes(camera, size)
 
     def pixels(points: Float64) -> Float64:
-        return sight.pixels(lens.places(_mixed(points, axes.T)))
+        return sight.pixels(lens.project(_mixed(points, axes.T)))
 
     return pixels
 
@@ -280,8 +280,8 @@ class Comparison(NamedTuple):
 
     def motion(self, now: NDArray[np.float32], before: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return how far the points, (H, W, 3), have moved across the picture, (H, W, 2)."""
-        moved = self.sight.pixels(self.lens.places(now.astype(np.float64)))
-        moved -= self.sight_before.pixels(self.lens.places(before.astype(np.float64)))
+        moved = self.sight.pixels(self.lens.project(now.astype(np.float64)))
+        moved -= self.sight_before.pixels(self.lens.project(before.astype(np.float64)))
         if isinstance(self.lens, Equirectangular):
             # The shorter way around.
             width = len(now[0])

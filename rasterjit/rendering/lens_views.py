@@ -247,10 +247,10 @@ def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) 
     def look_some(first: int) -> tuple[Float64, float, float]:
         last = min(first + ROWS_AT_ONCE, height)
         columns = np.arange(width + 1.0)
-        centers = lens.directions(
+        centers = lens.unproject(
             sight.places(columns[:-1] + 0.5, np.arange(first, last, dtype=np.float64) + 0.5)
         )
-        corners = lens.directions(sight.places(columns, np.arange(first, last + 1.0)))
+        corners = lens.unproject(sight.places(columns, np.arange(first, last + 1.0)))
         _refuse_folds(lens, centers)
         some = slice(first, last)
         return _look_some(faces, centers, corners, (number[some], place[some], spread[some]))
@@ -262,7 +262,7 @@ def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) 
         # Pixels are as high everywhere; at the poles they are as narrow as they like.
         least = 1.0 / sight.focal[1]
     if not 0.0 < least < math.inf:
-        raise ValueError(f"lens must show something of the picture: {lens.limit}")
+        raise ValueError(f"lens must show something of the picture: {lens.visible_range}")
     density = SAMPLES / least
     low, high = extents[:, :, :2].min(axis=0), extents[:, :, 2:].max(axis=0)
     pictures = [
@@ -281,7 +281,7 @@ def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
         sight.places(columns, np.array([0.0, height])).reshape(-1, 2),
         sight.places(np.array([0.0, width]), rows).reshape(-1, 2),
     ]
-    border = lens.directions(np.concatenate(sides))
+    border = lens.unproject(np.concatenate(sides))
     _refuse_folds(lens, border)
     x, y, z = border.T
     if not (z > MIN_COSINE * np.sqrt(x * x + y * y + z * z)).all():
@@ -293,7 +293,9 @@ def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
 def _refuse_folds(lens: Lens, directions: Float64) -> None:
     """Raise ``ValueError`` where nothing is seen as the lens folds before."""
     if np.isnan(directions).any():
-        raise ValueError(f"lens must show all of the picture up to its corners: {lens.limit}")
+        raise ValueError(
+            f"lens must show all of the picture up to its corners: {lens.visible_range}"
+        )
 
 
 def _look_some(

@@ -1,15 +1,15 @@
 """
-Lens models: map directions to positions in a picture, other than a pinhole does.
+Lens models: project directions to positions on the image plane, and back.
 
-The axes of a lens are OpenCV's: x to the right, y down, z ahead. A lens takes directions to places
-and back: points of the plane z = 1 for the two models of OpenCV, which a camera's focal lengths and
-principal point then take to pixels; longitude and latitude for a panorama.
+The axes of a lens are OpenCV's: x to the right, y down, z ahead. Positions of the two models of
+OpenCV lie on the plane z = 1; a camera's focal lengths and principal point take them to pixels.
+Those of a panorama are longitude and latitude.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from itertools import pairwise, zip_longest
 from typing import Any
@@ -31,16 +31,16 @@ CURVE_SAMPLES = 4096
 NEWTON_STEPS = 5
 """Steps of Newton's method, each of which squares the error."""
 
-MAX_NEWTON_STEPS = 20
-"""Further steps where these were not enough."""
+EXTRA_NEWTON_STEPS = 20
+"""Further steps for positions that have not converged."""
 
 MAX_RESIDUAL = 1e-13
-"""Largest error of a position, relative to its size plus 1, of an inverse that counts as found."""
+"""Largest error of a position, relative to its size plus 1, at which an inverse has converged."""
 
-BLOCK_SIZE = 4096
+POSITIONS_PER_BLOCK = 4096
 """Positions computed at once: the columns in use stay in the caches."""
 
-LIMIT = 1e15
+MAX_MAGNITUDE = 1e15
 """Largest coefficient, and coordinate of a point: their products stay finite."""
 
 MAX_RADIUS = 1e4
@@ -101,11 +101,12 @@ class PinholeDistortion:
     tau_y: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            number = check.bounded_number(field.name, getattr(self, field.name), -LIMIT, LIMIT)
-            if field.name.startswith("tau"):
-                number = check.bounded_number(field.name, number, -1.5, 1.5)
-            store(self, **{field.name: number})
+        for coefficient in fields(self):
+            name = coefficient.name
+            value = check.bounded_number(name, getattr(self, name), -MAX_MAGNITUDE, MAX_MAGNITUDE)
+            if name.startswith("tau"):
+                value = check.bounded_number(name, value, -1.5, 1.5)
+            store(self, **{name: value})
 
     def distort(self, points: ArrayLike) -> Float64:
         """
@@ -121,12 +122,9 @@ class PinholeDistortion:
         (..., 2) float64
             Times the focal lengths, plus the principal point: pixels.
         """
-        x, y = _points("points", points)
-        u, v = self._distort(x, y)[:2]
-        a, b, c = self._tilt
-        scale = (c[0] * u + c[1] * v) + c[2]
-        distorted = ((a[0] * u + a[1] * v) + a[2]) / scale, ((b[0] * u + b[1] * v) + b[2]) / scale
-        return np.stack(distorted, axis=-1)
+        x, y = _split_points("points", points)
+        u, v, _ = _apply_homography(self._tilt_matrix, *self._distort_with_jacobian(x, y)[:2])
+        return np.stack((u, v), axis=-1)
 
     def undistort(self, places: ArrayLike) -> Float64:
         """
@@ -146,101 +144,95 @@ class PinholeDistortion:
         ValueError
             If nothing is seen at one of them, as the distortion folds before: naming the radius.
         """
-        points = self.directions(np.stack(_points("places", places), axis=-1))[..., :2]
+        points = self.unproject(np.stack(_split_points("places", places), axis=-1))[..., :2]
         if not np.isfinite(points).all():
-            raise ValueError(f"places must be where the lens shows something: {self.limit}")
+            raise ValueError(f"places must be where the lens shows something: {self.visible_range}")
         return points
 
-    def directions(self, places: ArrayLike) -> Float64:
-        """Return what is seen at places, (..., 2): directions (..., 3), NaN where nothing is."""
-        return _in_blocks(self._directions, _columns("places", places, 2))
+    def unproject(self, positions: ArrayLike) -> Float64:
+        """Return the directions, (..., 3), seen at positions, (..., 2): NaN where none is seen."""
+        return _apply_in_blocks(self._unproject_block, _split_columns("positions", positions, 2))
 
-    def _directions(self, u: Float64, v: Float64) -> Float64:
-        """Return the directions, (N, 3), at places (N,)."""
-        # The tilt is a projection of the plane to itself: its inverse is one, too.
-        a, b, c = self._untilt
-        scale = (c[0] * u + c[1] * v) + c[2]
-        u, v = ((a[0] * u + a[1] * v) + a[2]) / scale, ((b[0] * u + b[1] * v) + b[2]) / scale
+    def _unproject_block(self, u: Float64, v: Float64) -> Float64:
+        """Return the directions, (N, 3), at positions (N,) each."""
+        u, v, w = _apply_homography(self._inverse_tilt_matrix, u, v)
         # Begin as if the lens were round.
         radius = np.sqrt(u * u + v * v)
-        start_scale = self._curve.inverse(radius) / np.where(radius > 0.0, radius, 1.0)
-        x, y = u * start_scale, v * start_scale
+        start_ratio = self._curve.estimate_radius(radius) / np.where(radius > 0.0, radius, 1.0)
+        x, y = u * start_ratio, v * start_ratio
         with np.errstate(all="ignore"):
-            x, y, is_found = self._newton(u, v, x, y, NEWTON_STEPS)
-            missing = ~is_found
+            x, y, converged = self._refine_points(u, v, x, y, NEWTON_STEPS)
+            missing = ~converged
             if missing.any():
                 # Some are far from where a round lens would show them.
-                x[missing], y[missing], is_found[missing] = self._newton(
-                    u[missing], v[missing], x[missing], y[missing], MAX_NEWTON_STEPS
+                x[missing], y[missing], converged[missing] = self._refine_points(
+                    u[missing], v[missing], x[missing], y[missing], EXTRA_NEWTON_STEPS
                 )
-            is_found &= (scale > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
-        x, y = np.where(is_found, x, np.nan), np.where(is_found, y, np.nan)
-        return np.stack((x, y, np.where(is_found, 1.0, np.nan)), axis=-1)
+            converged &= (w > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
+        x, y = np.where(converged, x, np.nan), np.where(converged, y, np.nan)
+        return np.stack((x, y, np.where(converged, 1.0, np.nan)), axis=-1)
 
-    def _newton(
+    def _refine_points(
         self, u: Float64, v: Float64, x: Float64, y: Float64, steps: int
     ) -> tuple[Float64, Float64, Bool]:
-        """Refine points (x, y) towards those seen at (u, v), and tell which have converged."""
+        """Refine points (x, y) by Newton's method to be seen at (u, v); tell which converged."""
         for _ in range(steps):
-            guess_u, guess_v, (xx, xy, yx, yy) = self._distort(x, y)
+            guess_u, guess_v, (xx, xy, yx, yy) = self._distort_with_jacobian(x, y)
             error_u, error_v, determinant = u - guess_u, v - guess_v, xx * yy - xy * yx
             x = x + (yy * error_u - xy * error_v) / determinant
             y = y + (xx * error_v - yx * error_u) / determinant
-        guess_u, guess_v, (xx, xy, yx, yy) = self._distort(x, y)
+        guess_u, guess_v, (xx, xy, yx, yy) = self._distort_with_jacobian(x, y)
         error, size = np.abs(u - guess_u) + np.abs(v - guess_v), 1.0 + np.abs(u) + np.abs(v)
         return x, y, (error <= MAX_RESIDUAL * size) & (xx * yy - xy * yx > 0.0)
 
-    def places(self, directions: ArrayLike) -> Float64:
-        """Return where directions, (..., 3), are seen: places (..., 2), NaN where they are not."""
-        x, y, z = _columns("directions", directions, 3)
+    def project(self, directions: ArrayLike) -> Float64:
+        """Return the positions, (..., 2), of directions, (..., 3): NaN where they are not seen."""
+        x, y, z = _split_columns("directions", directions, 3)
         with np.errstate(all="ignore"):
             x, y = x / z, y / z
             is_seen = (z > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
-            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= LIMIT
+            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= MAX_MAGNITUDE
             points = np.where(is_seen[..., np.newaxis], np.stack((x, y), -1), 0.0)
             return np.where(is_seen[..., np.newaxis], self.distort(points), np.nan)
 
     @property
-    def limit(self) -> str:
+    def visible_range(self) -> str:
         """Description of the radius beyond which the lens folds."""
         fold = self._curve.fold
         if fold == math.inf:
             return "beyond, the distortion is not invertible"
         return (
             f"the radial distortion folds beyond a radius of {fold:.4g} (tangent of the angle from "
-            f"the axis), which it shows at {float(self._curve.at(np.array(fold))):.4g} focal "
-            "lengths from the principal point"
+            f"the axis), which it shows at {float(self._curve.distort_radius(np.array(fold))):.4g} "
+            "focal lengths from the principal point"
         )
 
-    @property
-    def reach(self) -> float:
-        """Largest angle from the axis that it shows, radians."""
-        return math.pi / 2.0
-
     @cached_property
-    def _curve(self) -> _Curve:
-        num, den = (1.0, self.k1, self.k2, self.k3), (1.0, self.k4, self.k5, self.k6)
-        return _Curve(num, den, MAX_RADIUS)
+    def _curve(self) -> _RadialCurve:
+        numerator, denominator = (1.0, self.k1, self.k2, self.k3), (1.0, self.k4, self.k5, self.k6)
+        return _RadialCurve(numerator, denominator, MAX_RADIUS)
 
-    def _distort(self, x: Float64, y: Float64) -> tuple[Float64, Float64, tuple[Float64, ...]]:
-        """Distort points without the tilt; return positions and their four derivatives."""
-        curve, q = self._curve, x * x + y * y
-        scale, growth = curve.scale(q)
+    def _distort_with_jacobian(
+        self, x: Float64, y: Float64
+    ) -> tuple[Float64, Float64, tuple[Float64, ...]]:
+        """Distort points without the tilt; return u, v and (du/dx, du/dy, dv/dx, dv/dy)."""
+        q = x * x + y * y
+        ratio, slope = self._curve.ratio_and_slope(q)
         prism_x, prism_y = self.s1 + self.s2 * q, self.s3 + self.s4 * q
-        u = x * scale + 2.0 * self.p1 * x * y + self.p2 * (q + 2.0 * x * x) + prism_x * q
-        v = y * scale + self.p1 * (q + 2.0 * y * y) + 2.0 * self.p2 * x * y + prism_y * q
+        u = x * ratio + 2.0 * self.p1 * x * y + self.p2 * (q + 2.0 * x * x) + prism_x * q
+        v = y * ratio + self.p1 * (q + 2.0 * y * y) + 2.0 * self.p2 * x * y + prism_y * q
         rate_x, rate_y = self.s1 + 2.0 * self.s2 * q, self.s3 + 2.0 * self.s4 * q
-        cross = 2.0 * x * y * growth
-        slopes = (
-            scale + 2.0 * x * x * growth + 2.0 * self.p1 * y + 6.0 * self.p2 * x + 2.0 * x * rate_x,
+        cross = 2.0 * x * y * slope
+        jacobian = (
+            ratio + 2.0 * x * x * slope + 2.0 * self.p1 * y + 6.0 * self.p2 * x + 2.0 * x * rate_x,
             cross + 2.0 * self.p1 * x + 2.0 * self.p2 * y + 2.0 * y * rate_x,
             cross + 2.0 * self.p1 * x + 2.0 * self.p2 * y + 2.0 * x * rate_y,
-            scale + 2.0 * y * y * growth + 6.0 * self.p1 * y + 2.0 * self.p2 * x + 2.0 * y * rate_y,
+            ratio + 2.0 * y * y * slope + 6.0 * self.p1 * y + 2.0 * self.p2 * x + 2.0 * y * rate_y,
         )
-        return u, v, slopes
+        return u, v, jacobian
 
     @cached_property
-    def _tilt(self) -> list[list[float]]:
+    def _tilt_matrix(self) -> list[list[float]]:
         (sine_x, sine_y), (cosine_x, cosine_y) = (
             values.tolist() for values in sin_cos(np.array([self.tau_x, self.tau_y]))
         )
@@ -259,8 +251,8 @@ class PinholeDistortion:
         ]
 
     @cached_property
-    def _untilt(self) -> list[list[float]]:
-        (a, b, c), (d, e, f), (g, h, i) = self._tilt
+    def _inverse_tilt_matrix(self) -> list[list[float]]:
+        (a, b, c), (d, e, f), (g, h, i) = self._tilt_matrix
         rows = [
             [e * i - f * h, c * h - b * i, b * f - c * e],
             [f * g - d * i, a * i - c * g, c * d - a * f],
@@ -314,7 +306,8 @@ class FisheyeLens:
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
-            store(self, **{name: check.bounded_number(name, getattr(self, name), -LIMIT, LIMIT)})
+            value = check.bounded_number(name, getattr(self, name), -MAX_MAGNITUDE, MAX_MAGNITUDE)
+            store(self, **{name: value})
         field = check.bounded_number("field", self.field, 0.0, 360.0)
         if field == 0.0:
             raise ValueError(f"field must be above 0, got {self.field!r}")
@@ -327,7 +320,7 @@ class FisheyeLens:
         Parameters
         ----------
         points : (..., 2) array_like of float
-            x / z to the right and y / z down, without unit. `places` takes directions to the side
+            x / z to the right and y / z down, without unit. `project` takes directions to the side
             and backwards as well.
 
         Returns
@@ -335,8 +328,8 @@ class FisheyeLens:
         (..., 2) float64
             Times the focal lengths, plus the principal point: pixels.
         """
-        x, y = _points("points", points)
-        return self._project(x, y, np.ones_like(x))[0]
+        x, y = _split_points("points", points)
+        return self._project_with_angle(x, y, np.ones_like(x))[0]
 
     def undistort(self, places: ArrayLike) -> Float64:
         """
@@ -355,82 +348,84 @@ class FisheyeLens:
         ValueError
             If nothing in front of the camera is seen at one of them.
         """
-        found = self.directions(np.stack(_points("places", places), axis=-1))
-        if not (found[..., 2] > 0.0).all():
+        directions = self.unproject(np.stack(_split_points("places", places), axis=-1))
+        if not (directions[..., 2] > 0.0).all():
             raise ValueError(
                 "places must be where the lens shows something less than 90 degrees from the "
-                f"axis: {self.limit}"
+                f"axis: {self.visible_range}"
             )
-        return found[..., :2] / found[..., 2:]
+        return directions[..., :2] / directions[..., 2:]
 
-    def directions(self, places: ArrayLike) -> Float64:
+    def unproject(self, positions: ArrayLike) -> Float64:
         """
-        Return what is seen at places, (..., 2).
+        Return the directions seen at positions, (..., 2).
 
         Returns
         -------
         (..., 3) float64
-            Unit vectors; NaN beyond a fold, and 0 beyond the field.
+            Unit vectors; NaN beyond a fold, and 0 beyond the field of view.
         """
-        return _in_blocks(self._directions, _columns("places", places, 2))
+        return _apply_in_blocks(self._unproject_block, _split_columns("positions", positions, 2))
 
-    def _directions(self, u: Float64, v: Float64) -> Float64:
-        """Return the directions, (N, 3), at places (N,)."""
+    def _unproject_block(self, u: Float64, v: Float64) -> Float64:
+        """Return the directions, (N, 3), at positions (N,) each."""
         radius = np.sqrt(u * u + v * v)
-        angle = self._curve.inverse(radius)
+        angle = self._curve.estimate_radius(radius)
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
-                scale, growth = self._curve.scale(angle * angle)
-                slope = scale + 2.0 * angle * angle * growth
-                angle = angle + (radius - angle * scale) / slope
-            left = np.abs(radius - angle * self._curve.scale(angle * angle)[0])
-            is_found = (left <= MAX_RESIDUAL * (1.0 + radius)) & (angle < self._curve.fold)
-        half = self.reach
-        edge = float(self._curve.at(np.array(half))) if self._curve.fold > half else math.inf
+                ratio, slope = self._curve.ratio_and_slope(angle * angle)
+                angle_slope = ratio + 2.0 * angle * angle * slope
+                angle = angle + (radius - angle * ratio) / angle_slope
+            residual = np.abs(radius - self._curve.distort_radius(angle))
+            converged = (residual <= MAX_RESIDUAL * (1.0 + radius)) & (angle < self._curve.fold)
+        edge = math.inf
+        if self._curve.fold > self._max_angle:
+            edge = float(self._curve.distort_radius(np.array(self._max_angle)))
         is_beyond = radius > edge
-        sine, cosine = sin_cos(np.where(is_found & ~is_beyond, angle, 0.0))
-        along = sine / np.where(radius > 0.0, radius, 1.0)
-        found = np.stack((u * along, v * along, cosine), axis=-1)
-        found[~is_found & ~is_beyond] = np.nan
-        found[is_beyond] = 0.0
-        return found
+        sine, cosine = sin_cos(np.where(converged & ~is_beyond, angle, 0.0))
+        sine_by_radius = sine / np.where(radius > 0.0, radius, 1.0)
+        directions = np.stack((u * sine_by_radius, v * sine_by_radius, cosine), axis=-1)
+        directions[~converged & ~is_beyond] = np.nan
+        directions[is_beyond] = 0.0
+        return directions
 
-    def places(self, directions: ArrayLike) -> Float64:
-        """Return where directions, (..., 3), are seen: places (..., 2), NaN where they are not."""
-        positions, angle = self._project(*_columns("directions", directions, 3))
-        is_seen = (angle < self._curve.fold) & (angle <= self.reach)
+    def project(self, directions: ArrayLike) -> Float64:
+        """Return the positions, (..., 2), of directions, (..., 3): NaN where they are not seen."""
+        columns = _split_columns("directions", directions, 3)
+        positions, angle = self._project_with_angle(*columns)
+        is_seen = (angle < self._curve.fold) & (angle <= self._max_angle)
         return np.where(is_seen[..., np.newaxis], positions, np.nan)
 
     @property
-    def limit(self) -> str:
+    def visible_range(self) -> str:
         """Description of the angle beyond which the lens shows nothing."""
         fold = self._curve.fold
-        if fold > self.reach:
-            return f"its field is {self.field:g} degrees"
+        if fold > self._max_angle:
+            return f"its field of view is {self.field:g} degrees"
         return (
             f"it folds beyond an angle of {math.degrees(fold):.4g} degrees from the axis, "
-            f"which it shows at a radius of {float(self._curve.at(np.array(fold))):.4g} focal "
-            "lengths: field= ends it before"
+            f"which it shows at a radius of {float(self._curve.distort_radius(np.array(fold))):.4g}"
+            " focal lengths: field= ends it before"
         )
 
     @property
-    def reach(self) -> float:
-        """Largest angle from the axis that it shows, radians."""
+    def _max_angle(self) -> float:
+        """Largest visible angle from the axis, radians."""
         return self.field / 360.0 * math.pi
 
     @cached_property
-    def _curve(self) -> _Curve:
-        return _Curve((1.0, self.k1, self.k2, self.k3, self.k4), (1.0,), 2.0 * math.pi)
+    def _curve(self) -> _RadialCurve:
+        return _RadialCurve((1.0, self.k1, self.k2, self.k3, self.k4), (1.0,), 2.0 * math.pi)
 
-    def _project(self, x: Float64, y: Float64, z: Float64) -> tuple[Float64, Float64]:
+    def _project_with_angle(self, x: Float64, y: Float64, z: Float64) -> tuple[Float64, Float64]:
         """Project directions; return positions, (..., 2), and angles from the axis."""
         radius = np.sqrt(x * x + y * y)
         angle = polar_angle(radius, z)
         # On the axis the angle over its sine is 1.
         length = np.sqrt(x * x + y * y + z * z)
-        ratio = np.where(radius > 0.0, angle / np.where(radius > 0.0, radius, 1.0), 1.0 / length)
-        scale = ratio * self._curve.scale(angle * angle)[0]
-        return np.stack((x * scale, y * scale), axis=-1), angle
+        bend = np.where(radius > 0.0, angle / np.where(radius > 0.0, radius, 1.0), 1.0 / length)
+        factor = bend * self._curve.ratio_and_slope(angle * angle)[0]
+        return np.stack((x * factor, y * factor), axis=-1), angle
 
 
 @suggests_replace
@@ -452,28 +447,23 @@ class Equirectangular:
     """
 
     @staticmethod
-    def directions(places: ArrayLike) -> Float64:
+    def unproject(positions: ArrayLike) -> Float64:
         """Return the unit vectors, (..., 3), at longitude and latitude down, (..., 2), radians."""
-        longitude, latitude = _columns("places", places, 2)
+        longitude, latitude = _split_columns("positions", positions, 2)
         (across, ahead), (down, level) = sin_cos(longitude), sin_cos(latitude)
         return np.stack((across * level, down, ahead * level), axis=-1)
 
     @staticmethod
-    def places(directions: ArrayLike) -> Float64:
+    def project(directions: ArrayLike) -> Float64:
         """Return longitude and latitude down, (..., 2), radians, of directions, (..., 3)."""
-        x, y, z = _columns("directions", directions, 3)
+        x, y, z = _split_columns("directions", directions, 3)
         level = np.sqrt(x * x + z * z)
         return np.stack((polar_angle(x, z), polar_angle(y, level)), axis=-1)
 
     @property
-    def limit(self) -> str:
-        """Description of its limit: none."""
+    def visible_range(self) -> str:
+        """Description of the visible directions: all."""
         return "it shows everything"
-
-    @property
-    def reach(self) -> float:
-        """Largest angle from the axis that it shows, radians."""
-        return math.pi
 
 
 Lens = PinholeDistortion | FisheyeLens | Equirectangular
@@ -489,78 +479,88 @@ def check_lens(name: str, lens: Any) -> Lens:
     return lens
 
 
-class _Curve:
+class _RadialCurve:
     """
     A radial distortion curve: r times a ratio of polynomials of r².
 
     Attributes
     ----------
     fold : float
-        Where it stops growing, or has a pole; infinite if it does not up to ``max_radius``.
+        Radius where the curve stops growing, or has a pole; infinite if none up to ``max_radius``.
     """
 
-    def __init__(self, num: Coefficients, den: Coefficients, max_radius: float) -> None:
-        self.num, self.den = num, den
+    def __init__(
+        self, numerator: Coefficients, denominator: Coefficients, max_radius: float
+    ) -> None:
+        self.numerator, self.denominator = numerator, denominator
         # The derivative times the square of the denominator, of q = r².
-        products = _product(_derivative(num), den), _product(num, _derivative(den))
-        derivative = _sum(_product(num, den), _product((0.0, 2.0), _sum(*products, -1.0)))
-        limits = [
-            root for p in (derivative, den) for root in _roots(p, max_radius * max_radius)[:1]
+        quotient_rule = _add_polynomials(
+            _multiply_polynomials(_differentiate(numerator), denominator),
+            _multiply_polynomials(numerator, _differentiate(denominator)),
+            -1.0,
+        )
+        derivative = _add_polynomials(
+            _multiply_polynomials(numerator, denominator),
+            _multiply_polynomials((0.0, 2.0), quotient_rule),
+        )
+        folds = [
+            root
+            for coefficients in (derivative, denominator)
+            for root in _find_sign_changes(coefficients, max_radius * max_radius)[:1]
         ]
-        self.fold = math.sqrt(min(limits)) if limits else math.inf
+        self.fold = math.sqrt(min(folds)) if folds else math.inf
         t = np.arange(CURVE_SAMPLES) / CURVE_SAMPLES
-        limit = min(self.fold, max_radius)
+        end = min(self.fold, max_radius)
         # Dense at 0, whatever the end.
-        self._radii = limit * t / (1.0 + (1.0 - t) * max(limit - 1.0, 0.0))
-        self._values = self.at(self._radii)
+        self._radii = end * t / (1.0 + (1.0 - t) * max(end - 1.0, 0.0))
+        self._distorted_radii = self.distort_radius(self._radii)
 
-    def scale(self, q: Float64) -> tuple[Float64, Float64]:
-        """Return the ratio at r² = q, and its derivative with q."""
-        top, bottom = polynomial(self.num, q), polynomial(self.den, q)
-        top_slope = polynomial(_derivative(self.num), q)
-        bottom_slope = polynomial(_derivative(self.den), q)
+    def ratio_and_slope(self, q: Float64) -> tuple[Float64, Float64]:
+        """Return the distorted radius by the radius, at r² = q, and its derivative by q."""
+        top, bottom = polynomial(self.numerator, q), polynomial(self.denominator, q)
+        top_slope = polynomial(_differentiate(self.numerator), q)
+        bottom_slope = polynomial(_differentiate(self.denominator), q)
         return top / bottom, (top_slope * bottom - top * bottom_slope) / (bottom * bottom)
 
-    def at(self, radius: Float64) -> Float64:
+    def distort_radius(self, radius: Float64) -> Float64:
         """Return the distorted radii."""
-        return radius * self.scale(radius * radius)[0]
+        return radius * self.ratio_and_slope(radius * radius)[0]
 
-    def inverse(self, distances: Float64) -> Float64:
+    def estimate_radius(self, distorted: Float64) -> Float64:
         """Return approximate radii below the fold, given distorted ones."""
-        table = self._values
-        clamped = np.minimum(np.where(distances == distances, distances, 0.0), table[-1])
+        table = self._distorted_radii
+        clamped = np.minimum(np.where(distorted == distorted, distorted, 0.0), table[-1])
         right = np.clip(np.searchsorted(table, clamped), 1, CURVE_SAMPLES - 1)
         low, high = table[right - 1], table[right]
         t = (clamped - low) / np.where(high > low, high - low, 1.0)
         return self._radii[right - 1] + t * (self._radii[right] - self._radii[right - 1])
 
 
-def _derivative(coefficients: Coefficients) -> Coefficients:
+def _differentiate(coefficients: Coefficients) -> Coefficients:
     """Return the coefficients of a polynomial's derivative, from the constant one on."""
     return tuple(n * c for n, c in enumerate(coefficients) if n) or (0.0,)
 
 
-def _product(a: Coefficients, b: Coefficients) -> Coefficients:
+def _multiply_polynomials(a: Coefficients, b: Coefficients) -> Coefficients:
     """Return the coefficients of the product of two polynomials."""
-    total = [0.0] * (len(a) + len(b) - 1)
+    product = [0.0] * (len(a) + len(b) - 1)
     for n, x in enumerate(a):
         for m, y in enumerate(b):
-            total[n + m] += x * y
-    return tuple(total)
+            product[n + m] += x * y
+    return tuple(product)
 
 
-def _sum(one: Coefficients, other: Coefficients, factor: float = 1.0) -> Coefficients:
-    """Return the coefficients of a polynomial plus another one times a factor."""
-    pairs = zip_longest(one, other, fillvalue=0.0)
-    return tuple(a + factor * b for a, b in pairs)
+def _add_polynomials(a: Coefficients, b: Coefficients, factor: float = 1.0) -> Coefficients:
+    """Return the coefficients of ``a + factor * b``."""
+    return tuple(x + factor * y for x, y in zip_longest(a, b, fillvalue=0.0))
 
 
-def _roots(coefficients: Coefficients, limit: float) -> list[float]:
-    """Return where a polynomial changes its sign in 0..limit, ascending."""
+def _find_sign_changes(coefficients: Coefficients, max_x: float) -> list[float]:
+    """Return where a polynomial changes its sign in 0..max_x, ascending."""
     if len(coefficients) < 2:
         return []
-    # Between the roots of its derivative it only grows or only falls.
-    bounds = [0.0, *_roots(_derivative(coefficients), limit), limit]
+    # Between the extrema a polynomial only grows or only falls.
+    bounds = [0.0, *_find_sign_changes(_differentiate(coefficients), max_x), max_x]
     roots = []
     for low, high in pairwise(bounds):
         is_above = polynomial(coefficients, low) > 0.0
@@ -575,30 +575,38 @@ def _roots(coefficients: Coefficients, limit: float) -> list[float]:
     return roots
 
 
-def _in_blocks(function: Callable[..., Float64], columns: list[Float64]) -> Float64:
+def _apply_homography(
+    matrix: Sequence[Sequence[float]], u: Float64, v: Float64
+) -> tuple[Float64, Float64, Float64]:
+    """Multiply positions by a 3x3 matrix and divide by w; return u, v and w."""
+    a, b, c = matrix
+    w = (c[0] * u + c[1] * v) + c[2]
+    return ((a[0] * u + a[1] * v) + a[2]) / w, ((b[0] * u + b[1] * v) + b[2]) / w, w
+
+
+def _apply_in_blocks(function: Callable[..., Float64], columns: list[Float64]) -> Float64:
     """Apply a function of (N,) columns block by block; return its results, (..., 3)."""
-    shape = columns[0].shape
     flat = [column.ravel() for column in columns]
     result = np.empty((flat[0].size, 3))
-    for first in range(0, len(result), BLOCK_SIZE):
-        block = slice(first, first + BLOCK_SIZE)
+    for first in range(0, len(result), POSITIONS_PER_BLOCK):
+        block = slice(first, first + POSITIONS_PER_BLOCK)
         result[block] = function(*(column[block] for column in flat))
-    return result.reshape(*shape, 3)
+    return result.reshape(*columns[0].shape, 3)
 
 
-def _points(name: str, values: ArrayLike) -> list[Float64]:
+def _split_points(name: str, values: ArrayLike) -> list[Float64]:
     """Return x and y of points, or raise ``ValueError`` if one is not finite or too large."""
-    columns = _columns(name, values, 2)
+    columns = _split_columns(name, values, 2)
     for column in columns:
-        if not (np.abs(column) <= LIMIT).all():
+        if not (np.abs(column) <= MAX_MAGNITUDE).all():
             raise ValueError(
-                f"{name} must be finite and at most {LIMIT:g} from 0, got "
-                f"{column[~(np.abs(column) <= LIMIT)].flat[0]!r}"
+                f"{name} must be finite and at most {MAX_MAGNITUDE:g} from 0, got "
+                f"{column[~(np.abs(column) <= MAX_MAGNITUDE)].flat[0]!r}"
             )
     return columns
 
 
-def _columns(name: str, values: ArrayLike, count: int) -> list[Float64]:
+def _split_columns(name: str, values: ArrayLike, count: int) -> list[Float64]:
     """Return the columns of an array, each (...,) float64, or raise ``ValueError``."""
     array = check.number_array(name, values)
     if array.ndim == 0 or array.shape[-1] != count:

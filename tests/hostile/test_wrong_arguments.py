@@ -55,7 +55,7 @@ def test_an_error_that_names_nothing_is_counted(call, is_named):
         lambda huge: rj.Points(np.zeros((2, 3)), size=huge),
         lambda huge: rj.Mesh(np.eye(3), [[0, 1, 2]], scalars=[0, 1, 2], range=(0, huge)),
         lambda huge: rj.Mesh([[0, 0, huge]] * 3, [[0, 1, 2]]),
-        lambda huge: rj.FisheyeLens().places([[0, 0, huge]]),
+        lambda huge: rj.FisheyeLens().project([[0, 0, huge]]),
         lambda huge: rj.Quality(shadow_size=huge),
         lambda huge: rj.transforms.translate([0, 0, huge]),
     ],

@@ -59,12 +59,12 @@ def test_a_fifth_coefficient_of_a_fisheye_is_no_field():
 def test_fisheye_sees_behind_itself():
     lens = rj.FisheyeLens(k1=0.01)
     naive = [naive_lens.distort_fisheye(one, (0.01,)) for one in DIRECTIONS]
-    np.testing.assert_allclose(lens.places(DIRECTIONS), naive, atol=5e-15)
+    np.testing.assert_allclose(lens.project(DIRECTIONS), naive, atol=5e-15)
     assert (DIRECTIONS[:, 2] < 0).sum() > 50
-    found = lens.directions(lens.places(DIRECTIONS))
+    found = lens.unproject(lens.project(DIRECTIONS))
     lengths = np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
     np.testing.assert_allclose(found, DIRECTIONS / lengths, atol=5e-15)
-    assert lens.directions([0.0, 0.0]).tolist() == [0, 0, 1]
+    assert lens.unproject([0.0, 0.0]).tolist() == [0, 0, 1]
 
 
 @pytest.mark.parametrize("name", COEFFICIENTS)
@@ -109,27 +109,29 @@ def test_fold_is_named_and_refused():
 
 def test_field_ends_a_fisheye():
     lens = rj.FisheyeLens(field=180.0)
-    inside, outside = lens.directions([[1.57, 0.0], [1.58, 0.0]])
+    inside, outside = lens.unproject([[1.57, 0.0], [1.58, 0.0]])
     assert inside[0] == pytest.approx(1.0, abs=1e-6)
     assert outside.tolist() == [0, 0, 0]
-    assert np.isnan(lens.places([0.0, 0.0, -1.0])).all()
-    with pytest.raises(ValueError, match="less than 90 degrees from the axis: its field is 180"):
+    assert np.isnan(lens.project([0.0, 0.0, -1.0])).all()
+    with pytest.raises(
+        ValueError, match="less than 90 degrees from the axis: its field of view is 180"
+    ):
         lens.undistort([1.6, 0.0])
     # It may end before the fold.
-    assert rj.FisheyeLens(k1=-0.2, field=140.0).directions([3.0, 0.0]).tolist() == [0, 0, 0]
-    assert np.isnan(rj.FisheyeLens(k1=-0.2, field=150.0).directions([3.0, 0.0])).all()
+    assert rj.FisheyeLens(k1=-0.2, field=140.0).unproject([3.0, 0.0]).tolist() == [0, 0, 0]
+    assert np.isnan(rj.FisheyeLens(k1=-0.2, field=150.0).unproject([3.0, 0.0])).all()
 
 
 def test_panorama():
     lens = rj.Equirectangular()
     naive = [naive_lens.panorama(one) for one in DIRECTIONS]
-    np.testing.assert_allclose(lens.places(DIRECTIONS), naive, atol=2e-15)
-    found = lens.directions(lens.places(DIRECTIONS))
+    np.testing.assert_allclose(lens.project(DIRECTIONS), naive, atol=2e-15)
+    found = lens.unproject(lens.project(DIRECTIONS))
     lengths = np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
     np.testing.assert_allclose(found, DIRECTIONS / lengths, atol=2e-15)
     # The right of the middle is right, its lower half is below.
-    np.testing.assert_allclose(lens.directions([math.pi / 2, 0]), [1, 0, 0], atol=1e-15)
-    np.testing.assert_allclose(lens.directions([0, math.pi / 2]), [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(lens.unproject([math.pi / 2, 0]), [1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(lens.unproject([0, math.pi / 2]), [0, 1, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -152,6 +154,6 @@ def test_what_is_wrong_is_named(make, message):
 def test_directions_beside_a_pinhole_are_seen_nowhere():
     for lens in (rj.PinholeDistortion(k1=0.1), rj.PinholeDistortion(k1=-0.1)):
         directions = [[1, 0, 0], [0, -1, 0], [0, 0, 0], [1, 1, 1e-20], [0, 0, -1], [0, 0, 1]]
-        places = lens.places(directions)
+        places = lens.project(directions)
         assert np.isnan(places[:-1]).all()
         assert places[-1].tolist() == [0.0, 0.0]
