@@ -276,14 +276,14 @@ class FisheyeLens:
     Parameters
     ----------
     k1, k2, k3, k4 : float
-    field : float, degrees
+    fov : float, degrees
         Field of view of the lens, above 0 and at most 360: what lies farther from the axis than
         half of it is not seen, and the picture is empty there, as around a circular fisheye.
 
     Raises
     ------
     ValueError
-        If a coefficient is no finite number, or the field is not in that range.
+        If a coefficient is no finite number, or ``fov`` is not in that range.
 
     References
     ----------
@@ -293,7 +293,7 @@ class FisheyeLens:
     Examples
     --------
     >>> import rasterjit as rj
-    >>> lens = rj.FisheyeLens(k1=-0.02, k2=0.003, field=190.0)
+    >>> lens = rj.FisheyeLens(k1=-0.02, k2=0.003, fov=190.0)
     >>> frame = rj.render(rj.load("models/teapot.obj"), size=(320, 240), lens=lens)
     """
 
@@ -302,16 +302,16 @@ class FisheyeLens:
     k3: float = 0.0
     k4: float = 0.0
     _: KW_ONLY
-    field: float = 360.0
+    fov: float = 360.0
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
             value = check.bounded_number(name, getattr(self, name), -MAX_MAGNITUDE, MAX_MAGNITUDE)
             store(self, **{name: value})
-        field = check.bounded_number("field", self.field, 0.0, 360.0)
-        if field == 0.0:
-            raise ValueError(f"field must be above 0, got {self.field!r}")
-        store(self, field=field)
+        fov = check.bounded_number("fov", self.fov, 0.0, 360.0)
+        if fov == 0.0:
+            raise ValueError(f"fov must be above 0, got {self.fov!r}")
+        store(self, fov=fov)
 
     def distort(self, points: ArrayLike) -> Float64:
         """
@@ -401,17 +401,17 @@ class FisheyeLens:
         """Description of the angle beyond which the lens shows nothing."""
         fold = self._curve.fold
         if fold > self._max_angle:
-            return f"its field of view is {self.field:g} degrees"
+            return f"its field of view is {self.fov:g} degrees"
         return (
             f"it folds beyond an angle of {math.degrees(fold):.4g} degrees from the axis, "
             f"which it shows at a radius of {float(self._curve.distort_radius(np.array(fold))):.4g}"
-            " focal lengths: field= ends it before"
+            " focal lengths: fov= ends it before"
         )
 
     @property
     def _max_angle(self) -> float:
         """Largest visible angle from the axis, radians."""
-        return self.field / 360.0 * math.pi
+        return self.fov / 360.0 * math.pi
 
     @cached_property
     def _curve(self) -> _RadialCurve:

@@ -711,7 +711,7 @@ def test_far_away_places_and_offsets_are_out_of_the_picture(cube):
 
 @pytest.mark.parametrize(
     "lens",
-    [rj.PinholeDistortion(k1=0.1), rj.PinholeDistortion(k1=-0.1), rj.FisheyeLens(field=150.0)],
+    [rj.PinholeDistortion(k1=0.1), rj.PinholeDistortion(k1=-0.1), rj.FisheyeLens(fov=150.0)],
     ids=["unfolded", "folding", "fisheye"],
 )
 def test_at_the_eye_and_beside_it_it_is_not_drawn_by_a_lens(cube, lens):

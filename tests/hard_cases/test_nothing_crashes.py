@@ -396,14 +396,14 @@ def test_whatever_is_rendered_keeps_the_invariants(
 @few(60)
 @given(
     distortion=st.lists(st.one_of(st.floats(-0.5, 0.5), wild), max_size=14),
-    fisheye=st.lists(st.one_of(st.floats(-0.1, 0.1), wild), max_size=4), field=wild,
+    fisheye=st.lists(st.one_of(st.floats(-0.1, 0.1), wild), max_size=4), fov=wild,
     point=st.lists(wild, min_size=2, max_size=2),
 )  # fmt: skip
-def test_lenses_lead_somewhere_or_are_refused(distortion, fisheye, field, point):
+def test_lenses_lead_somewhere_or_are_refused(distortion, fisheye, fov, point):
     lenses = [
         attempt(rj.PinholeDistortion, *distortion),
         attempt(rj.FisheyeLens, *fisheye),
-        attempt(rj.FisheyeLens, *fisheye[:3], field=field),
+        attempt(rj.FisheyeLens, *fisheye[:3], fov=fov),
         rj.Equirectangular(),
     ]
     camera = rj.PerspectiveCamera((0, 0, 4), (0, 0, 0))

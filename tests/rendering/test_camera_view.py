@@ -139,7 +139,7 @@ def test_frames_do_not_pay_for_it(teapot):
         (rj.PinholeDistortion(), "40"),
         (rj.PinholeDistortion(k1=-0.28, k2=0.07), r"41\.\d"),
         (rj.FisheyeLens(), r"41\.7"),
-        (rj.FisheyeLens(field=30.0), None),
+        (rj.FisheyeLens(fov=30.0), None),
     ],
 )
 def test_a_camera_with_a_lens(teapot, lens, tall):

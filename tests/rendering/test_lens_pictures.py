@@ -30,7 +30,7 @@ LENSES = {
     "pincushion": (rj.PinholeDistortion(k1=0.4), SIZE, 60.0),
     "fisheye": (rj.FisheyeLens(*FISHEYE), SIZE, 60.0),
     "fisheye on a cube": (rj.FisheyeLens(*FISHEYE), SIZE, 76.0),
-    "fisheye that sees behind": (rj.FisheyeLens(field=300.0), SIZE, 130.0),
+    "fisheye that sees behind": (rj.FisheyeLens(fov=300.0), SIZE, 130.0),
     "panorama": (rj.Equirectangular(), WIDE, 60.0),
 }
 
@@ -123,7 +123,7 @@ def test_points_are_seen_where_the_formulas_put_them(seen):
     lens, size, camera, frame = seen
     is_seen = frame.face_id >= 0
     # A closed room: all is seen but what the lens does not see.
-    ends = isinstance(lens, rj.FisheyeLens) and lens.field < 360
+    ends = isinstance(lens, rj.FisheyeLens) and lens.fov < 360
     assert is_seen.all() or ends
     assert is_seen.sum() > 2000
     found = pixels(frame.position[is_seen], camera, lens, size)
@@ -343,7 +343,7 @@ def test_motion_is_across_the_picture_of_the_lens(name):
 
 
 def test_background_where_the_lens_sees_nothing():
-    lens, camera = rj.FisheyeLens(field=120.0), replace(CAMERA, fov_y=110.0)
+    lens, camera = rj.FisheyeLens(fov=120.0), replace(CAMERA, fov_y=110.0)
     outputs = "color", "linear", "depth", "face_id", "coverage"
     given = {"outputs": outputs, "size": (64, 64)}
     frame = draw(furnished(), camera, lens, **given)
@@ -373,7 +373,7 @@ def test_photograph_behind_is_what_the_lens_has_seen(kind):
     mesh = block((0, 0, -2.0), 0.6)
     mesh.material = rj.Material(shading="unlit", base_color="white")
     outputs, options = ("color", "linear", "coverage"), {"size": (96, 64)}
-    for lens in (rj.PinholeDistortion(*BENT), rj.FisheyeLens(field=50.0)):
+    for lens in (rj.PinholeDistortion(*BENT), rj.FisheyeLens(fov=50.0)):
         frame = draw(mesh, CAMERA, lens, outputs=outputs, background=photo, **options)
         clear = draw(mesh, CAMERA, lens, outputs=outputs, background="transparent", **options)
         is_behind, alpha = frame.coverage == 0, clear.linear[..., 3:]
@@ -467,7 +467,7 @@ def test_explain_tells_the_pictures():
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 3), (7, 300)])
 def test_smallest_and_thinnest_pictures(size):
-    lenses = [rj.PinholeDistortion(*BENT), rj.FisheyeLens(field=100.0)]
+    lenses = [rj.PinholeDistortion(*BENT), rj.FisheyeLens(fov=100.0)]
     if size == (2, 1):
         lenses.append(rj.Equirectangular())
     for lens in lenses:

@@ -50,10 +50,10 @@ def test_fisheye_model_is_that_of_opencv():
     np.testing.assert_allclose(lens.distort(POINTS), seen[:, 0], atol=2e-15)
 
 
-def test_a_fifth_coefficient_of_a_fisheye_is_no_field():
+def test_a_fifth_coefficient_of_a_fisheye_is_no_field_of_view():
     with pytest.raises(TypeError, match="positional"):
         rj.FisheyeLens(*FISHEYE, 0.001)
-    assert rj.FisheyeLens(*FISHEYE, field=190.0).field == 190.0
+    assert rj.FisheyeLens(*FISHEYE, fov=190.0).fov == 190.0
 
 
 def test_fisheye_sees_behind_itself():
@@ -107,8 +107,8 @@ def test_fold_is_named_and_refused():
     assert rj.PinholeDistortion(k1=0.1)._curve.fold == math.inf
 
 
-def test_field_ends_a_fisheye():
-    lens = rj.FisheyeLens(field=180.0)
+def test_field_of_view_ends_a_fisheye():
+    lens = rj.FisheyeLens(fov=180.0)
     inside, outside = lens.unproject([[1.57, 0.0], [1.58, 0.0]])
     assert inside[0] == pytest.approx(1.0, abs=1e-6)
     assert outside.tolist() == [0, 0, 0]
@@ -118,8 +118,8 @@ def test_field_ends_a_fisheye():
     ):
         lens.undistort([1.6, 0.0])
     # It may end before the fold.
-    assert rj.FisheyeLens(k1=-0.2, field=140.0).unproject([3.0, 0.0]).tolist() == [0, 0, 0]
-    assert np.isnan(rj.FisheyeLens(k1=-0.2, field=150.0).unproject([3.0, 0.0])).all()
+    assert rj.FisheyeLens(k1=-0.2, fov=140.0).unproject([3.0, 0.0]).tolist() == [0, 0, 0]
+    assert np.isnan(rj.FisheyeLens(k1=-0.2, fov=150.0).unproject([3.0, 0.0])).all()
 
 
 def test_panorama():
@@ -140,8 +140,8 @@ def test_panorama():
         (lambda: rj.PinholeDistortion(k1=math.nan), "k1 must be finite, got nan"),
         (lambda: rj.PinholeDistortion(p2="a"), "p2 must be a number, got 'a'"),
         (lambda: rj.PinholeDistortion(tau_x=2.0), "tau_x must be in -1.5..1.5, got 2.0"),
-        (lambda: rj.FisheyeLens(field=0), "field must be above 0, got 0"),
-        (lambda: rj.FisheyeLens(field=400), "field must be in 0..360, got 400"),
+        (lambda: rj.FisheyeLens(fov=0), "fov must be above 0, got 0"),
+        (lambda: rj.FisheyeLens(fov=400), "fov must be in 0..360, got 400"),
         (lambda: rj.FisheyeLens().distort([1.0]), r"points must have shape \(..., 2\), got \(1,\)"),
         (lambda: rj.PinholeDistortion().undistort("ab"), "places must be an array of numbers, got"),
     ],
