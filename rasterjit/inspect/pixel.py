@@ -218,7 +218,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     workers = Workers(1)
     cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
-    views = object_transforms.view_nodes(scene.nodes, plan.camera, plan.size)
+    views = object_transforms.transform_nodes_to_view(scene.nodes, plan.camera, plan.size)
     viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = object_transforms.cull_objects(
         plan.cull, views.screen_winding, views.mirrored, arrays.face_starts,

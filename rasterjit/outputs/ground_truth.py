@@ -159,7 +159,7 @@ def _placement(name: str, cache: SceneCache, placement: Placement) -> Placement:
 def _matrices(name: str, plan: RenderPlan, cache: SceneCache, placement: Placement) -> Float64:
     """Return the matrices from objects to the space of a buffer of positions, (O, 3, 4)."""
     if name == "position":
-        return np.ascontiguousarray(cache.places.world_from_model[:, :3])
+        return np.ascontiguousarray(cache.transforms.world_from_model[:, :3])
     if name == "position_camera":
         return _view_matrices(plan.camera, placement.relative_from_model)
     if name == "object_position":
@@ -174,7 +174,7 @@ def _rotations(name: str, plan: RenderPlan, cache: SceneCache, points: PicturePo
         return np.tile(view, (len(cache.shapes.meshes), 1, 1))
     if name not in ("object_position", "nocs"):
         return np.tile(np.eye(3), (len(cache.shapes.meshes), 1, 1))
-    axes = _model_axes(cache.places.world_from_model, points)
+    axes = _model_axes(cache.transforms.world_from_model, points)
     if name == "nocs":
         axes = axes * box_matrices(_rest_boxes(cache))[:, :1, :1]
     return axes

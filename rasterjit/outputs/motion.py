@@ -15,7 +15,7 @@ from rasterjit.scene.arrays import Bool, Float32, Float64, Int32, Int64
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.node import Node
 from rasterjit.survey.cache import Shapes
-from rasterjit.survey.object_transforms import Views
+from rasterjit.survey.object_transforms import ViewTransforms
 
 
 class Moment(NamedTuple):
@@ -62,14 +62,14 @@ def check_same_objects(now: Sequence[Node], before: Sequence[Node]) -> None:
 
 
 def moment_of(
-    shapes: Shapes, now: Shapes, views: Views, camera: Camera, size: tuple[int, int]
+    shapes: Shapes, now: Shapes, views: ViewTransforms, camera: Camera, size: tuple[int, int]
 ) -> Moment:
     """Return the vertices and matrices for a camera, with faces in the order of ``now``."""
     matrices = _screen_matrices(views, camera, size)
     return Moment(shapes.arrays.positions, shapes.rotate_like(now), matrices)
 
 
-def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> Float64:
+def _screen_matrices(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> Float64:
     """Return the matrices from objects to pixels and depth, (O, 5, 4); see ``motion_stage``."""
     x, y, z, w = views.clip_from_relative
     (width, height), (c0, c1, c2) = size, camera.depth_coefficients()

@@ -58,7 +58,7 @@ from rasterjit.scene.validation import brief, image_size, number_array, thread_c
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.object_counts import find_attribute
-from rasterjit.survey.object_transforms import KNOWN_CAMERAS, projection_of
+from rasterjit.survey.object_transforms import KNOWN_CAMERAS, compute_projection
 
 Arrays = dict[str, NDArray[Any]]
 Frames = Generator[Frame, None, None]
@@ -215,7 +215,7 @@ def check_projections(cameras: Sequence[Camera], size: tuple[int, int]) -> None:
     """Raise ``ValueError`` naming the camera whose projection is wrong."""
     for number, camera in enumerate(cameras):
         with naming(f"cameras[{number}]"):
-            projection_of(camera, size)
+            compute_projection(camera, size)
 
 
 def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.float64] | None:

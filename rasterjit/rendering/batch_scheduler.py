@@ -52,12 +52,12 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
 from rasterjit.survey.batched_views import (
-    BatchedViews,
-    Group,
+    BatchedViewTransforms,
+    ViewGroup,
     are_boxes_between,
-    place_many,
-    scene_bounds,
-    view_many,
+    compute_scene_bounds,
+    transform_batched_objects,
+    transform_to_views,
 )
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, find_plane_needs, plane_margins, uneven_spheres
@@ -74,9 +74,9 @@ from rasterjit.survey.object_transforms import (
     Boxes,
     BoxMeasures,
     Extents,
-    Places,
+    ObjectTransforms,
+    compute_projection,
     measure_boxes,
-    projection_of,
 )
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
@@ -168,8 +168,8 @@ class BatchScheduler:
         self.has_headlight = not scene.lights and scene.environment is None
         self._plans: dict[tuple, RenderPlan | None] = {}
         self._lock = forks.lock()
-        boxes, places = self.cache.shapes.boxes, self.cache.places.world_from_model
-        self._whole = scene_bounds(boxes, places[np.newaxis])
+        boxes, places = self.cache.shapes.boxes, self.cache.transforms.world_from_model
+        self._whole = compute_scene_bounds(boxes, places[np.newaxis])
 
     def acquire_commands(self, kind: tuple, number: int, camera: Camera) -> CommandBuffer | None:
         """
@@ -214,17 +214,17 @@ class BatchScheduler:
         self, numbers: Sequence[int], cameras: Sequence[Camera], places: Float64 | None
     ) -> Prepared:
         """Prepare some views, with the places of objects, (N, O, 4, 4), if these move."""
-        known, extents = self.cache.places, self.cache.extents
+        known, extents = self.cache.transforms, self.cache.extents
         if places is not None:
-            known = place_many(exact_last_rows(places))
+            known = transform_batched_objects(exact_last_rows(places))
             extents = Extents(self.cache.shapes.boxes, known.world_from_model)
         else:
-            known = Places(*(part[np.newaxis] for part in known))
+            known = ObjectTransforms(*(part[np.newaxis] for part in known))
         seen, cuts = list(cameras), {}
         view = np.array([camera.view_matrix() for camera in seen], np.float64)
         eyes = np.array([camera.eye_position() for camera in seen], np.float64)
-        projection = np.array([projection_of(camera, self.options.size) for camera in seen])
-        views = view_many(known.world_from_model, eyes, view, projection)
+        projection = np.array([compute_projection(camera, self.options.size) for camera in seen])
+        views = transform_to_views(known.world_from_model, eyes, view, projection)
         measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
         # Place open planes where they clip nothing in view.
         is_sure, far = self._are_between(seen, view, known, places is not None)
@@ -232,31 +232,31 @@ class BatchScheduler:
         asked = (~is_sure | beyond_boxes) & views.is_finite
         moved = []
         for n in self._find_crossed(seen, asked, beyond_boxes, views, measures):
-            of_all = measures.of(n)
+            of_all = measures.select_views(n)
             relative, clip = views.relative_from_model[n], views.clip_from_relative[n]
             own = self.cache.extents
             if places is not None:
                 own = Extents(self.cache.shapes.boxes, known.world_from_model[n])
-            beyond = self.cache.tables.inventory.beyond(self.options.size)
+            beyond = self.cache.tables.inventory.pixel_overhang(self.options.size)
             boxes = Boxes(own, eyes[n], relative, clip, of_all, beyond)
             look = find_plane_needs(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
             if look.cut:
                 cuts[n] = view_warnings.cuts_of(look)
             if any(look.steps):
                 seen[n] = move_planes(seen[n], *look.steps)
-                projection[n] = projection_of(seen[n], self.options.size)
+                projection[n] = compute_projection(seen[n], self.options.size)
                 moved.append(n)
         if moved:
-            views = view_many(known.world_from_model, eyes, view, projection)
+            views = transform_to_views(known.world_from_model, eyes, view, projection)
             measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
         # Decide which views are drawn together.
         coefficients = np.array([camera.depth_coefficients() for camera in seen])
         near = coefficients[:, 0]
         farthest = np.where(np.isinf(far), 0.0, transforms.MIN_NEAR * far)
-        is_held = (near >= MIN_SHARE * measures.largest_w()) & (near >= farthest)
+        is_held = (near >= MIN_SHARE * measures.compute_max_w()) & (near >= farthest)
         is_plain = views.is_finite & ((near <= 0.0) | is_held)
         seen_of = [self._contents(in_view) for in_view in measures.in_view]
-        group = Group(
+        group = ViewGroup(
             seen, self.options.size, eyes, views, measures.in_view, self.cache.shapes.boxes,
             lambda: [self._scene_of(n) for n in (numbers if places is not None else numbers[:1])],
         )  # fmt: skip
@@ -275,7 +275,7 @@ class BatchScheduler:
         words = {name: words_of(values) for name, values in fields.items()}
         return Prepared(words, self._light_rows(seen[0], view, eyes), kinds, cuts)
 
-    def _are_spheres_beyond(self, places: Places) -> NDArray[np.bool_]:
+    def _are_spheres_beyond(self, places: ObjectTransforms) -> NDArray[np.bool_]:
         """Tell in which views, (N,) or (1,) for all, spheres reach beyond their boxes."""
         count = len(places.world_from_model)
         if not any(isinstance(node.mesh, Points) for node in self.scene.nodes):
@@ -284,7 +284,7 @@ class BatchScheduler:
         return np.array(found, np.bool_).reshape(count)
 
     def _are_between(
-        self, cameras: Sequence[Camera], view: Float64, places: Places, are_moved: bool
+        self, cameras: Sequence[Camera], view: Float64, places: ObjectTransforms, are_moved: bool
     ) -> tuple[NDArray[np.bool_], Float64]:
         """Tell of which cameras, (N,), no plane surely cuts anything, and where far planes are."""
         near, far = np.full(len(cameras), -np.inf), np.full(len(cameras), np.inf)
@@ -297,7 +297,7 @@ class BatchScheduler:
         own = far.copy()
         near[near <= 0.0] = -np.inf
         low, high = (
-            scene_bounds(self.cache.shapes.boxes, places.world_from_model)
+            compute_scene_bounds(self.cache.shapes.boxes, places.world_from_model)
             if are_moved
             else self._whole
         )
@@ -305,7 +305,7 @@ class BatchScheduler:
 
     def _find_crossed(
         self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_],
-        beyond_boxes: NDArray[np.bool_], views: BatchedViews, measures: BoxMeasures,
+        beyond_boxes: NDArray[np.bool_], views: BatchedViewTransforms, measures: BoxMeasures,
     ) -> list[int]:  # fmt: skip
         """Return the views, of those asked for, where an object may reach over a plane."""
         asked = [
@@ -317,7 +317,7 @@ class BatchScheduler:
             return []
         numbers = [n for n, _ in asked]
         near, far = np.array([inside for _, inside in asked]).T[..., np.newaxis]
-        some = measures.of(numbers)
+        some = measures.select_views(numbers)
         crossed = some.may_cross(near, far).any(axis=1) | beyond_boxes[numbers]
         return [n for n, is_crossed in zip(numbers, crossed, strict=True) if is_crossed]
 
@@ -340,7 +340,11 @@ class BatchScheduler:
         return light_rows([self.scene.lights[n] for n in self.lights], camera, eyes)
 
     def _fields(
-        self, cameras: Sequence[Camera], places: Places, views: BatchedViews, view: Float64
+        self,
+        cameras: Sequence[Camera],
+        places: ObjectTransforms,
+        views: BatchedViewTransforms,
+        view: Float64,
     ) -> dict[str, NDArray[Any]]:
         """Return all arrays of a view but those of lights and effects, (N, ...) or (1, ...)."""
         cache, options = self.cache, self.options
@@ -581,7 +585,7 @@ def kind_of_plan(plan: RenderPlan) -> tuple:
 
 
 def kinds_of(
-    scene: Scene, group: Group, contents: list[tuple | None], is_colored: bool,
+    scene: Scene, group: ViewGroup, contents: list[tuple | None], is_colored: bool,
     is_lit: list[bool],
 ) -> list[tuple | None]:  # fmt: skip
     """
@@ -590,7 +594,7 @@ def kinds_of(
     Parameters
     ----------
     scene : Scene
-    group : Group
+    group : ViewGroup
         The views.
     contents : list of (tuple or None)
         What is in view of each: see `kind_of`.

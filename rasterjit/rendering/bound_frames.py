@@ -30,7 +30,7 @@ from rasterjit.rendering.command_buffer import LIGHT_ROWS, CommandBuffer, memory
 from rasterjit.rendering.planning import PlannedFrame
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
-from rasterjit.survey.batched_views import BatchedViews, Group
+from rasterjit.survey.batched_views import BatchedViewTransforms, ViewGroup
 from rasterjit.survey.effect import BatchedEffect
 from rasterjit.survey.plan import RenderPlan
 
@@ -151,7 +151,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     plan, cache, views = planned.plan, planned.cache, planned.views
     axis = np.asarray(plan.camera.view_matrix())[2, :3]
     yield from view_fields(
-        views, views, cache.places.world_from_model, views.screen_winding, plan.cull,
+        views, views, cache.transforms.world_from_model, views.screen_winding, plan.cull,
         cache.tables.is_single_sided, axis,
     ).items()  # fmt: skip
     yield "coefficients", plan.camera.depth_coefficients()
@@ -164,12 +164,14 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     changed = [one.effect for one in plan.planned if isinstance(one.effect, BatchedEffect)]
     if changed:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
-        own = BatchedViews(
+        own = BatchedViewTransforms(
             views.relative_from_model[np.newaxis], views.clip_from_relative[np.newaxis],
             views.toward_viewer[np.newaxis], np.array([views.screen_winding]), np.ones(1, np.bool_),
         )  # fmt: skip
         in_view, boxes = plan.facts.in_view[np.newaxis], cache.shapes.boxes
-        group = Group([plan.camera], plan.size, eye, own, in_view, boxes, lambda: [planned.scene])
+        group = ViewGroup(
+            [plan.camera], plan.size, eye, own, in_view, boxes, lambda: [planned.scene]
+        )
         for effect in changed:
             for name, values in effect.differ(planned.scene, group).items():
                 yield name, values[0]

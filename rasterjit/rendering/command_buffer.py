@@ -52,11 +52,15 @@ from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.stage_runner import StageList
 from rasterjit.runtime.state_block import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
-from rasterjit.survey.batched_views import BatchedViews
+from rasterjit.survey.batched_views import BatchedViewTransforms
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, LooksAround, acting
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.object_transforms import Places, Views, culled_windings
+from rasterjit.survey.object_transforms import (
+    ObjectTransforms,
+    ViewTransforms,
+    find_culled_windings,
+)
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
 
@@ -115,8 +119,8 @@ def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def view_fields(
-    views: Views | BatchedViews,
-    places: Views | Places,
+    views: ViewTransforms | BatchedViewTransforms,
+    places: ViewTransforms | ObjectTransforms,
     world_from_model: Float64,
     winding: Any,
     cull: str,
@@ -142,7 +146,7 @@ def view_fields(
         "normal_matrices": places.normal_matrices,
         "mirrored": places.mirrored,
         "front_windings": -winding * places.mirrored,
-        "culled_windings": culled_windings(cull, winding, places.mirrored, is_single_sided),
+        "culled_windings": find_culled_windings(cull, winding, places.mirrored, is_single_sided),
         "toward_viewer": views.toward_viewer,
         "viewer": views.toward_viewer,
         "distance_axis": distance_axis,

@@ -41,7 +41,7 @@ from rasterjit.survey.effect import (
     neighbourhood_effects,
 )
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.object_transforms import unit_matrices
+from rasterjit.survey.object_transforms import normalize_normal_matrices
 from rasterjit.survey.plan import RenderPlan
 
 MIN_LIT_VERTICES = 4096
@@ -147,7 +147,7 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
         placement = placement._replace(toward_viewer=_AT_EYE)
     if plan.lighting is None or plan.lighting.renormalizes:
         return placement
-    return placement._replace(normal_matrices=unit_matrices(placement.normal_matrices))
+    return placement._replace(normal_matrices=normalize_normal_matrices(placement.normal_matrices))
 
 
 def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:

@@ -58,7 +58,7 @@ from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import merge_needs
 from rasterjit.survey.effect import Bends, FrameContext, Planned, neighbourhood_effects
-from rasterjit.survey.object_transforms import Views
+from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import ThroughLens
@@ -429,8 +429,8 @@ def _compare(planned: LensPlan) -> Comparison | None:
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
     old = prepare(scene.nodes, cache, quality, scene.environment is not None)
-    views = object_transforms.view_places(cache.places, planned.camera, size)
-    old_views = object_transforms.view_places(old.places, camera, size)
+    views = object_transforms.transform_to_view(cache.transforms, planned.camera, size)
+    old_views = object_transforms.transform_to_view(old.transforms, camera, size)
     positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)
     return Comparison(
         planned.lens, planned.sight, sight_before,
@@ -439,7 +439,7 @@ def _compare(planned: LensPlan) -> Comparison | None:
     )  # fmt: skip
 
 
-def _turned(views: Views, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
+def _turned(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
     """Return what takes each object into the axes of the lens, (O, 3, 4)."""
     axes, model = world_axes(camera, size), views.relative_from_model
     found = np.zeros((len(model), 3, 4))

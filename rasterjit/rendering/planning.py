@@ -61,7 +61,13 @@ from rasterjit.survey.object_counts import (
     may_have_holes,
     take_inventory,
 )
-from rasterjit.survey.object_transforms import Boxes, Extents, Views, view_again, view_nodes
+from rasterjit.survey.object_transforms import (
+    Boxes,
+    Extents,
+    ViewTransforms,
+    reproject_views,
+    transform_nodes_to_view,
+)
 from rasterjit.survey.plan import Cull, RenderPlan
 from rasterjit.survey.transparency import pixel_layers
 
@@ -112,7 +118,7 @@ def plan_frame(
     scene: Scene,
     camera: Camera,
     known: Known | None = None,
-    views: Views | None = None,
+    views: ViewTransforms | None = None,
     last: RenderPlan | None = None,
 ) -> RenderPlan:
     """
@@ -131,11 +137,15 @@ def plan_frame(
     if known is None:
         known = take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
-        views = view_nodes(scene.nodes, camera, size)
+        views = transform_nodes_to_view(scene.nodes, camera, size)
     inventory, extents = known
     eye, relative_from_model = np.asarray(camera.eye_position()), views.relative_from_model
     boxes = Boxes(
-        extents, eye, relative_from_model, views.clip_from_relative, beyond=inventory.beyond(size)
+        extents,
+        eye,
+        relative_from_model,
+        views.clip_from_relative,
+        overhang=inventory.pixel_overhang(size),
     )
     # Place open near and far planes where they clip nothing in view.
     beside = clip_planes.find_plane_needs(
@@ -143,10 +153,10 @@ def plan_frame(
     )
     camera = move_planes(camera, *beside.steps)
     if any(beside.steps):
-        views = view_again(views, camera, size)
+        views = reproject_views(views, camera, size)
         boxes = Boxes(
             extents, eye, relative_from_model, views.clip_from_relative,
-            beyond=inventory.beyond(size),
+            overhang=inventory.pixel_overhang(size),
         )  # fmt: skip
     behind = read_background(background)
     seen_behind = None if background is None else behind
@@ -405,7 +415,7 @@ class PlannedFrame(NamedTuple):
 
     plan: RenderPlan
     cache: SceneCache
-    views: Views
+    views: ViewTransforms
     scene: Scene
     """What is drawn."""
     earlier: PlannedFrame | None = None
@@ -441,16 +451,16 @@ def plan_views(
     size, quality = request.size, request.quality
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
-    views = object_transforms.view_places(cache.places, camera, size)
+    views = object_transforms.transform_to_view(cache.transforms, camera, size)
     plan = plan_frame(request, scene, camera, cache.inventory, views, last)
     if any(plan.plane_needs.steps) and _are_moved(camera, plan.camera):
-        views = object_transforms.view_again(views, plan.camera, size)
+        views = object_transforms.reproject_views(views, plan.camera, size)
     earlier = find_earlier(request.previous, plan, scene, camera)
     if earlier is None:
         return PlannedFrame(plan, cache, views, scene)
     earlier = cut_alike(earlier[0], scene), earlier[1]
     old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
-    old_views = object_transforms.view_places(old.places, earlier[1], size)
+    old_views = object_transforms.transform_to_view(old.transforms, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
     if earlier[1] is camera:
         # One camera has its planes in one place.
@@ -459,7 +469,7 @@ def plan_views(
             return plan_views(request, scene, move_planes(camera, *steps), cache, last)
         old_plan = old_plan.with_(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
-        old_views = object_transforms.view_again(old_views, old_plan.camera, size)
+        old_views = object_transforms.reproject_views(old_views, old_plan.camera, size)
     before = PlannedFrame(old_plan, old, old_views, earlier[0])
     return PlannedFrame(plan.with_(previous=old_plan), cache, views, scene, before)
 
@@ -487,8 +497,8 @@ def settle_cameras(
         return list(cameras)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
-    low, high = object_transforms.box_around(cache.shapes.boxes, cache.places.world_from_model)
-    beyond = uneven_spheres(scene.nodes, cache.places.world_from_model)
+    low, high = object_transforms.bound_boxes(cache.shapes.boxes, cache.transforms.world_from_model)
+    beyond = uneven_spheres(scene.nodes, cache.transforms.world_from_model)
     near_by = [
         camera
         for camera in cameras
@@ -542,10 +552,10 @@ def look_from(
     shown = camera if picture is None else picture
     if cache is None:
         cache = prepare(scene.nodes, None, quality, scene.environment is not None)
-    views = object_transforms.view_places(cache.places, shown, size)
+    views = object_transforms.transform_to_view(cache.transforms, shown, size)
     boxes = Boxes(
         cache.extents, shown.eye_position(), views.relative_from_model,
-        views.clip_from_relative, beyond=cache.tables.inventory.beyond(size),
+        views.clip_from_relative, overhang=cache.tables.inventory.pixel_overhang(size),
     )  # fmt: skip
     return find_plane_needs(camera, boxes, scene.nodes, views.clip_from_relative, quality)
 
@@ -619,7 +629,7 @@ def naming(name: str) -> Iterator[None]:
 
 def plan_earlier(
     plan: RenderPlan, scene: Scene, camera: Camera, known: Known | None = None,
-    views: Views | None = None,
+    views: ViewTransforms | None = None,
 ) -> RenderPlan:  # fmt: skip
     """Return the plan of an earlier view."""
     request = FrameRequest(plan.size, plan.quality, ("face_id",), None, plan.cull)

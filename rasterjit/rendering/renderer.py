@@ -64,7 +64,7 @@ from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import FrameContext
-from rasterjit.survey.object_transforms import Views
+from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import SceneArrays, front_windings_of, placement_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import CameraView
@@ -250,7 +250,7 @@ def draw_frame(
         kept.clear()
         kept = None
 
-    def find(picture: RenderPlan, views: Views | None = None, **options: Any) -> Seen:
+    def find(picture: RenderPlan, views: ViewTransforms | None = None, **options: Any) -> Seen:
         if on_picture is not None:
             on_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
@@ -314,7 +314,7 @@ def find_visible(
     cache: SceneCache,
     workers: Workers,
     clock: Callable[[str], None],
-    views: Views | None = None,
+    views: ViewTransforms | None = None,
     kept: Kept | None = None,
     face_id: NDArray[np.int32] | None = None,
     **changes: Any,
@@ -329,7 +329,7 @@ def find_visible(
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
-    views : Views, optional
+    views : ViewTransforms, optional
         Those of the plan's camera, where they are known.
     kept : Kept, optional
         What the picture before left: all that is returned, but for depth and face, lies there.
@@ -341,7 +341,7 @@ def find_visible(
     camera, arrays = plan.camera, cache.shapes.arrays
     kept = kept or Kept(workers.memory, lasts=False)
     if views is None:
-        views = object_transforms.view_places(cache.places, camera, plan.size)
+        views = object_transforms.transform_to_view(cache.transforms, camera, plan.size)
     # Viewport, and face culling.
     spacing = supersample.spacing_of(camera)
     viewport = kept.made(
@@ -397,7 +397,7 @@ def _hidden_faces(plan: RenderPlan, arrays: SceneArrays) -> list[tuple[int, int]
     return [(starts[n], starts[n + 1]) for n in np.flatnonzero(plan.hidden).tolist()]
 
 
-def _placement(arrays: SceneArrays, views: Views, kept: Kept) -> Placement:
+def _placement(arrays: SceneArrays, views: ViewTransforms, kept: Kept) -> Placement:
     """Return the objects' placement, in the reused memory of the picture before."""
     if not kept.lasts:
         return placement_of(arrays, views)

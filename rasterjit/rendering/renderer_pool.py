@@ -447,11 +447,13 @@ class SceneSnapshot:
     """
 
     def __init__(self, scene: Scene, cache: SceneCache, request: FrameRequest) -> None:
-        self._scene = scene_at(scene, cache.places.world_from_model)
+        self._scene = scene_at(scene, cache.transforms.world_from_model)
         self._scene.lights = list(scene.lights)
         self._cache, self._request = cache, request
 
     def plan(self, camera: Camera) -> RenderPlan:
         """Return the plan of a view."""
-        views = object_transforms.view_places(self._cache.places, camera, self._request.size)
+        views = object_transforms.transform_to_view(
+            self._cache.transforms, camera, self._request.size
+        )
         return plan_frame(self._request, self._scene, camera, self._cache.inventory, views)

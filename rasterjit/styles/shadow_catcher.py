@@ -36,7 +36,7 @@ from rasterjit.scene.vectors import dot
 from rasterjit.styles import ground_light, silhouettes
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.deformation import posed_scene
-from rasterjit.survey.object_transforms import cull_objects, view_places
+from rasterjit.survey.object_transforms import cull_objects, transform_to_view
 from rasterjit.survey.packed_scene import SceneArrays
 
 Vector = tuple[float, float, float]
@@ -323,7 +323,7 @@ def _count_covered(
     ``camera`` is that of one of them: the others, by ``clip_from_view``, see from the same eye.
     """
     arrays, size = cache.shapes.arrays, (SIDE, SIDE)
-    views = view_places(cache.places, camera, size)
+    views = transform_to_view(cache.transforms, camera, size)
     # Matrices.
     moved, matrix = np.eye(4)[np.newaxis], np.empty((4, 4))
     moved[0, :3, 3] = camera.eye_position()

@@ -29,7 +29,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.survey import object_transforms
 from rasterjit.survey import packed_scene as plan_arrays
 from rasterjit.survey.object_counts import SMOOTH, Attribute, Inventory
-from rasterjit.survey.object_transforms import Extents, Places, mesh_boxes
+from rasterjit.survey.object_transforms import Extents, ObjectTransforms, compute_mesh_boxes
 from rasterjit.survey.packed_scene import (
     SceneArrays,
     join_alpha_tests,
@@ -143,7 +143,7 @@ class Shapes:
     @cached_property
     def boxes(self) -> NDArray[np.float64]:
         """Low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
-        return mesh_boxes(self.meshes)
+        return compute_mesh_boxes(self.meshes)
 
     @cached_property
     def is_posed(self) -> bool:
@@ -158,7 +158,7 @@ class Shapes:
     @cached_property
     def rest_boxes(self) -> NDArray[np.float64]:
         """The boxes of all objects in their rest pose."""
-        return mesh_boxes(self._rest_meshes) if self.is_posed else self.boxes
+        return compute_mesh_boxes(self._rest_meshes) if self.is_posed else self.boxes
 
     def at_rest(self, placement: Placement) -> Placement:
         """Return a record with the vertices of all objects in their rest pose."""
@@ -297,7 +297,7 @@ class SceneCache(NamedTuple):
     tables: MaterialTables
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
-    places: Places
+    places: ObjectTransforms
     extents: Extents
     """Bounds of the objects in world space."""
     all_tables: dict[Any, MaterialTables]
@@ -356,18 +356,24 @@ def prepare(
     if old is None or shapes is not old.shapes:
         extents = Extents(shapes.boxes, transforms.world_from_model)
     else:
-        extents = old.extents.moved(old.places, transforms)
+        extents = old.extents.update(old.transforms, transforms)
     cut = getattr(nodes, "cut", None)
     return SceneCache(shapes, all_tables[key], matrices, transforms, extents, all_tables, cut)
 
 
-def _update_transforms(last: SceneCache | None, matrices: Sequence[NDArray[np.float64]]) -> Places:
+def _update_transforms(
+    last: SceneCache | None, matrices: Sequence[NDArray[np.float64]]
+) -> ObjectTransforms:
     """Return the transforms of objects, reusing those that have not changed."""
     if last is None or len(last.matrices) != len(matrices):
-        return object_transforms.place_objects(matrices)
+        return object_transforms.transform_objects(matrices)
     pairs = zip(last.matrices, matrices, strict=True)
     moved = [n for n, (old, new) in enumerate(pairs) if old is not new]
-    return object_transforms.move_objects(last.places, matrices, moved) if moved else last.places
+    return (
+        object_transforms.move_objects(last.transforms, matrices, moved)
+        if moved
+        else last.transforms
+    )
 
 
 def are_identical(old: Sequence[Any], new: Sequence[Any]) -> bool:

@@ -31,7 +31,7 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.vectors import cross, dot, length
 from rasterjit.survey.depth_format import REVERSED_TYPES, min_resolved_depth
-from rasterjit.survey.object_transforms import Boxes, along, is_between
+from rasterjit.survey.object_transforms import Boxes, dot_planes, is_between
 from rasterjit.survey.packed_scene import writable
 
 Float64 = NDArray[np.float64]
@@ -158,7 +158,7 @@ def find_plane_needs(
     crosses = boxes.may_cross(*margins.inside)
     if crosses.any() and not isinstance(camera, OrthographicCamera):
         # Where the far plane is many times as far as the near one, w is more precise than z.
-        lows, highs, _ = boxes.w_ranges(row, crosses)
+        lows, highs, _ = boxes.compute_w_ranges(row, crosses)
         crosses[crosses] = ~((lows >= near) & (highs <= far))
     crosses[uneven] = True
     if not crosses.any():
@@ -171,7 +171,9 @@ def find_plane_needs(
         if mesh.primitive == "triangles":
             ranges.append(_mesh_depths(mesh, rows, matrix, (near, far)))
         elif is_open and isinstance(mesh, Points | Lines):
-            wide = np.concatenate((_sides(boxes.widened(clip_from_relative)), row[np.newaxis]))
+            wide = np.concatenate(
+                (_sides(boxes.widen_projection(clip_from_relative)), row[np.newaxis])
+            )
             ranges.append(_primitive_depths(mesh, wide, matrix, (near, far)))
     nearest, farthest, before, beyond = (
         combine(values)
@@ -301,7 +303,7 @@ def _max_near_steps(planes: NearFar, boxes: Boxes, quality: Quality) -> int:
     least = 2.0 * transforms.MIN_NEAR * planes.far if planes.far < math.inf else 0.0
     if not is_reversed:
         held = min_resolved_depth(quality.depth_format, quality.precision)
-        least = max(least, 2.0 * held * min(boxes.largest_w(), planes.far))
+        least = max(least, 2.0 * held * min(boxes.compute_max_w(), planes.far))
     steps = 0
     while steps < MAX_STEPS and planes.near / (2 << steps) >= least:
         steps += 1
@@ -364,7 +366,7 @@ def _sphere_depths(
         widened[:, 3] += radius * sides
         limits = planes[0] + 2.0 * reach, planes[1]
         with np.errstate(all="ignore"):
-            widened = along(widened, matrix) + widened[:, 3:] * (0.0, 0.0, 0.0, 1.0)
+            widened = dot_planes(widened, matrix) + widened[:, 3:] * (0.0, 0.0, 0.0, 1.0)
             nearest, farthest = math.inf, -math.inf
             cosine = _min_cosine(rows)
             blocks = _blocks_outside(mesh, widened, limits)
@@ -373,7 +375,7 @@ def _sphere_depths(
                 starts = blocks[first : first + count, np.newaxis] * depth_range.BLOCK
                 indices = (starts + np.arange(depth_range.BLOCK)).ravel()
                 indices = indices[indices < len(mesh)]
-                distances = along(widened, mesh.vertices[indices].T) + widened[:, 3:]
+                distances = dot_planes(widened, mesh.vertices[indices].T) + widened[:, 3:]
                 depths = distances[DEPTH]
                 may_reach = (distances[:DEPTH] >= 0.0).all(axis=0) & (depths > 0.0)
                 numbers = indices[may_reach & ((depths < limits[0]) | (depths > limits[1]))]
@@ -411,8 +413,8 @@ def _visible_depths(
     """
     sizes = mesh.sizes if len(mesh.sizes) == 1 else mesh.sizes[numbers]
     radii = sizes / mesh.sizes.max() * radius
-    middles = along(matrix, mesh.vertices[numbers].T) + matrix[:, 3:]
-    distances = along(rows, middles) + rows[:, 3:]
+    middles = dot_planes(matrix, mesh.vertices[numbers].T) + matrix[:, 3:]
+    distances = dot_planes(rows, middles) + rows[:, 3:]
     reaches = _lengths(rows)[:, np.newaxis] * radii
     depths, reach = distances[DEPTH], reaches[DEPTH]
     is_seen = (distances[:DEPTH] + reaches[:DEPTH] >= 0.0).all(axis=0) & (depths + reach > 0.0)
@@ -476,7 +478,7 @@ def _mesh_depths(
     if _is_between(_sphere(mesh), rows[DEPTH], relative_from_model, planes):
         return EMPTY_RANGE
     with np.errstate(all="ignore"):
-        rows = along(rows, relative_from_model[:3]) + rows[:, 3:] * (0.0, 0.0, 0.0, 1.0)
+        rows = dot_planes(rows, relative_from_model[:3]) + rows[:, 3:] * (0.0, 0.0, 0.0, 1.0)
     cache, key = _range_cache.setdefault(mesh, {}), (rows.tobytes(), planes)
     cached = cache.get(key)
     if cached is None:
@@ -512,9 +514,9 @@ def _blocks_outside(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> N
         return np.arange(-(-len(mesh.faces) // depth_range.BLOCK))
     boxes = _boxes(mesh)
     with np.errstate(all="ignore"):
-        middles = along(rows, boxes.middle) + rows[:, 3:]
-        reaches = along(np.abs(rows), boxes.half)
-        reaches += SURE * (along(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
+        middles = dot_planes(rows, boxes.middle) + rows[:, 3:]
+        reaches = dot_planes(np.abs(rows), boxes.half)
+        reaches += SURE * (dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
         lows, highs = middles - reaches, middles + reaches
     # NaN counts as unsure.
     is_out = (highs[:DEPTH] < 0.0).any(axis=0) | (highs[DEPTH] <= 0.0)

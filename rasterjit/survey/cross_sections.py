@@ -53,7 +53,11 @@ from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import REPEATED, warn_caller
 from rasterjit.survey.cache import Shapes, are_identical
 from rasterjit.survey.object_counts import base_color_of
-from rasterjit.survey.object_transforms import mesh_boxes, place_boxes, place_objects
+from rasterjit.survey.object_transforms import (
+    compute_mesh_boxes,
+    transform_boxes,
+    transform_objects,
+)
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -433,7 +437,7 @@ def _cut_object(node: Node, planes: Sequence[SectionPlane]) -> Parts:
     """Cut an object by planes."""
     mesh = node.mesh
     empty = (np.zeros((0, 2), np.int32),) * len(planes)
-    corners = place_boxes(mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
+    corners = transform_boxes(compute_mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
     corner_distances = _all_distances(corners, planes)
     if (corner_distances <= 0.0).all():
         # Nothing of the box around it is cut away.
@@ -658,7 +662,7 @@ class _Cutter:
     @cached_property
     def _outward(self) -> float:
         """Winding of faces in the world: 1, or -1 if inside out."""
-        turned = float(place_objects([self.node.world_from_model]).mirrored[0])
+        turned = float(transform_objects([self.node.world_from_model]).mirrored[0])
         mesh = self.mesh
         if mesh not in _WINDINGS:
             vertices = mesh.vertices / 2.0
@@ -946,7 +950,7 @@ class _Cutter:
             return None
         a, b, c = np.moveaxis(self.world[corners], 1, 0)
         normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
-        turned = float(place_objects([self.node.world_from_model]).mirrored[0])
+        turned = float(transform_objects([self.node.world_from_model]).mirrored[0])
         if turned * math.fsum(_triple(normal, b - a, c - a)) < 0.0:
             # Caps face what is cut away, whichever way the mesh is wound.
             corners = corners[:, ::-1]

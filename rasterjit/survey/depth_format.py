@@ -153,7 +153,9 @@ def check_near(
     min_near = transforms.MIN_NEAR * far if far < math.inf else 0.0
     if not near > 0.0:
         return
-    if near >= min_near and (near >= limit * boxes.most_w() or near >= limit * boxes.largest_w()):
+    if near >= min_near and (
+        near >= limit * boxes.estimate_max_w() or near >= limit * boxes.compute_max_w()
+    ):
         return
     for nearest, farthest in _spans(boxes, nodes, clip_from_relative[3]):
         if nearest == math.inf:
@@ -192,7 +194,7 @@ def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[
     Each pair takes longer to find, and the last is exact: inf and -inf for none.
     """
     # Bounds by boxes. Vertices beyond the range are not drawn, and need the exact test.
-    lows, highs, is_inside = boxes.w_ranges(row)
+    lows, highs, is_inside = boxes.compute_w_ranges(row)
     is_drawn = (lows >= -MAX_COORDINATE) & (highs <= MAX_COORDINATE)
     lows, highs = np.where(is_drawn, lows, -np.inf), np.where(is_drawn, highs, np.inf)
     upper = float(highs.max(initial=-math.inf))

@@ -27,7 +27,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache
 
 if TYPE_CHECKING:
-    from rasterjit.survey.batched_views import Group
+    from rasterjit.survey.batched_views import ViewGroup
     from rasterjit.survey.facts import Facts
     from rasterjit.survey.object_transforms import Boxes
     from rasterjit.survey.plan import RenderPlan
@@ -280,7 +280,7 @@ class BatchedEffect(Effect):
     kernels alone, and takes what differs by `FrameContext.own`.
     """
 
-    def answers(self, scene: Scene, group: Group) -> Any:
+    def answers(self, scene: Scene, group: ViewGroup) -> Any:
         """
         Return which of many views with shaded faces need it, (N,) bool, or one answer for all.
 
@@ -303,7 +303,7 @@ class BatchedEffect(Effect):
         """
         return data
 
-    def differ(self, scene: Scene, group: Group) -> Mapping[str, NDArray[Any]]:
+    def differ(self, scene: Scene, group: ViewGroup) -> Mapping[str, NDArray[Any]]:
         """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
         return {}
 

@@ -21,7 +21,7 @@ from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.survey.batched_views import Group
+from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.blocked_lights import Enclosures
 from rasterjit.survey.light_culling import NO_LIGHTS, PlannedLights, plan_lights
 from rasterjit.survey.object_counts import (
@@ -31,7 +31,7 @@ from rasterjit.survey.object_counts import (
     ObjectCounts,
     find_attribute,
 )
-from rasterjit.survey.object_transforms import Boxes, Views, are_even
+from rasterjit.survey.object_transforms import Boxes, ViewTransforms, have_uniform_scales
 from rasterjit.survey.quality_overrides import override_lights
 from rasterjit.survey.transparency import NO_TRANSPARENCY, Transparency, find_transparency
 
@@ -342,7 +342,7 @@ class Facts:
         return is_mixed and self.quality.blending == "srgb8"
 
 
-def is_fog_in_reach(fog: Fog | None, views: Boxes | Group) -> Any:
+def is_fog_in_reach(fog: Fog | None, views: Boxes | ViewGroup) -> Any:
     """
     Tell whether fog may cover anything in view, or in each of many views, (N,) bool.
 
@@ -352,13 +352,13 @@ def is_fog_in_reach(fog: Fog | None, views: Boxes | Group) -> Any:
         return False
     if fog.mode != "linear" or fog.start == 0.0:
         return True
-    return views.farthest() * DISTANCE_ROUNDING > fog.start
+    return views.compute_max_distance() * DISTANCE_ROUNDING > fog.start
 
 
 def collect_facts(
     scene: Scene,
     boxes: Boxes,
-    views: Views,
+    views: ViewTransforms,
     inventory: Inventory,
     quality: Quality,
     outputs: tuple[str, ...],
@@ -445,10 +445,12 @@ def _is_same_shading(one: ReferenceShading | None, other: ReferenceShading | Non
     return one is other or (one is not None and one.equals(other))
 
 
-def _has_uneven_scale(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:
+def _has_uneven_scale(
+    views: ViewTransforms, in_view: NDArray[np.bool_], inventory: Inventory
+) -> bool:
     """Tell whether any object in view with interpolated normals has a non-uniform scale."""
     chosen = in_view & inventory.interpolates_normals
-    return not are_even(views.relative_from_model[chosen]).all()
+    return not have_uniform_scales(views.relative_from_model[chosen]).all()
 
 
 def unlit_reason(facts: Facts) -> str:

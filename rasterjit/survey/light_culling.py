@@ -35,7 +35,7 @@ from rasterjit.scene.light import (
     unit_vector,
 )
 from rasterjit.scene.reference_shader import DepthMap, ReferenceShading
-from rasterjit.survey.batched_views import Group
+from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.blocked_lights import Enclosures
 from rasterjit.survey.object_transforms import Boxes
 
@@ -343,7 +343,7 @@ def _is_in_cone(
     return ~is_out
 
 
-def reaching_lights(lights: Sequence[Light], group: Group) -> NDArray[np.bool_]:
+def reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[np.bool_]:
     """Tell whether lights without shadows reach visible objects, (N, L): as `plan_lights` does."""
     is_lit = np.zeros((len(group.in_view), len(lights)), np.bool_)
     for n, light in enumerate(lights):

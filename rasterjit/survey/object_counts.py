@@ -17,7 +17,7 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scalar_field import ColorScale
 from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
-from rasterjit.survey.object_transforms import Extents, mesh_boxes
+from rasterjit.survey.object_transforms import Extents, compute_mesh_boxes
 from rasterjit.survey.quality_overrides import override_meshes
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
@@ -230,7 +230,9 @@ class Inventory:
         clear = self._has("clear_panes")
         return ~(self.is_see_through | clear | self._has("pixel_sized"))
 
-    def beyond(self, size: tuple[int, int]) -> tuple[NDArray[np.bool_], float, float] | None:
+    def pixel_overhang(
+        self, size: tuple[int, int]
+    ) -> tuple[NDArray[np.bool_], float, float] | None:
         """Return which objects exceed their boxes by sizes in pixels, as `Boxes` takes it."""
         if self.contents.pixel_sized == 0:
             return None
@@ -455,7 +457,7 @@ def take_inventory(
     check_no_groups(nodes)
     meshes = override_meshes(meshes_of(nodes), quality, has_environment)
     world_from_model = np.array(matrices_of(nodes)).reshape(-1, 4, 4)
-    return Inventory(meshes), Extents(mesh_boxes(meshes), world_from_model)
+    return Inventory(meshes), Extents(compute_mesh_boxes(meshes), world_from_model)
 
 
 def check_textures(nodes: Sequence[Node], quality: Quality) -> None:

@@ -48,7 +48,7 @@ from rasterjit.survey.object_counts import (
     sets_of,
     textures_read,
 )
-from rasterjit.survey.object_transforms import Views
+from rasterjit.survey.object_transforms import ViewTransforms
 
 MODELS = {
     "unlit": records.UNLIT,
@@ -652,7 +652,7 @@ def front_windings_of(screen_winding: int, mirrored: NDArray[np.float64]) -> NDA
     return -screen_winding * mirrored
 
 
-def placement_of(arrays: SceneArrays, views: Views) -> Placement:
+def placement_of(arrays: SceneArrays, views: ViewTransforms) -> Placement:
     """Return the record of the objects' transforms."""
     return Placement(
         arrays.face_starts,

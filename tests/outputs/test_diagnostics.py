@@ -214,7 +214,9 @@ def test_stored_weights_are_within_the_bound(cube):
     size = (24, 16)
     frame = look(cube, camera, size, ("barycentric", "face_id"))
     arrays = plan_arrays.join_geometry([cube])
-    views = object_transforms.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
+    views = object_transforms.transform_nodes_to_view(
+        [rj.Node(cube, np.eye(4), "cube")], camera, size
+    )
     clip = visibility_pass.transform(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative, sharing.Workers(1),

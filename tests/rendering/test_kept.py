@@ -207,11 +207,11 @@ def random_matrix(rng):
 
 def found_of(extents):
     """Return all that extents find out, as lists."""
-    found = [extents.is_nothing, *extents.middles_and_axes, extents.reach]
-    return [part.tolist() for part in found], extents.around, extents.boxes
+    found = [extents.is_empty, *extents.centers_and_half_axes, extents.coordinate_bounds]
+    return [part.tolist() for part in found], extents.scene_box, extents.centers_and_half_sizes
 
 
-@pytest.mark.parametrize("most", [5, 3 * object_transforms.FEW])
+@pytest.mark.parametrize("most", [5, 3 * object_transforms.MAX_SCALAR_OBJECTS])
 def test_moved_objects_have_the_bits_of_all_placed_anew(most):
     rng, shifted = np.random.default_rng(3), 0
     for _ in range(300):
@@ -224,26 +224,26 @@ def test_moved_objects_have_the_bits_of_all_placed_anew(most):
             after[n][:3, :3][before[n][:3, :3] == 0.0] *= -1.0
         moved = np.flatnonzero(rng.integers(2, size=count)).tolist()
         mixed = [after[n] if n in moved else before[n] for n in range(count)]
-        known = object_transforms.place_objects(before)
+        known = object_transforms.transform_objects(before)
         was = [part.tobytes() for part in known]
         found = object_transforms.move_objects(known, mixed, moved)
-        for own, wanted in zip(found, object_transforms.place_objects(mixed), strict=True):
+        for own, wanted in zip(found, object_transforms.transform_objects(mixed), strict=True):
             assert own.tobytes() == wanted.tobytes()
         assert [part.tobytes() for part in known] == was
         bounds = np.sort(rng.normal(size=(count, 2, 3)), axis=1)
         extents = object_transforms.Extents(bounds, known.world_from_model)
         before = found_of(extents)
-        own = extents.moved(known, found)
+        own = extents.update(known, found)
         shifted += "reach" in vars(own)
         assert found_of(own) == found_of(object_transforms.Extents(bounds, found.world_from_model))
-        assert extents.moved(known, known) is extents
+        assert extents.update(known, known) is extents
         assert found_of(extents) == before
     assert 100 < shifted < 250
 
 
 def random_boxes(rng):
     """Return boxes around some objects, some of them around nothing, and the camera's views."""
-    count = int(rng.integers(1, object_transforms.FEW + 1))
+    count = int(rng.integers(1, object_transforms.MAX_SCALAR_OBJECTS + 1))
     bounds = np.sort(rng.normal(size=(count, 2, 3)), axis=1)
     bounds[rng.integers(6, size=count) == 0] = np.nan
     matrices = [np.eye(4) for _ in range(count)]
@@ -253,8 +253,8 @@ def random_boxes(rng):
     camera = rj.PerspectiveCamera(rng.normal(size=3) * 9.0, rng.normal(size=3))
     if rng.integers(2):
         camera = rj.OrthographicCamera(camera.eye, camera.target, height=8.0, near=-3.0)
-    places = object_transforms.place_objects(matrices)
-    views = object_transforms.view_places(places, camera, SIZE)
+    places = object_transforms.transform_objects(matrices)
+    views = object_transforms.transform_to_view(places, camera, SIZE)
 
     def boxes():
         extents = object_transforms.Extents(bounds, places.world_from_model)
@@ -271,11 +271,11 @@ def test_what_is_found_fast_of_few_objects_is_what_numpy_finds_of_many(monkeypat
         _, _, boxes = random_boxes(rng)
         few = boxes()
         fast += few._are_surely_in_view()
-        monkeypatch.setattr(object_transforms, "FEW", 0)
+        monkeypatch.setattr(object_transforms, "MAX_SCALAR_OBJECTS", 0)
         many = boxes()
         assert few._are_surely_in_view() <= many._are_surely_in_view() <= many.in_view.all()
         assert few.in_view.tolist() == many.in_view.tolist() == many._measures.in_view.tolist()
-        ends = [np.array(each._extents.around) for each in (few, many)]
+        ends = [np.array(each._extents.scene_box) for each in (few, many)]
         assert np.allclose(*ends, rtol=1e-12, atol=1e-12)
         monkeypatch.undo()
     assert 30 < fast < 270
@@ -290,7 +290,7 @@ def test_no_corner_in_view_is_beyond_what_is_found_fast():
         if not len(corners):
             continue
         w = corners @ views.clip_from_relative[3, :3] + views.clip_from_relative[3, 3]
-        assert np.abs(w).max() <= own.most_w()
+        assert np.abs(w).max() <= own.estimate_max_w()
         row = (-camera.view_matrix()[2]).tolist()
         depths = (corners + camera.eye_position()) @ row[:3] + row[3]
         middle, half = (depths.max() + depths.min()) / 2.0, np.ptp(depths) / 2.0
@@ -304,14 +304,14 @@ def test_no_corner_in_view_is_beyond_what_is_found_fast():
 
 def test_planes_are_looked_at_with_the_same_result_at_once_or_box_by_box(scene, monkeypatch):
     rng, found = np.random.default_rng(9), []
-    cache = object_transforms.place_objects([node.world_from_model for node in scene.nodes])
-    bounds = object_transforms.mesh_boxes([node.mesh for node in scene.nodes])
+    cache = object_transforms.transform_objects([node.world_from_model for node in scene.nodes])
+    bounds = object_transforms.compute_mesh_boxes([node.mesh for node in scene.nodes])
     for _ in range(150):
         camera = rj.PerspectiveCamera(rng.normal(size=3) * 4.0, rng.normal(size=3))
         if rng.integers(3) == 0:
             near, far = np.sort(rng.uniform(0.1, 12.0, 2)).tolist()
             camera = dataclasses.replace(camera, near=near, far=far + 1.0)
-        views = object_transforms.view_places(cache, camera, SIZE)
+        views = object_transforms.transform_to_view(cache, camera, SIZE)
         boxes = object_transforms.Boxes(
             object_transforms.Extents(bounds, cache.world_from_model), camera.eye_position(),
             views.relative_from_model, views.clip_from_relative,
@@ -329,7 +329,7 @@ def test_planes_are_looked_at_with_the_same_result_at_once_or_box_by_box(scene, 
 
 def test_projections_that_are_remembered_are_those_of_the_camera():
     rng = np.random.default_rng(2)
-    places = object_transforms.place_objects([np.eye(4)])
+    places = object_transforms.transform_objects([np.eye(4)])
     for _ in range(40):
         camera = rj.PerspectiveCamera(
             rng.normal(size=3), rng.normal(size=3), fov_y=float(rng.choice([20.0, 45.0, 90.0])),
@@ -340,7 +340,7 @@ def test_projections_that_are_remembered_are_those_of_the_camera():
         # What is known by its matrices alone is worked out each time.
         plain = rj.MatrixCamera(camera.view_matrix(), camera.projection_matrix(size))
         views, wanted = (
-            object_transforms.view_places(places, each, size) for each in (camera, plain)
+            object_transforms.transform_to_view(places, each, size) for each in (camera, plain)
         )
         assert views.screen_winding == wanted.screen_winding
         assert np.allclose(views.clip_from_relative, wanted.clip_from_relative, 1e-12, 1e-12)

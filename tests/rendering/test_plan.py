@@ -11,7 +11,7 @@ import rasterjit as rj
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.scene.material import SHADINGS
-from rasterjit.survey.object_transforms import view_nodes
+from rasterjit.survey.object_transforms import transform_nodes_to_view
 
 
 def scene_of(*materials, cube):
@@ -382,10 +382,10 @@ def test_objects_are_placed_together_as_each_is_alone(cube, camera):
         matrix[:3] = np.round(rng.normal(size=(3, 4)) * 2.0) if number % 3 else 0.0
         matrix[:3] *= 10.0 ** rng.integers(-150, 150) if number % 2 else -1.0
         nodes.append(rj.Node(cube, matrix, ""))
-    together = view_nodes(nodes, camera, (64, 48))
+    together = transform_nodes_to_view(nodes, camera, (64, 48))
     assert {-1.0, 1.0} == set(together.mirrored.tolist())
     for number, node in enumerate(nodes):
-        alone = view_nodes([node], camera, (64, 48))
+        alone = transform_nodes_to_view([node], camera, (64, 48))
         for name in ("relative_from_model", "normal_matrices", "mirrored"):
             assert getattr(alone, name)[0].tobytes() == getattr(together, name)[number].tobytes()
         linear = node.world_from_model[:3, :3]

@@ -16,10 +16,10 @@ from rasterjit.survey import light_culling as planned_lights
 from rasterjit.survey.object_transforms import (
     Boxes,
     Extents,
-    mesh_boxes,
-    place_boxes,
-    place_objects,
-    view_places,
+    compute_mesh_boxes,
+    transform_boxes,
+    transform_objects,
+    transform_to_view,
 )
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
@@ -131,7 +131,7 @@ def random_camera(rng):
 
 
 def boxes_of(bounds, matrices, camera, size):
-    views = view_places(place_objects(list(matrices)), camera, size)
+    views = transform_to_view(transform_objects(list(matrices)), camera, size)
     extents = Extents(bounds, np.asarray(matrices))
     return Boxes(
         extents, camera.eye_position(), views.relative_from_model, views.clip_from_relative
@@ -145,7 +145,7 @@ def test_boxes_in_view_are_those_with_a_corner_inside_of_every_plane():
         camera, matrix = random_camera(rng), np.eye(4)
         matrix[:3] = rng.normal(size=(3, 4)) * 2.0
         mesh = rj.Mesh(rng.normal(size=(4, 3)), [[0, 1, 2], [1, 2, 3]])
-        boxes = boxes_of(mesh_boxes([mesh]), matrix[np.newaxis], camera, size)
+        boxes = boxes_of(compute_mesh_boxes([mesh]), matrix[np.newaxis], camera, size)
         low, high = mesh.bounds()
         corners = [[*np.where([n & 1, n & 2, n & 4], high, low), 1.0] for n in range(8)]
         whole = camera.projection_matrix(size) @ camera.view_matrix() @ matrix
@@ -174,15 +174,15 @@ def test_what_no_number_says_is_in_view_unless_there_is_nothing():
     huge = rj.Mesh(SQUARE * 1e308, FACES)
     lost = rj.Mesh(np.full((3, 3), np.nan), [[0, 1, 2]], on_invalid="drop")
     places = np.array([tf.scale(1e10), np.eye(4)])
-    boxes = boxes_of(mesh_boxes([huge, lost]), places, CAMERA, SIZE)
+    boxes = boxes_of(compute_mesh_boxes([huge, lost]), places, CAMERA, SIZE)
     assert boxes.in_view.tolist() == [True, False]
 
 
 def test_boxes_of_instances_are_those_of_their_mesh():
     meshes = [square(), square(), PLAIN[0]]
     meshes = [meshes[0], meshes[1], meshes[0], meshes[2]]
-    assert (mesh_boxes(meshes) == [mesh.bounds() for mesh in meshes]).all()
-    corners = place_boxes(mesh_boxes(meshes), np.array([AWAY] * 4))
+    assert (compute_mesh_boxes(meshes) == [mesh.bounds() for mesh in meshes]).all()
+    corners = transform_boxes(compute_mesh_boxes(meshes), np.array([AWAY] * 4))
     assert (corners.min(axis=1) == SQUARE.min(axis=0) + [50.0, 0, 0]).all()
 
 
@@ -480,7 +480,7 @@ def test_cells_of_what_is_open_hold_all_of_it_that_is_in_view():
     for _ in range(100):
         camera, matrix = random_camera(rng), np.eye(4)
         matrix[:3] = rng.normal(size=(3, 4)) * 2.0
-        boxes = place_boxes(np.array([[[-1.0] * 3, [1.0] * 3]]), matrix[np.newaxis])
+        boxes = transform_boxes(np.array([[[-1.0] * 3, [1.0] * 3]]), matrix[np.newaxis])
         (cell,) = visible_cells.view_cells(camera, size, boxes - camera.eye_position())
         clipped += not np.array_equal(cell, boxes[0] - camera.eye_position())
         points = rng.uniform(-1.0, 1.0, (2000, 3)) @ matrix[:3, :3].T + matrix[:3, 3]

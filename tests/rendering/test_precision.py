@@ -42,7 +42,7 @@ def scene_of(*meshes, **fields):
 def on_screen(scene, precision, size=SIZE):
     """Return the screen vertices, the matrices and the positions that they were found from."""
     known = cache.prepare(scene.nodes, None, rj.Quality())
-    views = object_transforms.view_places(known.places, camera(), size)
+    views = object_transforms.transform_to_view(known.transforms, camera(), size)
     arrays, positions = known.shapes.arrays, known.shapes.positions(precision)
     vertices = visibility_pass.ModelVertices(
         positions, arrays.vertex_starts, views.relative_from_model, views.clip_from_relative

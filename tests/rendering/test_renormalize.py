@@ -10,7 +10,11 @@ import rasterjit as rj
 from rasterjit.pipeline.lighting import light_stages
 from rasterjit.pipeline.surface import sample_block as block
 from rasterjit.scene import transforms as tf
-from rasterjit.survey.object_transforms import are_even, place_objects, unit_matrices
+from rasterjit.survey.object_transforms import (
+    have_uniform_scales,
+    normalize_normal_matrices,
+    transform_objects,
+)
 
 AS_IT_IS = rj.Quality(renormalize=False)
 SIZE = (33, 33)
@@ -169,13 +173,13 @@ def test_even_scales_are_told_from_others():
         np.eye(4), tf.rotate((3, 1, 2), 77.0), tf.scale((1e150,) * 3), tf.scale((1e-150,) * 3),
         tf.scale((1, -1, 1)), tf.translate((9, 9, 9)), tf.scale((1.0, 1.0, 1.0 + 1e-6)),
     ]  # fmt: skip
-    assert are_even(np.array(matrices)).all()
+    assert have_uniform_scales(np.array(matrices)).all()
     uneven = [
         tf.scale((1, 1, 1.01)), tf.shear(xy=0.01), np.diag((1.0, 1.0, 0.0, 1.0)), np.zeros((4, 4)),
         tf.scale((1e150, 1, 1)),
     ]  # fmt: skip
-    assert not are_even(np.array(uneven)).any()
-    assert are_even(np.zeros((0, 4, 4))).all()
+    assert not have_uniform_scales(np.array(uneven)).any()
+    assert have_uniform_scales(np.zeros((0, 4, 4))).all()
 
 
 def test_matrices_of_normals_keep_lengths_where_objects_are_scaled_evenly():
@@ -184,7 +188,9 @@ def test_matrices_of_normals_keep_lengths_where_objects_are_scaled_evenly():
         tf.compose(tf.rotate(rng.normal(size=3), angle), tf.scale((scale,) * 3))
         for angle, scale in zip(rng.uniform(0, 360, 20), rng.uniform(1e-3, 1e3, 20), strict=True)
     ]
-    kept = unit_matrices(place_objects([*matrices, np.diag((0.0, 0.0, 0.0, 1.0))]).normal_matrices)
+    kept = normalize_normal_matrices(
+        transform_objects([*matrices, np.diag((0.0, 0.0, 0.0, 1.0))]).normal_matrices
+    )
     assert np.linalg.norm(kept[:-1] @ (0.6, 0.0, 0.8), axis=1) == pytest.approx(1.0, abs=1e-12)
     assert not kept[-1].any()
 

@@ -70,7 +70,7 @@ def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
     modules = dict.fromkeys(
         ["join_geometry", "join_surface", "join_normals", "join_uv"], plan_arrays
     )
-    modules["place_objects"] = modules["move_objects"] = object_transforms
+    modules["transform_objects"] = modules["move_objects"] = object_transforms
     counts = dict.fromkeys(modules, 0)
 
     def counted(name):

@@ -13,7 +13,7 @@ import rasterjit as rj
 from rasterjit.rendering import batch, batch_scheduler, command_buffer
 from rasterjit.scene import transforms
 from rasterjit.survey import object_transforms
-from rasterjit.survey.batched_views import place_many, view_many
+from rasterjit.survey.batched_views import transform_batched_objects, transform_to_views
 
 
 @pytest.fixture
@@ -134,23 +134,23 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
     rng = np.random.default_rng(6)
     moved = np.tile(np.eye(4), (100, 3, 1, 1))
     moved[..., :3, :] += rng.normal(0.0, 0.5, (100, 3, 3, 4))
-    places = place_many(moved)
-    views = view_many(
+    places = transform_batched_objects(moved)
+    views = transform_to_views(
         moved, np.array([camera.eye_position() for camera in cameras]),
         np.array([camera.view_matrix() for camera in cameras]),
         np.array([camera.projection_matrix((40, 28)) for camera in cameras]),
     )  # fmt: skip
-    bounds = object_transforms.mesh_boxes([node.mesh for node in scene.nodes])
+    bounds = object_transforms.compute_mesh_boxes([node.mesh for node in scene.nodes])
     extents = object_transforms.Extents(bounds, moved)
     measures = object_transforms.measure_boxes(
         extents, views.relative_from_model, views.clip_from_relative
     )
-    largest = measures.largest_w()
+    largest = measures.compute_max_w()
     near, far = rng.normal(0.0, 2.0, (2, 100, 1))
     crosses = measures.may_cross(near, far)
     for n, camera in enumerate(cameras):
-        own = object_transforms.place_objects(list(moved[n]))
-        wanted = object_transforms.view_places(own, camera, (40, 28))
+        own = object_transforms.transform_objects(list(moved[n]))
+        wanted = object_transforms.transform_to_view(own, camera, (40, 28))
         for name in ("relative_from_model", "clip_from_relative", "toward_viewer"):
             assert getattr(views, name)[n].tobytes() == getattr(wanted, name).tobytes(), name
         assert views.screen_winding[n] == wanted.screen_winding
@@ -159,11 +159,11 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         extents = object_transforms.Extents(bounds, moved[n])
         boxes = object_transforms.Boxes(extents, camera.eye_position(), *wanted[:2])
         assert measures.in_view[n].tolist() == boxes.in_view.tolist()
-        assert largest[n] == boxes.largest_w()
+        assert largest[n] == boxes.compute_max_w()
         assert crosses[n].tolist() == boxes.may_cross(near[n, 0], far[n, 0]).tolist()
         for cull in ("none", "back", "front"):
             single = np.array([False, True, False])
-            turns = object_transforms.culled_windings(
+            turns = object_transforms.find_culled_windings(
                 cull,
                 views.screen_winding[n : n + 1, np.newaxis],
                 places.mirrored[n : n + 1],

@@ -22,7 +22,7 @@ from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.ambient_occlusion import DEFAULT_RADIUS_RATIO, AmbientOcclusion
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.batched_views import Group
+from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import (
     BatchedEffect,
     FrameContext,
@@ -124,12 +124,12 @@ class Occlusion(LooksAround, BatchedEffect):
         """Return the visibility of ambient light at each pixel, (H, W) float32."""
         return find_occlusion(data, context)
 
-    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[Any]]:
+    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
         """Return the matrices of the cameras, in radii."""
         if scene.ambient_occlusion is None:
             return {}
         radii = [radius_of(scene.ambient_occlusion, one) for one in group.scenes()]
-        return {LENS: group.lenses(radii)}
+        return {LENS: group.lens_matrices(radii)}
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and smooth it."""

@@ -29,7 +29,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.batched_views import Group
+from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import BatchedEffect, Calls, Field, FrameContext, Planning, with_field
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
@@ -232,7 +232,7 @@ class EnvironmentBackground(BatchedEffect):
         """Return the environment as the background of each view."""
         return Sky(field(RAYS, (3, 3), np.float64), plan.size, backdrop_record(data), tone_of(plan))
 
-    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[np.float64]]:
+    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float64]]:
         """Return the rays of each view."""
         if scene.environment is None or not scene.environment.background:
             return {}

@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface import attributes
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.batched_views import Group
+from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import BatchedEffect, Field, Planning
 from rasterjit.survey.facts import Facts, is_fog_in_reach
 from rasterjit.survey.plan import RenderPlan
@@ -75,7 +75,7 @@ class FogEffect(BatchedEffect):
         """Return the fog that passes read."""
         return fog_record(facts.fields[self.field], planning.camera, facts.visible.flat > 0)
 
-    def answers(self, scene: Scene, group: Group) -> Any:
+    def answers(self, scene: Scene, group: ViewGroup) -> Any:
         """Tell which views the fog is in reach of."""
         return is_fog_in_reach(scene.fog, group)
 
@@ -83,7 +83,7 @@ class FogEffect(BatchedEffect):
         """Return the fog, with the height of each view's eye."""
         return data._replace(eye_y=field("height above fog", (1,), np.float32))
 
-    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[np.float32]]:
+    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float32]]:
         """Return the heights of the eyes."""
         fog = scene.fog
         return {} if fog is None else {"height above fog": _heights(fog, group.eyes[:, 1])}

@@ -24,7 +24,7 @@ from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.batched_views import Group
+from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import BatchedEffect, FrameContext, LooksAround, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
@@ -125,11 +125,11 @@ class Outlines(LooksAround, BatchedEffect):
         """Return the scene with thin outlines."""
         return "on, one pixel wide", add_to_field(scene, self.field, Outline())
 
-    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[Any]]:
+    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
         """Return the matrices of the cameras, and that there are no marks before."""
         if scene.outline is None:
             return {}
-        return {LENS: group.lenses([1.0]), MARKS: np.zeros((1, *group.size[::-1]), np.uint8)}
+        return {LENS: group.lens_matrices([1.0]), MARKS: np.zeros((1, *group.size[::-1]), np.uint8)}
 
     places: ClassVar = {"overlay": draw_outlines}
 

@@ -29,7 +29,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts, changed_settings
 from rasterjit.survey.light_culling import TEXEL_BYTES, CastingLight, has_cube
-from rasterjit.survey.object_transforms import place_boxes
+from rasterjit.survey.object_transforms import transform_boxes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.quality_overrides import override_shadow
 
@@ -138,7 +138,7 @@ class ShadowMaps(LooksAround):
         # Behind glass, and between pixel centres, more is visible than the depth buffer holds.
         may_be_seen = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
-            boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
+            boxes = transform_boxes(cache.shapes.boxes, placement.relative_from_model)
             may_be_seen &= visible_cells.unseen_objects(plan.camera, boxes, seen[0][1])
         vertices = visibility_pass.ModelVertices(
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)

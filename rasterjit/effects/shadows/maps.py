@@ -41,7 +41,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import DirectionalLight, Shadow
 from rasterjit.survey.light_culling import CastingLight, basis, half_tangent, has_cube, project_on
-from rasterjit.survey.object_transforms import place_boxes
+from rasterjit.survey.object_transforms import transform_boxes
 
 Float64 = NDArray[np.float64]
 
@@ -505,7 +505,7 @@ def collect_scenery(
         Width and height of the picture, pixels.
     """
     vertices, faces, placement, bounds, casts, alpha_tests, primitives = casters
-    boxes = place_boxes(bounds, placement.relative_from_model)
+    boxes = transform_boxes(bounds, placement.relative_from_model)
     finite = np.isfinite(boxes).all(axis=(1, 2))
     starts = placement.face_starts
     if not casts.all():
