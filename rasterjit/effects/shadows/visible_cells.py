@@ -19,7 +19,7 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixel_projection import clip_from_relative, screen_from_relative
-from rasterjit.survey.object_transforms import CORNERS
+from rasterjit.survey.object_transforms import CORNER_ENDS
 
 Float64 = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -125,7 +125,7 @@ def depth_cells(camera: Camera, ranges: DepthRanges) -> Float64:
         # A camera that flattens space: no point follows from its picture.
         return np.empty((0, 8, 3))
     side = receivers.CELL
-    right, down, is_near = CORNERS.T
+    right, down, is_near = CORNER_ENDS.T
     corners = np.empty((len(rows), 8, 3))
     x = np.minimum((columns[:, np.newaxis] + right) * side, width)
     y = np.minimum((rows[:, np.newaxis] + down) * side, height)
@@ -162,10 +162,10 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
     high = np.where(is_ahead, np.minimum(points.max(axis=1, keepdims=True), 1.0), 1.0)
     low[:, 0, 2] = depth.min(axis=1, where=ahead, initial=nearest)
     high[:, 0, 2] = np.where(is_ahead[:, 0, 0], np.minimum(depth.max(axis=1), nearest), nearest)
-    parts = _projected(relative_from_screen, np.where(CORNERS, high, low))
+    parts = _projected(relative_from_screen, np.where(CORNER_ENDS, high, low))
     low = np.maximum(parts.min(axis=1), boxes.min(axis=1))[:, np.newaxis]
     high = np.minimum(parts.max(axis=1), boxes.max(axis=1))[:, np.newaxis]
-    cells = np.where(CORNERS, np.maximum(low, high), low)
+    cells = np.where(CORNER_ENDS, np.maximum(low, high), low)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
 
