@@ -172,7 +172,7 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
     if isinstance(plan.camera, OrthographicCamera):
         return "the camera is orthographic: what is linear on a face is linear on the screen"
     facts = plan.facts
-    if facts.is_lit or facts.needs_textures or plan.at("sample") or facts.needs_alpha_tests:
+    if facts.is_lit or facts.needs_textures or plan.effects_at("sample") or facts.needs_alpha_tests:
         return None
     return _why_out(plan, "interpolation")
 

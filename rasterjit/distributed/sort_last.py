@@ -33,7 +33,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import brief, thread_count
 from rasterjit.survey.clip_planes import PlaneNeeds, merge_needs
-from rasterjit.survey.effect import LooksAround, SeesThrough
+from rasterjit.survey.effect import NeighbourhoodEffect, OpaquePassEffect
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.object_counts import SMOOTH
 from rasterjit.survey.plan import RenderPlan
@@ -199,7 +199,7 @@ def _check_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
 
 def _check_opaque(plan: RenderPlan) -> None:
     """Raise ``ValueError`` if a pixel shows more than its nearest face."""
-    sees_through = any(isinstance(one.effect, SeesThrough) for one in plan.planned)
+    sees_through = any(isinstance(one.effect, OpaquePassEffect) for one in plan.planned)
     if plan.layers is not None or plan.pictures > 1 or sees_through:
         raise ValueError(
             "partitions must be opaque: what is seen through a face, or mixed at its edges, may "
@@ -439,7 +439,9 @@ def _check_meshes(output: str, partitions: Any, parts: Sequence[Any]) -> None:
         raise ValueError(f"outputs has {output!r}, but partitions of (vertices, faces) have none")
 
 
-JOINING_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, LooksAround) and one.joins_faces)
+JOINING_EFFECTS = tuple(
+    one for one in EFFECTS if isinstance(one, NeighbourhoodEffect) and one.joins_faces
+)
 """Effects that no part of a scene has alone."""
 
 

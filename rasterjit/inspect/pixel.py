@@ -137,7 +137,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
             parts = color_parts(drawn, *look, linear, seen_linear, x, y)
             faces = tuple(_mark(faces, parts))
         seen, linear = plain, seen_linear
-    if any(one.effect.is_explained for one in plan.at("overlay")):
+    if any(one.effect.is_explained for one in plan.effects_at("overlay")):
         frame = render(
             scene, plan.camera, size=plan.size, quality=plan.quality, background=background,
             cull=plan.cull, threads=1,
@@ -201,7 +201,7 @@ def _seen_without_edges(
     scene: Scene, plan: RenderPlan, background: Any, x: int, y: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the colour of one pixel, as codes (4,) and linear (4,), before edges are drawn."""
-    for overlay in plan.at("overlay"):
+    for overlay in plan.effects_at("overlay"):
         if overlay.effect.is_explained:
             scene = overlay.effect.without(scene)
     if not plan.facts.draws_faces:

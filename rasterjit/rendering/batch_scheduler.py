@@ -61,7 +61,7 @@ from rasterjit.survey.batched_views import (
 )
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, find_plane_needs, plane_margins, uneven_spheres
-from rasterjit.survey.effect import BatchedEffect, LooksAround
+from rasterjit.survey.effect import BatchedEffect, NeighbourhoodEffect
 from rasterjit.survey.light_culling import (
     HEADLIGHT_DIRECTION,
     MAX_LIGHT_DISTANCE,
@@ -270,7 +270,7 @@ class BatchScheduler:
         ]
         fields = self._fields(seen, known, views, view)
         for effect in BATCHED_EFFECTS if self.is_colored else ():
-            fields |= effect.differ(self.scene, group)
+            fields |= effect.compute_view_arrays(self.scene, group)
         fields["coefficients"] = coefficients
         words = {name: words_of(values) for name, values in fields.items()}
         return Prepared(words, self._light_rows(seen[0], view, eyes), kinds, cuts)
@@ -546,7 +546,7 @@ def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     if not all(
         isinstance(one.effect, BatchedEffect)
         for one in plan.planned
-        if one.effect.places or isinstance(one.effect, LooksAround)
+        if one.effect.places or isinstance(one.effect, NeighbourhoodEffect)
     ):
         return False
     if not all(map(_is_shared, scene.lights)):
@@ -609,7 +609,7 @@ def kinds_of(
     if is_colored:
         reached = reaching_lights(scene.lights, group)
         for n, effect in enumerate(VIEW_DEPENDENT):
-            told[:, n] = effect.answers(scene, group)
+            told[:, n] = effect.decide_views(scene, group)
     return [
         None
         if own is None
@@ -729,7 +729,7 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
 
 def _effects(plan: RenderPlan) -> list[tuple[Any, int]]:
     """Return the effects with their data that is common to all views."""
-    return [(one.effect, id(one.data) * one.effect.follows_facts) for one in plan.planned]
+    return [(one.effect, id(one.data) * one.effect.depends_on_facts_alone) for one in plan.planned]
 
 
 def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:

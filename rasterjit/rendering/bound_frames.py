@@ -173,7 +173,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
             [plan.camera], plan.size, eye, own, in_view, boxes, lambda: [planned.scene]
         )
         for effect in changed:
-            for name, values in effect.differ(planned.scene, group).items():
+            for name, values in effect.compute_view_arrays(planned.scene, group).items():
                 yield name, values[0]
 
 

@@ -54,7 +54,13 @@ from rasterjit.runtime.state_block import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
 from rasterjit.survey.batched_views import BatchedViewTransforms
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, LooksAround, acting
+from rasterjit.survey.effect import (
+    BatchedEffect,
+    FrameContext,
+    NeighbourhoodEffect,
+    PreparedEffect,
+    select_acting,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_transforms import (
     ObjectTransforms,
@@ -511,20 +517,20 @@ class CommandBuffer:
             self._record_layers(plan.layers, shader, tones, rows)
         if lit is not None:
             self._calls.call(batch_driver.count_white, lit, step, color, self._white_counts)
-        for active in acting(effects, "overlay"):
-            active.at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
+        for active in select_acting(effects, "overlay"):
+            active.call_at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
         for name in ("linear", "color"):
             if name in plan.outputs:
                 self._add_copy(name, getattr(rows, name))
 
-    def _prepared_effects(self, context: FrameContext) -> Iterator[Active]:
+    def _prepared_effects(self, context: FrameContext) -> Iterator[PreparedEffect]:
         """Yield the effects that act on the picture, after the calls that prepare them."""
         for planned in self._plan.planned:
             if planned.effect.places and isinstance(planned.effect, BatchedEffect):
-                record = planned.effect.share(self._plan, planned.data, self._field)
-                if isinstance(planned.effect, LooksAround):
+                record = planned.effect.prepare_batch(self._plan, planned.data, self._field)
+                if isinstance(planned.effect, NeighbourhoodEffect):
                     record = planned.effect.prepare(context, record, ())
-                yield Active(planned.effect, record)
+                yield PreparedEffect(planned.effect, record)
 
     def _record_layers(
         self, layers: PixelLayers, shader: Shader, tones: Tones | None, picture: ColorRows

@@ -23,13 +23,13 @@ from rasterjit.effects.vignette import VIGNETTE
 from rasterjit.effects.wireframe import WIREFRAME
 from rasterjit.survey import material_features as rows
 from rasterjit.survey.effect import (
-    Absent,
-    Active,
     Effect,
     FrameContext,
-    LooksAround,
-    Planned,
+    NeighbourhoodEffect,
     Planning,
+    PreparedEffect,
+    UnusedEffect,
+    UsedEffect,
 )
 from rasterjit.survey.facts import Facts
 
@@ -68,7 +68,7 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
-DECIDED_ANEW = tuple(n for n, effect in enumerate(EFFECTS) if not effect.follows_facts)
+DECIDED_ANEW = tuple(n for n, effect in enumerate(EFFECTS) if not effect.depends_on_facts_alone)
 """Numbers of effects that are decided anew for each frame."""
 
 
@@ -78,8 +78,8 @@ def effect_named(name: str) -> Effect:
 
 
 def decide_effects(
-    facts: Facts, planning: Planning, known: tuple[Planned | Absent, ...] | None = None
-) -> tuple[Planned | Absent, ...]:
+    facts: Facts, planning: Planning, known: tuple[UsedEffect | UnusedEffect, ...] | None = None
+) -> tuple[UsedEffect | UnusedEffect, ...]:
     """
     Decide for every effect, in order, whether a frame needs it.
 
@@ -87,10 +87,10 @@ def decide_effects(
     where all still hold.
     """
     if known is None:
-        return tuple([effect.answer(facts, planning) for effect in EFFECTS])
+        return tuple([effect.decide(facts, planning) for effect in EFFECTS])
     changed = {}
     for n in DECIDED_ANEW:
-        answer = EFFECTS[n].answer(facts, planning)
+        answer = EFFECTS[n].decide(facts, planning)
         if answer.used or known[n].used:
             changed[n] = answer
     if not changed:
@@ -98,7 +98,7 @@ def decide_effects(
     return tuple([changed.get(n, answer) for n, answer in enumerate(known)])
 
 
-def prepare_effects(context: FrameContext) -> tuple[Active, ...]:
+def prepare_effects(context: FrameContext) -> tuple[PreparedEffect, ...]:
     """Prepare the effects of a picture, except those already prepared for the whole."""
     plan, found = context.plan, []
     (done,) = plan.drawn or ({},)
@@ -109,9 +109,9 @@ def prepare_effects(context: FrameContext) -> tuple[Active, ...]:
         if planned.name in done:
             record = done[planned.name]
         else:
-            own = effect.see(context) if isinstance(effect, LooksAround) else None
+            own = effect.analyse(context) if isinstance(effect, NeighbourhoodEffect) else None
             seen = [(plan.camera, own)]
             record = effect.prepare(context, planned.data, seen)
         if record is not None:
-            found.append(Active(effect, record))
+            found.append(PreparedEffect(effect, record))
     return tuple(found)

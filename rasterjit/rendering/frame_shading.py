@@ -32,13 +32,13 @@ from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import (
-    Active,
     FrameContext,
-    Planned,
-    SeesThrough,
-    acting,
+    OpaquePassEffect,
+    PreparedEffect,
+    UsedEffect,
     context_of,
-    neighbourhood_effects,
+    select_acting,
+    select_neighbourhood_effects,
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_transforms import normalize_normal_matrices
@@ -236,7 +236,7 @@ def light_vertices(
     placement: Placement,
     surface: Surface,
     lighting: Lighting,
-    effects: Sequence[Active],
+    effects: Sequence[PreparedEffect],
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
@@ -306,7 +306,7 @@ def shade_nothing(
     """Write a frame without faces: takes what `shade_in_bands` does, except faces."""
     pictures = [picture for picture in (linear, color) if picture is not None]
     height, width = pictures[0].shape[:2]
-    if acting(shader.effects, "background"):
+    if select_acting(shader.effects, "background"):
         nothing = np.full((height, width), -1, np.int32)
         shade_in_bands(nothing, shader, linear, color, workers)
         return
@@ -319,15 +319,15 @@ def shade_nothing(
         picture[1:] = picture[0]
 
 
-def glass_of(plan: RenderPlan) -> tuple[SeesThrough, Any] | None:
+def glass_of(plan: RenderPlan) -> tuple[OpaquePassEffect, Any] | None:
     """Return the transmission effect of a frame, with its data; ``None`` without one."""
-    around = neighbourhood_effects(plan.planned)
-    return next(((one, data) for one, data in around if isinstance(one, SeesThrough)), None)
+    around = select_neighbourhood_effects(plan.planned)
+    return next(((one, data) for one, data in around if isinstance(one, OpaquePassEffect)), None)
 
 
-def plan_behind(plan: RenderPlan, glass: SeesThrough) -> RenderPlan:
+def plan_behind(plan: RenderPlan, glass: OpaquePassEffect) -> RenderPlan:
     """Return the plan of the opaque pass that transmission reads."""
-    layers, hidden = plan.layers, glass.hidden(plan.facts)
+    layers, hidden = plan.layers, glass.hidden_objects(plan.facts)
     if layers is not None and layers.has_blended:
         hidden = hidden | (layers.is_blended > 0)
     if layers is not None:
@@ -336,7 +336,7 @@ def plan_behind(plan: RenderPlan, glass: SeesThrough) -> RenderPlan:
         layers = None if layers.samples == 1 else layers
     drawn = None if plan.drawn_behind is None else (plan.drawn_behind,)
 
-    def is_behind(planned: Planned) -> bool:
+    def is_behind(planned: UsedEffect) -> bool:
         places = planned.effect.places
         return planned.effect is not glass and "overlay" not in places and "mixed" not in places
 
@@ -344,7 +344,7 @@ def plan_behind(plan: RenderPlan, glass: SeesThrough) -> RenderPlan:
 
 
 def draw_behind(
-    context: FrameContext, glass: SeesThrough, find: Callable[[RenderPlan], Seen]
+    context: FrameContext, glass: OpaquePassEffect, find: Callable[[RenderPlan], Seen]
 ) -> FrameContext:
     """Run the opaque pass that transmission reads, up to visibility."""
     plan = plan_behind(context.plan, glass)
@@ -368,7 +368,7 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
     glass, data = own
     (done,) = plan.drawn or ({},)
     if glass.name in done:
-        record = glass.of_part(done[glass.name], plan.corner)
+        record = glass.crop_record(done[glass.name], plan.corner)
     else:
         linear = shade_faces(draw_behind(context, glass, find))["linear"]
         record = glass.prepare(context, data, [(plan.camera, linear)])

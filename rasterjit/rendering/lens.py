@@ -57,7 +57,12 @@ from rasterjit.scene.validation import boolean
 from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import merge_needs
-from rasterjit.survey.effect import Bends, FrameContext, Planned, neighbourhood_effects
+from rasterjit.survey.effect import (
+    FrameContext,
+    LensDistortedEffect,
+    UsedEffect,
+    select_neighbourhood_effects,
+)
 from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
@@ -159,8 +164,8 @@ def plan_lensed(
     text = f"{type(lens).__name__}: {looks.described}"
     pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
     effects = tuple(
-        replace(one, data=one.effect.bent(one.data, eye, pixels))
-        if isinstance(one, Planned) and isinstance(one.effect, Bends)
+        replace(one, data=one.effect.distort(one.data, eye, pixels))
+        if isinstance(one, UsedEffect) and isinstance(one.effect, LensDistortedEffect)
         else one
         for one in whole[0].plan.effects
     )
@@ -246,7 +251,7 @@ def draw_lensed(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     context = FrameContext(planned.plan, one.cache, placement, workers, seen)
     lit = view_warnings.lit_pixels(planned.plan.facts, one.cache, targets["face_id"])
     share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
-    for overlay in planned.plan.at("overlay"):
+    for overlay in planned.plan.effects_at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
     stats = FrameStats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
     if "face_id" in outputs:
@@ -300,8 +305,8 @@ def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
 def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
     for plan in plans:
-        for effect, _ in neighbourhood_effects(plan.planned):
-            looks_around = effect.looks == "neighbours"
+        for effect, _ in select_neighbourhood_effects(plan.planned):
+            looks_around = effect.scope == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
                 raise ValueError(
                     f"{effect.refusal()} where a lens is given: its lines are as wide as "

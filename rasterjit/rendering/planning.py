@@ -51,7 +51,7 @@ from rasterjit.survey.clip_planes import (
 )
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
-from rasterjit.survey.effect import Absent, Active, Planned, Planning
+from rasterjit.survey.effect import Planning, PreparedEffect, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import Facts, collect_facts
 from rasterjit.survey.light_culling import headlight_row, pack_lights, reference_lighting
 from rasterjit.survey.object_counts import (
@@ -257,7 +257,9 @@ def _refuse_points(scene: Scene, facts: Facts) -> None:
             )
 
 
-def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent]) -> Lighting | None:
+def _lighting(
+    camera: Camera, facts: Facts, effects: Sequence[UsedEffect | UnusedEffect]
+) -> Lighting | None:
     """
     Return the lights as rows, relative to the eye; ``None`` if nothing depends on where it is.
 
@@ -342,10 +344,12 @@ def list_passes(plan: RenderPlan) -> list[Pass]:
         return []
     if plan.pictures > 1:
         plan = supersample.plan_picture(plan, {})
-    if plan.layers is None and not plan.facts.draws_faces and not plan.at("background"):
+    if plan.layers is None and not plan.facts.draws_faces and not plan.effects_at("background"):
         # All pixels are alike.
         return []
-    effects = tuple(Active(one.effect, one.data) for one in plan.planned if one.effect.places)
+    effects = tuple(
+        PreparedEffect(one.effect, one.data) for one in plan.planned if one.effect.places
+    )
     return shading_passes.list_passes(plan.shading, effects, plan.layers, plan.outputs)
 
 

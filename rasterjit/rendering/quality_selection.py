@@ -43,7 +43,7 @@ from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
 from rasterjit.scene.warning import warn_caller
-from rasterjit.survey.effect import neighbourhood_effects, shown_as_given
+from rasterjit.survey.effect import is_backdrop, select_neighbourhood_effects
 
 HEADROOM = 0.9
 """Largest share of a time budget that a frame's predicted time may take."""
@@ -511,12 +511,14 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     left out.
     """
     plan = frame.plan
-    if any(effect.joins_faces for effect, _ in neighbourhood_effects(plan.at("overlay"))):
+    if any(
+        effect.joins_faces for effect, _ in select_neighbourhood_effects(plan.effects_at("overlay"))
+    ):
         light = srgb_to_linear(frame.color[:, :, :3])
         alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
     else:
         light, alpha = frame.linear[:, :, :3], frame.linear[:, :, 3:]
-    shows_more = any(not shown_as_given(one.effect) for one in plan.at("background"))
+    shows_more = any(not is_backdrop(one.effect) for one in plan.effects_at("background"))
     if shows_more or plan.background[3] >= 1.0:
         return light
     return np.concatenate([light * alpha, alpha], axis=2)

@@ -27,7 +27,12 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, tiled_size
 from rasterjit.survey.deformation import posed_input
-from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, neighbourhood_effects
+from rasterjit.survey.effect import (
+    FrameContext,
+    OpaquePassEffect,
+    context_of,
+    select_neighbourhood_effects,
+)
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
 
@@ -60,7 +65,7 @@ class RegionRenderer:
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a region
-        (`LooksAround`).
+        (`NeighbourhoodEffect`).
     """
 
     def __init__(
@@ -143,7 +148,7 @@ class RegionRenderer:
         corners = [(region[0], region[1]) for region in surveys]
         middle, *beside = [
             {
-                effect.name: effect.join(
+                effect.name: effect.merge_parts(
                     plan.size,
                     [(at, seen[effect.name]) for at, seen in zip(corners, sights, strict=True)],
                 )
@@ -338,12 +343,12 @@ def _margin_of(plan: RenderPlan) -> int:
         If an effect looks at any pixels beyond the edges of a region.
     """
     farthest = 0
-    for effect, data in neighbourhood_effects(plan.planned):
-        if effect.looks != "neighbours":
+    for effect, data in select_neighbourhood_effects(plan.planned):
+        if effect.scope != "neighbours":
             continue
-        reach = effect.reach(data)
+        reach = effect.neighbourhood_radius(data)
         farthest = max(farthest, reach or 0)
-        if isinstance(effect, SeesThrough) and plan.pictures == 1 and not plan.whole:
+        if isinstance(effect, OpaquePassEffect) and plan.pictures == 1 and not plan.whole:
             # The whole picture behind glass is drawn before.
             if max(plan.size) > MAX_SIZE:
                 raise ValueError(

@@ -279,7 +279,7 @@ def draw_frame(
         share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
         clock("shade, resolve")
         # Draw over it.
-        for overlay in plan.at("overlay"):
+        for overlay in plan.effects_at("overlay"):
             overlay.effect.places["overlay"](overlay.data, context, result["color"])
             clock(overlay.name)
         # Fill what else was asked for.

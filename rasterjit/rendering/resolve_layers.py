@@ -47,7 +47,7 @@ from rasterjit.pipeline.visibility.visibility_pass import Coverage
 from rasterjit.rendering.pass_runner import IMMEDIATE, AnyCalls, Shading, Sharing, no_color
 from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
 from rasterjit.scene.reference_shader import decoded_codes
-from rasterjit.survey.effect import Active, acting, shown_as_given
+from rasterjit.survey.effect import PreparedEffect, is_backdrop, select_acting
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
 
@@ -80,7 +80,7 @@ class Shader(NamedTuple):
     lighting: Lighting | None
     background: NDArray[np.float32]
     """(4,) linear."""
-    effects: tuple[Active, ...] = ()
+    effects: tuple[PreparedEffect, ...] = ()
     alpha_tests: AlphaTests | None = None
     """The alpha-tested objects."""
     has_codes: bool = False
@@ -138,15 +138,15 @@ class Shader(NamedTuple):
     @property
     def has_behind(self) -> bool:
         """Whether the background is more than one colour."""
-        return bool(acting(self.effects, "background"))
+        return bool(select_acting(self.effects, "background"))
 
     def show_behind(
         self, calls: AnyCalls, faces: NDArray[np.int32], first_row: int,
         linear: NDArray[np.float32], color: NDArray[np.uint32],
     ) -> None:  # fmt: skip
         """Write the background where no face is, if it is not one colour."""
-        for one in acting(self.effects, "background"):
-            one.at("background", calls, faces, first_row, linear, color)
+        for one in select_acting(self.effects, "background"):
+            one.call_at("background", calls, faces, first_row, linear, color)
 
     def backdrop(
         self, calls: AnyCalls, shape: tuple[int, int], first_row: int, memory: AnyMemory
@@ -191,11 +191,11 @@ class Shader(NamedTuple):
 class Tones(NamedTuple):
     """Tone mapping of resolved rows, and the background that is not tone mapped."""
 
-    effect: Active
+    effect: PreparedEffect
     background: NDArray[np.float32]
     """(4,) linear: composited behind, after tone mapping."""
-    given: Sequence[Active] = ()
-    """Effects that draw the background instead; see `shown_as_given`."""
+    given: Sequence[PreparedEffect] = ()
+    """Effects that draw the background instead; see `is_backdrop`."""
 
     def show(
         self, calls: AnyCalls, linear: NDArray[np.float32], first_row: int, memory: AnyMemory
@@ -206,8 +206,8 @@ class Tones(NamedTuple):
             behind = shown
             nothing = np.full(linear.shape[:2], -1, np.int32)
             for one in self.given:
-                one.at("background", calls, nothing, first_row, behind, no_color(behind))
-        self.effect.at("mixed", calls, linear, behind, shown)
+                one.call_at("background", calls, nothing, first_row, behind, no_color(behind))
+        self.effect.call_at("mixed", calls, linear, behind, shown)
         return shown
 
 
@@ -217,11 +217,11 @@ def before_tones(shader: Shader) -> tuple[Shader, Tones | None]:
 
     The background is then composited at the end, without tone mapping.
     """
-    mixed = acting(shader.effects, "mixed")
+    mixed = select_acting(shader.effects, "mixed")
     if not mixed:
         return shader, None
-    given = [one for one in shader.effects if shown_as_given(one.effect)]
-    toned = tuple(one for one in shader.effects if not shown_as_given(one.effect))
+    given = [one for one in shader.effects if is_backdrop(one.effect)]
+    toned = tuple(one for one in shader.effects if not is_backdrop(one.effect))
     tones = Tones(mixed[0], shader.background, given)
     return shader._replace(background=np.zeros(4, np.float32), effects=toned), tones
 
@@ -425,7 +425,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     if codes:
         return rows + [KernelRow(srgb_compositing.decode_rows)] * ("linear" in plan.outputs)
     rows += plan.kernels_at("mixed")
-    if "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
+    if "color" in plan.outputs and not is_direct(layers, bool(plan.effects_at("mixed"))):
         rows.append(KernelRow(srgb_encoding.encode_rows))
     return rows
 

@@ -34,14 +34,16 @@ from rasterjit.pipeline.surface import (
 )
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import list_samples
-from rasterjit.survey.effect import Active, SeesThrough, acting
+from rasterjit.survey.effect import OpaquePassEffect, PreparedEffect, select_acting
 from rasterjit.survey.transparency import PixelLayers
 
 DIFFUSE = rows.OUT_RED
 """First row of the light on vertices without highlights: what is seen is not known yet there."""
 
 
-def shading_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> tuple[list[Pass], int]:
+def shading_passes(
+    needs: ShadingNeeds, effects: Sequence[PreparedEffect]
+) -> tuple[list[Pass], int]:
     """Return the passes from listed samples to their colours, and the first row of these."""
     passes = surface_passes(needs, effects)
     if not needs.is_lit:
@@ -51,7 +53,7 @@ def shading_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> tuple[list
 
 def list_passes(
     needs: ShadingNeeds,
-    effects: Sequence[Active],
+    effects: Sequence[PreparedEffect],
     layers: PixelLayers | None,
     outputs: Sequence[str],
 ) -> list[Pass]:
@@ -82,7 +84,7 @@ def list_passes(
 # Surfaces: weights, colours, normals, points.
 
 
-def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+def surface_passes(needs: ShadingNeeds, effects: Sequence[PreparedEffect]) -> list[Pass]:
     """Return the passes that compute surface attributes."""
     passes = [*weight_passes(needs), color_pass(needs)]
     if needs.multiplies_vertex_colors:
@@ -126,7 +128,7 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]
     passes += place_passes(needs)
     if needs.points:
         passes.append(Pass(point_normals.find_point_normals, lambda a: (*a.surface.points, a.seen)))
-    if needs.gouraud and not acting(effects, "sample"):
+    if needs.gouraud and not select_acting(effects, "sample"):
         passes.append(Pass(attributes.fill_placeholders, lambda a: (_are_gouraud(a),)))
     if needs.coats:
         passes += coat_passes(needs)
@@ -406,7 +408,7 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
 # Light.
 
 
-def light_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+def light_passes(needs: ShadingNeeds, effects: Sequence[PreparedEffect]) -> list[Pass]:
     """Return the passes that light base colours."""
     if needs.pyrender is not None:
         return imitating_passes(needs, needs.pyrender, effects)
@@ -441,20 +443,26 @@ def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
     return passes + layered_materials.ambient_passes(needs, shown, ambient_pass(), is_first=True)
 
 
-def seen_passes(effects: Sequence[Active], shown: int) -> list[Pass]:
+def seen_passes(effects: Sequence[PreparedEffect], shown: int) -> list[Pass]:
     """Return the passes that effects bring where samples show three rows of colours, lit or not."""
-    return [one for active in acting(effects, "seen") for one in active.at("seen", shown)]
+    return [
+        one for active in select_acting(effects, "seen") for one in active.call_at("seen", shown)
+    ]
 
 
 def effect_passes(
-    effects: Sequence[Active], place: str, needs: ShadingNeeds, *arguments: Any
+    effects: Sequence[PreparedEffect], place: str, needs: ShadingNeeds, *arguments: Any
 ) -> list[Pass]:
     """Return the passes that effects bring at a place, in the order of the effects."""
-    return [one for active in acting(effects, place) for one in active.at(place, needs, *arguments)]
+    return [
+        one
+        for active in select_acting(effects, place)
+        for one in active.call_at(place, needs, *arguments)
+    ]
 
 
 def passes_of_lights(
-    needs: ShadingNeeds, effects: Sequence[Active], of_vertices: bool = False
+    needs: ShadingNeeds, effects: Sequence[PreparedEffect], of_vertices: bool = False
 ) -> list[Pass]:
     """
     Return the passes that add all lights, each dimmed by effects, and light from all sides.
@@ -462,7 +470,7 @@ def passes_of_lights(
     Lights run together from one that is dimmed to the next, whose dimming falls on it.
     """
     passes: list[Pass] = []
-    first, count, dimming = 0, needs.lights or 0, acting(effects, "light")
+    first, count, dimming = 0, needs.lights or 0, select_acting(effects, "light")
     mapped = () if needs.pyrender is None else needs.pyrender.mapped
     for n in range(count) if dimming or mapped else ():
         if n in mapped:
@@ -518,14 +526,14 @@ def facet_pass(first: int, end: int) -> Pass:
     return Pass(lights.add_microfacet_lights, parts)
 
 
-def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+def covering_passes(needs: ShadingNeeds, effects: Sequence[PreparedEffect]) -> list[Pass]:
     """Return the passes of effects over lit samples, and of transmission."""
     if not needs.transmission:
         return effect_passes(effects, "sample", needs)
     from rasterjit.pipeline.surface.layer_rows import FOG_RED, fill_rows, swap_rows
 
-    acts = acting(effects, "sample")
-    seen = [one for one in acts if isinstance(one.effect, SeesThrough)]
+    acts = select_acting(effects, "sample")
+    seen = [one for one in acts if isinstance(one.effect, OpaquePassEffect)]
     over = effect_passes([one for one in acts if one not in seen], "sample", needs)
 
     def dark(a: ShadingArrays) -> tuple[Any, ...]:
@@ -559,7 +567,7 @@ def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def imitating_passes(
-    needs: ShadingNeeds, imitated: PyrenderNeeds, effects: Sequence[Active]
+    needs: ShadingNeeds, imitated: PyrenderNeeds, effects: Sequence[PreparedEffect]
 ) -> list[Pass]:
     """Return the passes that light base colours as pyrender's shader does."""
     from rasterjit.pipeline.lighting import pyrender
@@ -613,7 +621,7 @@ def mapped_light_passes(needs: ShadingNeeds, n: int) -> list[Pass]:
 
 def vertex_passes(
     needs: ShadingNeeds,
-    effects: Sequence[Active],
+    effects: Sequence[PreparedEffect],
     listed: tuple[tuple[int, int], NDArray[np.int64]],
     lit_vertices: NDArray[np.float32],
 ) -> list[Pass]:
@@ -640,7 +648,7 @@ def mixing_passes(
     needs: ShadingNeeds,
     shown: int,
     table: NDArray[np.int32],
-    effects: Sequence[Active],
+    effects: Sequence[PreparedEffect],
     has_codes: bool,
     target: tuple[NDArray[np.float32], ...],
 ) -> list[Pass]:
@@ -656,7 +664,7 @@ def output_passes(
     needs: ShadingNeeds,
     shown: int,
     table: NDArray[np.int32],
-    effects: Sequence[Active],
+    effects: Sequence[PreparedEffect],
     linear: NDArray[Any],
     color: NDArray[Any],
 ) -> list[Pass]:
@@ -672,10 +680,10 @@ def output_passes(
     return passes
 
 
-def pixel_passes(shown: int, effects: Sequence[Active]) -> tuple[list[Pass], int]:
+def pixel_passes(shown: int, effects: Sequence[PreparedEffect]) -> tuple[list[Pass], int]:
     """Return the passes between the light of three rows and its codes, and where they write it."""
     passes: list[Pass] = []
-    for one in acting(effects, "pixel"):
-        own, shown = one.at("pixel", shown)
+    for one in select_acting(effects, "pixel"):
+        own, shown = one.call_at("pixel", shown)
         passes += own
     return passes, shown

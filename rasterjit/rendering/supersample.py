@@ -41,7 +41,13 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.reference_shader import decoded_codes
 from rasterjit.scene.transforms import Matrix
-from rasterjit.survey.effect import Active, FrameContext, Planned, context_of, shown_as_given
+from rasterjit.survey.effect import (
+    FrameContext,
+    PreparedEffect,
+    UsedEffect,
+    context_of,
+    is_backdrop,
+)
 from rasterjit.survey.plan import RenderPlan
 
 Offset = tuple[float, float]
@@ -335,19 +341,19 @@ def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
 def _background(plan: RenderPlan) -> NDArray[np.float32]:
     """Return what lies behind the faces of each picture, (4,) linear."""
     # Where tones are mapped the background, which is shown as given, comes behind at the end.
-    return np.zeros(4, np.float32) if plan.at("mixed") else plan.background
+    return np.zeros(4, np.float32) if plan.effects_at("mixed") else plan.background
 
 
 def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
     """Return the plan of one picture: its light or codes alone, from what is already drawn."""
     has_codes = plan.facts.mixes_codes
 
-    def is_of_pictures(planned: Planned) -> bool:
+    def is_of_pictures(planned: UsedEffect) -> bool:
         places = planned.effect.places
-        if has_codes or not plan.at("mixed"):
+        if has_codes or not plan.effects_at("mixed"):
             return "overlay" not in places
         # What is shown as given comes behind at the end, where tones are mapped.
-        is_late = "mixed" in places or shown_as_given(planned.effect)
+        is_late = "mixed" in places or is_backdrop(planned.effect)
         return "overlay" not in places and not is_late
 
     return plan.with_(
@@ -377,7 +383,7 @@ def surveys_pictures(plan: RenderPlan) -> bool:
 
 def see_whole(context: FrameContext) -> dict[str, Any]:
     """Return what the effects that look at the whole picture see of one, or a part of it."""
-    return {effect.name: effect.see(context) for effect, _ in context.plan.whole}
+    return {effect.name: effect.analyse(context) for effect, _ in context.plan.whole}
 
 
 def prepare_whole(
@@ -466,13 +472,13 @@ def _average(
     plan, workers = context.plan, context.workers
     behind = _background(plan)
     given = [
-        Active(one.effect, one.effect.prepare(context, one.data, ()))
-        for one in plan.at("background")
-        if shown_as_given(one.effect)
+        PreparedEffect(one.effect, one.effect.prepare(context, one.data, ()))
+        for one in plan.effects_at("background")
+        if is_backdrop(one.effect)
     ]
     tones = None
-    for one in plan.at("mixed"):
-        tones = resolve_layers.Tones(Active(one.effect, one.data), plan.background, given)
+    for one in plan.effects_at("mixed"):
+        tones = resolve_layers.Tones(PreparedEffect(one.effect, one.data), plan.background, given)
     height, width, _ = sums.shape
     table = srgb_encoding.encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)

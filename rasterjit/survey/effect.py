@@ -1,11 +1,12 @@
 """
-Define the interface of effects: is it needed, what data it prepares, which passes it adds.
+Define the interface of effects: whether a frame needs one, its data, and the passes it adds.
 
 An effect is a folder of ``effects/``; its ``__init__.py`` defines one object for each of its rows
-in ``explain``. ``rendering/effect_registry.py`` lists all of them, in the order of these rows. Each
-is asked once for a frame (`Effect.answer`), unless an earlier answer still holds. Those needed
-prepare a record for every picture (`Effect.prepare`), and the functions in `Effect.places` turn
-that record into passes. Overlays prepare nothing: their record is the plan's data.
+in ``explain``. ``rendering/effect_registry.py`` lists all of them, in the order of these rows. A
+frame decides on each once (`Effect.decide`), unless the decision of an earlier frame still holds.
+Those needed prepare a record for every picture (`Effect.prepare`), and the functions in
+`Effect.places` turn that record into passes. Overlays prepare nothing: their record is the plan's
+data.
 """
 
 from __future__ import annotations
@@ -61,12 +62,13 @@ only a pass's own function reads what `Effect.prepare` adds to that.
 """
 
 
-Field: TypeAlias = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
-"""``field(name, shape, dtype)`` returns an array for per-view data; see `share`."""
+ViewArrays: TypeAlias = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
+"""``view_arrays(name, shape, dtype)`` returns an array that recorded calls find filled, in each
+view, with what `BatchedEffect.compute_view_arrays` returns under that name."""
 
 
 class Planning(NamedTuple):
-    """A frame being planned: inputs beside `Facts`."""
+    """Inputs of planning a frame, beside `Facts`."""
 
     scene: Scene
     camera: Camera
@@ -75,7 +77,7 @@ class Planning(NamedTuple):
 
 
 class FrameContext(NamedTuple):
-    """A picture that is prepared or drawn over."""
+    """The picture that effects are prepared for, or draw over."""
 
     plan: RenderPlan
     cache: SceneCache
@@ -83,9 +85,8 @@ class FrameContext(NamedTuple):
     workers: Workers
     picture: Seen | None = None
     """Its visible faces; ``None`` where it is drawn in regions."""
-    field: Field | None = None
-    """For recorded calls: returns an array in which each view finds what `BatchedEffect.differ`
-    gives of it under that name."""
+    view_arrays: ViewArrays | None = None
+    """Returns per-view arrays for recorded calls; ``None``: calls are not recorded."""
 
     @property
     def seen(self) -> Seen:
@@ -94,9 +95,11 @@ class FrameContext(NamedTuple):
             raise RuntimeError("the visible faces of this picture are not known as a whole")
         return self.picture
 
-    def own(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of this picture, or, for recorded calls, an array for each view's."""
-        return values if self.field is None else self.field(name, values.shape, values.dtype)
+    def per_view(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
+        """Return values of this picture, or, for recorded calls, an array for those of views."""
+        if self.view_arrays is None:
+            return values
+        return self.view_arrays(name, values.shape, values.dtype)
 
 
 def context_of(plan: RenderPlan, cache: SceneCache, seen: Seen, workers: Workers) -> FrameContext:
@@ -105,7 +108,7 @@ def context_of(plan: RenderPlan, cache: SceneCache, seen: Seen, workers: Workers
 
 
 @dataclass(repr=False)
-class Absent:
+class UnusedEffect:
     """An effect that a frame does not need."""
 
     used: ClassVar[bool] = False
@@ -127,7 +130,7 @@ class Absent:
 
 
 @dataclass(repr=False)
-class Planned(Absent):
+class UsedEffect(UnusedEffect):
     """An effect that a frame needs."""
 
     used: ClassVar[bool] = True
@@ -136,7 +139,7 @@ class Planned(Absent):
 
 
 class Calls(Protocol):
-    """Calls kernels at once, or records the calls for a batch."""
+    """Object that calls kernels at once, or records the calls for a batch."""
 
     def call(self, kernel: Any, *arguments: Any) -> None:
         """Call a kernel."""
@@ -151,22 +154,22 @@ class Effect:
     Attributes
     ----------
     name : str
-        Of its row.
+        Name of its row in ``explain``.
     field : str
-        The field of `Scene` that asks for it; empty: none does.
+        The field of `Scene` that requests it; empty: none does.
     key : str
-        What switches it in the viewer; empty: nothing does.
+        Key that switches it in the viewer; empty: none does.
     is_explained : bool
-        Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
+        Whether ``explain_pixel`` shows its part of a colour.
     term : str
-        What ``explain_pixel`` calls what it adds to a colour; empty: its name.
+        Name of that part in ``explain_pixel``; empty: that of the effect.
     settings : tuple of str
         The settings of `Quality` that matter only to frames that need it, or another one that names
         them too.
-    follows_facts : bool
-        Whether facts alone decide what it answers: it is not asked again while they hold.
+    depends_on_facts_alone : bool
+        Whether its decision depends on facts alone, and is reused while they hold.
     places : dict of function
-        What it does, by place; see ``PLACES``.
+        Its functions, by place; see ``PLACES``.
     """
 
     name = ""
@@ -175,7 +178,7 @@ class Effect:
     is_explained = False
     term = ""
     settings: tuple[str, ...] = ()
-    follows_facts = False
+    depends_on_facts_alone = False
     places: ClassVar[Mapping[str, Callable[..., Any]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -187,87 +190,87 @@ class Effect:
                     f"{cls.__name__}.places has {place!r}; possible are {', '.join(PLACES)}"
                 )
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Decide whether a frame needs it, and with what data."""
-        if (self.field and facts.fields[self.field] is None) or self.why_not(facts):
-            return Absent(self, facts)
-        return Planned(self, facts, self.decide(facts, planning))
+    def decide(self, facts: Facts, planning: Planning) -> UsedEffect | UnusedEffect:
+        """Decide whether a frame needs the effect, and with which data."""
+        if (self.field and facts.fields[self.field] is None) or self.unused_reason(facts):
+            return UnusedEffect(self, facts)
+        return UsedEffect(self, facts, self.plan_data(facts, planning))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why a frame needs it or not."""
+        """Say why a frame needs the effect or not."""
         if self.field and facts.fields[self.field] is None:
             return f"scene.{self.field} is None"
-        return self.why_not(facts) or self.describe(facts)
+        return self.unused_reason(facts) or self.describe(facts)
 
-    def why_not(self, facts: Facts) -> str:
-        """Say why a frame that asks for it does not need it; empty: it does."""
+    def unused_reason(self, facts: Facts) -> str:
+        """Say why a frame that requests the effect does not need it; empty: it does."""
         raise NotImplementedError
 
     def describe(self, facts: Facts) -> str:
-        """Describe how a frame uses it."""
+        """Describe how a frame uses the effect."""
         raise NotImplementedError
 
-    def decide(self, facts: Facts, planning: Planning) -> Any:
-        """Return the plan's data for it."""
+    def plan_data(self, facts: Facts, planning: Planning) -> Any:
+        """Return the plan's data for the effect."""
         return facts.fields[self.field] if self.field else None
 
     def prepare(self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]) -> Any:
         """
-        Return the record that its stages read; None: there is nothing to do.
+        Return the record that the effect's stages read; None: the picture is not changed.
 
         Parameters
         ----------
         context : FrameContext
         data
-            What the plan knows of it.
+            The plan's data for the effect.
         seen : sequence of (Camera, object)
-            What it sees of the picture, and of others that it is prepared with (`see`).
+            Results of `analyse` for the picture, and for others that are prepared with it.
         """
         return data
 
     def kernels(self, plan: RenderPlan) -> Mapping[str, Rows]:
         """
-        Return the kernels that it calls besides its passes, for `list_kernels`.
+        Return the kernels that the effect calls besides its passes, for `list_kernels`.
 
-        By where they are called: "prepare", or a place where it acts.
+        By where they are called: "prepare", or one of ``PLACES``.
         """
         return {}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return its large arrays: name, channels, dtype, and (width, height)."""
+        """Return the large arrays of the effect: name, channels, dtype, and (width, height)."""
         return []
 
     def neutral(self, record: Any) -> Any:
-        """Return a record with which it changes nothing."""
+        """Return a record with which the effect changes nothing."""
         raise NotImplementedError
 
     def without(self, scene: Scene) -> Scene | None:
-        """Return a scene without it; None: it cannot be switched off in the scene."""
+        """Return a scene without the effect; None: a scene cannot switch it off."""
         return None if not self.field else with_field(scene, self.field, None)
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Suggest it, or more of it: return a description and a scene that has it, or None."""
+        """Suggest the effect, or more of it: return a description and a changed scene, or None."""
         return "", None
 
 
-class HasModes(Effect):
+class ModalEffect(Effect):
     """
-    An effect that is on in several ways: its key goes through them.
+    An effect with several modes, through which its key in the viewer goes.
 
     Attributes
     ----------
     modes : dict of str
-        A word for each, before it is off.
+        Description of each, in the order of the key.
     """
 
     modes: ClassVar[Mapping[str, str]]
 
     def mode_of(self, scene: Scene) -> str | None:
-        """Return the mode in which a scene asks for it; None: it does not."""
+        """Return the mode that a scene requests; None: it does not request the effect."""
         raise NotImplementedError
 
     def with_mode(self, scene: Scene, mode: str | None) -> Scene:
-        """Return a scene that asks for it in a mode, else as before; None: that does not."""
+        """Return a scene that requests the effect in a mode; None: one that does not request it."""
         raise NotImplementedError
 
 
@@ -275,113 +278,115 @@ class BatchedEffect(Effect):
     """
     An effect that batches and bound frames run as recorded calls, without Python in between.
 
-    Its record depends on the plan (`share`), and per view on arrays derived from the camera and
-    the transforms (`differ`) only. Of one that looks around, `prepare` is recorded: it calls
-    kernels alone, and takes what differs by `FrameContext.own`.
+    Its record depends only on the plan (`prepare_batch`) and on arrays derived from the camera and
+    the transforms of each view (`compute_view_arrays`). Of a `NeighbourhoodEffect`, `prepare` is
+    recorded: it calls kernels alone, and gets per-view values by `FrameContext.per_view`.
     """
 
-    def answers(self, scene: Scene, group: ViewGroup) -> Any:
+    def decide_views(self, scene: Scene, group: ViewGroup) -> Any:
         """
-        Return which of many views with shaded faces need it, (N,) bool, or one answer for all.
+        Return which of N views with shaded faces need the effect, (N,) bool, or one bool for all.
 
-        Only effects that depend on more than facts and contents of a view have it.
+        For effects that depend on more than the facts and object counts of a view.
         """
         return True
 
-    def share(self, plan: RenderPlan, data: Any, field: Field) -> Any:
+    def prepare_batch(self, plan: RenderPlan, data: Any, view_arrays: ViewArrays) -> Any:
         """
-        Return the record for many views of one plan, as `prepare` does for each of them.
+        Return the record for all views of one plan, as `prepare` does for each of them.
 
         Parameters
         ----------
         plan : RenderPlan
             Of one of the views.
         data
-            What that plan knows of it.
-        field : callable
-            Returns an array in which each view finds what `differ` gives of it under that name.
+            That plan's data for the effect.
+        view_arrays : callable
+            As `ViewArrays` says.
         """
         return data
 
-    def differ(self, scene: Scene, group: ViewGroup) -> Mapping[str, NDArray[Any]]:
-        """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
+    def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays that `prepare_batch` requests, (N, ...), by name."""
         return {}
 
 
-class LooksAround(Effect):
+class NeighbourhoodEffect(Effect):
     """
     An effect that reads neighbouring pixels, or the whole picture.
 
     Attributes
     ----------
-    looks : str
-        How far: at a "sample", at its "neighbours", which parts of a picture do not have (but see
-        `reach`), or at the "whole" picture, which is then looked through before (`see`).
+    scope : str
+        What it reads: a "sample", its "neighbours" (see `neighbourhood_radius`), or the "whole"
+        picture, which is analysed before (`analyse`).
     joins_faces : bool
-        Whether it draws what all faces make together: no part of a scene has it alone.
+        Whether it depends on all faces of the scene together: parts of a scene lack it.
     reads_clip_positions : bool
-        Whether it reads where vertices lie before they are divided by w.
+        Whether it reads clip-space positions of vertices.
     """
 
-    looks = "neighbours"
+    scope = "neighbours"
     joins_faces = False
     reads_clip_positions = False
 
     def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell whether it reads the depth of visible faces."""
+        """Tell whether the effect reads the depth of visible faces."""
         return False
 
-    def looks_first(self, data: Any) -> bool:
+    def analyses_picture(self, data: Any) -> bool:
         """
-        Tell whether it analyses the whole picture before it acts, by `see`.
+        Tell whether the effect analyses the whole picture before it acts, by `analyse`.
 
-        ``data`` is the plan's data for it.
+        ``data`` is the plan's data for the effect.
         """
-        return self.looks == "whole"
+        return self.scope == "whole"
 
     def refusal(self) -> str:
-        """Return the message for pictures in which it cannot be drawn."""
+        """Return the message for pictures in which the effect cannot be drawn."""
         return f"scene.{self.field} must be None"
 
-    def reach(self, data: Any) -> int | None:
-        """Return the radius of its neighbourhood, pixels; None: unbounded."""
+    def neighbourhood_radius(self, data: Any) -> int | None:
+        """Return the radius of the neighbourhood that is read, pixels; None: unbounded."""
         return None
 
-    def see(self, context: FrameContext) -> Any:
+    def analyse(self, context: FrameContext) -> Any:
         """Analyse a picture, or a part of one, before it is prepared; return the result."""
         return None
 
-    def join(self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], Any]]) -> Any:
-        """Merge the results of `see` over the parts of a picture, given their corners."""
+    def merge_parts(
+        self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], Any]]
+    ) -> Any:
+        """Merge the results of `analyse` over the parts of a picture, given their corners."""
         return None
 
-    def of_part(self, record: Any, corner: tuple[int, int]) -> Any:
+    def crop_record(self, record: Any, corner: tuple[int, int]) -> Any:
         """Return the record of a whole picture, restricted to a part with the given first pixel."""
         return record
 
 
-class SeesThrough(LooksAround):
+class OpaquePassEffect(NeighbourhoodEffect):
     """
     An effect that reads another picture of the same view, without some objects (an opaque pass).
 
-    That is drawn first, and passed to `Effect.prepare` as the result of `see`, (H, W, 4) float32,
-    linear.
+    The opaque pass is drawn first, and passed to `Effect.prepare` as the result of `analyse`,
+    (H, W, 4) float32, linear.
     """
 
-    def hidden(self, facts: Facts) -> NDArray[Any]:
-        """Return which objects, (O,) bool, the first picture leaves out."""
+    def hidden_objects(self, facts: Facts) -> NDArray[Any]:
+        """Return which objects, (O,) bool, the opaque pass leaves out."""
         raise NotImplementedError
 
 
 class QualityEffect(Effect):
-    """An effect that the quality asks for, not the scene."""
+    """An effect that the quality requests, not the scene."""
 
     def quality_without(self, quality: Quality) -> Quality:
-        """Return a quality that does not ask for it."""
+        """Return a quality that does not request the effect."""
         raise NotImplementedError
 
     def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
-        """Suggest it for a quality without it: return a description and such a quality, or None."""
+        """Suggest the effect: return a description and a quality that requests it, or None."""
         raise NotImplementedError
 
 
@@ -389,47 +394,51 @@ class BackdropEffect(Effect):
     """An effect that draws behind all faces, without tone mapping."""
 
 
-class Bends(Effect):
+class LensDistortedEffect(Effect):
     """An effect whose planned data a lens distorts."""
 
-    def bent(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
+    def distort(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
         """
-        Return its planned data, distorted by a lens.
+        Return the plan's data for the effect, distorted by a lens.
 
         Parameters
         ----------
         data
-            What the plan knows of it.
+            As planned without the lens.
         eye : (3,) float64
             World space.
         pixels : callable
-            Returns where points relative to the eye, (N, 3), are seen: (N, 2), NaN if not.
+            Projects points relative to the eye, (N, 3), to pixels, (N, 2); NaN if not visible.
         """
         return data
 
 
-def neighbourhood_effects(planned: Iterable[Planned]) -> list[tuple[LooksAround, Any]]:
-    """Return the effects that are `LooksAround`, each with the plan's data for it."""
-    return [(one.effect, one.data) for one in planned if isinstance(one.effect, LooksAround)]
+def select_neighbourhood_effects(
+    planned: Iterable[UsedEffect],
+) -> list[tuple[NeighbourhoodEffect, Any]]:
+    """Return each `NeighbourhoodEffect` with the plan's data for it."""
+    return [
+        (used.effect, used.data) for used in planned if isinstance(used.effect, NeighbourhoodEffect)
+    ]
 
 
-class Active(NamedTuple):
-    """An effect in a picture, prepared."""
+class PreparedEffect(NamedTuple):
+    """An effect with its record for a picture."""
 
     effect: Effect
     record: Any
 
-    def at(self, place: str, *arguments: Any) -> Any:
-        """Call its function for one of `PLACES`."""
+    def call_at(self, place: str, *arguments: Any) -> Any:
+        """Call the effect's function for one of `PLACES`."""
         return self.effect.places[place](self.record, *arguments)
 
 
-def acting(effects: Sequence[Active], place: str) -> list[Active]:
+def select_acting(effects: Sequence[PreparedEffect], place: str) -> list[PreparedEffect]:
     """Return the effects that act at one of `PLACES`."""
     return [active for active in effects if place in active.effect.places]
 
 
-def shown_as_given(effect: Effect) -> bool:
+def is_backdrop(effect: Effect) -> bool:
     """Tell whether an effect draws behind all faces, without tone mapping."""
     return isinstance(effect, BackdropEffect)
 
@@ -442,9 +451,9 @@ def with_field(scene: Scene, name: str, value: Any) -> Scene:
 
 
 def add_to_field(scene: Scene, name: str, value: Any) -> Scene | None:
-    """Return a copy of a scene with a value added to a field; None if one there has an effect."""
-    value_there = getattr(scene, name)
-    if value_there is not None and not _is_neutral(value_there):
+    """Return a copy of a scene with a value in a field; None if the field's value has an effect."""
+    current = getattr(scene, name)
+    if current is not None and not _is_neutral(current):
         return None
     return with_field(scene, name, value)
 

@@ -18,7 +18,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
-from rasterjit.survey.effect import Absent, Effect, Planned, Planning
+from rasterjit.survey.effect import Effect, Planning, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import (
     NORMAL_OUTPUTS,
     Facts,
@@ -33,11 +33,11 @@ from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, describe_count
 class MaterialRow(Effect):
     """A row that is in or out by facts alone."""
 
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+    def decide(self, facts: Facts, planning: Planning) -> UsedEffect | UnusedEffect:
         """Say whether a frame has it."""
-        return Planned(self, facts) if self.is_in(facts) else Absent(self, facts)
+        return UsedEffect(self, facts) if self.is_in(facts) else UnusedEffect(self, facts)
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether a frame has it."""

@@ -18,7 +18,12 @@ from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds, describe_planes
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, LooksAround, Planned, neighbourhood_effects
+from rasterjit.survey.effect import (
+    NeighbourhoodEffect,
+    UnusedEffect,
+    UsedEffect,
+    select_neighbourhood_effects,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_counts import describe_count
 from rasterjit.survey.shading_needs import shading_needs
@@ -49,7 +54,7 @@ class RenderPlan(TextReport):
         Width and height, pixels.
     facts : Facts
         What the decisions rest on, with outputs and quality.
-    effects : tuple of Planned or Absent
+    effects : tuple of UsedEffect or UnusedEffect
         What is in and what is out, each with ``name``, ``used`` and ``reason``: as answered for the
         whole frame, and never again for the pictures that it is made of.
     """
@@ -60,7 +65,7 @@ class RenderPlan(TextReport):
     """(4,) linear."""
     cull: Cull
     facts: Facts
-    effects: tuple[Planned | Absent, ...]
+    effects: tuple[UsedEffect | UnusedEffect, ...]
     lighting: Lighting | None
     """The lights that shine on what is seen; ``None`` -> no colour depends on where it is."""
     layers: PixelLayers | None
@@ -96,7 +101,7 @@ class RenderPlan(TextReport):
 
     def with_(
         self,
-        kept: Callable[[Planned], bool] | None = None,
+        kept: Callable[[UsedEffect], bool] | None = None,
         outputs: tuple[str, ...] | None = None,
         **changes: Any,
     ) -> RenderPlan:
@@ -116,7 +121,9 @@ class RenderPlan(TextReport):
             changes["facts"] = replace(self.facts, outputs=outputs, diagnose=False)
         if kept is not None:
             changes["effects"] = tuple(
-                one if not isinstance(one, Planned) or kept(one) else Absent(one.effect, one.facts)
+                one
+                if not isinstance(one, UsedEffect) or kept(one)
+                else UnusedEffect(one.effect, one.facts)
                 for one in self.effects
             )
         return replace(self, **changes)
@@ -139,9 +146,9 @@ class RenderPlan(TextReport):
         return self.facts.quality
 
     @cached_property
-    def planned(self) -> tuple[Planned, ...]:
+    def planned(self) -> tuple[UsedEffect, ...]:
         """The effects that are in."""
-        return tuple([one for one in self.effects if isinstance(one, Planned)])
+        return tuple([one for one in self.effects if isinstance(one, UsedEffect)])
 
     def has(self, name: str) -> bool:
         """Tell whether an effect is in."""
@@ -151,7 +158,7 @@ class RenderPlan(TextReport):
         """Return the data of an effect that is in; None of others."""
         return next((one.data for one in self.planned if one.name == name), None)
 
-    def at(self, place: str) -> list[Planned]:
+    def effects_at(self, place: str) -> list[UsedEffect]:
         """Return the effects that act at a place."""
         return [one for one in self.planned if place in one.effect.places]
 
@@ -166,15 +173,19 @@ class RenderPlan(TextReport):
         return shading_needs(self.facts, self.layers, self.lighting)
 
     @property
-    def whole(self) -> list[tuple[LooksAround, Any]]:
+    def whole(self) -> list[tuple[NeighbourhoodEffect, Any]]:
         """The effects that look at the whole picture before they are prepared, with their data."""
-        return [(effect, data) for effect, data in self._unprepared if effect.looks_first(data)]
+        return [
+            (effect, data) for effect, data in self._unprepared if effect.analyses_picture(data)
+        ]
 
     @property
-    def _unprepared(self) -> list[tuple[LooksAround, Any]]:
+    def _unprepared(self) -> list[tuple[NeighbourhoodEffect, Any]]:
         """Effects that read neighbouring pixels and are not prepared."""
         done = {} if self.drawn is None else self.drawn[0]
-        return [one for one in neighbourhood_effects(self.planned) if one[0].name not in done]
+        return [
+            one for one in select_neighbourhood_effects(self.planned) if one[0].name not in done
+        ]
 
     @property
     def corner(self) -> tuple[int, int]:
@@ -242,7 +253,7 @@ class RenderPlan(TextReport):
     @cached_property
     def keeps_clip_positions(self) -> bool:
         """Whether a pass after visibility reads clip-space positions."""
-        around = neighbourhood_effects(self.planned)
+        around = select_neighbourhood_effects(self.planned)
         return self.facts.diagnose or any(effect.reads_clip_positions for effect, _ in around)
 
     @property
@@ -262,7 +273,7 @@ class RenderPlan(TextReport):
         """Whether face numbers are read again after shading."""
         facts = self.facts
         after = self.layers is not None or facts.diagnose or facts.shades_points
-        later = self.at("overlay") or self.at("background")
+        later = self.effects_at("overlay") or self.effects_at("background")
         is_colored = self.pictures == 1 and self.outputs == ("color",) and facts.draws_faces
         return not is_colored or after or bool(later)
 
@@ -303,7 +314,7 @@ class RenderPlan(TextReport):
         widest = max(len(name) for name, _ in rows)
         return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)
 
-    def _reason(self, effect: Planned | Absent) -> str:
+    def _reason(self, effect: UsedEffect | UnusedEffect) -> str:
         """Return why an effect is in or out, and who added one that is in."""
         added = self.added.get(effect.name, "") if effect.used else ""
         return f"{effect.reason}; {added}" if added else effect.reason

@@ -11,12 +11,12 @@ from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import HasModes
+from rasterjit.survey.effect import ModalEffect
 
 ROUNDS = 3
 """Frames measured per variant; the median counts."""
 
-MODAL = {effect.key: effect for effect in EFFECTS if isinstance(effect, HasModes)}
+MODAL = {effect.key: effect for effect in EFFECTS if isinstance(effect, ModalEffect)}
 """Effects with several modes, by key."""
 
 KEYS = {one.key: one.name for one in EFFECTS if one.key and one.key not in MODAL}

@@ -240,8 +240,8 @@ def test_another_camera_changes_no_facts(scene, camera):
     other = asked.plan(scene, planned.cache, planned.plan)
     assert other.plan.facts is planned.plan.facts
     for before, after in zip(planned.plan.effects, other.plan.effects, strict=True):
-        assert after is before or not after.effect.follows_facts
-    assert sum(one.effect.follows_facts for one in other.plan.effects) > 20
+        assert after is before or not after.effect.depends_on_facts_alone
+    assert sum(one.effect.depends_on_facts_alone for one in other.plan.effects) > 20
     assert other.plan.camera.eye == eye
 
 
@@ -269,8 +269,8 @@ def test_answers_that_are_kept_follow_from_facts_alone(scene, camera, name):
         CHANGES[change](scene, asked)
     plan = asked.plan(scene).plan
     for answer in plan.effects:
-        if answer.effect.follows_facts:
-            again = answer.effect.answer(plan.facts, Unseen())
+        if answer.effect.depends_on_facts_alone:
+            again = answer.effect.decide(plan.facts, Unseen())
             assert again.used == answer.used
             assert not answer.used or content([again.data]) == content([answer.data])
 

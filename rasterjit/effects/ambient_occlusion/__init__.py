@@ -26,7 +26,7 @@ from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import (
     BatchedEffect,
     FrameContext,
-    LooksAround,
+    NeighbourhoodEffect,
     Planning,
     add_to_field,
 )
@@ -51,7 +51,7 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
     height, width = face_id.shape
-    lens = context.own(LENS, lens_of(context.plan.camera, (width, height), effect.radius))
+    lens = context.per_view(LENS, lens_of(context.plan.camera, (width, height), effect.radius))
     snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
     pattern = stage.screen_pattern()
     rough, tolerance = empty(face_id.shape, np.float32), empty(face_id.shape, np.float32)
@@ -85,7 +85,7 @@ def radius_of(effect: AmbientOcclusion, scene: Scene) -> float:
     return DEFAULT_RADIUS_RATIO * radius if radius > 0.0 else 1.0
 
 
-class Occlusion(LooksAround, BatchedEffect):
+class Occlusion(NeighbourhoodEffect, BatchedEffect):
     """Dim the light from all around."""
 
     name = "ambient occlusion"
@@ -93,12 +93,12 @@ class Occlusion(LooksAround, BatchedEffect):
     key = "o"
     joins_faces = True
 
-    def decide(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
+    def plan_data(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
         """Return the effect, with a radius."""
         effect = facts.fields[self.field]
         return replace(effect, radius=radius_of(effect, planning.scene))
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why no ambient light falls on faces lit pixel by pixel, or is not dimmed."""
         if facts.fields[self.field].strength == 0.0:
             return "its strength is 0"
@@ -124,7 +124,7 @@ class Occlusion(LooksAround, BatchedEffect):
         """Return the visibility of ambient light at each pixel, (H, W) float32."""
         return find_occlusion(data, context)
 
-    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
+    def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
         """Return the matrices of the cameras, in radii."""
         if scene.ambient_occlusion is None:
             return {}

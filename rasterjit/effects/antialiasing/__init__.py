@@ -22,9 +22,9 @@ class Antialiasing(QualityEffect):
     """Average the samples of a pixel."""
 
     name = "anti-aliasing"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why the colour of a pixel is that of one sample."""
         if facts.antialiases:
             return ""

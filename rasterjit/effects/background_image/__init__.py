@@ -87,15 +87,15 @@ class BackgroundPicture(BackdropEffect):
     """Show a background image where no face is."""
 
     name = "background image"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why no picture is seen where no face is."""
         if facts.background_image is None:
             return "the render was given no picture"
         return "" if facts.is_colored else "no output shows colour"
 
-    def decide(self, facts: Facts, planning: Planning) -> BackgroundImage | None:
+    def plan_data(self, facts: Facts, planning: Planning) -> BackgroundImage | None:
         """Return the picture."""
         return facts.background_image
 

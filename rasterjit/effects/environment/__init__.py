@@ -30,7 +30,14 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import ViewGroup
-from rasterjit.survey.effect import BatchedEffect, Calls, Field, FrameContext, Planning, with_field
+from rasterjit.survey.effect import (
+    BatchedEffect,
+    Calls,
+    FrameContext,
+    Planning,
+    ViewArrays,
+    with_field,
+)
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
@@ -126,9 +133,9 @@ class EnvironmentLight(BatchedEffect):
     name = "environment light"
     key = "v"
     term = "environment"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why no light from all around reaches a colour that is asked for."""
         if facts.environment is None:
             return "scene.environment is None"
@@ -136,7 +143,7 @@ class EnvironmentLight(BatchedEffect):
             return unlit_reason(facts)
         return "" if facts.environment.lights else "the environment is black"
 
-    def decide(self, facts: Facts, planning: Planning) -> Environment | None:
+    def plan_data(self, facts: Facts, planning: Planning) -> Environment | None:
         """Return the environment."""
         return facts.environment
 
@@ -151,7 +158,9 @@ class EnvironmentLight(BatchedEffect):
         """Return the environment, filtered as far as anything reads it."""
         return environment_record(data, context.plan.facts.needs_microfacets, context.workers)
 
-    def share(self, plan: RenderPlan, data: Environment, field: Field) -> EnvironmentRecord:
+    def prepare_batch(
+        self, plan: RenderPlan, data: Environment, view_arrays: ViewArrays
+    ) -> EnvironmentRecord:
         """Return the environment, which is the same for all views."""
         return environment_record(data, plan.facts.needs_microfacets, Workers(1))
 
@@ -198,9 +207,9 @@ class EnvironmentBackground(BatchedEffect):
 
     name = "environment background"
     key = "b"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why the environment is not seen where no face is."""
         if facts.environment is None:
             return "scene.environment is None"
@@ -210,7 +219,7 @@ class EnvironmentBackground(BatchedEffect):
             return "the render was given a background"
         return "" if facts.environment.background else "its background is False"
 
-    def decide(self, facts: Facts, planning: Planning) -> Environment | None:
+    def plan_data(self, facts: Facts, planning: Planning) -> Environment | None:
         """Return the environment."""
         return facts.environment
 
@@ -228,11 +237,13 @@ class EnvironmentBackground(BatchedEffect):
         rays = background_rays(plan.camera, plan.size)
         return Sky(rays, plan.size, backdrop_record(data), tone_of(plan), plan.corner)
 
-    def share(self, plan: RenderPlan, data: Environment, field: Field) -> Sky:
+    def prepare_batch(self, plan: RenderPlan, data: Environment, view_arrays: ViewArrays) -> Sky:
         """Return the environment as the background of each view."""
-        return Sky(field(RAYS, (3, 3), np.float64), plan.size, backdrop_record(data), tone_of(plan))
+        return Sky(
+            view_arrays(RAYS, (3, 3), np.float64), plan.size, backdrop_record(data), tone_of(plan)
+        )
 
-    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float64]]:
+    def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float64]]:
         """Return the rays of each view."""
         if scene.environment is None or not scene.environment.background:
             return {}

@@ -19,7 +19,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import ViewGroup
-from rasterjit.survey.effect import BatchedEffect, Field, Planning
+from rasterjit.survey.effect import BatchedEffect, Planning, ViewArrays
 from rasterjit.survey.facts import Facts, is_fog_in_reach
 from rasterjit.survey.plan import RenderPlan
 
@@ -59,7 +59,7 @@ class FogEffect(BatchedEffect):
     field = "fog"
     key = "n"
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why fog covers no colour that is asked for."""
         if facts.shades and facts.fog is None:
             is_thin = facts.fields[self.field].density == 0.0
@@ -71,19 +71,21 @@ class FogEffect(BatchedEffect):
         fog = facts.fields[self.field]
         return f"mode {fog.mode}" + (", by height" if fog.height is not None else "")
 
-    def decide(self, facts: Facts, planning: Planning) -> FogRecord:
+    def plan_data(self, facts: Facts, planning: Planning) -> FogRecord:
         """Return the fog that passes read."""
         return fog_record(facts.fields[self.field], planning.camera, facts.visible.flat > 0)
 
-    def answers(self, scene: Scene, group: ViewGroup) -> Any:
+    def decide_views(self, scene: Scene, group: ViewGroup) -> Any:
         """Tell which views the fog is in reach of."""
         return is_fog_in_reach(scene.fog, group)
 
-    def share(self, plan: RenderPlan, data: FogRecord, field: Field) -> FogRecord:
+    def prepare_batch(
+        self, plan: RenderPlan, data: FogRecord, view_arrays: ViewArrays
+    ) -> FogRecord:
         """Return the fog, with the height of each view's eye."""
-        return data._replace(eye_y=field("height above fog", (1,), np.float32))
+        return data._replace(eye_y=view_arrays("height above fog", (1,), np.float32))
 
-    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float32]]:
+    def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float32]]:
         """Return the heights of the eyes."""
         fog = scene.fog
         return {} if fog is None else {"height above fog": _heights(fog, group.eyes[:, 1])}

@@ -23,12 +23,12 @@ from rasterjit.scene.label import Label
 from rasterjit.scene.pixel_projection import clip_from_relative, project
 from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.survey.effect import (
-    Absent,
-    Bends,
     FrameContext,
-    LooksAround,
-    Planned,
+    LensDistortedEffect,
+    NeighbourhoodEffect,
     Planning,
+    UnusedEffect,
+    UsedEffect,
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
@@ -266,24 +266,24 @@ def _cross(one: Sequence[float], other: Sequence[float]) -> list[float]:
     ]
 
 
-class Labels(LooksAround, Bends):
+class Labels(NeighbourhoodEffect, LensDistortedEffect):
     """Draw texts over the finished picture."""
 
     name = "labels"
     key = "j"
-    looks = "whole"
+    scope = "whole"
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+    def decide(self, facts: Facts, planning: Planning) -> UsedEffect | UnusedEffect:
         """Say whether texts are drawn: they are 8-bit pixels."""
         nodes = planning.scene.labelled
         if not nodes or "color" not in facts.outputs:
-            return Absent(self, facts)
+            return UnusedEffect(self, facts)
         labels = tuple(node.label for node in nodes if node.label is not None)
         points = [
             _transform(node.world_matrix[:3], np.array(label.position))
             for node, label in zip(nodes, labels, strict=True)
         ]
-        return Planned(self, facts, Texts(labels, np.array(points)))
+        return UsedEffect(self, facts, Texts(labels, np.array(points)))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say why texts are drawn or not."""
@@ -293,21 +293,21 @@ class Labels(LooksAround, Bends):
             return "no node has a label"
         return f"over the finished picture{blending_note(facts.quality)}"
 
-    def looks_first(self, data: Texts) -> bool:
+    def analyses_picture(self, data: Texts) -> bool:
         """Tell whether parts of a picture must know what hides texts in others."""
         return any(label.hidden for label in data.labels)
 
-    def bent(self, data: Texts, eye: Any, pixels: Callable[[Any], Any]) -> Texts:
+    def distort(self, data: Texts, eye: Any, pixels: Callable[[Any], Any]) -> Texts:
         """Return the texts, each where a lens shows its point."""
         # What is too far for numbers is seen nowhere.
         with np.errstate(all="ignore"):
             return data._replace(anchors=pixels(data.points - eye))
 
-    def see(self, context: FrameContext) -> NDArray[np.int8]:
+    def analyse(self, context: FrameContext) -> NDArray[np.int8]:
         """Return the visibility of each text in a picture, or a part of it."""
         return find_states(context.plan.data(self.name), context)
 
-    def join(
+    def merge_parts(
         self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], NDArray[np.int8]]]
     ) -> NDArray[np.int8]:
         """Return the visibility of each text, given that in parts of the picture."""

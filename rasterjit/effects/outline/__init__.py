@@ -25,7 +25,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import ViewGroup
-from rasterjit.survey.effect import BatchedEffect, FrameContext, LooksAround, add_to_field
+from rasterjit.survey.effect import BatchedEffect, FrameContext, NeighbourhoodEffect, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -54,11 +54,11 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
     geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth = coverage.face_id, coverage.reversed_depth
     height, width = face_id.shape
-    lens = context.own(LENS, lens_of(context.plan.camera, (width, height), 1.0))
+    lens = context.per_view(LENS, lens_of(context.plan.camera, (width, height), 1.0))
     snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)
-    marks = context.own(MARKS, np.zeros(face_id.shape, np.uint8))
+    marks = context.per_view(MARKS, np.zeros(face_id.shape, np.uint8))
     rgba = opaque_codes(effect.color).view(np.uint32)
     target, disc = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
     per_task = rows_per_task(face_id.shape, workers)
@@ -89,16 +89,16 @@ def disc_rows(width: int) -> NDArray[np.int32]:
     return np.array(rows, np.int32)
 
 
-class Outlines(LooksAround, BatchedEffect):
+class Outlines(NeighbourhoodEffect, BatchedEffect):
     """Draw the edges of shapes over the finished picture."""
 
     name = "outline"
     field = "outline"
     key = "k"
     joins_faces = True
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why none are drawn: they are 8-bit pixels, around faces."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
@@ -125,7 +125,7 @@ class Outlines(LooksAround, BatchedEffect):
         """Return the scene with thin outlines."""
         return "on, one pixel wide", add_to_field(scene, self.field, Outline())
 
-    def differ(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
+    def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
         """Return the matrices of the cameras, and that there are no marks before."""
         if scene.outline is None:
             return {}

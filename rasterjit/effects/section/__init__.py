@@ -25,7 +25,13 @@ from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane, planes_in
-from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, Planning, with_field
+from rasterjit.survey.effect import (
+    FrameContext,
+    ModalEffect,
+    NeighbourhoodEffect,
+    Planning,
+    with_field,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -33,22 +39,22 @@ MARK = np.array([255, 255, 255, 255], np.uint8)
 """What marks a pixel that a line goes through."""
 
 
-class Sections(LooksAround, HasModes):
+class Sections(NeighbourhoodEffect, ModalEffect):
     """Cut a scene by planes: report by which."""
 
     name = "section"
     field = "section"
     key = "p"
     modes: ClassVar = {"own": "the scene's own, or across z", "x": "across x", "y": "across y"}
-    looks = "sample"
+    scope = "sample"
     joins_faces = True
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why the scene is not cut."""
         return "" if planes_in(facts.fields[self.field]) else "scene.section is None"
 
-    def decide(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
+    def plan_data(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
         """Return the planes."""
         return planes_in(facts.fields[self.field])
 
@@ -87,15 +93,15 @@ class Sections(LooksAround, HasModes):
         return with_field(scene, self.field, SectionPlane(tuple(center.tolist()), normal))
 
 
-class SectionLines(LooksAround):
+class SectionLines(NeighbourhoodEffect):
     """Draw the lines along which planes cut over the finished picture."""
 
     name = "section lines"
     field = "section"
     reads_clip_positions = True
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why no lines are drawn: they are 8-bit pixels, around faces."""
         planes = planes_in(facts.fields[self.field])
         if not any(plane.lines for plane in planes):
@@ -104,7 +110,7 @@ class SectionLines(LooksAround):
             return "no output shows colour in 8 bits"
         return "" if facts.draws_faces else "only the wireframe is drawn"
 
-    def decide(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
+    def plan_data(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
         """Return the planes."""
         return planes_in(facts.fields[self.field])
 
@@ -122,7 +128,7 @@ class SectionLines(LooksAround):
         """Tell that faces hide lines."""
         return True
 
-    def reach(self, data: tuple[SectionPlane, ...]) -> int:
+    def neighbourhood_radius(self, data: tuple[SectionPlane, ...]) -> int:
         """Return how far from its middle a line goes."""
         return max(plane.line_width for plane in data if plane.lines)
 

@@ -26,7 +26,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
+from rasterjit.survey.effect import FrameContext, NeighbourhoodEffect, Planning, with_field
 from rasterjit.survey.facts import Facts, changed_settings
 from rasterjit.survey.light_culling import TEXEL_BYTES, CastingLight, has_cube
 from rasterjit.survey.object_transforms import transform_boxes
@@ -84,16 +84,16 @@ def can_turn_away(needs: ShadingNeeds) -> bool:
     return not (needs.layers or needs.transmission or needs.pyrender)
 
 
-class ShadowMaps(LooksAround):
+class ShadowMaps(NeighbourhoodEffect):
     """Multiply each light by its visibility in its shadow map."""
 
     name = "shadows"
     key = "l"
-    looks = "whole"
+    scope = "whole"
     settings = ("shadow_size", "shadow_taps")
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why no light may cast shadows on what is seen."""
         if facts.casts_shadows:
             return ""
@@ -101,7 +101,7 @@ class ShadowMaps(LooksAround):
             return "nothing is lit"
         return "; ".join(facts.lights.shadow_notes) or "no light casts them"
 
-    def decide(self, facts: Facts, planning: Planning) -> Any:
+    def plan_data(self, facts: Facts, planning: Planning) -> Any:
         """Return the maps to draw."""
         return maps.plan_shadows(mapped_lights(facts))
 
@@ -114,14 +114,14 @@ class ShadowMaps(LooksAround):
         """Tell that maps are fitted to what is seen."""
         return True
 
-    def see(self, context: FrameContext) -> visible_cells.DepthRanges:
+    def analyse(self, context: FrameContext) -> visible_cells.DepthRanges:
         """Return the ranges of a picture's depth, which maps are fitted to."""
         layers = context.plan.layers
         asks_objects = layers is not None and not layers.has_blended
         starts = context.placement.face_starts if asks_objects else None
         return visible_cells.read_depth_ranges(context.seen.coverage, context.workers, starts)
 
-    def join(
+    def merge_parts(
         self,
         size: tuple[int, int],
         parts: Sequence[tuple[tuple[int, int], visible_cells.DepthRanges]],

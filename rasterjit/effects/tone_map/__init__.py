@@ -46,16 +46,16 @@ class ToneMapping(BatchedEffect):
     name = "tone mapping"
     field = "tone_map"
     key = "t"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why light is not exposed, and no tone curve applied: to 8-bit colour alone."""
         if facts.tone_map is not None:
             return ""
         is_neutral = facts.fields[self.field].is_neutral
         return "curve none, exposure 0" if is_neutral else "no output shows colour in 8 bits"
 
-    def decide(self, facts: Facts, planning: Planning) -> ToneRecord:
+    def plan_data(self, facts: Facts, planning: Planning) -> ToneRecord:
         """Return the tone map as shading reads it."""
         return tone_record(facts.fields[self.field])
 

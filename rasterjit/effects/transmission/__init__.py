@@ -23,7 +23,7 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, SeesThrough
+from rasterjit.survey.effect import FrameContext, OpaquePassEffect
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.material_features import without_transmission
 from rasterjit.survey.object_counts import describe_count
@@ -122,14 +122,14 @@ def mean_scales(relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]
     return np.sqrt(total / 3.0)
 
 
-class Transmission(SeesThrough):
+class Transmission(OpaquePassEffect):
     """Show what lies behind glass."""
 
     name = "transmission"
     term = "what is seen through it"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why light goes through nothing in view that is lit."""
         if facts.transmits:
             return ""
@@ -142,10 +142,10 @@ class Transmission(SeesThrough):
         seen, count = facts.visible.transmitting, facts.counts.transmitting
         return describe_count(seen, count, "transmitting object")
 
-    def reach(self, data: Any) -> None:
-        """Tell that a refracted ray may lead to any pixel: see `SeesThrough`."""
+    def neighbourhood_radius(self, data: Any) -> None:
+        """Tell that a refracted ray may lead to any pixel: see `OpaquePassEffect`."""
 
-    def hidden(self, facts: Facts) -> NDArray[np.bool_]:
+    def hidden_objects(self, facts: Facts) -> NDArray[np.bool_]:
         """Return which objects the picture behind glass leaves out, besides what is blended."""
         return facts.inventory.is_transmitting
 
@@ -171,7 +171,7 @@ class Transmission(SeesThrough):
             np.array(plan.size, np.float64), np.array(plan.corner, np.int64),
         )  # fmt: skip
 
-    def of_part(self, record: OpaquePass, corner: tuple[int, int]) -> OpaquePass:
+    def crop_record(self, record: OpaquePass, corner: tuple[int, int]) -> OpaquePass:
         """Return the opaque pass for a part of the picture."""
         return record._replace(corner=np.array(corner, np.int64))
 

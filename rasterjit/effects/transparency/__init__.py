@@ -19,9 +19,9 @@ class Blending(Effect):
 
     name = "transparency"
     settings = ("transparency_layers", "visible_alpha")
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why nothing is seen through."""
         return "" if facts.transparency.used else facts.transparency.reason
 

@@ -31,9 +31,9 @@ class Vignetting(BatchedEffect):
     name = "vignette"
     field = "vignette"
     key = "z"
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why corners are not darkened: they are 8-bit pixels."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"

@@ -25,7 +25,7 @@ from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, with_field
+from rasterjit.survey.effect import FrameContext, ModalEffect, NeighbourhoodEffect, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import blending_note
@@ -186,21 +186,21 @@ def list_by_bands(
     return starts, listed
 
 
-class Edges(LooksAround, HasModes):
+class Edges(NeighbourhoodEffect, ModalEffect):
     """Draw the edges of faces over the finished picture."""
 
     name = "wireframe"
     field = "wireframe"
     key = "g"
     modes: ClassVar = {"overlay": "over the faces", "only": "alone"}
-    looks = "sample"
+    scope = "sample"
     joins_faces = True
     is_explained = True
     settings = ("lines",)
     reads_clip_positions = True
-    follows_facts = True
+    depends_on_facts_alone = True
 
-    def why_not(self, facts: Facts) -> str:
+    def unused_reason(self, facts: Facts) -> str:
         """Say why no edges are drawn: they are 8-bit pixels, so linear colour has none."""
         return "" if "color" in facts.outputs else "no output shows colour in 8 bits"
 
