@@ -109,7 +109,7 @@ BATCHED_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, BatchedEffect)
 """Effects that views in groups may have."""
 
 VIEW_DEPENDENT = tuple(
-    one for one in BATCHED_EFFECTS if type(one).answers is not BatchedEffect.answers
+    one for one in BATCHED_EFFECTS if type(one).decide_views is not BatchedEffect.decide_views
 )
 """Effects of groups that depend on more than facts and contents of a view."""
 

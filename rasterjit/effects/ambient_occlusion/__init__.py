@@ -34,7 +34,7 @@ from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
 LENS = "lens of occlusion"
-"""Key of a view's lens in recorded calls: see `Occlusion.differ`."""
+"""Key of a view's lens in recorded calls: see `Occlusion.compute_view_arrays`."""
 
 
 def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[np.float32]:

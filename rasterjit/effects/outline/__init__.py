@@ -36,7 +36,7 @@ EDGE_BITS = {
 }
 
 LENS, MARKS = "lens of outlines", "marks of outlines"
-"""Keys of a view's arrays in recorded calls: see `Outlines.differ`."""
+"""Keys of a view's arrays in recorded calls: see `Outlines.compute_view_arrays`."""
 
 
 def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint8]) -> None:
