@@ -33,7 +33,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import brief, thread_count
 from rasterjit.survey.clip_planes import PlaneNeeds, merge_needs
-from rasterjit.survey.effect import NeighbourhoodEffect, OpaquePassEffect
+from rasterjit.survey.effect import OpaquePassEffect, ScreenEffect
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.object_counts import SMOOTH
 from rasterjit.survey.plan import RenderPlan
@@ -439,9 +439,7 @@ def _check_meshes(output: str, partitions: Any, parts: Sequence[Any]) -> None:
         raise ValueError(f"outputs has {output!r}, but partitions of (vertices, faces) have none")
 
 
-JOINING_EFFECTS = tuple(
-    one for one in EFFECTS if isinstance(one, NeighbourhoodEffect) and one.joins_faces
-)
+JOINING_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, ScreenEffect) and one.joins_faces)
 """Effects that no part of a scene has alone."""
 
 

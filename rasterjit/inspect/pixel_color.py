@@ -29,7 +29,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import FrameContext, PreparedEffect
+from rasterjit.survey.effect import ActiveEffect, FrameContext
 from rasterjit.survey.packed_scene import SceneArrays
 from rasterjit.survey.plan import RenderPlan
 
@@ -50,7 +50,7 @@ class Lit(NamedTuple):
     """Lighting of the objects: lights and effects."""
 
     lighting: Lighting | None
-    effects: tuple[PreparedEffect, ...]
+    effects: tuple[ActiveEffect, ...]
 
     def without(self, *places: str) -> Lit:
         """Return a copy in which effects at some places change nothing."""
@@ -66,7 +66,7 @@ class Lit(NamedTuple):
         return self._replace(lighting=self.lighting._replace(**fields))
 
 
-def _neutralize(one: PreparedEffect) -> PreparedEffect:
+def _neutralize(one: ActiveEffect) -> ActiveEffect:
     """Return an effect that changes nothing, as data: no other stage is compiled."""
     return one._replace(record=one.effect.neutral(one.record))
 
@@ -177,7 +177,7 @@ def _effect_terms(
             yield _effect_term(one, with_it - without)
 
 
-def _effect_term(one: PreparedEffect, added: NDArray[np.float32]) -> LightTerm:
+def _effect_term(one: ActiveEffect, added: NDArray[np.float32]) -> LightTerm:
     """Return the light that an effect adds to a colour, (3,) float32, as a term."""
     effect = one.effect
     return LightTerm(

@@ -52,7 +52,7 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
 from rasterjit.survey.batched_views import (
-    BatchedViewTransforms,
+    BatchTransforms,
     ViewGroup,
     are_boxes_between,
     compute_scene_bounds,
@@ -61,7 +61,7 @@ from rasterjit.survey.batched_views import (
 )
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, find_plane_needs, plane_margins, uneven_spheres
-from rasterjit.survey.effect import BatchedEffect, NeighbourhoodEffect
+from rasterjit.survey.effect import BatchedEffect, ScreenEffect
 from rasterjit.survey.light_culling import (
     HEADLIGHT_DIRECTION,
     MAX_LIGHT_DISTANCE,
@@ -305,7 +305,7 @@ class BatchScheduler:
 
     def _find_crossed(
         self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_],
-        beyond_boxes: NDArray[np.bool_], views: BatchedViewTransforms, measures: BoxMeasures,
+        beyond_boxes: NDArray[np.bool_], views: BatchTransforms, measures: BoxMeasures,
     ) -> list[int]:  # fmt: skip
         """Return the views, of those asked for, where an object may reach over a plane."""
         asked = [
@@ -343,7 +343,7 @@ class BatchScheduler:
         self,
         cameras: Sequence[Camera],
         places: ObjectTransforms,
-        views: BatchedViewTransforms,
+        views: BatchTransforms,
         view: Float64,
     ) -> dict[str, NDArray[Any]]:
         """Return all arrays of a view but those of lights and effects, (N, ...) or (1, ...)."""
@@ -546,7 +546,7 @@ def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     if not all(
         isinstance(one.effect, BatchedEffect)
         for one in plan.planned
-        if one.effect.places or isinstance(one.effect, NeighbourhoodEffect)
+        if one.effect.places or isinstance(one.effect, ScreenEffect)
     ):
         return False
     if not all(map(_is_shared, scene.lights)):
@@ -729,7 +729,7 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
 
 def _effects(plan: RenderPlan) -> list[tuple[Any, int]]:
     """Return the effects with their data that is common to all views."""
-    return [(one.effect, id(one.data) * one.effect.depends_on_facts_alone) for one in plan.planned]
+    return [(one.effect, id(one.data) * one.effect.needs_facts_only) for one in plan.planned]
 
 
 def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:

@@ -30,7 +30,7 @@ from rasterjit.rendering.command_buffer import LIGHT_ROWS, CommandBuffer, memory
 from rasterjit.rendering.planning import PlannedFrame
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
-from rasterjit.survey.batched_views import BatchedViewTransforms, ViewGroup
+from rasterjit.survey.batched_views import BatchTransforms, ViewGroup
 from rasterjit.survey.effect import BatchedEffect
 from rasterjit.survey.plan import RenderPlan
 
@@ -164,7 +164,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     changed = [one.effect for one in plan.planned if isinstance(one.effect, BatchedEffect)]
     if changed:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
-        own = BatchedViewTransforms(
+        own = BatchTransforms(
             views.relative_from_model[np.newaxis], views.clip_from_relative[np.newaxis],
             views.toward_viewer[np.newaxis], np.array([views.screen_winding]), np.ones(1, np.bool_),
         )  # fmt: skip

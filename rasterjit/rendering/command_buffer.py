@@ -52,13 +52,13 @@ from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.stage_runner import StageList
 from rasterjit.runtime.state_block import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
-from rasterjit.survey.batched_views import BatchedViewTransforms
+from rasterjit.survey.batched_views import BatchTransforms
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import (
+    ActiveEffect,
     BatchedEffect,
     FrameContext,
-    NeighbourhoodEffect,
-    PreparedEffect,
+    ScreenEffect,
     select_acting,
 )
 from rasterjit.survey.facts import Facts
@@ -125,7 +125,7 @@ def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def view_fields(
-    views: ViewTransforms | BatchedViewTransforms,
+    views: ViewTransforms | BatchTransforms,
     places: ViewTransforms | ObjectTransforms,
     world_from_model: Float64,
     winding: Any,
@@ -523,14 +523,14 @@ class CommandBuffer:
             if name in plan.outputs:
                 self._add_copy(name, getattr(rows, name))
 
-    def _prepared_effects(self, context: FrameContext) -> Iterator[PreparedEffect]:
+    def _prepared_effects(self, context: FrameContext) -> Iterator[ActiveEffect]:
         """Yield the effects that act on the picture, after the calls that prepare them."""
         for planned in self._plan.planned:
             if planned.effect.places and isinstance(planned.effect, BatchedEffect):
                 record = planned.effect.prepare_batch(self._plan, planned.data, self._field)
-                if isinstance(planned.effect, NeighbourhoodEffect):
+                if isinstance(planned.effect, ScreenEffect):
                     record = planned.effect.prepare(context, record, ())
-                yield PreparedEffect(planned.effect, record)
+                yield ActiveEffect(planned.effect, record)
 
     def _record_layers(
         self, layers: PixelLayers, shader: Shader, tones: Tones | None, picture: ColorRows

@@ -23,11 +23,11 @@ from rasterjit.effects.vignette import VIGNETTE
 from rasterjit.effects.wireframe import WIREFRAME
 from rasterjit.survey import material_features as rows
 from rasterjit.survey.effect import (
+    ActiveEffect,
     Effect,
     FrameContext,
-    NeighbourhoodEffect,
     Planning,
-    PreparedEffect,
+    ScreenEffect,
     UnusedEffect,
     UsedEffect,
 )
@@ -68,7 +68,7 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
-DECIDED_ANEW = tuple(n for n, effect in enumerate(EFFECTS) if not effect.depends_on_facts_alone)
+DECIDED_ANEW = tuple(n for n, effect in enumerate(EFFECTS) if not effect.needs_facts_only)
 """Numbers of effects that are decided anew for each frame."""
 
 
@@ -98,7 +98,7 @@ def decide_effects(
     return tuple([changed.get(n, answer) for n, answer in enumerate(known)])
 
 
-def prepare_effects(context: FrameContext) -> tuple[PreparedEffect, ...]:
+def prepare_effects(context: FrameContext) -> tuple[ActiveEffect, ...]:
     """Prepare the effects of a picture, except those already prepared for the whole."""
     plan, found = context.plan, []
     (done,) = plan.drawn or ({},)
@@ -109,9 +109,9 @@ def prepare_effects(context: FrameContext) -> tuple[PreparedEffect, ...]:
         if planned.name in done:
             record = done[planned.name]
         else:
-            own = effect.analyse(context) if isinstance(effect, NeighbourhoodEffect) else None
+            own = effect.analyse(context) if isinstance(effect, ScreenEffect) else None
             seen = [(plan.camera, own)]
             record = effect.prepare(context, planned.data, seen)
         if record is not None:
-            found.append(PreparedEffect(effect, record))
+            found.append(ActiveEffect(effect, record))
     return tuple(found)

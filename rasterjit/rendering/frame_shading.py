@@ -32,13 +32,13 @@ from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import (
+    ActiveEffect,
     FrameContext,
     OpaquePassEffect,
-    PreparedEffect,
     UsedEffect,
     context_of,
+    list_screen_effects,
     select_acting,
-    select_neighbourhood_effects,
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_transforms import normalize_normal_matrices
@@ -236,7 +236,7 @@ def light_vertices(
     placement: Placement,
     surface: Surface,
     lighting: Lighting,
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
@@ -321,7 +321,7 @@ def shade_nothing(
 
 def glass_of(plan: RenderPlan) -> tuple[OpaquePassEffect, Any] | None:
     """Return the transmission effect of a frame, with its data; ``None`` without one."""
-    around = select_neighbourhood_effects(plan.planned)
+    around = list_screen_effects(plan.planned)
     return next(((one, data) for one, data in around if isinstance(one, OpaquePassEffect)), None)
 
 

@@ -57,12 +57,7 @@ from rasterjit.scene.validation import boolean
 from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import merge_needs
-from rasterjit.survey.effect import (
-    FrameContext,
-    LensDistortedEffect,
-    UsedEffect,
-    select_neighbourhood_effects,
-)
+from rasterjit.survey.effect import FrameContext, LensEffect, UsedEffect, list_screen_effects
 from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
@@ -165,7 +160,7 @@ def plan_lensed(
     pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
     effects = tuple(
         replace(one, data=one.effect.distort(one.data, eye, pixels))
-        if isinstance(one, UsedEffect) and isinstance(one.effect, LensDistortedEffect)
+        if isinstance(one, UsedEffect) and isinstance(one.effect, LensEffect)
         else one
         for one in whole[0].plan.effects
     )
@@ -305,7 +300,7 @@ def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
 def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
     for plan in plans:
-        for effect, _ in select_neighbourhood_effects(plan.planned):
+        for effect, _ in list_screen_effects(plan.planned):
             looks_around = effect.scope == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
                 raise ValueError(

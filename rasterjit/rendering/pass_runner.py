@@ -28,7 +28,7 @@ from rasterjit.runtime.spinning_threads import Call
 from rasterjit.runtime.stage_runner import BlockMemory, StageList, Step, block_memory
 from rasterjit.runtime.state_block import WORD, RecordType, size_of, type_named
 from rasterjit.runtime.threads import Workers
-from rasterjit.survey.effect import PreparedEffect
+from rasterjit.survey.effect import ActiveEffect
 
 _BLOCK = type_named(Block)
 assert isinstance(_BLOCK, RecordType)
@@ -70,7 +70,7 @@ def light_vertices(
     placement: Placement,
     surface: Surface,
     lighting: Lighting,
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     lit_vertices: NDArray[np.float32],
 ) -> None:
     """
@@ -86,7 +86,7 @@ def light_vertices(
         Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
     placement, surface, lighting : records
         ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
-    effects : sequence of PreparedEffect
+    effects : sequence of ActiveEffect
         Those that act on lights and on light from all sides count, not those that act on pixels.
     lit_vertices : (V, 2, 3) float32
         Written for those vertices: linear colour, for a viewer in front and one behind.
@@ -103,7 +103,7 @@ def vertex_steps(
     placement: Placement,
     surface: Surface,
     lighting: Lighting,
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     lit_vertices: NDArray[np.float32],
     viewer: NDArray[np.float32] | None = None,
 ) -> list[Step]:
@@ -124,7 +124,7 @@ class Shading:
     needs : ShadingNeeds
     geometry, placement, surface, lighting : records
         ``lighting`` None: every object shows its own colour.
-    effects : sequence of PreparedEffect
+    effects : sequence of ActiveEffect
     encoding : str
         What codes show: see ``srgb_encoding.Encoding``.
     background : (4,) float32, linear
@@ -140,7 +140,7 @@ class Shading:
         placement: Placement,
         surface: Surface,
         lighting: Lighting | None,
-        effects: Sequence[PreparedEffect],
+        effects: Sequence[ActiveEffect],
         encoding: Encoding,
         background: NDArray[np.float32],
         viewer: NDArray[np.float32] | None = None,

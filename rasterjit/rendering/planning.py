@@ -51,7 +51,7 @@ from rasterjit.survey.clip_planes import (
 )
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
-from rasterjit.survey.effect import Planning, PreparedEffect, UnusedEffect, UsedEffect
+from rasterjit.survey.effect import ActiveEffect, Planning, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import Facts, collect_facts
 from rasterjit.survey.light_culling import headlight_row, pack_lights, reference_lighting
 from rasterjit.survey.object_counts import (
@@ -347,9 +347,7 @@ def list_passes(plan: RenderPlan) -> list[Pass]:
     if plan.layers is None and not plan.facts.draws_faces and not plan.effects_at("background"):
         # All pixels are alike.
         return []
-    effects = tuple(
-        PreparedEffect(one.effect, one.data) for one in plan.planned if one.effect.places
-    )
+    effects = tuple(ActiveEffect(one.effect, one.data) for one in plan.planned if one.effect.places)
     return shading_passes.list_passes(plan.shading, effects, plan.layers, plan.outputs)
 
 

@@ -43,7 +43,7 @@ from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
 from rasterjit.scene.warning import warn_caller
-from rasterjit.survey.effect import is_backdrop, select_neighbourhood_effects
+from rasterjit.survey.effect import is_backdrop, list_screen_effects
 
 HEADROOM = 0.9
 """Largest share of a time budget that a frame's predicted time may take."""
@@ -511,9 +511,7 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     left out.
     """
     plan = frame.plan
-    if any(
-        effect.joins_faces for effect, _ in select_neighbourhood_effects(plan.effects_at("overlay"))
-    ):
+    if any(effect.joins_faces for effect, _ in list_screen_effects(plan.effects_at("overlay"))):
         light = srgb_to_linear(frame.color[:, :, :3])
         alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
     else:

@@ -27,12 +27,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, tiled_size
 from rasterjit.survey.deformation import posed_input
-from rasterjit.survey.effect import (
-    FrameContext,
-    OpaquePassEffect,
-    context_of,
-    select_neighbourhood_effects,
-)
+from rasterjit.survey.effect import FrameContext, OpaquePassEffect, context_of, list_screen_effects
 from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
 
@@ -65,7 +60,7 @@ class RegionRenderer:
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a region
-        (`NeighbourhoodEffect`).
+        (`ScreenEffect`).
     """
 
     def __init__(
@@ -343,10 +338,10 @@ def _margin_of(plan: RenderPlan) -> int:
         If an effect looks at any pixels beyond the edges of a region.
     """
     farthest = 0
-    for effect, data in select_neighbourhood_effects(plan.planned):
+    for effect, data in list_screen_effects(plan.planned):
         if effect.scope != "neighbours":
             continue
-        reach = effect.neighbourhood_radius(data)
+        reach = effect.read_radius(data)
         farthest = max(farthest, reach or 0)
         if isinstance(effect, OpaquePassEffect) and plan.pictures == 1 and not plan.whole:
             # The whole picture behind glass is drawn before.

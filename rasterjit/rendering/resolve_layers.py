@@ -47,7 +47,7 @@ from rasterjit.pipeline.visibility.visibility_pass import Coverage
 from rasterjit.rendering.pass_runner import IMMEDIATE, AnyCalls, Shading, Sharing, no_color
 from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
 from rasterjit.scene.reference_shader import decoded_codes
-from rasterjit.survey.effect import PreparedEffect, is_backdrop, select_acting
+from rasterjit.survey.effect import ActiveEffect, is_backdrop, select_acting
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
 
@@ -80,7 +80,7 @@ class Shader(NamedTuple):
     lighting: Lighting | None
     background: NDArray[np.float32]
     """(4,) linear."""
-    effects: tuple[PreparedEffect, ...] = ()
+    effects: tuple[ActiveEffect, ...] = ()
     alpha_tests: AlphaTests | None = None
     """The alpha-tested objects."""
     has_codes: bool = False
@@ -191,10 +191,10 @@ class Shader(NamedTuple):
 class Tones(NamedTuple):
     """Tone mapping of resolved rows, and the background that is not tone mapped."""
 
-    effect: PreparedEffect
+    effect: ActiveEffect
     background: NDArray[np.float32]
     """(4,) linear: composited behind, after tone mapping."""
-    given: Sequence[PreparedEffect] = ()
+    given: Sequence[ActiveEffect] = ()
     """Effects that draw the background instead; see `is_backdrop`."""
 
     def show(

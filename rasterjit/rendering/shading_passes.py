@@ -34,16 +34,14 @@ from rasterjit.pipeline.surface import (
 )
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import list_samples
-from rasterjit.survey.effect import OpaquePassEffect, PreparedEffect, select_acting
+from rasterjit.survey.effect import ActiveEffect, OpaquePassEffect, select_acting
 from rasterjit.survey.transparency import PixelLayers
 
 DIFFUSE = rows.OUT_RED
 """First row of the light on vertices without highlights: what is seen is not known yet there."""
 
 
-def shading_passes(
-    needs: ShadingNeeds, effects: Sequence[PreparedEffect]
-) -> tuple[list[Pass], int]:
+def shading_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> tuple[list[Pass], int]:
     """Return the passes from listed samples to their colours, and the first row of these."""
     passes = surface_passes(needs, effects)
     if not needs.is_lit:
@@ -53,7 +51,7 @@ def shading_passes(
 
 def list_passes(
     needs: ShadingNeeds,
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     layers: PixelLayers | None,
     outputs: Sequence[str],
 ) -> list[Pass]:
@@ -84,7 +82,7 @@ def list_passes(
 # Surfaces: weights, colours, normals, points.
 
 
-def surface_passes(needs: ShadingNeeds, effects: Sequence[PreparedEffect]) -> list[Pass]:
+def surface_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list[Pass]:
     """Return the passes that compute surface attributes."""
     passes = [*weight_passes(needs), color_pass(needs)]
     if needs.multiplies_vertex_colors:
@@ -408,7 +406,7 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
 # Light.
 
 
-def light_passes(needs: ShadingNeeds, effects: Sequence[PreparedEffect]) -> list[Pass]:
+def light_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list[Pass]:
     """Return the passes that light base colours."""
     if needs.pyrender is not None:
         return imitating_passes(needs, needs.pyrender, effects)
@@ -443,7 +441,7 @@ def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
     return passes + layered_materials.ambient_passes(needs, shown, ambient_pass(), is_first=True)
 
 
-def seen_passes(effects: Sequence[PreparedEffect], shown: int) -> list[Pass]:
+def seen_passes(effects: Sequence[ActiveEffect], shown: int) -> list[Pass]:
     """Return the passes that effects bring where samples show three rows of colours, lit or not."""
     return [
         one for active in select_acting(effects, "seen") for one in active.call_at("seen", shown)
@@ -451,7 +449,7 @@ def seen_passes(effects: Sequence[PreparedEffect], shown: int) -> list[Pass]:
 
 
 def effect_passes(
-    effects: Sequence[PreparedEffect], place: str, needs: ShadingNeeds, *arguments: Any
+    effects: Sequence[ActiveEffect], place: str, needs: ShadingNeeds, *arguments: Any
 ) -> list[Pass]:
     """Return the passes that effects bring at a place, in the order of the effects."""
     return [
@@ -462,7 +460,7 @@ def effect_passes(
 
 
 def passes_of_lights(
-    needs: ShadingNeeds, effects: Sequence[PreparedEffect], of_vertices: bool = False
+    needs: ShadingNeeds, effects: Sequence[ActiveEffect], of_vertices: bool = False
 ) -> list[Pass]:
     """
     Return the passes that add all lights, each dimmed by effects, and light from all sides.
@@ -526,7 +524,7 @@ def facet_pass(first: int, end: int) -> Pass:
     return Pass(lights.add_microfacet_lights, parts)
 
 
-def covering_passes(needs: ShadingNeeds, effects: Sequence[PreparedEffect]) -> list[Pass]:
+def covering_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list[Pass]:
     """Return the passes of effects over lit samples, and of transmission."""
     if not needs.transmission:
         return effect_passes(effects, "sample", needs)
@@ -567,7 +565,7 @@ def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def imitating_passes(
-    needs: ShadingNeeds, imitated: PyrenderNeeds, effects: Sequence[PreparedEffect]
+    needs: ShadingNeeds, imitated: PyrenderNeeds, effects: Sequence[ActiveEffect]
 ) -> list[Pass]:
     """Return the passes that light base colours as pyrender's shader does."""
     from rasterjit.pipeline.lighting import pyrender
@@ -621,7 +619,7 @@ def mapped_light_passes(needs: ShadingNeeds, n: int) -> list[Pass]:
 
 def vertex_passes(
     needs: ShadingNeeds,
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     listed: tuple[tuple[int, int], NDArray[np.int64]],
     lit_vertices: NDArray[np.float32],
 ) -> list[Pass]:
@@ -648,7 +646,7 @@ def mixing_passes(
     needs: ShadingNeeds,
     shown: int,
     table: NDArray[np.int32],
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     has_codes: bool,
     target: tuple[NDArray[np.float32], ...],
 ) -> list[Pass]:
@@ -664,7 +662,7 @@ def output_passes(
     needs: ShadingNeeds,
     shown: int,
     table: NDArray[np.int32],
-    effects: Sequence[PreparedEffect],
+    effects: Sequence[ActiveEffect],
     linear: NDArray[Any],
     color: NDArray[Any],
 ) -> list[Pass]:
@@ -680,7 +678,7 @@ def output_passes(
     return passes
 
 
-def pixel_passes(shown: int, effects: Sequence[PreparedEffect]) -> tuple[list[Pass], int]:
+def pixel_passes(shown: int, effects: Sequence[ActiveEffect]) -> tuple[list[Pass], int]:
     """Return the passes between the light of three rows and its codes, and where they write it."""
     passes: list[Pass] = []
     for one in select_acting(effects, "pixel"):

@@ -41,13 +41,7 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.reference_shader import decoded_codes
 from rasterjit.scene.transforms import Matrix
-from rasterjit.survey.effect import (
-    FrameContext,
-    PreparedEffect,
-    UsedEffect,
-    context_of,
-    is_backdrop,
-)
+from rasterjit.survey.effect import ActiveEffect, FrameContext, UsedEffect, context_of, is_backdrop
 from rasterjit.survey.plan import RenderPlan
 
 Offset = tuple[float, float]
@@ -472,13 +466,13 @@ def _average(
     plan, workers = context.plan, context.workers
     behind = _background(plan)
     given = [
-        PreparedEffect(one.effect, one.effect.prepare(context, one.data, ()))
+        ActiveEffect(one.effect, one.effect.prepare(context, one.data, ()))
         for one in plan.effects_at("background")
         if is_backdrop(one.effect)
     ]
     tones = None
     for one in plan.effects_at("mixed"):
-        tones = resolve_layers.Tones(PreparedEffect(one.effect, one.data), plan.background, given)
+        tones = resolve_layers.Tones(ActiveEffect(one.effect, one.data), plan.background, given)
     height, width, _ = sums.shape
     table = srgb_encoding.encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)

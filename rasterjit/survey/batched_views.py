@@ -23,7 +23,7 @@ from rasterjit.survey.object_transforms import ObjectTransforms, transform_boxes
 Float64 = NDArray[np.float64]
 
 
-class BatchedViewTransforms(NamedTuple):
+class BatchTransforms(NamedTuple):
     """`object_transforms.ViewTransforms` of each view."""
 
     relative_from_model: Float64
@@ -49,7 +49,7 @@ class ViewGroup:
     size : (int, int)
         Width and height of the pictures, pixels.
     eyes : (N, 3) float64, world space
-    views : BatchedViewTransforms
+    views : BatchTransforms
     in_view : (N, O) bool
         Which objects may be seen.
     bounds : (O, 2, 3) float64
@@ -60,7 +60,7 @@ class ViewGroup:
 
     def __init__(
         self, cameras: Sequence[Camera], size: tuple[int, int], eyes: Float64,
-        views: BatchedViewTransforms, in_view: NDArray[np.bool_], bounds: Float64,
+        views: BatchTransforms, in_view: NDArray[np.bool_], bounds: Float64,
         scenes: Callable[[], Sequence[Scene]],
     ) -> None:  # fmt: skip
         self.cameras, self.size, self.scenes = cameras, size, scenes
@@ -107,7 +107,7 @@ def transform_batched_objects(world_from_model: Float64) -> ObjectTransforms:
 
 def transform_to_views(
     world_from_model: Float64, eyes: Float64, view_from_world: Float64, clip_from_view: Float64
-) -> BatchedViewTransforms:
+) -> BatchTransforms:
     """
     Return the transforms of objects to each of N views, as `object_transforms.transform_to_view`.
 
@@ -137,7 +137,7 @@ def transform_to_views(
     clip_from_relative = transforms.product_of_each(clip_from_view, view_from_relative)
     matrices = view_from_relative, clip_from_relative
     is_finite = np.all([np.isfinite(matrix).all(axis=(1, 2)) for matrix in matrices], axis=0)
-    return BatchedViewTransforms(
+    return BatchTransforms(
         relative, clip_from_relative, toward_viewer, np.where(signs < 0.0, 1, -1), is_finite
     )
 

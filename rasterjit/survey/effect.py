@@ -166,7 +166,7 @@ class Effect:
     settings : tuple of str
         The settings of `Quality` that matter only to frames that need it, or another one that names
         them too.
-    depends_on_facts_alone : bool
+    needs_facts_only : bool
         Whether its decision depends on facts alone, and is reused while they hold.
     places : dict of function
         Its functions, by place; see ``PLACES``.
@@ -178,7 +178,7 @@ class Effect:
     is_explained = False
     term = ""
     settings: tuple[str, ...] = ()
-    depends_on_facts_alone = False
+    needs_facts_only = False
     places: ClassVar[Mapping[str, Callable[..., Any]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -279,7 +279,7 @@ class BatchedEffect(Effect):
     An effect that batches and bound frames run as recorded calls, without Python in between.
 
     Its record depends only on the plan (`prepare_batch`) and on arrays derived from the camera and
-    the transforms of each view (`compute_view_arrays`). Of a `NeighbourhoodEffect`, `prepare` is
+    the transforms of each view (`compute_view_arrays`). Of a `ScreenEffect`, `prepare` is
     recorded: it calls kernels alone, and gets per-view values by `FrameContext.per_view`.
     """
 
@@ -311,14 +311,14 @@ class BatchedEffect(Effect):
         return {}
 
 
-class NeighbourhoodEffect(Effect):
+class ScreenEffect(Effect):
     """
     An effect that reads neighbouring pixels, or the whole picture.
 
     Attributes
     ----------
     scope : str
-        What it reads: a "sample", its "neighbours" (see `neighbourhood_radius`), or the "whole"
+        What it reads: a "sample", its "neighbours" (see `read_radius`), or the "whole"
         picture, which is analysed before (`analyse`).
     joins_faces : bool
         Whether it depends on all faces of the scene together: parts of a scene lack it.
@@ -346,7 +346,7 @@ class NeighbourhoodEffect(Effect):
         """Return the message for pictures in which the effect cannot be drawn."""
         return f"scene.{self.field} must be None"
 
-    def neighbourhood_radius(self, data: Any) -> int | None:
+    def read_radius(self, data: Any) -> int | None:
         """Return the radius of the neighbourhood that is read, pixels; None: unbounded."""
         return None
 
@@ -365,7 +365,7 @@ class NeighbourhoodEffect(Effect):
         return record
 
 
-class OpaquePassEffect(NeighbourhoodEffect):
+class OpaquePassEffect(ScreenEffect):
     """
     An effect that reads another picture of the same view, without some objects (an opaque pass).
 
@@ -394,7 +394,7 @@ class BackdropEffect(Effect):
     """An effect that draws behind all faces, without tone mapping."""
 
 
-class LensDistortedEffect(Effect):
+class LensEffect(Effect):
     """An effect whose planned data a lens distorts."""
 
     def distort(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
@@ -413,16 +413,12 @@ class LensDistortedEffect(Effect):
         return data
 
 
-def select_neighbourhood_effects(
-    planned: Iterable[UsedEffect],
-) -> list[tuple[NeighbourhoodEffect, Any]]:
-    """Return each `NeighbourhoodEffect` with the plan's data for it."""
-    return [
-        (used.effect, used.data) for used in planned if isinstance(used.effect, NeighbourhoodEffect)
-    ]
+def list_screen_effects(planned: Iterable[UsedEffect]) -> list[tuple[ScreenEffect, Any]]:
+    """Return each `ScreenEffect` with the plan's data for it."""
+    return [(used.effect, used.data) for used in planned if isinstance(used.effect, ScreenEffect)]
 
 
-class PreparedEffect(NamedTuple):
+class ActiveEffect(NamedTuple):
     """An effect with its record for a picture."""
 
     effect: Effect
@@ -433,7 +429,7 @@ class PreparedEffect(NamedTuple):
         return self.effect.places[place](self.record, *arguments)
 
 
-def select_acting(effects: Sequence[PreparedEffect], place: str) -> list[PreparedEffect]:
+def select_acting(effects: Sequence[ActiveEffect], place: str) -> list[ActiveEffect]:
     """Return the effects that act at one of `PLACES`."""
     return [active for active in effects if place in active.effect.places]
 

@@ -33,7 +33,7 @@ from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, describe_count
 class MaterialRow(Effect):
     """A row that is in or out by facts alone."""
 
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def decide(self, facts: Facts, planning: Planning) -> UsedEffect | UnusedEffect:
         """Say whether a frame has it."""

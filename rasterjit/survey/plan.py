@@ -18,12 +18,7 @@ from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds, describe_planes
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import (
-    NeighbourhoodEffect,
-    UnusedEffect,
-    UsedEffect,
-    select_neighbourhood_effects,
-)
+from rasterjit.survey.effect import ScreenEffect, UnusedEffect, UsedEffect, list_screen_effects
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_counts import describe_count
 from rasterjit.survey.shading_needs import shading_needs
@@ -173,19 +168,17 @@ class RenderPlan(TextReport):
         return shading_needs(self.facts, self.layers, self.lighting)
 
     @property
-    def whole(self) -> list[tuple[NeighbourhoodEffect, Any]]:
+    def whole(self) -> list[tuple[ScreenEffect, Any]]:
         """The effects that look at the whole picture before they are prepared, with their data."""
         return [
             (effect, data) for effect, data in self._unprepared if effect.analyses_picture(data)
         ]
 
     @property
-    def _unprepared(self) -> list[tuple[NeighbourhoodEffect, Any]]:
+    def _unprepared(self) -> list[tuple[ScreenEffect, Any]]:
         """Effects that read neighbouring pixels and are not prepared."""
         done = {} if self.drawn is None else self.drawn[0]
-        return [
-            one for one in select_neighbourhood_effects(self.planned) if one[0].name not in done
-        ]
+        return [one for one in list_screen_effects(self.planned) if one[0].name not in done]
 
     @property
     def corner(self) -> tuple[int, int]:
@@ -253,7 +246,7 @@ class RenderPlan(TextReport):
     @cached_property
     def keeps_clip_positions(self) -> bool:
         """Whether a pass after visibility reads clip-space positions."""
-        around = select_neighbourhood_effects(self.planned)
+        around = list_screen_effects(self.planned)
         return self.facts.diagnose or any(effect.reads_clip_positions for effect, _ in around)
 
     @property

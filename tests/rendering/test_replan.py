@@ -240,8 +240,8 @@ def test_another_camera_changes_no_facts(scene, camera):
     other = asked.plan(scene, planned.cache, planned.plan)
     assert other.plan.facts is planned.plan.facts
     for before, after in zip(planned.plan.effects, other.plan.effects, strict=True):
-        assert after is before or not after.effect.depends_on_facts_alone
-    assert sum(one.effect.depends_on_facts_alone for one in other.plan.effects) > 20
+        assert after is before or not after.effect.needs_facts_only
+    assert sum(one.effect.needs_facts_only for one in other.plan.effects) > 20
     assert other.plan.camera.eye == eye
 
 
@@ -269,7 +269,7 @@ def test_answers_that_are_kept_follow_from_facts_alone(scene, camera, name):
         CHANGES[change](scene, asked)
     plan = asked.plan(scene).plan
     for answer in plan.effects:
-        if answer.effect.depends_on_facts_alone:
+        if answer.effect.needs_facts_only:
             again = answer.effect.decide(plan.facts, Unseen())
             assert again.used == answer.used
             assert not answer.used or content([again.data]) == content([answer.data])

@@ -26,8 +26,8 @@ from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import (
     BatchedEffect,
     FrameContext,
-    NeighbourhoodEffect,
     Planning,
+    ScreenEffect,
     add_to_field,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
@@ -85,7 +85,7 @@ def radius_of(effect: AmbientOcclusion, scene: Scene) -> float:
     return DEFAULT_RADIUS_RATIO * radius if radius > 0.0 else 1.0
 
 
-class Occlusion(NeighbourhoodEffect, BatchedEffect):
+class Occlusion(ScreenEffect, BatchedEffect):
     """Dim the light from all around."""
 
     name = "ambient occlusion"

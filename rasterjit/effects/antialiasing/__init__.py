@@ -22,7 +22,7 @@ class Antialiasing(QualityEffect):
     """Average the samples of a pixel."""
 
     name = "anti-aliasing"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why the colour of a pixel is that of one sample."""

@@ -87,7 +87,7 @@ class BackgroundPicture(BackdropEffect):
     """Show a background image where no face is."""
 
     name = "background image"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no picture is seen where no face is."""

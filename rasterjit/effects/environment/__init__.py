@@ -133,7 +133,7 @@ class EnvironmentLight(BatchedEffect):
     name = "environment light"
     key = "v"
     term = "environment"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no light from all around reaches a colour that is asked for."""
@@ -207,7 +207,7 @@ class EnvironmentBackground(BatchedEffect):
 
     name = "environment background"
     key = "b"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why the environment is not seen where no face is."""

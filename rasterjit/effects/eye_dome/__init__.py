@@ -22,7 +22,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, NeighbourhoodEffect, add_to_field
+from rasterjit.survey.effect import FrameContext, ScreenEffect, add_to_field
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
@@ -100,14 +100,14 @@ def find_shading(
     return shading
 
 
-class EyeDomeLighting(NeighbourhoodEffect):
+class EyeDomeLighting(ScreenEffect):
     """Darken what lies behind its neighbours."""
 
     name = "eye-dome lighting"
     field = "eye_dome"
     key = "y"
     joins_faces = True
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why what lies behind is not darkened."""
@@ -124,7 +124,7 @@ class EyeDomeLighting(NeighbourhoodEffect):
         """Tell that it looks at depths around each pixel."""
         return True
 
-    def neighbourhood_radius(self, data: EyeDome) -> int:
+    def read_radius(self, data: EyeDome) -> int:
         """Return how far away its neighbours are, pixels."""
         return int(neighbour_offsets(data.radius).max())
 

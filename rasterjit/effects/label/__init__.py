@@ -24,9 +24,9 @@ from rasterjit.scene.pixel_projection import clip_from_relative, project
 from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.survey.effect import (
     FrameContext,
-    LensDistortedEffect,
-    NeighbourhoodEffect,
+    LensEffect,
     Planning,
+    ScreenEffect,
     UnusedEffect,
     UsedEffect,
 )
@@ -266,7 +266,7 @@ def _cross(one: Sequence[float], other: Sequence[float]) -> list[float]:
     ]
 
 
-class Labels(NeighbourhoodEffect, LensDistortedEffect):
+class Labels(ScreenEffect, LensEffect):
     """Draw texts over the finished picture."""
 
     name = "labels"

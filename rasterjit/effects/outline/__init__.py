@@ -25,7 +25,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import ViewGroup
-from rasterjit.survey.effect import BatchedEffect, FrameContext, NeighbourhoodEffect, add_to_field
+from rasterjit.survey.effect import BatchedEffect, FrameContext, ScreenEffect, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -89,14 +89,14 @@ def disc_rows(width: int) -> NDArray[np.int32]:
     return np.array(rows, np.int32)
 
 
-class Outlines(NeighbourhoodEffect, BatchedEffect):
+class Outlines(ScreenEffect, BatchedEffect):
     """Draw the edges of shapes over the finished picture."""
 
     name = "outline"
     field = "outline"
     key = "k"
     joins_faces = True
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why none are drawn: they are 8-bit pixels, around faces."""

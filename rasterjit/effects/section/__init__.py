@@ -25,13 +25,7 @@ from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane, planes_in
-from rasterjit.survey.effect import (
-    FrameContext,
-    ModalEffect,
-    NeighbourhoodEffect,
-    Planning,
-    with_field,
-)
+from rasterjit.survey.effect import FrameContext, ModalEffect, Planning, ScreenEffect, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -39,7 +33,7 @@ MARK = np.array([255, 255, 255, 255], np.uint8)
 """What marks a pixel that a line goes through."""
 
 
-class Sections(NeighbourhoodEffect, ModalEffect):
+class Sections(ScreenEffect, ModalEffect):
     """Cut a scene by planes: report by which."""
 
     name = "section"
@@ -48,7 +42,7 @@ class Sections(NeighbourhoodEffect, ModalEffect):
     modes: ClassVar = {"own": "the scene's own, or across z", "x": "across x", "y": "across y"}
     scope = "sample"
     joins_faces = True
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why the scene is not cut."""
@@ -93,13 +87,13 @@ class Sections(NeighbourhoodEffect, ModalEffect):
         return with_field(scene, self.field, SectionPlane(tuple(center.tolist()), normal))
 
 
-class SectionLines(NeighbourhoodEffect):
+class SectionLines(ScreenEffect):
     """Draw the lines along which planes cut over the finished picture."""
 
     name = "section lines"
     field = "section"
     reads_clip_positions = True
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no lines are drawn: they are 8-bit pixels, around faces."""
@@ -128,7 +122,7 @@ class SectionLines(NeighbourhoodEffect):
         """Tell that faces hide lines."""
         return True
 
-    def neighbourhood_radius(self, data: tuple[SectionPlane, ...]) -> int:
+    def read_radius(self, data: tuple[SectionPlane, ...]) -> int:
         """Return how far from its middle a line goes."""
         return max(plane.line_width for plane in data if plane.lines)
 

@@ -26,7 +26,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import FrameContext, NeighbourhoodEffect, Planning, with_field
+from rasterjit.survey.effect import FrameContext, Planning, ScreenEffect, with_field
 from rasterjit.survey.facts import Facts, changed_settings
 from rasterjit.survey.light_culling import TEXEL_BYTES, CastingLight, has_cube
 from rasterjit.survey.object_transforms import transform_boxes
@@ -84,14 +84,14 @@ def can_turn_away(needs: ShadingNeeds) -> bool:
     return not (needs.layers or needs.transmission or needs.pyrender)
 
 
-class ShadowMaps(NeighbourhoodEffect):
+class ShadowMaps(ScreenEffect):
     """Multiply each light by its visibility in its shadow map."""
 
     name = "shadows"
     key = "l"
     scope = "whole"
     settings = ("shadow_size", "shadow_taps")
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no light may cast shadows on what is seen."""

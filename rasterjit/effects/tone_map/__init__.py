@@ -46,7 +46,7 @@ class ToneMapping(BatchedEffect):
     name = "tone mapping"
     field = "tone_map"
     key = "t"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why light is not exposed, and no tone curve applied: to 8-bit colour alone."""

@@ -127,7 +127,7 @@ class Transmission(OpaquePassEffect):
 
     name = "transmission"
     term = "what is seen through it"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why light goes through nothing in view that is lit."""
@@ -142,7 +142,7 @@ class Transmission(OpaquePassEffect):
         seen, count = facts.visible.transmitting, facts.counts.transmitting
         return describe_count(seen, count, "transmitting object")
 
-    def neighbourhood_radius(self, data: Any) -> None:
+    def read_radius(self, data: Any) -> None:
         """Tell that a refracted ray may lead to any pixel: see `OpaquePassEffect`."""
 
     def hidden_objects(self, facts: Facts) -> NDArray[np.bool_]:

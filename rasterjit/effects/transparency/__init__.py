@@ -19,7 +19,7 @@ class Blending(Effect):
 
     name = "transparency"
     settings = ("transparency_layers", "visible_alpha")
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why nothing is seen through."""

@@ -31,7 +31,7 @@ class Vignetting(BatchedEffect):
     name = "vignette"
     field = "vignette"
     key = "z"
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why corners are not darkened: they are 8-bit pixels."""

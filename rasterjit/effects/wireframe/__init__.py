@@ -25,7 +25,7 @@ from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.survey.effect import FrameContext, ModalEffect, NeighbourhoodEffect, with_field
+from rasterjit.survey.effect import FrameContext, ModalEffect, ScreenEffect, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import blending_note
@@ -186,7 +186,7 @@ def list_by_bands(
     return starts, listed
 
 
-class Edges(NeighbourhoodEffect, ModalEffect):
+class Edges(ScreenEffect, ModalEffect):
     """Draw the edges of faces over the finished picture."""
 
     name = "wireframe"
@@ -198,7 +198,7 @@ class Edges(NeighbourhoodEffect, ModalEffect):
     is_explained = True
     settings = ("lines",)
     reads_clip_positions = True
-    depends_on_facts_alone = True
+    needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no edges are drawn: they are 8-bit pixels, so linear colour has none."""
