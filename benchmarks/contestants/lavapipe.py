@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared, opengl
 from benchmarks.contestants.needs import EDGE_COLOR, needs, refusal
-from benchmarks.contestants.screen import matrices, unique_edges
+from benchmarks.contestants.screen import find_unique_edges, matrices
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "Mesa lavapipe (wgpu)"
@@ -178,7 +178,7 @@ class Pictures:
                 self._streams.append((columns, "float32x4", "instance"))
                 self._names.append(f"column{column}: vec4f")
         self._instances = 1 if scene.instances is None else len(scene.instances)
-        indices = scene.faces if scene.mode == "fill" else unique_edges(scene.faces)
+        indices = scene.faces if scene.mode == "fill" else find_unique_edges(scene.faces)
         self._indices, self._count = self._upload(indices, "INDEX"), indices.size
         self._uniforms = [uniforms(matrix, scene) for matrix in matrices(scene)]
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import EDGE_COLOR, needs
-from benchmarks.contestants.screen import eye_of, matrices, unique_edges
+from benchmarks.contestants.screen import eye_of, find_unique_edges, matrices
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "Mesa llvmpipe"
@@ -276,7 +276,7 @@ class Triangles:
             self._program,
             self._attributes(scene, defines),
             index_buffer=context.buffer(
-                unique_edges(scene.faces) if self._is_edges else scene.faces
+                find_unique_edges(scene.faces) if self._is_edges else scene.faces
             ),
         )
         self._instances = 1 if scene.instances is None else len(scene.instances)

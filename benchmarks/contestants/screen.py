@@ -57,7 +57,7 @@ def edge_lines(scene: TriangleScene) -> LineScene:
     Edges that leave the picture are left out, for not everyone clips.
     """
     points, _ = screen_points(scene)
-    ends = np.floor(points).astype(np.int64)[unique_edges(scene.faces)]
+    ends = np.floor(points).astype(np.int64)[find_unique_edges(scene.faces)]
     ends = ends[((ends >= 0) & (ends < scene.size)).all(axis=(1, 2))].reshape(-1, 4)
     colors = np.tile(np.array(EDGE_COLOR, np.uint8), (len(ends), 2, 1))
     return LineScene(ends, colors, scene.size, len(ends))
@@ -70,7 +70,7 @@ def face_colors(scene: TriangleScene) -> NDArray[np.uint8]:
     return np.rint(scene.colors[scene.faces].mean(axis=1)).astype(np.uint8)
 
 
-def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+def find_unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return every edge of the faces once, (N, 2), vertex numbers, the lower one first."""
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     return np.ascontiguousarray(np.unique(pairs, axis=0), np.int32)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import EDGE_COLOR, refusal
 from benchmarks.contestants.rasterjit_ import decode_srgb
-from benchmarks.contestants.screen import matrices, unique_edges
+from benchmarks.contestants.screen import find_unique_edges, matrices
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "Panda3D tinydisplay"
@@ -149,7 +149,7 @@ class Frames:
         if scene.texture is not None:
             self._root.set_texture(self._make_texture(scene.texture))
         self._writes_srgb = scene.texture is not None
-        indices = unique_edges(scene.faces) if is_edges else scene.faces
+        indices = find_unique_edges(scene.faces) if is_edges else scene.faces
         self._matrices = list(matrices(scene))
         self._add(data, kind(panda.GeomEnums.UH_static), indices, scene.instances)
         self._root.set_two_sided(scene.cull == "none")

@@ -12,7 +12,7 @@ from rasterjit.rendering.planning import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.facts import float64_reason, unlit_reason
+from rasterjit.survey.facts import explain_float64, explain_unlit
 
 TRIED_PRESETS = ("draft", "high")
 """Presets that are tried besides the standard and the reference, which are drawn anyway."""
@@ -180,7 +180,7 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
 def _not_lit_finely(plan: RenderPlan) -> str | None:
     """Say why no material is lit by the vertex or the pixel that could do with less."""
     if not plan.facts.is_lit:
-        return unlit_reason(plan.facts)
+        return explain_unlit(plan.facts)
     if not plan.facts.visible.shadings & {"gouraud", "phong"}:
         return "no material in view is gouraud or phong"
     return None
@@ -189,7 +189,7 @@ def _not_lit_finely(plan: RenderPlan) -> str | None:
 def _without_pixel_normals(plan: RenderPlan) -> str | None:
     """Say why no normals are interpolated."""
     if not plan.facts.is_lit:
-        return unlit_reason(plan.facts)
+        return explain_unlit(plan.facts)
     if not plan.facts.visible.shadings & {"phong", "pbr"}:
         return "no material in view is phong or pbr: no normals are interpolated"
     return None
@@ -199,7 +199,7 @@ def _not_in_float32(plan: RenderPlan) -> str | None:
     """Say why colours are interpolated in float64 whatever is asked for."""
     if not plan.facts.shades:
         return _why_out(plan, "interpolation_precision")
-    return float64_reason(plan.facts)
+    return explain_float64(plan.facts)
 
 
 def _not_blended(plan: RenderPlan) -> str | None:

@@ -817,11 +817,11 @@ def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects
     """Return a scene in its style; options override the style."""
     from rasterjit import styles
     from rasterjit.scene.camera_fitting import default_camera
-    from rasterjit.survey.light_culling import headlight
+    from rasterjit.survey.light_culling import make_headlight
 
     if "headlight" in look.light and scene.nodes:
         seen_from = camera or scene.camera or default_camera(scene, (1, 1))
-        scene.lights = headlight(seen_from)
+        scene.lights = make_headlight(seen_from)
     style = styles.STYLES[effects.style](scene, camera)
     if any(map(is_given, QUALITY_OPTIONS)):
         style = style.with_quality(effects.quality())

@@ -71,7 +71,7 @@ class PartialImage:
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
         stats = FrameStats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
-        plan = self.plan.with_(plane_needs=self.plane_needs)
+        plan = self.plan.for_picture(plane_needs=self.plane_needs)
         return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))
 
 
@@ -144,7 +144,7 @@ def draw_part(
     counts = {name: getattr(frame.stats, name) for name in COUNTS}
     (node,) = scene.nodes
     faces = len(node.mesh.faces)
-    plan, seconds = plan.with_(camera=planned.plan.camera), frame.stats.seconds
+    plan, seconds = plan.for_picture(camera=planned.plan.camera), frame.stats.seconds
     return PartialImage(
         faces, drawing.coverage.depth, frame.arrays(), counts, seconds, plan, plan.plane_needs
     )

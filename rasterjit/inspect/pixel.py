@@ -52,7 +52,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
 from rasterjit.survey import object_transforms
-from rasterjit.survey.cache import prepare
+from rasterjit.survey.cache import update_cache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.packed_scene import placement_of
@@ -216,7 +216,7 @@ def _seen_without_edges(
 def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     """Run the stages of `render` up to visibility."""
     workers = Workers(1)
-    cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
+    cache = update_cache(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = object_transforms.transform_nodes_to_view(scene.nodes, plan.camera, plan.size)
     viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)

@@ -823,7 +823,7 @@ def crop_frame(frame: Frame, slices: Slices, plan: RenderPlan) -> Frame:
 def select_outputs(frame: Frame, outputs: tuple[str, ...]) -> Frame:
     """Return a frame with these of its outputs alone."""
     arrays = frame.arrays()
-    plan = frame.plan.with_(facts=replace(frame.plan.facts, outputs=outputs))
+    plan = frame.plan.for_picture(facts=replace(frame.plan.facts, outputs=outputs))
     selected = Frame(
         {name: arrays[name] for name in outputs}, plan, frame.stats, frame._diagnostics,
         frame._face_starts,

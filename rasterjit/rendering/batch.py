@@ -55,7 +55,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.scene.transforms import product_of_each
 from rasterjit.scene.validation import brief, image_size, number_array, thread_count
-from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.object_counts import find_attribute
 from rasterjit.survey.object_transforms import KNOWN_CAMERAS, compute_projection
@@ -407,7 +407,7 @@ def _draw_all(what: Any, views: AllViews, threads: int | None) -> ViewsDrawn:
         return total
     kept, has_environment = BATCH_CACHES.take(what), scene.environment is not None
     known = None if kept is None else kept.cache
-    cache = prepare(scene.nodes, known, options.quality, has_environment)
+    cache = update_cache(scene.nodes, known, options.quality, has_environment)
     kept = renewed(kept, cache)
     # Plan the first, which finds what is wrong with all of them.
     first = plan_views(options, views.scene_of(0), cameras[0], cache, kept.first).plan

@@ -60,14 +60,19 @@ from rasterjit.survey.batched_views import (
     transform_to_views,
 )
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.clip_planes import CLEARANCE, find_plane_needs, plane_margins, uneven_spheres
+from rasterjit.survey.clip_planes import (
+    PLANE_MARGIN,
+    find_clip_margins,
+    find_plane_needs,
+    find_uneven_spheres,
+)
 from rasterjit.survey.effect import BatchedEffect, ScreenEffect
 from rasterjit.survey.light_culling import (
     HEADLIGHT_DIRECTION,
     MAX_LIGHT_DISTANCE,
-    headlight_row,
+    find_reaching_lights,
+    pack_headlight,
     pack_lights,
-    reaching_lights,
 )
 from rasterjit.survey.object_counts import ObjectCounts
 from rasterjit.survey.object_transforms import (
@@ -280,7 +285,9 @@ class BatchScheduler:
         count = len(places.world_from_model)
         if not any(isinstance(node.mesh, Points) for node in self.scene.nodes):
             return np.zeros(count, np.bool_)
-        found = [bool(uneven_spheres(self.scene.nodes, own)) for own in places.world_from_model]
+        found = [
+            bool(find_uneven_spheres(self.scene.nodes, own)) for own in places.world_from_model
+        ]
         return np.array(found, np.bool_).reshape(count)
 
     def _are_between(
@@ -292,8 +299,8 @@ class BatchScheduler:
             planes = near_far(camera)
             if planes is None or planes.near_steps is not None or planes.far_steps is not None:
                 continue
-            near[n] = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else planes.near
-            far[n] = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
+            near[n] = planes.near / (1.0 - PLANE_MARGIN) if planes.is_near_open else planes.near
+            far[n] = planes.far * (1.0 - PLANE_MARGIN) if planes.is_far_open else planes.far
         own = far.copy()
         near[near <= 0.0] = -np.inf
         low, high = (
@@ -311,7 +318,7 @@ class BatchScheduler:
         asked = [
             (n, margins.inside)
             for n in np.flatnonzero(is_asked).tolist()
-            if (margins := plane_margins(cameras[n], views.clip_from_relative[n])) is not None
+            if (margins := find_clip_margins(cameras[n], views.clip_from_relative[n])) is not None
         ]
         if not asked:
             return []
@@ -397,8 +404,8 @@ def light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArra
 
 
 def headlight_rows(camera: Camera, view_from_world: Float64) -> NDArray[np.float32]:
-    """Return the light of each view of a scene that has none, (N, 1, 13): `headlight_row`."""
-    rows = np.repeat(headlight_row(camera, 0).lights[np.newaxis], len(view_from_world), axis=0)
+    """Return the light of each view of a scene that has none, (N, 1, 13): `pack_headlight`."""
+    rows = np.repeat(pack_headlight(camera, 0).lights[np.newaxis], len(view_from_world), axis=0)
     matrices = transforms.normal_matrices(view_from_world)
     x, y, z = HEADLIGHT_DIRECTION
     along = (matrices[:, 0] * x + matrices[:, 1] * y) + matrices[:, 2] * z
@@ -607,7 +614,7 @@ def kinds_of(
     reached = np.zeros((count, 0), np.bool_)
     told: NDArray[Any] = np.zeros((count, len(VIEW_DEPENDENT)), np.bool_)
     if is_colored:
-        reached = reaching_lights(scene.lights, group)
+        reached = find_reaching_lights(scene.lights, group)
         for n, effect in enumerate(VIEW_DEPENDENT):
             told[:, n] = effect.decide_views(scene, group)
     return [
@@ -714,8 +721,14 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
         # Meshes and materials are the same as long as their inventory is.
         and one.inventory is other.inventory
         and one.quality == other.quality
-        and (one.outputs, one.is_uneven, one.attributes, one.lights, one.has_background)
-        == (other.outputs, other.is_uneven, other.attributes, other.lights, other.has_background)
+        and (one.outputs, one.has_uneven_scale, one.attributes, one.lights, one.has_background)
+        == (
+            other.outputs,
+            other.has_uneven_scale,
+            other.attributes,
+            other.lights,
+            other.has_background,
+        )
         and one.has_lights == other.has_lights
         and one.diagnose == other.diagnose
         and one.reference is other.reference

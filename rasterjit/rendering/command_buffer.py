@@ -201,7 +201,7 @@ class CommandBuffer:
         if plan.layers is not None:
             # Objects that others of these views show count as well.
             is_blended = cache.tables.inventory.is_see_through.astype(np.uint8)
-            plan = plan.with_(layers=plan.layers._replace(is_blended=is_blended))
+            plan = plan.for_picture(layers=plan.layers._replace(is_blended=is_blended))
             self._plan = plan
         self._output_addresses: list[tuple[str, int]] = []
         self._white_counts = np.zeros(2, np.int64)

@@ -108,7 +108,7 @@ def render_layers(
                 "what must have no discs or spheres, of which several in a pixel are not found; "
                 "points may be squares"
             )
-        planned = planned._replace(plan=planned.plan.with_(surfaces=int(k)))
+        planned = planned._replace(plan=planned.plan.for_picture(surfaces=int(k)))
         with beside(partial(planning.list_tasks, planned.plan), workers.threads):
             frame = _draw_layers(planned, int(k), workers, clock)
     finally:

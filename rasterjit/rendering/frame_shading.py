@@ -189,7 +189,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         alphas=alphas,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
-        transmission=tables.through if facts.transmits else None,
+        transmission=tables.transmission if facts.transmits else None,
         in_float32=facts.float32_objects,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )
@@ -340,7 +340,9 @@ def plan_behind(plan: RenderPlan, glass: OpaquePassEffect) -> RenderPlan:
         places = planned.effect.places
         return planned.effect is not glass and "overlay" not in places and "mixed" not in places
 
-    return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn)
+    return plan.for_picture(
+        is_behind, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn
+    )
 
 
 def draw_behind(
@@ -372,4 +374,4 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
     else:
         linear = shade_faces(draw_behind(context, glass, find))["linear"]
         record = glass.prepare(context, data, [(plan.camera, linear)])
-    return context._replace(plan=plan.with_(drawn=({**done, glass.name: record},)))
+    return context._replace(plan=plan.for_picture(drawn=({**done, glass.name: record},)))

@@ -55,7 +55,7 @@ from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import boolean
 from rasterjit.survey import object_transforms
-from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.clip_planes import merge_needs
 from rasterjit.survey.effect import FrameContext, LensEffect, UsedEffect, list_screen_effects
 from rasterjit.survey.object_transforms import ViewTransforms
@@ -153,7 +153,9 @@ def plan_lensed(
     _refuse_effects([one.plan for one in whole])
     # What is drawn over the finished picture waits for it.
     pictures = [
-        one._replace(plan=one.plan.with_(lambda planned: "overlay" not in planned.effect.places))
+        one._replace(
+            plan=one.plan.for_picture(lambda planned: "overlay" not in planned.effect.places)
+        )
         for one in whole
     ]
     text = f"{type(lens).__name__}: {looks.described}"
@@ -164,7 +166,7 @@ def plan_lensed(
         else one
         for one in whole[0].plan.effects
     )
-    plan = whole[0].plan.with_(
+    plan = whole[0].plan.for_picture(
         outputs=outputs, size=size, camera=camera, lens=text, effects=effects
     )
     earlier = find_earlier(previous, plan, scene, asked)
@@ -428,7 +430,7 @@ def _compare(planned: LensPlan) -> Comparison | None:
     scene, camera, sight_before = planned.compared
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
-    old = prepare(scene.nodes, cache, quality, scene.environment is not None)
+    old = update_cache(scene.nodes, cache, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, planned.camera, size)
     old_views = object_transforms.transform_to_view(old.transforms, camera, size)
     positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)

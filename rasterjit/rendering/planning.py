@@ -41,19 +41,19 @@ from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import boolean, brief, one_of
 from rasterjit.survey import clip_planes, deformation, object_transforms
-from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.clip_planes import (
     PlaneNeeds,
     find_plane_needs,
+    find_uneven_spheres,
     is_box_between,
     merge_needs,
-    uneven_spheres,
 )
 from rasterjit.survey.deformation import posed_input
-from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
+from rasterjit.survey.depth_format import REVERSED_TYPES, check_near_plane, make_depth_format
 from rasterjit.survey.effect import ActiveEffect, Planning, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import Facts, collect_facts
-from rasterjit.survey.light_culling import headlight_row, pack_lights, reference_lighting
+from rasterjit.survey.light_culling import apply_reference_shading, pack_headlight, pack_lights
 from rasterjit.survey.object_counts import (
     Inventory,
     check_masked_fields,
@@ -166,7 +166,7 @@ def plan_frame(
     )
     _refuse(scene, facts)
     if facts.finds_faces:
-        check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
+        check_near_plane(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Decide on each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = decide_effects(facts, Planning(scene, camera, boxes), answers)
@@ -191,7 +191,7 @@ def plan_frame(
         effects=effects,
         lighting=_lighting(camera, facts, effects),
         layers=layers,
-        depth_format=depth_format(quality.depth_format, camera, size),
+        depth_format=make_depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
         plane_needs=beside,
     )
@@ -270,11 +270,11 @@ def _lighting(
         return pack_lights([], camera, 0) if on_samples else None
     own = facts.visible.highlights, int(facts.renormalizes)
     if facts.has_headlight:
-        lighting = headlight_row(camera, *own)
+        lighting = pack_headlight(camera, *own)
     else:
         lighting = pack_lights(facts.lights.lights, camera, *own)
     if facts.reference is not None:
-        return reference_lighting(lighting, facts.reference, facts.lights, camera)
+        return apply_reference_shading(lighting, facts.reference, facts.lights, camera)
     return lighting
 
 
@@ -452,16 +452,16 @@ def plan_views(
     """
     size, quality = request.size, request.quality
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
-    cache = prepare(scene.nodes, known, quality, scene.environment is not None)
+    cache = update_cache(scene.nodes, known, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, camera, size)
-    plan = plan_frame(request, scene, camera, cache.inventory, views, last)
+    plan = plan_frame(request, scene, camera, cache.inventory_and_extents, views, last)
     if any(plan.plane_needs.steps) and _are_moved(camera, plan.camera):
         views = object_transforms.reproject_views(views, plan.camera, size)
     earlier = find_earlier(request.previous, plan, scene, camera)
     if earlier is None:
         return PlannedFrame(plan, cache, views, scene)
     earlier = cut_alike(earlier[0], scene), earlier[1]
-    old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
+    old = update_cache(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = object_transforms.transform_to_view(old.transforms, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
     if earlier[1] is camera:
@@ -469,11 +469,11 @@ def plan_views(
         if _are_moved(plan.camera, old_plan.camera):
             steps = map(max, plane_steps(plan.camera), plane_steps(old_plan.camera))
             return plan_views(request, scene, move_planes(camera, *steps), cache, last)
-        old_plan = old_plan.with_(camera=plan.camera)
+        old_plan = old_plan.for_picture(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
         old_views = object_transforms.reproject_views(old_views, old_plan.camera, size)
     before = PlannedFrame(old_plan, old, old_views, earlier[0])
-    return PlannedFrame(plan.with_(previous=old_plan), cache, views, scene, before)
+    return PlannedFrame(plan.for_picture(previous=old_plan), cache, views, scene, before)
 
 
 def settle_cameras(
@@ -497,10 +497,10 @@ def settle_cameras(
     """
     if not any(map(needs_settling, cameras)):
         return list(cameras)
-    cache = prepare(scene.nodes, known, quality, scene.environment is not None)
+    cache = update_cache(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
     low, high = object_transforms.bound_boxes(cache.shapes.boxes, cache.transforms.world_from_model)
-    beyond = uneven_spheres(scene.nodes, cache.transforms.world_from_model)
+    beyond = find_uneven_spheres(scene.nodes, cache.transforms.world_from_model)
     near_by = [
         camera
         for camera in cameras
@@ -553,7 +553,7 @@ def look_from(
     """
     shown = camera if picture is None else picture
     if cache is None:
-        cache = prepare(scene.nodes, None, quality, scene.environment is not None)
+        cache = update_cache(scene.nodes, None, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, shown, size)
     boxes = Boxes(
         cache.extents, shown.eye_position(), views.relative_from_model,

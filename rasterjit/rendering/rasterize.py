@@ -19,7 +19,7 @@ from rasterjit.scene.first_corners import corner_offsets, rotate_corners
 from rasterjit.scene.mesh import face_array, value_rows
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, number_array, one_of, thread_count
-from rasterjit.survey.depth_format import DepthFormat, ndc_format
+from rasterjit.survey.depth_format import DepthFormat, make_ndc_format
 
 DepthMode: TypeAlias = Literal["standard", "reversed"]
 DEPTH_MODES: tuple[DepthMode, ...] = get_args(DepthMode)
@@ -156,7 +156,7 @@ def rasterize(
     turn = {"none": 0, "back": 1, "front": -1}[cull]
     objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
     sign = -1.0 if depth == "standard" else 1.0
-    depth_format = ndc_format(quality.depth_format, sign)
+    depth_format = make_ndc_format(quality.depth_format, sign)
     try:
         coverage = visibility_pass.run_visibility(
             visibility_pass.Drawable(

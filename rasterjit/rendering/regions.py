@@ -102,7 +102,7 @@ class RegionRenderer:
     @property
     def needs_surveys(self) -> bool:
         """Whether effects wait for all of the picture to be surveyed: those that look at it."""
-        return self.plan.facts.is_colored and bool(self.plan.whole)
+        return self.plan.facts.is_colored and bool(self.plan.effects_to_analyse)
 
     def survey(self, region: Region) -> Survey:
         """
@@ -119,7 +119,7 @@ class RegionRenderer:
         """
         plan, cache, views = self._planned[:3]
         region = check_region(region, plan.size)
-        part = plan.with_(region=region)
+        part = plan.for_picture(region=region)
         plans = [part]
         for step in self._surveyed_steps():
             plans += [supersample.moved(part, offset) for offset in step]
@@ -147,7 +147,7 @@ class RegionRenderer:
                     plan.size,
                     [(at, seen[effect.name]) for at, seen in zip(corners, sights, strict=True)],
                 )
-                for effect, _ in plan.whole
+                for effect, _ in plan.effects_to_analyse
             }
             for sights in zip(*surveys.values(), strict=True)
         ]
@@ -157,7 +157,7 @@ class RegionRenderer:
         for step in self._surveyed_steps() or [[]]:
             sights = [middle, *(next(rest) for _ in step)]
             drawn.append(supersample.prepare_whole(context, step, sights))
-        self._planned = self._planned._replace(plan=plan.with_(drawn=tuple(drawn)))
+        self._planned = self._planned._replace(plan=plan.for_picture(drawn=tuple(drawn)))
 
     def render_region(self, region: Region) -> Frame:
         """
@@ -186,7 +186,7 @@ class RegionRenderer:
         plan = self._planned.plan
         region = check_region(region, plan.size)
         if self.needs_surveys:
-            names = " and ".join(one.name for one, _ in self.plan.whole)
+            names = " and ".join(one.name for one, _ in self.plan.effects_to_analyse)
             raise RuntimeError(f"all regions must be surveyed first, for {names}: see take_surveys")
         self._look_behind()
         return self._draw(self._planned.plan, region)
@@ -194,7 +194,7 @@ class RegionRenderer:
     def _draw(self, plan: RenderPlan, region: Region) -> Frame:
         """Draw a region of a picture, with what lies around it, and cut that off."""
         drawn = check_drawn(_grown(region, self._margin, plan.size), region)
-        part = plan.with_(region=drawn)
+        part = plan.for_picture(region=drawn)
         frame = draw_frame(self._planned._replace(plan=part), self._workers)[0]
         return frame if drawn == region else _cut_out(frame, drawn, region)
 
@@ -217,7 +217,7 @@ class RegionRenderer:
         context = FrameContext(plan, cache, placement, self._workers)
         record = glass.prepare(context, data, [(plan.camera, linear)])
         drawn = ({**done, glass.name: record},)
-        self._planned = self._planned._replace(plan=plan.with_(drawn=drawn))
+        self._planned = self._planned._replace(plan=plan.for_picture(drawn=drawn))
 
     def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
         """
@@ -325,7 +325,7 @@ def _cut_out(frame: Frame, drawn: Region, region: Region) -> Frame:
     """Return the part of a frame that shows a region."""
     left, top = region.left - drawn.left, region.top - drawn.top
     part = np.s_[top : top + region.height, left : left + region.width]
-    return crop_frame(frame, part, frame.plan.with_(region=region))
+    return crop_frame(frame, part, frame.plan.for_picture(region=region))
 
 
 def _margin_of(plan: RenderPlan) -> int:
@@ -343,7 +343,11 @@ def _margin_of(plan: RenderPlan) -> int:
             continue
         reach = effect.read_radius(data)
         farthest = max(farthest, reach or 0)
-        if isinstance(effect, OpaquePassEffect) and plan.pictures == 1 and not plan.whole:
+        if (
+            isinstance(effect, OpaquePassEffect)
+            and plan.pictures == 1
+            and not plan.effects_to_analyse
+        ):
             # The whole picture behind glass is drawn before.
             if max(plan.size) > MAX_SIZE:
                 raise ValueError(

@@ -202,9 +202,9 @@ def explain(
         planned = lenses.plan_lensed(lens, request, scene, camera, Workers(1))
         plan, through = planned.plan, lenses.through_lens(planned)
         view = CameraView(tuple(scene.nodes), plan.camera, plan.size, through)
-        return plan.with_(view=view)
+        return plan.for_picture(view=view)
     plan = plan_views(request, scene, camera).plan
-    return plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, plan.size))
+    return plan.for_picture(view=CameraView(tuple(scene.nodes), plan.camera, plan.size))
 
 
 def draw_frame(

@@ -38,7 +38,7 @@ from rasterjit.runtime.clocks import StageClock
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.survey import object_transforms
-from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.plan import RenderPlan
 
 BYTES_AT_ONCE = 1 << 23
@@ -138,7 +138,7 @@ class GrowingPace(Pace):
 
 def prepare_for(scene: Scene, options: FrameRequest) -> SceneCache:
     """Return what views of a scene have in common."""
-    return prepare(scene.nodes, None, options.quality, scene.environment is not None)
+    return update_cache(scene.nodes, None, options.quality, scene.environment is not None)
 
 
 class ViewResult(NamedTuple):

@@ -175,7 +175,7 @@ def _halvings(samples: int) -> int:
 
 def steps(plan: RenderPlan) -> list[RenderPlan]:
     """Return the plans of a frame of 4 pictures, of 16 ..., and of all; of one if that is all."""
-    return [plan.with_(pictures=count) for count in _counts(plan.pictures)]
+    return [plan.for_picture(pictures=count) for count in _counts(plan.pictures)]
 
 
 def _counts(pictures: int) -> list[int]:
@@ -229,7 +229,7 @@ def shade_faces(
         own = frame_shading.glass_of(plan)
         if own is not None and new and surveys_pictures(plan):
             other = frame_shading.draw_behind(context, own[0], find)
-            picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
+            picture = picture.for_picture(drawn_behind=_draw_whole(other, new, find))
         for offset in new:
             shown = _draw_picture(moved(picture, offset), context, find)
             clock("shade, resolve")
@@ -291,7 +291,7 @@ def cover_pixels(
     if accumulation.covered is None:
         accumulation.covered = np.zeros(seen.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else samples
-    picture = plan.with_(
+    picture = plan.for_picture(
         lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
     )
     for offset in sample_offsets(samples)[accumulation.covering : count]:
@@ -329,7 +329,7 @@ def sample_spacing(samples: int) -> float:
 def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     """Return the plan of a picture that shows what lies beside the centres of pixels."""
     spacing = sample_spacing(plan.facts.supersamples or 1)
-    return plan.with_(camera=MovedCamera(plan.camera, offset, spacing))
+    return plan.for_picture(camera=MovedCamera(plan.camera, offset, spacing))
 
 
 def _background(plan: RenderPlan) -> NDArray[np.float32]:
@@ -350,7 +350,7 @@ def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
         is_late = "mixed" in places or is_backdrop(planned.effect)
         return "overlay" not in places and not is_late
 
-    return plan.with_(
+    return plan.for_picture(
         is_of_pictures,
         outputs=("color",) if has_codes else ("linear",),
         background=plan.background if has_codes else _background(plan),
@@ -372,12 +372,12 @@ def _draw_whole(
 
 def surveys_pictures(plan: RenderPlan) -> bool:
     """Tell whether an effect looks at all pictures, not at the finished one alone."""
-    return any("overlay" not in effect.places for effect, _ in plan.whole)
+    return any("overlay" not in effect.places for effect, _ in plan.effects_to_analyse)
 
 
 def see_whole(context: FrameContext) -> dict[str, Any]:
     """Return what the effects that look at the whole picture see of one, or a part of it."""
-    return {effect.name: effect.analyse(context) for effect, _ in context.plan.whole}
+    return {effect.name: effect.analyse(context) for effect, _ in context.plan.effects_to_analyse}
 
 
 def prepare_whole(
@@ -401,7 +401,7 @@ def prepare_whole(
             context, data,
             [(camera, sight[effect.name]) for camera, sight in zip(cameras, sights, strict=True)],
         )
-        for effect, data in plan.whole
+        for effect, data in plan.effects_to_analyse
     }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import dot
 from rasterjit.styles import ground_light, silhouettes
-from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.deformation import posed_scene
 from rasterjit.survey.object_transforms import cull_objects, transform_to_view
 from rasterjit.survey.packed_scene import SceneArrays
@@ -285,7 +285,7 @@ def _count_hidden(
     """Return from how many directions of each group something stands before a texel, (S, S)."""
     scene, counts = posed_scene(casters), None
     cut = cut_open(scene)
-    cache = prepare(cut.nodes, None, Quality())
+    cache = update_cache(cut.nodes, None, Quality())
     if not cache.tables.inventory.contents.cut_out:
         camera = MatrixCamera(groups[0][0], groups[0][1][0])
         count = partial(_count_covered, cache, _edges(cache.shapes.arrays), camera)

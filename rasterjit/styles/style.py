@@ -424,7 +424,7 @@ class Style:
         parts += ["the shadow on the ground"] if shadow else []
         reasons[BACKGROUND_ROW] = ", with ".join(filter(None, parts))
         texts = {row: f"style {self.name}: {text}" for row, text in reasons.items() if text}
-        return plan.with_(added=texts) if texts else plan
+        return plan.for_picture(added=texts) if texts else plan
 
     def with_quality(self, quality: Quality) -> Style:
         """

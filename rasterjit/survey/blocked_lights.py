@@ -1,9 +1,9 @@
 """
-Find lights that closed meshes around the camera block from all that is visible.
+Find lights that closed meshes around the camera block from all visible points.
 
-All visible points are connected to the near plane by rays that cross no wall. If a segment from
-there to a light crosses a closed mesh an odd number of times, the mesh separates them: every other
-path crosses it, too.
+Rays that cross no opaque mesh connect the near plane with all visible points. If a segment from the
+near plane to a light crosses a closed mesh an odd number of times, the mesh separates them: each
+other path crosses it, too.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from rasterjit.scene.mesh import Mesh
 
 Float64 = NDArray[np.float64]
 
-MAX_FACES = 1 << 14
-"""Most faces of an object that is tested, which takes 5 ms a frame; larger ones are left to shadow
-maps."""
+MAX_ENCLOSURE_FACES = 1 << 14
+"""Most faces of a tested object, which takes 5 ms a frame; larger ones are left to shadow maps."""
 
 MIN_VOLUME_RATIO = 2.0**-30
 """Least volume, relative to its terms, for a reliable sign: far above float64's rounding error."""
@@ -33,9 +32,8 @@ SEGMENT_STARTS = ((0.0, 0.0), (0.31, 0.17), (-0.23, 0.41), (-0.37, -0.29))
 """Positions on the near plane, in -1..1, where segments to a light begin: if one hits an edge of a
 mesh, the next is tried."""
 
-
 NEAR_CORNERS = [(x, y, -1.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
-"""Corners of the near plane. If any is behind the eye, part of it is not in view."""
+"""Corners of the near plane, NDC. If any is behind the eye, part of the plane is not in view."""
 
 
 class Enclosures:
@@ -47,7 +45,7 @@ class Enclosures:
     meshes : sequence of Mesh
         Of each object.
     is_wall : (O,) bool
-        Which objects hide all that lies behind them, seen from either side.
+        Which objects are opaque from both sides.
     relative_from_model : (O, 4, 4) float64
         World axes, origin at the eye.
     clip_from_relative : (4, 4) float64
@@ -63,15 +61,18 @@ class Enclosures:
         self._clip_from_relative = clip_from_relative
         self._shells: dict[int, Float64 | None] = {}
 
-    def separating(self, light: Float64, has_end: bool, low: Float64, high: Float64) -> int | None:
+    def find_separating_object(
+        self, light: Float64, has_end: bool, low: Float64, high: Float64
+    ) -> int | None:
         """
         Return the first closed object that separates everything visible from a light, if any.
 
         Parameters
         ----------
         light : (3,) float64
-            Where the light is, relative to the eye, or the direction to a light without a place.
+            Position of the light, relative to the eye, or the direction to a directional light.
         has_end : bool
+            Whether it is a position.
         low, high : (O, 3) float64
             Corners of the boxes around the objects, relative to the eye.
         """
@@ -80,7 +81,7 @@ class Enclosures:
         is_enclosing = (low <= self.starts.min(axis=0)) & (high >= self.starts.max(axis=0))
         for k in np.flatnonzero(self._is_wall & is_enclosing.all(axis=1)).tolist():
             if k not in self._shells:
-                self._shells[k] = self._closed_corners(k)
+                self._shells[k] = self._find_closed_corners(k)
             corners = self._shells[k]
             if corners is not None and _separates(corners, self.starts, light, has_end):
                 return k
@@ -88,7 +89,7 @@ class Enclosures:
 
     @cached_property
     def starts(self) -> Float64 | None:
-        """Points of the near plane, (N, 3), relative to the eye; None if it is not all in view."""
+        """Points of the near plane, (N, 3), relative to the eye; None if part is not in view."""
         try:
             relative_from_clip = transforms.inverse(self._clip_from_relative)
         except ValueError:
@@ -98,10 +99,10 @@ class Enclosures:
         is_in_view = (corners[:, 3] > 0.0).all() and np.isfinite(points).all()
         return points if is_in_view else None
 
-    def _closed_corners(self, k: int) -> Float64 | None:
+    def _find_closed_corners(self, k: int) -> Float64 | None:
         """Return the corners, (3, F, 3), of an object if it is closed and not clipped."""
         mesh, matrix = self._meshes[k], self._relative_from_model[k]
-        if len(mesh.faces) > MAX_FACES or not mesh.is_closed():
+        if len(mesh.faces) > MAX_ENCLOSURE_FACES or not mesh.is_closed():
             return None
         positions = transforms.transform_points(matrix, mesh.vertices)[:, :3]
         clip = transforms.transform_points(self._clip_from_relative, positions)
@@ -118,7 +119,7 @@ def _meets_near_plane(corners: Float64) -> bool:
         # NaN counts as unsure.
         is_apart = (height > error).all(axis=0) | (height < -error).all(axis=0)
         corners, height, error = (side[:, ~is_apart] for side in (corners, height, error))
-        # These are positive inside each side of the view.
+        # Distances inside each side of the view.
         sides = [corners[..., 3] + sign * corners[..., n] for n in (0, 1) for sign in (1.0, -1.0)]
         largest = np.full((4, corners.shape[1]), -np.inf)
         for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -144,7 +145,7 @@ def _separates(corners: Float64, starts: Float64, light: Float64, has_end: bool)
     return False
 
 
-def count_crossings(corners: Float64, ray: Float64, ends: bool) -> int | None:
+def count_crossings(corners: Float64, ray: Float64, has_end: bool) -> int | None:
     """
     Count the triangles that the segment from the origin along a vector crosses; None if unsure.
 
@@ -152,30 +153,32 @@ def count_crossings(corners: Float64, ray: Float64, ends: bool) -> int | None:
     ----------
     corners : (3, F, 3) float64
     ray : (3,) float64
-    ends : bool
-        Whether it ends where the vector does, or goes on.
+    has_end : bool
+        Whether the segment ends where the vector does, or is a ray.
     """
     a, b, c = corners
     is_degenerate = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
     # The sign of a volume tells on which side of an edge the segment passes,
-    volumes, terms = zip(*(_volume(*edge, ray) for edge in ((a, b), (b, c), (c, a))), strict=True)
+    volumes, terms = zip(
+        *(_signed_volume(*edge, ray) for edge in ((a, b), (b, c), (c, a))), strict=True
+    )
     left = [(v > MIN_VOLUME_RATIO * t) for v, t in zip(volumes, terms, strict=True)]
     right = [(v < -MIN_VOLUME_RATIO * t) for v, t in zip(volumes, terms, strict=True)]
     is_left, is_right = left[0] & left[1] & left[2], right[0] & right[1] & right[2]
     is_beside = (left[0] | left[1] | left[2]) & (right[0] | right[1] | right[2])
     # and on which side of the face's plane it begins and ends.
-    start_side, bound = _volume(a, b, c)
+    start_side, volume_bound = _signed_volume(a, b, c)
     total = volumes[0] + volumes[1] + volumes[2]
-    end_side = start_side - total if ends else -total
-    bound = MIN_VOLUME_RATIO * (bound + terms[0] + terms[1] + terms[2])
-    is_reliable = (abs(start_side) > bound) & (abs(end_side) > bound)
+    end_side = start_side - total if has_end else -total
+    error = MIN_VOLUME_RATIO * (volume_bound + terms[0] + terms[1] + terms[2])
+    is_reliable = (abs(start_side) > error) & (abs(end_side) > error)
     passes = is_left | is_right
     if not (is_degenerate | is_beside | (passes & is_reliable)).all():
         return None
     return int(np.count_nonzero(passes & ~is_degenerate & ((start_side > 0.0) != (end_side > 0.0))))
 
 
-def _volume(a: Float64, b: Float64, c: Float64) -> tuple[Float64, Float64]:
+def _signed_volume(a: Float64, b: Float64, c: Float64) -> tuple[Float64, Float64]:
     """Return six times the volume of the origin and three points, and a bound of its terms."""
     (p, q, r), (s, t, u), (x, y, z) = a.T, b.T, c.T
     bound = 1.0

@@ -26,8 +26,7 @@ from rasterjit.scene.first_corners import corner_offsets
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.survey import object_transforms
-from rasterjit.survey import packed_scene as plan_arrays
+from rasterjit.survey import object_transforms, packed_scene
 from rasterjit.survey.object_counts import SMOOTH, Attribute, Inventory
 from rasterjit.survey.object_transforms import Extents, ObjectTransforms, compute_mesh_boxes
 from rasterjit.survey.packed_scene import (
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
     from rasterjit.survey.cross_sections import Cut
 
 
-def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+def find_unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return every edge of the faces once, (N, 2), lower vertex number first, ascending."""
     keys = np.empty((3, len(faces)), np.int64)
     for k in range(3):
@@ -79,7 +78,7 @@ class Shapes:
     @cached_property
     def arrays(self) -> SceneArrays:
         """The joined geometry."""
-        return plan_arrays.join_geometry(self.meshes)
+        return packed_scene.join_geometry(self.meshes)
 
     @cached_property
     def corner_offsets(self) -> NDArray[np.uint8]:
@@ -91,11 +90,11 @@ class Shapes:
     def rotate_like(self, other: Shapes) -> NDArray[np.int32]:
         """Return the faces, (F, 3), rotated to begin at the same corners as in other shapes."""
         faces = self.arrays.faces
-        both = zip(self.meshes, other.meshes, strict=True)
-        if all(one._faces_to_draw() is another._faces_to_draw() for one, another in both):
+        pairs = zip(self.meshes, other.meshes, strict=True)
+        if all(mesh._faces_to_draw() is original._faces_to_draw() for mesh, original in pairs):
             return faces
-        ways = (other.corner_offsets.astype(np.int64) - self.corner_offsets)[:, np.newaxis]
-        return np.take_along_axis(faces, (ways + np.arange(3)) % 3, axis=1)
+        rotations = (other.corner_offsets.astype(np.int64) - self.corner_offsets)[:, np.newaxis]
+        return np.take_along_axis(faces, (rotations + np.arange(3)) % 3, axis=1)
 
     @cached_property
     def _single_positions(self) -> NDArray[np.float32]:
@@ -110,19 +109,19 @@ class Shapes:
     @cached_property
     def uv(self) -> NDArray[np.float32]:
         """Texture coordinates, (V, 2); NaN where an object has none."""
-        return plan_arrays.join_uv(self.meshes)
+        return packed_scene.join_uv(self.meshes)
 
     def attribute(self, name: str, attribute: Attribute) -> tuple[NDArray[np.float32] | None, ...]:
         """Return an attribute of vertices, (V, D), and of faces, (F+1, D): `join_attribute`."""
         if name not in self._attributes:
-            self._attributes[name] = plan_arrays.join_attribute(self.meshes, name, attribute)
+            self._attributes[name] = packed_scene.join_attribute(self.meshes, name, attribute)
         return self._attributes[name]
 
     @cached_property
     def scalars(self) -> tuple[NDArray[np.float64], NDArray[np.float32] | None]:
         """Scalars of vertices, (V,), and of faces, (F+1,), as `join_face_scalars` has them."""
-        of_faces = plan_arrays.join_face_scalars(self.meshes)
-        return plan_arrays.join_scalars(self.meshes), of_faces
+        of_faces = packed_scene.join_face_scalars(self.meshes)
+        return packed_scene.join_scalars(self.meshes), of_faces
 
     @cached_property
     def has_face_scalars(self) -> NDArray[np.bool_]:
@@ -138,7 +137,7 @@ class Shapes:
     @cached_property
     def normals(self) -> NDArray[np.float32]:
         """Vertex normals of all objects, (V, 3)."""
-        return plan_arrays.join_normals(self.meshes)
+        return packed_scene.join_normals(self.meshes)
 
     @cached_property
     def boxes(self) -> NDArray[np.float64]:
@@ -176,9 +175,11 @@ class Shapes:
         """Every edge of the triangles once, (N, 2)."""
         faces = self.arrays.faces
         if self.arrays.primitives:
-            runs = runs_between([one.faces for one in self.arrays.primitives], len(faces))
+            runs = runs_between(
+                [primitive.faces for primitive in self.arrays.primitives], len(faces)
+            )
             faces = np.concatenate([faces[:0], *(faces[first:stop] for first, stop in runs)])
-        return unique_edges(faces)
+        return find_unique_edges(faces)
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:
@@ -235,14 +236,14 @@ class MaterialTables:
     @cached_property
     def surface(self) -> Surface:
         """Materials and colours, without normals, light or textures."""
-        return plan_arrays.join_surface(self.meshes, None)
+        return packed_scene.join_surface(self.meshes, None)
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
         """Vertex normals of the objects shaded with them, (V, 3); zero for the others."""
         if all(mesh.material.shading in SMOOTH for mesh in self.meshes):
             return self._shapes.normals
-        return plan_arrays.join_normals(self.meshes, SMOOTH)
+        return packed_scene.join_normals(self.meshes, SMOOTH)
 
     @cached_property
     def textures(self) -> Textures:
@@ -265,9 +266,9 @@ class MaterialTables:
         return join_microfacets(self.meshes)
 
     @cached_property
-    def through(self) -> TransmissionRows:
+    def transmission(self) -> TransmissionRows:
         """Transmission of all objects."""
-        return plan_arrays.join_through(self.meshes)
+        return packed_scene.join_transmission(self.meshes)
 
     @cached_property
     def layers(self) -> Layers:
@@ -287,7 +288,7 @@ class MaterialTables:
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:
         """Whether back faces of each object are culled, (O,)."""
-        return plan_arrays.single_sided(self.meshes)
+        return packed_scene.single_sided(self.meshes)
 
 
 class SceneCache(NamedTuple):
@@ -306,7 +307,7 @@ class SceneCache(NamedTuple):
     """Mapping to the original scene, if a section cut this one."""
 
     @property
-    def inventory(self) -> tuple[Inventory, Extents]:
+    def inventory_and_extents(self) -> tuple[Inventory, Extents]:
         """The objects' properties and extents, as planning takes them."""
         return self.tables.inventory, self.extents
 
@@ -326,7 +327,7 @@ class SceneCache(NamedTuple):
         return self.shapes.arrays.face_starts if self.cut is None else self.cut.face_starts
 
 
-def prepare(
+def update_cache(
     nodes: Sequence[Node], old: SceneCache | None, quality: Quality, has_environment: bool = False
 ) -> SceneCache:
     """

@@ -36,7 +36,7 @@ from rasterjit.survey.packed_scene import writable
 
 Float64 = NDArray[np.float64]
 
-CLEARANCE = 2.0**-7
+PLANE_MARGIN = 2.0**-7
 """Relative margin of an open near plane before all that is visible, and of a far plane beyond it:
 more than float32 rounding of vertices."""
 
@@ -49,7 +49,7 @@ MAX_UNBOXED = 1 << 13
 MAX_CACHED = 256
 """Most cached results of a mesh: one for each of its objects and cameras."""
 
-CHUNK = 1 << 16
+VERTICES_PER_CHUNK = 1 << 16
 """Vertices processed together, so that they stay in the cache."""
 
 _SAFETY = 1.01
@@ -116,9 +116,9 @@ class PlaneNeeds(NamedTuple):
 NO_PLANE_NEEDS = PlaneNeeds()
 
 
-def merge_needs(looks: Sequence[PlaneNeeds]) -> PlaneNeeds:
+def merge_needs(needs: Sequence[PlaneNeeds]) -> PlaneNeeds:
     """Merge the needs of views that share near and far planes."""
-    return reduce(PlaneNeeds.merge, looks, NO_PLANE_NEEDS)
+    return reduce(PlaneNeeds.merge, needs, NO_PLANE_NEEDS)
 
 
 def find_plane_needs(
@@ -143,14 +143,14 @@ def find_plane_needs(
     quality : Quality
         Its depth format says how near the near plane may come.
     """
-    margins = plane_margins(camera, clip_from_relative)
+    margins = find_clip_margins(camera, clip_from_relative)
     if margins is None:
         return NO_PLANE_NEEDS
     planes, row, (near, far) = margins.planes, margins.row, margins.ends
-    max_steps = _max_near_steps(planes, boxes, quality) if planes.is_near_open else 0
+    max_steps = _count_max_near_steps(planes, boxes, quality) if planes.is_near_open else 0
     # Test the box around all objects.
     is_open = planes.is_near_open or planes.is_far_open
-    uneven = uneven_spheres(nodes, boxes.relative_from_model) if is_open else []
+    uneven = find_uneven_spheres(nodes, boxes.relative_from_model) if is_open else []
     depths = np.negative(camera.view_matrix()[2]).tolist()
     if not uneven and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
         return PlaneNeeds(max_near_steps=max_steps)
@@ -164,25 +164,25 @@ def find_plane_needs(
     if not crosses.any():
         return PlaneNeeds(max_near_steps=max_steps)
     # Test the boxes of faces, and the faces.
-    rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
+    rows = np.concatenate((_frustum_sides(clip_from_relative), row[np.newaxis]))
     ranges = [EMPTY_RANGE]
     for k in np.flatnonzero(crosses).tolist():
         mesh, matrix = nodes[k].mesh, boxes.relative_from_model[k]
         if mesh.primitive == "triangles":
-            ranges.append(_mesh_depths(mesh, rows, matrix, (near, far)))
+            ranges.append(_find_mesh_depths(mesh, rows, matrix, (near, far)))
         elif is_open and isinstance(mesh, Points | Lines):
             wide = np.concatenate(
-                (_sides(boxes.widen_projection(clip_from_relative)), row[np.newaxis])
+                (_frustum_sides(boxes.widen_projection(clip_from_relative)), row[np.newaxis])
             )
-            ranges.append(_primitive_depths(mesh, wide, matrix, (near, far)))
+            ranges.append(_find_primitive_depths(mesh, wide, matrix, (near, far)))
     nearest, farthest, before, beyond = (
         combine(values)
         for combine, values in zip((min, max, sum, sum), zip(*ranges, strict=True), strict=True)
     )
     return PlaneNeeds(
-        _near_steps(planes, nearest) if planes.is_near_open else 0,
+        _count_near_steps(planes, nearest) if planes.is_near_open else 0,
         max_steps,
-        _far_steps(planes, farthest) if planes.is_far_open else 0,
+        _count_far_steps(planes, farthest) if planes.is_far_open else 0,
         tuple(
             PlaneCut(name, int(count), *ends)
             for name, count, is_open, *ends in (
@@ -194,7 +194,7 @@ def find_plane_needs(
     )
 
 
-def uneven_spheres(nodes: Sequence[Node], matrices: Float64) -> list[int]:
+def find_uneven_spheres(nodes: Sequence[Node], matrices: Float64) -> list[int]:
     """
     Return the numbers of objects that are spheres and may reach beyond their boxes.
 
@@ -216,10 +216,10 @@ def _is_uneven(columns: list[list[float]]) -> bool:
     longest = max(a, b, c)
     skew = max(longest - min(a, b, c), abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)))
     # NaN counts as unsure.
-    return not skew <= CLEARANCE * CLEARANCE * longest
+    return not skew <= PLANE_MARGIN * PLANE_MARGIN * longest
 
 
-class Margins(NamedTuple):
+class ClipMargins(NamedTuple):
     """The depth range within which near and far planes clip nothing."""
 
     planes: NearFar
@@ -231,20 +231,20 @@ class Margins(NamedTuple):
     """Their distance inside the near and the far plane, clip space; -inf -> anywhere."""
 
 
-def plane_margins(camera: Camera, clip_from_relative: Float64) -> Margins | None:
+def find_clip_margins(camera: Camera, clip_from_relative: Float64) -> ClipMargins | None:
     """Return the depths between which a camera's planes clip nothing; ``None`` without planes."""
     planes = near_far(camera)
     # Planes chosen by rendering clip only what they must.
     if planes is None or planes.near_steps is not None or planes.far_steps is not None:
         return None
-    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else max(planes.near, 0.0)
-    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
+    near = planes.near / (1.0 - PLANE_MARGIN) if planes.is_near_open else max(planes.near, 0.0)
+    far = planes.far * (1.0 - PLANE_MARGIN) if planes.is_far_open else planes.far
     row, distances = _depth_row(camera, planes, clip_from_relative)
     inside = (
         -math.inf if near <= 0.0 else distances[0] * (near / planes.near - 1.0),
         -math.inf if far == math.inf else distances[1] * (1.0 - far / planes.far),
     )
-    return Margins(planes, row, (near, far), inside)
+    return ClipMargins(planes, row, (near, far), inside)
 
 
 def is_box_between(low: Float64, high: Float64, camera: Camera) -> bool:
@@ -252,8 +252,8 @@ def is_box_between(low: Float64, high: Float64, camera: Camera) -> bool:
     planes = near_far(camera)
     if planes is None or not (planes.is_near_open or planes.is_far_open):
         return True
-    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else -math.inf
-    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else math.inf
+    near = planes.near / (1.0 - PLANE_MARGIN) if planes.is_near_open else -math.inf
+    far = planes.far * (1.0 - PLANE_MARGIN) if planes.is_far_open else math.inf
     depths = np.negative(camera.view_matrix()[2]).tolist()
     return is_between(low.tolist(), high.tolist(), depths, near, far)
 
@@ -281,39 +281,39 @@ def _depth_row(
     return row, distances
 
 
-def _sides(clip_from_relative: Float64) -> Float64:
+def _frustum_sides(clip_from_relative: Float64) -> Float64:
     """Return planes that are >= 0 inside each side of the frustum: right, top, left, bottom."""
     x, y, w = clip_from_relative[0], clip_from_relative[1], VIEW_MARGIN * clip_from_relative[3]
     return np.stack((w - x, w - y, w + x, w + y))
 
 
-def _near_steps(planes: NearFar, least: float) -> int:
+def _count_near_steps(planes: NearFar, min_depth: float) -> int:
     """Return how often the near plane must be halved not to clip a depth."""
-    ratio, steps = least * (1.0 - CLEARANCE), 0
-    while steps < MAX_STEPS and planes.near / (1 << steps) > ratio:
+    max_plane, steps = min_depth * (1.0 - PLANE_MARGIN), 0
+    while steps < MAX_STEPS and planes.near / (1 << steps) > max_plane:
         steps += 1
     return steps
 
 
-def _max_near_steps(planes: NearFar, boxes: Boxes, quality: Quality) -> int:
+def _count_max_near_steps(planes: NearFar, boxes: Boxes, quality: Quality) -> int:
     """Return how often the near plane may be halved, limited by float64 and the depth format."""
     is_reversed = quality.depth_format in REVERSED_TYPES
     if is_reversed and planes.far == math.inf:
         return MAX_STEPS
-    least = 2.0 * transforms.MIN_NEAR * planes.far if planes.far < math.inf else 0.0
+    min_plane = 2.0 * transforms.MIN_NEAR * planes.far if planes.far < math.inf else 0.0
     if not is_reversed:
-        held = min_resolved_depth(quality.depth_format, quality.precision)
-        least = max(least, 2.0 * held * min(boxes.compute_max_w(), planes.far))
+        resolved = min_resolved_depth(quality.depth_format, quality.precision)
+        min_plane = max(min_plane, 2.0 * resolved * min(boxes.compute_max_w(), planes.far))
     steps = 0
-    while steps < MAX_STEPS and planes.near / (2 << steps) >= least:
+    while steps < MAX_STEPS and planes.near / (2 << steps) >= min_plane:
         steps += 1
     return steps
 
 
-def _far_steps(planes: NearFar, most: float) -> int:
+def _count_far_steps(planes: NearFar, max_depth: float) -> int:
     """Return how often the far plane must be doubled not to clip a depth."""
     steps = 0
-    while steps < MAX_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
+    while steps < MAX_STEPS and planes.far * (1 << steps) * (1.0 - PLANE_MARGIN) < max_depth:
         steps += 1
     return steps
 
@@ -328,33 +328,36 @@ CORNERS = {"triangles": 3, "lines": 2, "points": 1}
 """Corners of a face, by kind of object."""
 
 
-def _primitive_depths(
+def _find_primitive_depths(
     mesh: Points | Lines, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> DepthRange:
     """
     Find the depth range of visible points or lines that reach a plane; counts none.
 
-    Takes what `_mesh_depths` does, for a view widened by sizes in pixels.
+    Takes what `_find_mesh_depths` does, for a view widened by sizes in pixels.
     """
     if isinstance(mesh, Points) and mesh.shape == "sphere":
-        return _sphere_depths(mesh, rows, relative_from_model, planes)
+        return _find_sphere_depths(mesh, rows, relative_from_model, planes)
     # All but spheres have the depth of their centre.
     radius = _max_half_size(mesh, relative_from_model)
     rows = rows.copy()
-    rows[:DEPTH, 3] += radius * _lengths(rows[:DEPTH])
-    nearest, farthest, *_ = _mesh_depths(mesh, rows, relative_from_model, planes)
+    rows[:DEPTH, 3] += radius * _gradient_lengths(rows[:DEPTH])
+    nearest, farthest, *_ = _find_mesh_depths(mesh, rows, relative_from_model, planes)
     return nearest, farthest, 0.0, 0.0
 
 
-def _sphere_depths(
+def _find_sphere_depths(
     mesh: Points, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> DepthRange:
     """Find the depth range of visible spheres that reach a plane; counts none."""
     radius = _max_half_size(mesh, relative_from_model)
-    sides = _lengths(rows)
-    reach = float(radius * sides[DEPTH])
+    gradients = _gradient_lengths(rows)
+    depth_radius = float(radius * gradients[DEPTH])
     if _is_between(
-        _sphere(mesh), rows[DEPTH], relative_from_model, (planes[0] + reach, planes[1] - reach)
+        _find_bounding_sphere(mesh),
+        rows[DEPTH],
+        relative_from_model,
+        (planes[0] + depth_radius, planes[1] - depth_radius),
     ):
         return EMPTY_RANGE
     matrix = np.ascontiguousarray(relative_from_model[:3])
@@ -363,14 +366,14 @@ def _sphere_depths(
     if cached is None:
         # All inside the sides, and before the near or beyond the far depth, may reach a plane.
         widened = rows.copy()
-        widened[:, 3] += radius * sides
-        limits = planes[0] + 2.0 * reach, planes[1]
+        widened[:, 3] += radius * gradients
+        safe_depths = planes[0] + 2.0 * depth_radius, planes[1]
         with np.errstate(all="ignore"):
             widened = dot_planes(widened, matrix) + widened[:, 3:] * (0.0, 0.0, 0.0, 1.0)
             nearest, farthest = math.inf, -math.inf
-            cosine = _min_cosine(rows)
-            blocks = _blocks_outside(mesh, widened, limits)
-            count = CHUNK // depth_range.BLOCK
+            cosine = _compute_min_cosine(rows)
+            blocks = _find_blocks_outside(mesh, widened, safe_depths)
+            count = VERTICES_PER_CHUNK // depth_range.BLOCK
             for first in range(0, len(blocks), count):
                 starts = blocks[first : first + count, np.newaxis] * depth_range.BLOCK
                 indices = (starts + np.arange(depth_range.BLOCK)).ravel()
@@ -378,9 +381,11 @@ def _sphere_depths(
                 distances = dot_planes(widened, mesh.vertices[indices].T) + widened[:, 3:]
                 depths = distances[DEPTH]
                 may_reach = (distances[:DEPTH] >= 0.0).all(axis=0) & (depths > 0.0)
-                numbers = indices[may_reach & ((depths < limits[0]) | (depths > limits[1]))]
+                numbers = indices[
+                    may_reach & ((depths < safe_depths[0]) | (depths > safe_depths[1]))
+                ]
                 if len(numbers):
-                    low, high = _visible_depths(mesh, numbers, rows, matrix, radius, cosine)
+                    low, high = _find_visible_depths(mesh, numbers, rows, matrix, radius, cosine)
                     is_outside = (low < planes[0]) | (high > planes[1])
                     nearest = min(nearest, float(low.min(where=is_outside, initial=np.inf)))
                     farthest = max(farthest, float(high.max(where=is_outside, initial=-np.inf)))
@@ -390,7 +395,7 @@ def _sphere_depths(
     return cached
 
 
-def _visible_depths(
+def _find_visible_depths(
     mesh: Points, numbers: NDArray[np.int64], rows: Float64, matrix: Float64, radius: float,
     cosine: float,
 ) -> tuple[Float64, Float64]:  # fmt: skip
@@ -403,38 +408,40 @@ def _visible_depths(
     numbers : (N,) int64
         Of the spheres.
     rows : (5, 4) float64
-        As `_mesh_depths` takes them.
+        As `_find_mesh_depths` takes them.
     matrix : (3, 4) float64
         From model space, relative to the eye.
     radius : float
         Of the largest sphere of the mesh, scene units.
     cosine : float
-        What `_min_cosine` returns.
+        What `_compute_min_cosine` returns.
     """
     sizes = mesh.sizes if len(mesh.sizes) == 1 else mesh.sizes[numbers]
     radii = sizes / mesh.sizes.max() * radius
-    middles = dot_planes(matrix, mesh.vertices[numbers].T) + matrix[:, 3:]
-    distances = dot_planes(rows, middles) + rows[:, 3:]
-    reaches = _lengths(rows)[:, np.newaxis] * radii
-    depths, reach = distances[DEPTH], reaches[DEPTH]
-    is_seen = (distances[:DEPTH] + reaches[:DEPTH] >= 0.0).all(axis=0) & (depths + reach > 0.0)
-    low = np.maximum(depths - reach, 0.0)
+    centers = dot_planes(matrix, mesh.vertices[numbers].T) + matrix[:, 3:]
+    distances = dot_planes(rows, centers) + rows[:, 3:]
+    plane_radii = _gradient_lengths(rows)[:, np.newaxis] * radii
+    depths, depth_radii = distances[DEPTH], plane_radii[DEPTH]
+    is_visible = (distances[:DEPTH] + plane_radii[:DEPTH] >= 0.0).all(axis=0) & (
+        depths + depth_radii > 0.0
+    )
+    low = np.maximum(depths - depth_radii, 0.0)
     if cosine > 0.0:
-        x, y, z = middles
+        x, y, z = centers
         distance = np.sqrt((x * x + y * y) + z * z)
         # No ray hits a sphere nearer than its surface is to the eye.
         low = np.maximum(low, cosine * (np.abs(distance - radii) - SURE * distance))
         # Spheres outside a cone around the view are not visible.
         sine = np.minimum(radii / distance, 1.0)
-        widest = cosine * np.sqrt(1.0 - sine * sine) - math.sqrt(1.0 - cosine * cosine) * sine
-        is_seen &= (distance <= radii) | (depths >= (widest - SURE) * distance)
-    return np.where(is_seen, low, np.inf), np.where(is_seen, depths + reach, -np.inf)
+        min_cosine = cosine * np.sqrt(1.0 - sine * sine) - math.sqrt(1.0 - cosine * cosine) * sine
+        is_visible &= (distance <= radii) | (depths >= (min_cosine - SURE) * distance)
+    return np.where(is_visible, low, np.inf), np.where(is_visible, depths + depth_radii, -np.inf)
 
 
-def _min_cosine(rows: Float64) -> float:
+def _compute_min_cosine(rows: Float64) -> float:
     """Return the least depth per distance along rays in view; 0 if rays do not meet."""
     # Depth is 0, and all sides meet, at the eye.
-    if (np.abs(rows[:, 3]) > SURE * _lengths(rows)).any():
+    if (np.abs(rows[:, 3]) > SURE * _gradient_lengths(rows)).any():
         return 0.0
     normals, depth, cosines = rows[:DEPTH, :3].tolist(), rows[DEPTH, :3].tolist(), []
     for k in range(DEPTH):
@@ -443,7 +450,7 @@ def _min_cosine(rows: Float64) -> float:
     return min(1.0, *cosines)
 
 
-def _lengths(rows: Float64) -> Float64:
+def _gradient_lengths(rows: Float64) -> Float64:
     """Return the gradient length of each row, (N, 4), per scene unit, (N,)."""
     x, y, z = rows[:, :3].T
     return np.sqrt((x * x + y * y) + z * z)
@@ -460,7 +467,7 @@ def _max_half_size(mesh: Points | Lines, relative_from_model: Float64) -> float:
     return 0.5 * float(sizes.max(initial=0.0)) * math.sqrt(square)
 
 
-def _mesh_depths(
+def _find_mesh_depths(
     mesh: Mesh, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> DepthRange:
     """
@@ -475,23 +482,23 @@ def _mesh_depths(
     planes : (float, float)
         Depths of the near and the far plane.
     """
-    if _is_between(_sphere(mesh), rows[DEPTH], relative_from_model, planes):
+    if _is_between(_find_bounding_sphere(mesh), rows[DEPTH], relative_from_model, planes):
         return EMPTY_RANGE
     with np.errstate(all="ignore"):
         rows = dot_planes(rows, relative_from_model[:3]) + rows[:, 3:] * (0.0, 0.0, 0.0, 1.0)
     cache, key = _range_cache.setdefault(mesh, {}), (rows.tobytes(), planes)
     cached = cache.get(key)
     if cached is None:
-        depth_range_out = np.array(EMPTY_RANGE)
-        blocks = _blocks_outside(mesh, rows, planes)
+        result = np.array(EMPTY_RANGE)
+        blocks = _find_blocks_outside(mesh, rows, planes)
         if len(blocks):
             depth_range.find_visible_depths(
                 writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
-                CORNERS[mesh.primitive], depth_range_out, np.empty((8, 4)),
+                CORNERS[mesh.primitive], result, np.empty((8, 4)),
             )  # fmt: skip
         if len(cache) >= MAX_CACHED:
             cache.clear()
-        cached = cache[key] = tuple(depth_range_out.tolist())
+        cached = cache[key] = tuple(result.tolist())
     return cached
 
 
@@ -501,23 +508,25 @@ def _is_between(
     """Tell whether a sphere lies between two planes, given the row of a point's depth."""
     a, b, c, d = row.tolist()
     columns = [a * x + b * y + c * z for x, y, z, _ in relative_from_model.T.tolist()]
-    x, y, z, rest = columns
-    middle = x * sphere.x + y * sphere.y + z * sphere.z + (rest + d)
-    terms = abs(x * sphere.x) + abs(y * sphere.y) + abs(z * sphere.z) + (abs(rest) + abs(d))
-    reach = sphere.radius * math.sqrt(x * x + y * y + z * z) + SURE * terms
-    return middle - reach >= planes[0] and middle + reach <= planes[1]
+    x, y, z, constant = columns
+    depth = x * sphere.x + y * sphere.y + z * sphere.z + (constant + d)
+    terms = abs(x * sphere.x) + abs(y * sphere.y) + abs(z * sphere.z) + (abs(constant) + abs(d))
+    radius = sphere.radius * math.sqrt(x * x + y * y + z * z) + SURE * terms
+    return depth - radius >= planes[0] and depth + radius <= planes[1]
 
 
-def _blocks_outside(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> NDArray[np.int64]:
+def _find_blocks_outside(
+    mesh: Mesh, rows: Float64, planes: tuple[float, float]
+) -> NDArray[np.int64]:
     """Return the blocks of faces that may be visible outside the planes, by rows in model space."""
     if len(mesh.faces) <= MAX_UNBOXED:
         return np.arange(-(-len(mesh.faces) // depth_range.BLOCK))
-    boxes = _boxes(mesh)
+    boxes = _box_face_blocks(mesh)
     with np.errstate(all="ignore"):
-        middles = dot_planes(rows, boxes.middle) + rows[:, 3:]
-        reaches = dot_planes(np.abs(rows), boxes.half)
-        reaches += SURE * (dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
-        lows, highs = middles - reaches, middles + reaches
+        centers = dot_planes(rows, boxes.middle) + rows[:, 3:]
+        half_ranges = dot_planes(np.abs(rows), boxes.half)
+        half_ranges += SURE * (dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
+        lows, highs = centers - half_ranges, centers + half_ranges
     # NaN counts as unsure.
     is_out = (highs[:DEPTH] < 0.0).any(axis=0) | (highs[DEPTH] <= 0.0)
     is_out |= (lows[DEPTH] >= planes[0]) & (highs[DEPTH] <= planes[1])
@@ -533,7 +542,7 @@ class _MeshSphere(NamedTuple):
     radius: float
 
 
-class _Boxes(NamedTuple):
+class _FaceBlockBoxes(NamedTuple):
     """Boxes around the faces of a mesh, model space."""
 
     middle: Float64
@@ -546,33 +555,33 @@ _range_cache: WeakKeyDictionary[Mesh, dict[tuple[bytes, tuple[float, float]], De
     WeakKeyDictionary()
 )
 _spheres: WeakKeyDictionary[Mesh, _MeshSphere] = WeakKeyDictionary()
-_face_boxes: WeakKeyDictionary[Mesh, _Boxes] = WeakKeyDictionary()
+_face_boxes: WeakKeyDictionary[Mesh, _FaceBlockBoxes] = WeakKeyDictionary()
 
 
-def _sphere(mesh: Mesh) -> _MeshSphere:
+def _find_bounding_sphere(mesh: Mesh) -> _MeshSphere:
     """Return the bounding sphere of a mesh, centred on its box, cached."""
     sphere = _spheres.get(mesh)
     if sphere is None:
         low, high = mesh.bounds()
-        middle, largest = low / 2.0 + high / 2.0, 0.0
-        vertices, used = mesh.vertices, mesh.used_vertices()
-        for first in range(0, len(vertices), CHUNK):
-            chunk = slice(first, first + CHUNK)
+        center, max_square = low / 2.0 + high / 2.0, 0.0
+        vertices, is_used = mesh.vertices, mesh.used_vertices()
+        for first in range(0, len(vertices), VERTICES_PER_CHUNK):
+            chunk = slice(first, first + VERTICES_PER_CHUNK)
             with np.errstate(over="ignore"):
-                x, y, z = (vertices[chunk][used[chunk]] - middle).T
+                x, y, z = (vertices[chunk][is_used[chunk]] - center).T
                 squares = (x * x + y * y) + z * z
-            largest = max(largest, float(squares.max(initial=0.0)))
-        sphere = _spheres[mesh] = _MeshSphere(*middle.tolist(), math.sqrt(largest))
+            max_square = max(max_square, float(squares.max(initial=0.0)))
+        sphere = _spheres[mesh] = _MeshSphere(*center.tolist(), math.sqrt(max_square))
     return sphere
 
 
-def _boxes(mesh: Mesh) -> _Boxes:
+def _box_face_blocks(mesh: Mesh) -> _FaceBlockBoxes:
     """Return the boxes around blocks of faces of a mesh, cached."""
     boxes = _face_boxes.get(mesh)
     if boxes is None:
         low, high = np.empty((2, 3, -(-len(mesh.faces) // depth_range.BLOCK)))
         depth_range.box_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
-        boxes = _Boxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
+        boxes = _FaceBlockBoxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
         _face_boxes[mesh] = boxes
     return boxes
 

@@ -1,4 +1,4 @@
-"""Analyse scene, camera and outputs once: the facts that decide what a frame needs."""
+"""Collect the facts about scene, camera and outputs that decide what a frame needs."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class Facts:
     """
     Properties of a scene and the outputs that planning depends on.
 
-    Settings of a scene are kept as given, used or not. A picture that the frame is made of
-    has its own outputs; the transparency and lights found for the whole frame are those of it too.
+    Settings of a scene are kept as given, used or not. Each picture of a frame has its own outputs,
+    and the transparency and lights of the whole frame.
     """
 
     outputs: tuple[str, ...]
-    """Names of what the frame is to hold, as ``outputs.output_table`` has them, without repeats."""
+    """Names of the outputs, as in ``outputs.output_table``, without repeats."""
     inventory: Inventory
     """Properties of the objects."""
     in_view: NDArray[np.bool_]
@@ -66,16 +66,16 @@ class Facts:
     fields: dict[str, Any]
     """Fields of the scene for effects, by name; ``None`` for an effect that is off."""
     diagnose: bool
-    """Whether the fates of faces are found."""
+    """Whether diagnostics of faces are requested."""
     quality: Quality
     transparency: Transparency
     has_background: bool
     """Whether the render was given a background."""
     background_image: BackgroundImage | None
-    """The picture given as background, if any."""
+    """The background, if it is a picture."""
     lights: PlannedLights
     """The scene's lights that reach visible objects."""
-    is_uneven: bool
+    has_uneven_scale: bool
     """Whether any object in view with interpolated normals has a non-uniform scale, beyond
     rounding."""
     attributes: dict[str, Attribute]
@@ -83,7 +83,7 @@ class Facts:
     fog: Fog | None
     """The fog, if it may cover anything in view."""
     frame_outputs: tuple[str, ...]
-    """Names of the outputs of the whole frame, of which this may be one of several pictures."""
+    """Names of the outputs of the whole frame, if these are the facts of one of its pictures."""
     reference: ReferenceShading | None = None
     """Another program's shading to reproduce; ``None`` -> none."""
 
@@ -118,7 +118,7 @@ class Facts:
 
     @cached_property
     def draws_faces(self) -> bool:
-        """Whether faces are drawn, and not the edges alone."""
+        """Whether faces are drawn, not only their edges."""
         return self.wireframe is None or self.wireframe.mode == "overlay"
 
     @cached_property
@@ -143,12 +143,12 @@ class Facts:
 
     @cached_property
     def has_headlight(self) -> bool:
-        """Whether the default light shines, for there is no other."""
+        """Whether the default light is used, as there is no other."""
         return self.is_lit and not self.has_lights and self.environment is None
 
     @cached_property
     def has_ambient_light(self) -> bool:
-        """Whether light comes from all around, of a light or the environment."""
+        """Whether an ambient light, the headlight or the environment gives ambient light."""
         return (
             self.has_headlight
             or self.has_environment_light
@@ -162,7 +162,7 @@ class Facts:
 
     @cached_property
     def shows_normals(self) -> bool:
-        """Whether vertex normals are an output: of all objects, whatever they are shaded by."""
+        """Whether vertex normals of all objects are an output."""
         return self.visible.objects > 0 and not set(NORMAL_OUTPUTS).isdisjoint(self.outputs)
 
     @cached_property
@@ -172,30 +172,31 @@ class Facts:
 
     @cached_property
     def finds_faces(self) -> bool:
-        """Whether the face at every pixel is found: shown, counted, or in a buffer."""
+        """Whether the visible face of every pixel is found: for colours, counts or a buffer."""
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @cached_property
     def float32_objects(self) -> NDArray[np.uint8] | None:
         """
-        Whether vertex colours of each object are interpolated in float32, (O,).
+        Whether vertex colours of each object are interpolated in float32, (O,); None: of none.
 
-        That follows from each object alone; where all in view may, all objects count as such. None
-        where no object in view may.
+        Depends on each object alone; if all in view are eligible, all objects count as such.
         """
-        quality, seen, is_bare = self.quality, self.visible, self.inventory.is_bare
+        quality, visible, is_bare = self.quality, self.visible, self.inventory.is_bare
         if (
             quality.interpolation_precision == "float64"
             or (quality.samples != 1 and self.supersamples is None)
-            or not (seen.unlit and seen.vertex_colored and is_bare.any())
+            or not (visible.unlit and visible.vertex_colored and is_bare.any())
         ):
             return None
-        excluded = (seen.objects - seen.unlit, seen.blended, seen.has_textures, seen.with_field)
-        return (is_bare if any(excluded) else np.ones_like(is_bare)).astype(np.uint8)
+        all_unlit = visible.unlit == visible.objects
+        has_others = visible.blended or visible.has_textures or visible.with_field
+        all_eligible = all_unlit and not has_others
+        return (np.ones_like(is_bare) if all_eligible else is_bare).astype(np.uint8)
 
     @cached_property
     def tone_map(self) -> ToneMap | None:
-        """The tone map; None where it changes nothing, or no 8-bit codes are made."""
+        """The tone map; None if neutral, or if no 8-bit colours are made."""
         tone_map = self.fields["tone_map"]
         has_codes = "color" in self.frame_outputs or self.mixes_codes
         return None if tone_map is None or tone_map.is_neutral or not has_codes else tone_map
@@ -207,7 +208,7 @@ class Facts:
 
     @cached_property
     def needs_diffuse_light(self) -> bool:
-        """Whether vertices are lit without highlights too: these lie on textures, face colours."""
+        """Whether vertices are also lit without highlights, which textures do not tint."""
         return self.is_lit and self.visible.tinted_highlights > 0
 
     @cached_property
@@ -223,17 +224,17 @@ class Facts:
 
     @cached_property
     def tests_alpha(self) -> bool:
-        """Whether the alpha of faces is tested to find the nearest."""
+        """Whether alpha is tested to find the nearest face."""
         return self.needs_alpha_tests or self.discards_faint
 
     @cached_property
     def has_textured_holes(self) -> bool:
-        """Whether a texture decides where faces have holes."""
+        """Whether a texture cuts the holes of any face."""
         return self.visible.textured_holes > 0
 
     @cached_property
     def casts_shadows(self) -> bool:
-        """Whether any light may cast shadows on what is seen."""
+        """Whether any light may cast shadows on visible objects."""
         return self.is_lit and self.lights.have_shadows
 
     @cached_property
@@ -253,16 +254,16 @@ class Facts:
 
     @cached_property
     def has_round_points(self) -> bool:
-        """Whether any object is of discs or spheres, in view or not."""
+        """Whether any object, in view or not, consists of discs or spheres."""
         return self.counts.discs + self.counts.spheres > 0
 
     @cached_property
     def supersamples(self) -> int | None:
         """
-        Number of whole pictures that supersampling averages; ``None``: no supersampling.
+        Number of pictures that supersampling averages; ``None``: no supersampling.
 
-        Discs and spheres have no triangles to find several samples or areas of: then there are as
-        many pictures as the next square grid of samples has.
+        Pixels of discs and spheres have one sample: where these are in view, 2 to 16 samples or
+        areas become pictures, 4 or 16.
         """
         samples = self.quality.samples
         if samples in SUPERSAMPLED:
@@ -273,19 +274,19 @@ class Facts:
 
     @cached_property
     def pictures(self) -> int:
-        """How many whole pictures are averaged, of faces or of what lies behind them all."""
+        """Number of pictures that are averaged, of faces or of the environment behind them."""
         has_edges = self.shades or self.shows_environment
         samples = self.supersamples
         return samples if has_edges and samples is not None else 1
 
     @cached_property
     def mixes_samples(self) -> bool:
-        """Whether a pixel of one picture shows several samples, or areas."""
+        """Whether pixels of one picture have several samples, or areas."""
         return self.shades and self.quality.samples != 1 and self.supersamples is None
 
     @cached_property
     def antialiases(self) -> bool:
-        """Whether the colour of a pixel is that of several samples, or of areas."""
+        """Whether the colour of a pixel is a mean of samples, or of areas."""
         return self.mixes_samples or self.pictures > 1
 
     @cached_property
@@ -295,17 +296,17 @@ class Facts:
 
     @cached_property
     def transmits(self) -> bool:
-        """Whether light that falls on anything goes through it, refracted."""
+        """Whether a lit object transmits light, refracted."""
         return self.is_lit and self.visible.transmitting > 0
 
     @cached_property
     def blurs_behind(self) -> bool:
-        """Whether any object, in view or not, blurs its background."""
+        """Whether any object, in view or not, blurs what is behind it."""
         return self.counts.rough_glass > 0
 
     @cached_property
     def needs_layers(self) -> bool:
-        """Whether anything lit has a clearcoat, sheen or custom specular."""
+        """Whether a lit object has a clearcoat, sheen or custom specular."""
         return self.is_lit and self.visible.has_layers
 
     @cached_property
@@ -315,38 +316,33 @@ class Facts:
 
     @cached_property
     def renormalizes(self) -> bool:
-        """
-        Whether interpolated normals are scaled to length one at every pixel.
-
-        If not, they are of that length at the vertices all the same. Under normal maps, and where
-        an object is scaled unevenly, that takes scaling at every pixel.
-        """
+        """Whether interpolated normals are scaled to length one, pixel by pixel."""
         has_normal_map = self.visible.textured["normal_texture"] > 0
-        return self.quality.renormalize or has_normal_map or self.is_uneven
+        return self.quality.renormalize or has_normal_map or self.has_uneven_scale
 
     @cached_property
     def has_environment_light(self) -> bool:
-        """Whether any light from all around reaches a colour that is asked for."""
+        """Whether the environment lights any visible colour."""
         return self.is_lit and self.environment is not None and self.environment.lights
 
     @cached_property
     def shows_environment(self) -> bool:
-        """Whether the environment is seen where no face is."""
+        """Whether the environment is the background."""
         is_background = self.environment is not None and self.environment.background
         return is_background and self.is_colored and not self.has_background
 
     @cached_property
     def mixes_codes(self) -> bool:
-        """Whether colours are blended as 8-bit sRGB codes, which all colours then are."""
+        """Whether colours are blended as 8-bit sRGB codes."""
         is_mixed = self.transparency.used or self.antialiases
         return is_mixed and self.quality.blending == "srgb8"
 
 
-def is_fog_in_reach(fog: Fog | None, views: Boxes | ViewGroup) -> Any:
+def may_fog_cover(fog: Fog | None, views: Boxes | ViewGroup) -> Any:
     """
-    Tell whether fog may cover anything in view, or in each of many views, (N,) bool.
+    Tell whether fog has a density and begins before the farthest point in view.
 
-    Not if it is empty or begins beyond all in view.
+    Returns (N,) bool for a group of N views.
     """
     if fog is None or fog.density == 0.0:
         return False
@@ -365,33 +361,34 @@ def collect_facts(
     background: Backdrop | None,
     diagnose: bool,
     cull: str,
-    last: Facts | None = None,
+    previous: Facts | None = None,
 ) -> Facts:
     """
     Collect the facts about a scene from a camera; about lights only if anything is lit.
 
-    ``last`` are facts of an earlier frame: they themselves are returned where they still hold.
+    Returns ``previous``, the facts of an earlier frame, if they still hold.
     """
     in_view = boxes.in_view
-    is_uneven = not quality.renormalize and _has_uneven_scale(views, in_view, inventory)
+    has_uneven_scale = not quality.renormalize and _has_uneven_scale(views, in_view, inventory)
     fields = {name: getattr(scene, name) for name in EFFECT_FIELDS}
-    fog = fields["fog"] if is_fog_in_reach(fields["fog"], boxes) else None
+    fog = fields["fog"] if may_fog_cover(fields["fog"], boxes) else None
     image = background if isinstance(background, BackgroundImage) else None
     if (
-        last is not None
-        # Objects, meshes and materials in force are the same as long as their inventory is.
-        and last.inventory is inventory
-        and last.quality is quality
-        and last.background_image is image
-        and all(map(operator.is_, last.fields.values(), fields.values()))
-        and (last.outputs, last.diagnose, last.is_uneven) == (outputs, diagnose, is_uneven)
-        and last.has_lights == bool(scene.lights)
-        and last.fog is fog
-        and _is_same_shading(last.reference, scene._reference)
-        and last.has_background == (background is not None)
-        and last.in_view.tobytes() == in_view.tobytes()
+        previous is not None
+        # Objects, meshes and effective materials are the same as long as their inventory is.
+        and previous.inventory is inventory
+        and previous.quality is quality
+        and previous.background_image is image
+        and all(map(operator.is_, previous.fields.values(), fields.values()))
+        and (previous.outputs, previous.diagnose, previous.has_uneven_scale)
+        == (outputs, diagnose, has_uneven_scale)
+        and previous.has_lights == bool(scene.lights)
+        and previous.fog is fog
+        and _is_same_shading(previous.reference, scene._reference)
+        and previous.has_background == (background is not None)
+        and previous.in_view.tobytes() == in_view.tobytes()
     ):
-        facts = last
+        facts = previous
     else:
         facts = Facts(
             outputs=outputs,
@@ -407,7 +404,7 @@ def collect_facts(
             has_background=background is not None,
             background_image=image,
             lights=NO_LIGHTS,
-            is_uneven=is_uneven,
+            has_uneven_scale=has_uneven_scale,
             attributes={
                 output: find_attribute(scene.nodes, output.removeprefix(ATTRIBUTE))
                 for output in outputs
@@ -418,13 +415,13 @@ def collect_facts(
             reference=scene._reference,
         )
     transparency = facts.transparency
-    if facts is not last or facts.counts.blended > 0:
+    if facts is not previous or facts.counts.blended > 0:
         transparency = find_transparency(
             scene.nodes, facts.colors_faces, facts.counts.blended > 0, inventory.is_see_through,
             in_view,
         )  # fmt: skip
     lights = NO_LIGHTS
-    if facts.is_lit and scene.lights and facts.lights.keep_all(scene.lights):
+    if facts.is_lit and scene.lights and facts.lights.has_all(scene.lights):
         lights = facts.lights
     elif facts.is_lit and scene.lights:
         casts = inventory.casts_shadows
@@ -440,9 +437,9 @@ def collect_facts(
     return replace(facts, transparency=transparency, lights=lights)
 
 
-def _is_same_shading(one: ReferenceShading | None, other: ReferenceShading | None) -> bool:
+def _is_same_shading(a: ReferenceShading | None, b: ReferenceShading | None) -> bool:
     """Tell whether two reference shadings are the same, or both None."""
-    return one is other or (one is not None and one.equals(other))
+    return a is b or (a is not None and a.equals(b))
 
 
 def _has_uneven_scale(
@@ -453,7 +450,7 @@ def _has_uneven_scale(
     return not have_uniform_scales(views.relative_from_model[chosen]).all()
 
 
-def unlit_reason(facts: Facts) -> str:
+def explain_unlit(facts: Facts) -> str:
     """Say why nothing is lit."""
     if facts.shades:
         return "every material in view is unlit"
@@ -463,7 +460,7 @@ def unlit_reason(facts: Facts) -> str:
 UNKNOWN_REASON = "not all that is drawn allows float32"
 
 
-def float64_reason(facts: Facts) -> str | None:
+def explain_float64(facts: Facts) -> str | None:
     """Say why colours are interpolated in float64; None where they are in float32."""
     quality, visible = facts.quality, facts.visible
     if facts.float32_objects is not None:
@@ -486,8 +483,8 @@ def float64_reason(facts: Facts) -> str | None:
     return next((reason for holds, reason in reasons if holds), UNKNOWN_REASON)
 
 
-def other_float64_reason(facts: Facts) -> str | None:
-    """Say why others in view take float64 where some take float32; None where none do."""
+def explain_other_float64(facts: Facts) -> str | None:
+    """Say why other objects are interpolated in float64; None if all or no objects are."""
     in_float32, visible = facts.float32_objects, facts.visible
     if in_float32 is None or in_float32.all():
         return None
@@ -500,8 +497,8 @@ def other_float64_reason(facts: Facts) -> str | None:
     return next(reason for holds, reason in reasons if holds)
 
 
-def changed_settings(facts: Facts, *names: str) -> str:
-    """Say which of some settings the quality changes from the standard, and to what."""
+def describe_changed_settings(facts: Facts, *names: str) -> str:
+    """Describe which settings the quality changes from the standard, and to which values."""
     values = {name: getattr(facts.quality, name) for name in names}
     return "".join(
         f"; quality.{name} is {value!r}"

@@ -1,9 +1,9 @@
 """
 Cull lights: decide which reach visible objects, and which cast shadows there, and why.
 
-Planning knows the boxes around the objects. A light is culled if it is black or surely reaches no
-object in view, and casts no shadows if surely nothing lies between. The others become rows that
-kernels read; shadow maps are fitted when it is known what is seen.
+Lights are tested against the boxes around the objects. A light is culled if it is black or surely
+reaches no object in view, and casts no shadows if surely nothing lies between. The others become
+rows that kernels read; shadow maps are fitted once visible faces are known.
 """
 
 from __future__ import annotations
@@ -47,36 +47,36 @@ MAX_LIGHT_DISTANCE = 1e18
 float32, and no light of an allowed intensity is seen from there."""
 
 MIN_CONE = 2.0**-41
-"""Cones end no nearer to their axis, as one less the cosine: 9.5e-7 radians, a few roundings of a
-direction in float32, so that there is light on the axis whatever the angle."""
+"""Least 1 - cosine of a cone's outer angle (9.5e-7 radians): a few roundings of a direction in
+float32, so that any cone lights its axis."""
 
 MIN_CONE_RAMP = 2.0**-21
-"""Where the angles of a cone are the same its light ends over so much of one less the cosine: what
-float32 tells, and less than what a light reaches is widened by."""
+"""Least relative difference of 1 - cosine of a cone's angles, if both are the same: what float32
+resolves, and less than `LIGHT_ROUNDING`."""
 
-MAX_ONE_MAP_ANGLE = 60.0
-"""Spot lights wider than so many degrees from their axis get six maps, as point lights do."""
+MAX_SINGLE_MAP_ANGLE = 60.0
+"""Largest angle from the axis, degrees, of spot lights with one shadow map; wider ones get six."""
 
 FILTER_TEXELS = 6.0
-"""Largest reach of a shadow filter, texels, if the map covers more than is visible."""
+"""Largest radius of a shadow filter, texels, if the map covers more than is visible."""
 
 MAX_PAIRS = 1 << 20
 """Most pairs of objects that are tested; with more, a caster is assumed."""
 
-FIRST_ROWS, ROW_GROWTH = 4, 8
-"""Objects compared with all others at first, and the factor for each next try. Mostly the first
-finds something."""
+FIRST_BOXES, BOXES_GROWTH = 4, 8
+"""Number of boxes compared with all others at first, and its growth for each next chunk: mostly the
+first chunk overlaps."""
 
 LIGHT_ROUNDING = 2.0**-16
 """Margin of a light's reach, relative to coordinates and cosines: above the rounding of the
 light that kernels see, which is float32."""
 
-DIAGONAL = math.sqrt(0.5)
+SQRT_HALF = math.sqrt(0.5)
 
-TEXEL_BYTES = 4
+BYTES_PER_TEXEL = 4
 
 MIN_SIDE_SINE = 0.1
-"""Least sine of the angle between a direction and an axis that the basis is built from."""
+"""Least sine of the angle between a direction and an axis that the build_basis is built from."""
 
 NO_CONE = (0.0, 0.0, 0.0, 0.0, 1.0)
 """Axis, scale and offset of light without a cone."""
@@ -92,21 +92,21 @@ class PlannedLights(NamedTuple):
     """The lights that reach visible objects."""
 
     lights: tuple[Light, ...]
-    """The lights; one that casts no visible shadow has none."""
+    """The lights, without the shadows that are not visible."""
     numbers: tuple[int, ...]
     """Number of each in the scene; empty for the headlight."""
     notes: tuple[str, ...]
-    """Why others were left out."""
+    """Why lights were culled."""
     shadow_notes: tuple[str, ...]
-    """Why lights that could cast shadows do not."""
+    """Why shadows were culled."""
 
     @property
     def have_shadows(self) -> bool:
-        """Whether any of them casts shadows."""
+        """Whether any light casts shadows."""
         return any(getattr(light, "shadow", None) is not None for light in self.lights)
 
-    def keep_all(self, lights: Sequence[Light]) -> bool:
-        """Tell whether these are all given lights, and would be for any camera."""
+    def has_all(self, lights: Sequence[Light]) -> bool:
+        """Tell whether all given lights are planned, as for any other camera."""
         return (
             len(self.lights) == len(lights)
             and all(map(operator.is_, self.lights, lights))
@@ -125,7 +125,7 @@ NO_LIGHTS = PlannedLights((), (), (), ())
 
 
 def plan_lights(
-    lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_], enclosures: Enclosures
+    lights: Sequence[Light], boxes: Boxes, casts_shadow: NDArray[np.bool_], enclosures: Enclosures
 ) -> PlannedLights:
     """
     Cull the lights: return those that reach visible objects, and why others do not.
@@ -135,10 +135,10 @@ def plan_lights(
     lights : sequence of Light
     boxes : Boxes
         Around the objects.
-    casts : (O,) bool
+    casts_shadow : (O,) bool
         Which objects cast shadows.
     enclosures : Enclosures
-        What may keep the light of those that cast shadows out.
+        Objects that may block lights that cast shadows.
 
     Raises
     ------
@@ -146,9 +146,9 @@ def plan_lights(
         If the shadow maps have too many texels together; the message names the lights.
     """
     kept, numbers, notes, shadow_notes = [], [], [], []
-    light_scene = _LightScene(boxes, casts, enclosures)
+    light_scene = _LightScene(boxes, casts_shadow, enclosures)
     for n, light in enumerate(lights):
-        reason, lit = _culling_reason(light, light_scene)
+        reason, lit = _cull_light(light, light_scene)
         if reason:
             notes.append(f"light {n}: {reason}")
             continue
@@ -164,7 +164,7 @@ def plan_lights(
     return planned
 
 
-def _culling_reason(light: Any, light_scene: _LightScene) -> tuple[str, NDArray[np.bool_] | None]:
+def _cull_light(light: Any, light_scene: _LightScene) -> tuple[str, NDArray[np.bool_] | None]:
     """Return why a light is culled, or "" and the objects that it reaches, None for all."""
     if light.intensity == 0.0:
         return "its intensity is 0", None
@@ -198,15 +198,15 @@ def _check_map_texels(planned: PlannedLights) -> None:
     if total > MAX_MAP_TEXELS:
         raise ValueError(
             f"the shadow maps of all lights must have at most {MAX_MAP_TEXELS:,} texels together "
-            f"({MAX_MAP_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
-            f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(maps)}; take a smaller "
+            f"({MAX_MAP_TEXELS * BYTES_PER_TEXEL / 1e9:.1f} GB), got {total:,} "
+            f"({total * BYTES_PER_TEXEL / 1e9:.1f} GB): {', '.join(maps)}; take a smaller "
             "shadow.size or quality.shadow_size, or fewer shadows"
         )
 
 
 def has_cube(light: Light) -> bool:
     """Tell whether the shadow map of a light is a cube map."""
-    is_wide = isinstance(light, SpotLight) and light.outer_angle > MAX_ONE_MAP_ANGLE
+    is_wide = isinstance(light, SpotLight) and light.outer_angle > MAX_SINGLE_MAP_ANGLE
     return is_wide or isinstance(light, PointLight)
 
 
@@ -221,13 +221,13 @@ class _LightScene:
 
     @cached_property
     def is_unsure(self) -> NDArray[np.bool_]:
-        """Whether each object may be visible but has no known bounds, (O,)."""
+        """Whether each object may be visible but has no finite bounds, (O,)."""
         return self._boxes.in_view & ~self._boxes.is_known
 
     @cached_property
     def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Low and high corner along the world's axes, (O, 3) each."""
-        return corner_bounds(self._boxes.corners)
+        return bound_corners(self._boxes.corners)
 
     def in_range(self, light: Any) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it may be seen and a light's range reaches it."""
@@ -242,40 +242,46 @@ class _LightScene:
         """Return the closed object that blocks a light from all that is visible, if any."""
         low, high = self.ends
         if isinstance(light, DirectionalLight):
-            return self._enclosures.separating(-np.array(light.direction), False, low, high)
-        return self._enclosures.separating(np.array(light.position) - self.eye, True, low, high)
+            return self._enclosures.find_separating_object(
+                -np.array(light.direction), False, low, high
+            )
+        return self._enclosures.find_separating_object(
+            np.array(light.position) - self.eye, True, low, high
+        )
 
     def is_shaded(self, light: Any, shadow: Shadow, lit: NDArray[np.bool_] | None) -> bool:
         """Tell whether any object may cast a shadow on those that a light reaches, (O,) or all."""
-        receives = self._boxes.in_view if lit is None else lit
+        is_receiver = self._boxes.in_view if lit is None else lit
         is_solid = self.casts & ~self._boxes.is_flat
-        if self.is_unsure.any() or (receives & is_solid).any():
-            # What has an inside may shade itself.
+        if self.is_unsure.any() or (is_receiver & is_solid).any():
+            # Objects with a volume may shade themselves.
             return True
         casters = np.flatnonzero(self.casts & self._boxes.is_known)
-        receivers = np.flatnonzero(receives)
+        receivers = np.flatnonzero(is_receiver)
         if len(receivers) * len(casters) > MAX_PAIRS:
             return True
         low, high = self.ends
         if isinstance(light, DirectionalLight):
-            corners = project_on(basis(light.direction), self._boxes.corners)
+            corners = project_on_axes(build_basis(light.direction), self._boxes.corners)
             low, high = corners.min(axis=1), corners.max(axis=1)
-        # What lies between a surface and the light meets the box around both.
+        # A caster between a surface and the light overlaps the box around both.
         first, last = low[receivers], high[receivers]
         if isinstance(light, DirectionalLight):
             nearest = low[casters, 2].min(initial=np.inf)
-            reach = _filter_reach(shadow, first[:, :2], last[:, :2])
-            reach += half_tangent(shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
+            radius = _filter_radius(shadow, first[:, :2], last[:, :2])
+            radius += compute_half_tangent(shadow) * max(
+                last[:, 2].max(initial=-np.inf) - nearest, 0.0
+            )
             first[:, 2] = -np.inf
         else:
             position = np.array(light.position) - self.eye
             first, last = np.minimum(first, position), np.maximum(last, position)
-            reach = _filter_reach(shadow, first, last) + (shadow.light_size or 0.0) / 2.0
-        first, last = first - reach, last + reach
+            radius = _filter_radius(shadow, first, last) + (shadow.light_size or 0.0) / 2.0
+        first, last = first - radius, last + radius
         return _overlaps_another(first, last, receivers, low[casters], high[casters], casters)
 
 
-def corner_bounds(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bound_corners(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return low and high corner along the world's axes, (..., 3) each, of boxes, (..., 8, 3)."""
     return corners.min(axis=-2), corners.max(axis=-2)
 
@@ -301,7 +307,7 @@ def _is_in_range(
         return x * x + y * y + z * z < 1.0
 
 
-def cone_pyramid(light: SpotLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bound_cone(light: SpotLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
     Return a pyramid of eight sides around a light's cone.
 
@@ -315,7 +321,7 @@ def cone_pyramid(light: SpotLight) -> tuple[NDArray[np.float64], NDArray[np.floa
     """
     _, cosine = transforms.sine_cosine(light.outer_angle)
     cosine = max(cosine - LIGHT_ROUNDING, 0.0)
-    return basis(light.direction), np.array([math.sqrt(1.0 - cosine * cosine), cosine])
+    return build_basis(light.direction), np.array([math.sqrt(1.0 - cosine * cosine), cosine])
 
 
 def _is_in_cone(
@@ -324,26 +330,26 @@ def _is_in_cone(
     """
     Tell of boxes, (..., O), whether they meet a light's cone.
 
-    They do not if all corners lie behind the light, or beyond one side of a pyramid around the
-    cone: then that is so of each face within.
+    A box does not if all corners lie behind the light, or beyond one side of a pyramid around the
+    cone.
 
     Takes the eye, (..., 3), and the corners of the boxes relative to it, (..., O, 8, 3).
     """
     position = (np.array(light.position) - eye)[..., np.newaxis, np.newaxis, :]
-    axes, (sine, cosine) = cone_pyramid(light)
+    axes, (sine, cosine) = bound_cone(light)
     with np.errstate(invalid="ignore", over="ignore"):
-        right, down, ahead = np.moveaxis(project_on(axes, corners - position), -1, 0)
+        right, down, ahead = np.moveaxis(project_on_axes(axes, corners - position), -1, 0)
         error = np.maximum(np.abs(corners).max(axis=(-2, -1)), np.abs(position).max(axis=(-2, -1)))
         error *= 2.0 * LIGHT_ROUNDING
         is_out = ahead.max(axis=-1) < -error
-        between = DIAGONAL * (right + down), DIAGONAL * (right - down)
-        for aside in (right, down, *between):
-            for turn in (1.0, -1.0):
-                is_out |= (cosine * turn * aside - sine * ahead).min(axis=-1) > error
+        diagonals = SQRT_HALF * (right + down), SQRT_HALF * (right - down)
+        for across in (right, down, *diagonals):
+            for sign in (1.0, -1.0):
+                is_out |= (cosine * sign * across - sine * ahead).min(axis=-1) > error
     return ~is_out
 
 
-def reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[np.bool_]:
+def find_reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[np.bool_]:
     """Tell whether lights without shadows reach visible objects, (N, L): as `plan_lights` does."""
     is_lit = np.zeros((len(group.in_view), len(lights)), np.bool_)
     for n, light in enumerate(lights):
@@ -351,7 +357,7 @@ def reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[np.boo
             continue
         is_reached = np.ones_like(group.in_view)
         if getattr(light, "range", None) is not None:
-            is_reached &= _is_in_range(light, group.eyes, *corner_bounds(group.corners))
+            is_reached &= _is_in_range(light, group.eyes, *bound_corners(group.corners))
         if isinstance(light, SpotLight):
             is_reached &= _is_in_cone(light, group.eyes, group.corners)
         if is_reached.all():
@@ -362,15 +368,15 @@ def reaching_lights(lights: Sequence[Light], group: ViewGroup) -> NDArray[np.boo
     return is_lit
 
 
-def _filter_reach(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:
-    """Return the reach of a shadow filter to the side, scene units."""
+def _filter_radius(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:
+    """Return the radius of a shadow filter, scene units."""
     if shadow.filter == "hard" or not len(first):
         return 0.0
     return FILTER_TEXELS / shadow.size * float((last.max(axis=0) - first.min(axis=0)).max())
 
 
-def half_tangent(shadow: Shadow) -> float:
-    """Return the tangent of half the angle that a directional light is seen under."""
+def compute_half_tangent(shadow: Shadow) -> float:
+    """Return the tangent of half the angular size of a directional light."""
     if shadow.light_size is None:
         return 0.0
     sine, cosine = transforms.sine_cosine(shadow.light_size / 2.0)
@@ -386,26 +392,26 @@ def _overlaps_another(
     numbers: NDArray[np.int64],
 ) -> bool:
     """Tell whether any of N boxes (first, last) overlaps one of M (low, high) of another object."""
-    start, rows = 0, FIRST_ROWS
+    start, count = 0, FIRST_BOXES
     while start < len(first):
-        part = slice(start, start + rows)
-        meets = owners[part, np.newaxis] != numbers
+        chunk = slice(start, start + count)
+        meets = owners[chunk, np.newaxis] != numbers
         for k in range(3):
-            meets &= low[:, k] <= last[part, k, np.newaxis]
-            meets &= high[:, k] >= first[part, k, np.newaxis]
+            meets &= low[:, k] <= last[chunk, k, np.newaxis]
+            meets &= high[:, k] >= first[chunk, k, np.newaxis]
         if meets.any():
             return True
-        start, rows = start + rows, rows * ROW_GROWTH
+        start, count = start + count, count * BOXES_GROWTH
     return False
 
 
-def basis(
+def build_basis(
     direction: Sequence[float], right: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
     """
-    Return three unit vectors, (3, 3), at right angles, the last of them the direction given.
+    Return an orthonormal basis, (3, 3) rows, whose last vector is the direction.
 
-    The first is the nearest to ``right`` that there is, unless that is along the direction.
+    The first is as near to ``right`` as possible, unless that is along the direction.
     """
     x, y, z = direction
     a, b, c = right
@@ -424,7 +430,7 @@ def basis(
     return np.array([across, [y * r - z * q, z * p - x * r, x * q - y * p], [x, y, z]])
 
 
-def project_on(axes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def project_on_axes(axes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the coordinates of points, (..., 3), along three axes."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([x * a + y * b + z * c for a, b, c in axes.tolist()], axis=-1)
@@ -452,7 +458,7 @@ def pack_lights(
             red, green, blue = (part * light.intensity for part in light.color)
             ambient = ambient[0] + red, ambient[1] + green, ambient[2] + blue
         else:
-            rows.append(_light_row(light, eye))
+            rows.append(_pack_light(light, eye))
     return Lighting(
         np.array(rows, np.float32).reshape(-1, LIGHT_COLUMNS),
         np.array(ambient, np.float32),
@@ -461,8 +467,8 @@ def pack_lights(
     )
 
 
-def reference_lighting(
-    lighting: Lighting, imitation: ReferenceShading, planned: PlannedLights, camera: Camera
+def apply_reference_shading(
+    lighting: Lighting, reference: ReferenceShading, planned: PlannedLights, camera: Camera
 ) -> Lighting:
     """Return lights as rows with the brightness of a reference shading."""
     eye = np.asarray(camera.eye_position(), np.float64).tolist()
@@ -472,35 +478,34 @@ def reference_lighting(
         for n, light in zip(planned.numbers, planned.lights, strict=True)
         if not isinstance(light, AmbientLight)
     ]
-    lighting.lights[:, 4:7] = imitation.radiance[numbers]
+    lighting.lights[:, 4:7] = reference.radiance[numbers]
     faces_viewer, are_squares = (
-        flags if flags.any() else None for flags in (imitation.faces_viewer, imitation.are_squares)
+        flags if flags.any() else None for flags in (reference.faces_viewer, reference.are_squares)
     )
-    gains = imitation.gains if (imitation.gains != 1.0).any() else None
-    taken = np.ascontiguousarray(imitation.light_mask[:, numbers])
+    gains = reference.gains if (reference.gains != 1.0).any() else None
+    light_mask = np.ascontiguousarray(reference.light_mask[:, numbers])
     maps = tuple(
-        (numbers.index(map.light), light_view(map, eye), map.depths)
-        for map in imitation.maps
+        (numbers.index(map.light), pack_light_view(map, eye), map.depths)
+        for map in reference.maps
         if map.light in numbers
     )
-    imitated = PyrenderObjects(taken, faces_viewer, are_squares, gains, maps)
-    return lighting._replace(ambient=imitation.ambient, highlights=None, pyrender=imitated)
+    imitated = PyrenderObjects(light_mask, faces_viewer, are_squares, gains, maps)
+    return lighting._replace(ambient=reference.ambient, highlights=None, pyrender=imitated)
 
 
-def light_view(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
+def pack_light_view(depth_map: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
     """
-    Return how a light sees points relative to the eye, (20,) float32: its matrix, row by row.
-
-    Behind that are p, q, r, s: what lies at NDC z is (p - q z) / (r - s z) away from it.
+    Pack the projection of a light, (20,) float32: its matrix for points relative to the eye, p, q,
+    r and s. The distance of a point at NDC z is (p - q z) / (r - s z).
     """
     x, y, z = eye
-    matrix = one.clip_from_world.copy()
+    matrix = depth_map.clip_from_world.copy()
     matrix[:, 3] += (matrix[:, 0] * x + matrix[:, 1] * y) + matrix[:, 2] * z
-    (_, _, z_scale, z_offset), (_, _, w_scale, w_offset) = one.clip_from_view[2:]
+    (_, _, z_scale, z_offset), (_, _, w_scale, w_offset) = depth_map.clip_from_view[2:]
     return np.array([*matrix.ravel(), z_offset, w_offset, z_scale, w_scale], np.float32)
 
 
-def _light_row(light: CastingLight, eye: Sequence[float]) -> list[float]:
+def _pack_light(light: CastingLight, eye: Sequence[float]) -> list[float]:
     """Return one row of ``Lighting.lights``."""
     color = [part * light.intensity for part in light.color]
     if isinstance(light, DirectionalLight):
@@ -510,30 +515,33 @@ def _light_row(light: CastingLight, eye: Sequence[float]) -> list[float]:
         max(-MAX_LIGHT_DISTANCE, min(MAX_LIGHT_DISTANCE, end - origin))
         for end, origin in zip(light.position, eye, strict=True)
     ]
-    return [*position, 1.0, *color, *_cone_row(light), _range_falloff(light.range)]
+    return [*position, 1.0, *color, *_pack_cone(light), _inverse_square_range(light.range)]
 
 
-def _cone_row(light: Light) -> tuple[float, float, float, float, float]:
-    """Return axis, scale and offset of a light's cone: full light inside, whatever the angles."""
+def _pack_cone(light: Light) -> tuple[float, float, float, float, float]:
+    """Return axis, scale and offset of a light's cone."""
     if not isinstance(light, SpotLight):
         return NO_CONE
-    inner, outer = _versine(light.inner_angle), max(_versine(light.outer_angle), MIN_CONE)
+    inner, outer = (
+        _compute_versine(light.inner_angle),
+        max(_compute_versine(light.outer_angle), MIN_CONE),
+    )
     outer = max(outer, inner * (1.0 + MIN_CONE_RAMP))
     scale = 1.0 / (outer - inner)
     return (*light.direction, scale, outer * scale)
 
 
-def _versine(angle: float) -> float:
+def _compute_versine(angle: float) -> float:
     """Return 1 - cos of an angle in degrees, without cancellation for small ones."""
-    sine, _ = transforms.sine_cosine(angle / 2.0)
-    return 2.0 * sine * sine
+    half_sine, _ = transforms.sine_cosine(angle / 2.0)
+    return 2.0 * half_sine * half_sine
 
 
-def _range_falloff(end: float | None) -> float:
+def _inverse_square_range(max_distance: float | None) -> float:
     """Return 1 / range², or 0 without a range."""
-    if end is None:
+    if max_distance is None:
         return 0.0
-    inverse = min(1.0 / end, MAX_LIGHT_DISTANCE)
+    inverse = min(1.0 / max_distance, MAX_LIGHT_DISTANCE)
     return inverse * inverse
 
 
@@ -542,31 +550,34 @@ def max_reflected_light(lights: Sequence[Light], environment: Environment | None
     total = 0.0 if environment is None else environment.brightest
     for light in lights:
         if isinstance(light, PointLight | SpotLight):
-            # That depends on how near it is.
+            # Their light grows without bound near the surface.
             return math.inf
         total += light.intensity * max(light.color)
     return total
 
 
-def headlight(camera: Camera) -> list[Light]:
-    """Return the lights of a scene that has none."""
+def make_headlight(camera: Camera) -> list[Light]:
+    """Return the default lights, for scenes without any."""
     ambient = AmbientLight(intensity=HEADLIGHT_AMBIENT)
-    return [DirectionalLight(_headlight_direction(camera), intensity=HEADLIGHT_INTENSITY), ambient]
+    return [
+        DirectionalLight(_compute_headlight_direction(camera), intensity=HEADLIGHT_INTENSITY),
+        ambient,
+    ]
 
 
-def _headlight_direction(camera: Camera) -> tuple[float, ...]:
-    """Return the direction of the light of a scene that has none, of any length."""
+def _compute_headlight_direction(camera: Camera) -> tuple[float, ...]:
+    """Return the direction of the default light in world space, of any length."""
     # The rows of the inverse transpose are the columns of the inverse.
     columns = transforms.normal_rows(np.asarray(camera.view_matrix(), np.float64).tolist())
     x, y, z = HEADLIGHT_DIRECTION
     return tuple([(a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True)])
 
 
-def headlight_row(camera: Camera, highlights: int, renormalizes: int = 1) -> Lighting:
-    """Return `pack_lights` the `headlight` of a camera, without creating its lights again."""
+def pack_headlight(camera: Camera, highlights: int, renormalizes: int = 1) -> Lighting:
+    """Return `pack_lights` of `make_headlight`, without creating the lights again."""
     row = _default_headlight()
     rows = row.lights.copy()
-    rows[0, :3] = [-x for x in unit_vector("direction", _headlight_direction(camera))]
+    rows[0, :3] = [-x for x in unit_vector("direction", _compute_headlight_direction(camera))]
     count = np.int64(highlights) if highlights else None
     return row._replace(lights=rows, highlights=count, renormalizes=renormalizes)
 
@@ -574,7 +585,7 @@ def headlight_row(camera: Camera, highlights: int, renormalizes: int = 1) -> Lig
 @cache
 def _default_headlight() -> Lighting:
     camera = PerspectiveCamera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-    lighting = pack_lights(headlight(camera), camera, 0)
+    lighting = pack_lights(make_headlight(camera), camera, 0)
     # All frames share it.
     lighting.ambient.setflags(write=False)
     return lighting

@@ -22,10 +22,10 @@ from rasterjit.survey.effect import Effect, Planning, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import (
     NORMAL_OUTPUTS,
     Facts,
-    changed_settings,
-    float64_reason,
-    other_float64_reason,
-    unlit_reason,
+    describe_changed_settings,
+    explain_float64,
+    explain_other_float64,
+    explain_unlit,
 )
 from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, describe_count
 
@@ -66,14 +66,14 @@ class ShadingRow(MaterialRow):
         shadings = ", ".join(sorted(facts.visible.shadings))
         if not shadings:
             return "no object is in view"
-        why = float64_reason(facts)
+        why = explain_float64(facts)
         colors = "colours in float32" if why is None else f"colours in float64: {why}"
-        others = other_float64_reason(facts)
+        others = explain_other_float64(facts)
         if others is not None:
             colors += f", others in float64: {others}"
         if facts.reference is not None:
             colors += f"; as pyrender's shader does, in codes of {facts.encoding!r}"
-        return f"{shadings}{changed_settings(facts, 'shading')}; {colors}"
+        return f"{shadings}{describe_changed_settings(facts, 'shading')}; {colors}"
 
 
 class Lights(MaterialRow):
@@ -89,7 +89,7 @@ class Lights(MaterialRow):
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say what lights the scene, or why nothing needs to."""
         if not facts.is_lit:
-            return unlit_reason(facts)
+            return explain_unlit(facts)
         if facts.has_headlight:
             return "a headlight, for the scene has no lights"
         if not facts.has_lights:
@@ -128,7 +128,7 @@ def _scaling(facts: Facts) -> str:
         return ""
     if facts.visible.textured["normal_texture"]:
         return "; quality.renormalize is False, but not under normal maps"
-    if facts.is_uneven:
+    if facts.has_uneven_scale:
         return "; quality.renormalize is False, but not where an object is scaled unevenly"
     return "; quality.renormalize is False"
 
@@ -154,7 +154,7 @@ class TextureRow(MaterialRow):
         if not facts.visible.has_textures:
             return "no object in view has a texture that is read"
         described = count_kinds(facts.inventory.describe_textures(facts.in_view))
-        return described + changed_settings(facts, *self.settings)
+        return described + describe_changed_settings(facts, *self.settings)
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with no texture."""

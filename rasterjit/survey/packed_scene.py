@@ -340,7 +340,7 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
-def join_through(meshes: Sequence[Mesh]) -> TransmissionRows:
+def join_transmission(meshes: Sequence[Mesh]) -> TransmissionRows:
     """Join the transmission of the objects."""
     runs = runs_of(meshes)
     rows, factors = [], []

@@ -1,4 +1,4 @@
-"""Define a frame's plan as plain data; ``rendering.planning`` makes it."""
+"""Define the plan of a frame as plain data; ``rendering.planning`` makes it."""
 
 from __future__ import annotations
 
@@ -21,37 +21,36 @@ from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import ScreenEffect, UnusedEffect, UsedEffect, list_screen_effects
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.object_counts import describe_count
-from rasterjit.survey.shading_needs import shading_needs
+from rasterjit.survey.shading_needs import derive_shading_needs
 from rasterjit.survey.transparency import PixelLayers
 from rasterjit.survey.view_summary import CameraView
 
 Cull: TypeAlias = Literal["none", "back", "front"]
 
-GEOMETRY = ("depth_format", "precision", "interpolation")
+GEOMETRY_SETTINGS = ("depth_format", "precision", "interpolation")
 """Settings of geometry and interpolation that a plan prints where they are not standard."""
-
 
 DERIVED_FIELDS = (
     "planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions", "keeps_faces",
     "shading",
 )  # fmt: skip
-"""What plans of whole frames say by their effects and facts alone; layers and lights follow too."""
+"""Cached properties that depend only on effects and facts, and on layers and lights."""
 
 
 @dataclass(frozen=True, repr=False)
 class RenderPlan(TextReport):
     """
-    What one frame consists of; prints as a table.
+    The plan of one frame; prints as a table.
 
     Attributes
     ----------
     size : (int, int)
         Width and height, pixels.
     facts : Facts
-        What the decisions rest on, with outputs and quality.
+        Input of the decisions, with outputs and quality.
     effects : tuple of UsedEffect or UnusedEffect
-        What is in and what is out, each with ``name``, ``used`` and ``reason``: as answered for the
-        whole frame, and never again for the pictures that it is made of.
+        Decisions on effects, each with ``name``, ``used`` and ``reason``: made for the whole frame,
+        not anew for the pictures that it consists of.
     """
 
     size: tuple[int, int]
@@ -62,14 +61,14 @@ class RenderPlan(TextReport):
     facts: Facts
     effects: tuple[UsedEffect | UnusedEffect, ...]
     lighting: Lighting | None
-    """The lights that shine on what is seen; ``None`` -> no colour depends on where it is."""
+    """The lights that reach visible objects; ``None`` -> no colour depends on positions."""
     layers: PixelLayers | None
     """Layers and samples of a pixel besides its nearest face; ``None`` -> none."""
     depth_format: DepthFormat
     """Format of the depth buffer."""
     pictures: int = 1
-    """How many pictures, each moved by a part of a pixel, the colours are the mean of; 1 -> the
-    frame is the picture."""
+    """Number of pictures, each moved by a part of a pixel, that are averaged; 1 -> the frame is the
+    picture."""
     previous: RenderPlan | None = None
     """The plan of the earlier view, for motion; ``None`` -> not requested."""
     surfaces: int | None = None
@@ -94,9 +93,9 @@ class RenderPlan(TextReport):
     added: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Reasons of effects that were added by other means than the scene, by name."""
 
-    def with_(
+    def for_picture(
         self,
-        kept: Callable[[UsedEffect], bool] | None = None,
+        keeps: Callable[[UsedEffect], bool] | None = None,
         outputs: tuple[str, ...] | None = None,
         **changes: Any,
     ) -> RenderPlan:
@@ -105,34 +104,34 @@ class RenderPlan(TextReport):
 
         Parameters
         ----------
-        kept : callable, optional
-            Tells of each effect that is in whether it stays. Default: all stay.
+        keeps : callable, optional
+            Tells which used effects stay. Default: all.
         outputs : tuple of str, optional
-            All that the picture shows: nothing of it is diagnosed. Default: what the frame does.
+            Outputs of the picture, without diagnostics. Default: those of the frame.
         **changes
-            Fields of the plan.
+            Other fields of the plan.
         """
         if outputs is not None:
             changes["facts"] = replace(self.facts, outputs=outputs, diagnose=False)
-        if kept is not None:
+        if keeps is not None:
             changes["effects"] = tuple(
-                one
-                if not isinstance(one, UsedEffect) or kept(one)
-                else UnusedEffect(one.effect, one.facts)
-                for one in self.effects
+                decision
+                if not isinstance(decision, UsedEffect) or keeps(decision)
+                else UnusedEffect(decision.effect, decision.facts)
+                for decision in self.effects
             )
         return replace(self, **changes)
 
-    def copy_derived(self, last: RenderPlan) -> None:
+    def copy_derived(self, other: RenderPlan) -> None:
         """Copy cached properties from a plan with the same effects and facts."""
-        own, known = self.__dict__, last.__dict__
+        cached, other_cached = self.__dict__, other.__dict__
         for name in DERIVED_FIELDS:
-            if name in known:
-                own[name] = known[name]
+            if name in other_cached:
+                cached[name] = other_cached[name]
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of what the frame is to hold."""
+        """Names of the outputs."""
         return self.facts.outputs
 
     @property
@@ -142,34 +141,34 @@ class RenderPlan(TextReport):
 
     @cached_property
     def planned(self) -> tuple[UsedEffect, ...]:
-        """The effects that are in."""
-        return tuple([one for one in self.effects if isinstance(one, UsedEffect)])
+        """The effects that the frame needs."""
+        return tuple([decision for decision in self.effects if isinstance(decision, UsedEffect)])
 
     def has(self, name: str) -> bool:
-        """Tell whether an effect is in."""
-        return any(one.name == name for one in self.planned)
+        """Tell whether the frame needs an effect."""
+        return any(used.name == name for used in self.planned)
 
     def data(self, name: str) -> Any:
-        """Return the data of an effect that is in; None of others."""
-        return next((one.data for one in self.planned if one.name == name), None)
+        """Return the data of an effect that the frame needs; None of others."""
+        return next((used.data for used in self.planned if used.name == name), None)
 
     def effects_at(self, place: str) -> list[UsedEffect]:
         """Return the effects that act at a place."""
-        return [one for one in self.planned if place in one.effect.places]
+        return [used for used in self.planned if place in used.effect.places]
 
     def kernels_at(self, place: str) -> Rows:
-        """Return the kernels that effects call at a place besides stages, each once."""
-        told = (row for one in self.planned for row in one.effect.kernels(self).get(place, ()))
-        return list(dict.fromkeys(told))
+        """Return the kernels that effects call at a place besides their passes, each once."""
+        rows = (row for used in self.planned for row in used.effect.kernels(self).get(place, ()))
+        return list(dict.fromkeys(rows))
 
     @cached_property
     def shading(self) -> ShadingNeeds:
-        """The requirements that select its shading passes."""
-        return shading_needs(self.facts, self.layers, self.lighting)
+        """The requirements that select the frame's shading passes."""
+        return derive_shading_needs(self.facts, self.layers, self.lighting)
 
     @property
-    def whole(self) -> list[tuple[ScreenEffect, Any]]:
-        """The effects that look at the whole picture before they are prepared, with their data."""
+    def effects_to_analyse(self) -> list[tuple[ScreenEffect, Any]]:
+        """The effects that analyse the whole picture before they are prepared, with their data."""
         return [
             (effect, data) for effect, data in self._unprepared if effect.analyses_picture(data)
         ]
@@ -177,12 +176,12 @@ class RenderPlan(TextReport):
     @property
     def _unprepared(self) -> list[tuple[ScreenEffect, Any]]:
         """Effects that read neighbouring pixels and are not prepared."""
-        done = {} if self.drawn is None else self.drawn[0]
-        return [one for one in list_screen_effects(self.planned) if one[0].name not in done]
+        prepared = {} if self.drawn is None else self.drawn[0]
+        return [one for one in list_screen_effects(self.planned) if one[0].name not in prepared]
 
     @property
     def corner(self) -> tuple[int, int]:
-        """Column and row, in the whole picture, of the first pixel that is drawn."""
+        """Column and row of the first pixel that is drawn, in the whole picture."""
         return (0, 0) if self.region is None else self.region[:2]
 
     @cached_property
@@ -299,7 +298,9 @@ class RenderPlan(TextReport):
         if self.previous is not None:
             rows.append(("previous view", self._describe_previous(self.previous)))
         changed = differences(self.quality, Quality.standard())
-        rows += [(name.replace("_", " "), changed[name]) for name in GEOMETRY if name in changed]
+        rows += [
+            (name.replace("_", " "), changed[name]) for name in GEOMETRY_SETTINGS if name in changed
+        ]
         rows += [
             (effect.name, f"{'in ' if effect.used else 'out'} ({self._reason(effect)})")
             for effect in self.effects
@@ -315,5 +316,5 @@ class RenderPlan(TextReport):
     def _describe_previous(self, previous: RenderPlan) -> str:
         """Describe the previous view of motion vectors."""
         camera = "the same camera" if previous.camera is self.camera else "another camera"
-        looks = "motion_visible" in self.outputs
-        return f"{camera}; " + ("its faces are found" if looks else "its faces are not looked at")
+        finds_faces = "motion_visible" in self.outputs
+        return f"{camera}; its faces are {'found' if finds_faces else 'not looked at'}"

@@ -10,7 +10,7 @@ from rasterjit.survey.transparency import PixelLayers
 SMOOTH_AT_PIXELS = frozenset(("phong", "pbr"))
 
 
-def shading_needs(
+def derive_shading_needs(
     facts: Facts, layers: PixelLayers | None, lighting: Lighting | None
 ) -> ShadingNeeds:
     """Return the requirements that select the shading passes of a picture."""
@@ -20,7 +20,7 @@ def shading_needs(
         lights=None if lighting is None else len(lighting.lights),
         highlights=lighting is not None and lighting.highlights is not None,
         renormalizes=lighting is not None and bool(lighting.renormalizes),
-        pyrender=None if lighting is None else _imitated(lighting.pyrender),
+        pyrender=None if lighting is None else _derive_pyrender_needs(lighting.pyrender),
         flat="flat" in contents.shadings,
         smooth=not SMOOTH_AT_PIXELS.isdisjoint(contents.shadings),
         others=not SMOOTH_AT_PIXELS.issuperset(contents.shadings),
@@ -51,13 +51,13 @@ def shading_needs(
     )
 
 
-def _imitated(imitated: PyrenderObjects | None) -> PyrenderNeeds | None:
+def _derive_pyrender_needs(objects: PyrenderObjects | None) -> PyrenderNeeds | None:
     """Return the requirements of pyrender's shader."""
-    if imitated is None:
+    if objects is None:
         return None
     return PyrenderNeeds(
-        faces_viewer=imitated.faces_viewer is not None,
-        has_squares=imitated.are_squares is not None,
-        has_gains=imitated.gains is not None,
-        mapped=tuple(row for row, *_ in imitated.maps),
+        faces_viewer=objects.faces_viewer is not None,
+        has_squares=objects.are_squares is not None,
+        has_gains=objects.gains is not None,
+        mapped=tuple(row for row, *_ in objects.maps),
     )

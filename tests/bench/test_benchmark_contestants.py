@@ -203,7 +203,7 @@ def test_needs_of_scenes():
 
 
 def test_edges_are_listed_once():
-    edges = screen.unique_edges(np.array([(0, 1, 2), (2, 1, 3)], np.int32))
+    edges = screen.find_unique_edges(np.array([(0, 1, 2), (2, 1, 3)], np.int32))
     assert edges.tolist() == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]
 
 

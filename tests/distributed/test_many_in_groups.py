@@ -16,7 +16,7 @@ from rasterjit.rendering import batch, batch_scheduler, renderer_pool
 from rasterjit.rendering.batch import AHEAD, check_arguments
 from rasterjit.rendering.planning import FrameRequest
 from rasterjit.rendering.renderer_pool import LazyFrame
-from rasterjit.survey.cache import prepare
+from rasterjit.survey.cache import update_cache
 
 SIZE = (40, 28)
 COUNTED = batch_scheduler.COUNTED
@@ -238,7 +238,7 @@ def decided(scene, size=SIZE, threads=1, room=32, **options):
         options.get("background"), "none",
     )  # fmt: skip
     frame = rj.render(scene, around(1)[0], size=size, **options)
-    cache = prepare(scene.nodes, None, chosen.quality, scene.environment is not None)
+    cache = update_cache(scene.nodes, None, chosen.quality, scene.environment is not None)
     return renderer_pool.views_at_once(frame.plan, scene, cache, chosen, threads, room)
 
 

@@ -316,7 +316,7 @@ def test_fog_that_covers_nothing_is_left_out(cube, camera, fog, reason):
 @pytest.mark.parametrize("fog", [fog for fog, _ in FOG_OUT[1:]])
 def test_fog_that_covers_nothing_changes_no_bit(cube, monkeypatch, fog):
     without = draw(row_of(cube), WIDE)
-    monkeypatch.setattr(facts, "is_fog_in_reach", lambda *_: True)
+    monkeypatch.setattr(facts, "may_fog_cover", lambda *_: True)
     frame = draw(row_of(cube, fog=fog), WIDE)
     assert used(frame)["fog"].used
     assert same(frame, without)

@@ -33,7 +33,7 @@ from rasterjit.runtime import threads
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
 from rasterjit.runtime.state_block import float32
-from rasterjit.survey.facts import UNKNOWN_REASON, float64_reason
+from rasterjit.survey.facts import UNKNOWN_REASON, explain_float64
 
 BOUND = Fraction(float32_weights.WEIGHT_ERROR)
 FLOAT64 = rj.Quality(interpolation_precision="float64")
@@ -356,7 +356,7 @@ def test_explain_says_in_its_line_why_colours_stay_float64(scene, quality, words
     plan = rj.explain(scene, CAMERAS[1], quality, size=(64, 48))
     (shading,) = (effect for effect in plan.effects if effect.name == "shading")
     assert shading.reason.endswith(f"; colours in float64: {words}")
-    assert float64_reason(plan.facts) == words
+    assert explain_float64(plan.facts) == words
 
 
 @pytest.mark.parametrize("shading", ["unlit", "flat", "gouraud", "phong", "pbr"])
@@ -373,8 +373,8 @@ def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
     for quality in (None, FLOAT64, rj.Quality(samples=4), rj.Quality(samples=64)):
         facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
         is_quick = facts.float32_objects is not None
-        assert (float64_reason(facts) is None) == is_quick, quality
-        assert float64_reason(facts) != UNKNOWN_REASON, quality
+        assert (explain_float64(facts) is None) == is_quick, quality
+        assert explain_float64(facts) != UNKNOWN_REASON, quality
 
 
 def test_nothing_is_weighed_without_something_to_interpolate():

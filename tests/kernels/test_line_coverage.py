@@ -311,7 +311,7 @@ def test_picture_shows_lines_between_the_snapped_vertices(cube, camera, mode):
     ).T  # fmt: skip
     screen = (clip[:, :2] / clip[:, 3:] * (1, -1) + 1) * 32
     snapped = np.rint(screen * UNIT).astype(int)
-    edges = cache.unique_edges(cube.faces)
+    edges = cache.find_unique_edges(cube.faces)
     want = cover(np.concatenate([snapped[edges[:, 0]], snapped[edges[:, 1]]], axis=1), size)
     np.testing.assert_allclose(shares_of(frame), want, rtol=0, atol=0.006)
     if mode == "overlay":

@@ -17,7 +17,7 @@ from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state_block import int64
 from rasterjit.scene.reference_shader import DepthMap
-from rasterjit.survey.light_culling import light_view
+from rasterjit.survey.light_culling import pack_light_view
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 COUNT = 200
@@ -121,7 +121,7 @@ def test_shadows_are_those_of_the_slow_twin(is_spot):
     ndc = (clip[2, 3] - clip[2, 2] * away) / (clip[3, 3] - clip[3, 2] * away)
     window = np.where(np.isfinite(depths), ndc * 0.5 + 0.5, 1.0)
     light = some_lights()[0]
-    view = light_view(DepthMap(0, clip_from_world, clip, depths), eye.tolist())
+    view = pack_light_view(DepthMap(0, clip_from_world, clip, depths), eye.tolist())
     columns = samples.astype(np.float64).T
     blocks.run(samples, (pyrender.read_shadow_map, light, view, depths))
     toward, found = light[:3] / np.linalg.norm(light[:3]), []

@@ -106,7 +106,7 @@ def test_ends_never_leave_the_guard_band(numbers):
 
 
 def test_every_edge_is_listed_once(cube):
-    edges = cache.unique_edges(cube.faces)
+    edges = cache.find_unique_edges(cube.faces)
     pairs = {tuple(sorted((int(f[k]), int(f[k - 1])))) for f in cube.faces for k in range(3)}
     assert [tuple(edge) for edge in edges.tolist()] == sorted(pairs)
     assert len(edges) == 18
@@ -171,7 +171,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
     visible = edges_of(cube.faces[facing > 0])
     overlay = render_edges(cube, camera, "overlay", size)
-    hidden = {tuple(edge) for edge in cache.unique_edges(cube.faces).tolist()} - visible
+    hidden = {tuple(edge) for edge in cache.find_unique_edges(cube.faces).tolist()} - visible
     # A side seen nearly edge-on is thinner than a pixel: its far edge is hidden by the next side.
     for edge in sorted(edges_of(cube.faces[facing > 0.12])):
         run = edge_pixels(cube, camera, [edge], size)
@@ -186,7 +186,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
 def test_only_draws_all_edges_and_no_face(cube):
     camera, _ = orbit(20, 15)
-    all_edges = cache.unique_edges(cube.faces)
+    all_edges = cache.find_unique_edges(cube.faces)
     only = render_edges(cube, camera, "only")
     assert only.tolist() == edge_pixels(cube, camera, all_edges).tolist()
     overlay = render_edges(cube, camera, "overlay")

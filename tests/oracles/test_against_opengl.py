@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from opengl import Drawn, draw_faces, draw_lines
 
 import rasterjit as rj
-from rasterjit.survey.cache import unique_edges
+from rasterjit.survey.cache import find_unique_edges
 
 pytestmark = pytest.mark.usefixtures("own_process")
 
@@ -572,7 +572,7 @@ def test_wireframe_lies_on_opengl_s(name, least_equal, eye):
     scene.wireframe = rj.Wireframe("red", mode="only")
     camera = rj.PerspectiveCamera(eye, (0.0, 0.0, 0.0))
     case = model(name, camera, size)
-    edges = unique_edges(case.faces.astype(np.int32))
+    edges = find_unique_edges(case.faces.astype(np.int32))
     ours = rj.render(scene, camera, size=size, background="white").color[:, :, 1] == 0
     theirs = draw_lines(case.clip, edges, size)
     # At the picture's border the pixel beside may lie outside.

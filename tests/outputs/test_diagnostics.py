@@ -14,8 +14,7 @@ from rasterjit.outputs import diagnostics_stage
 from rasterjit.outputs.output_table import OUTPUTS
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime import threads as sharing
-from rasterjit.survey import object_transforms
-from rasterjit.survey import packed_scene as plan_arrays
+from rasterjit.survey import object_transforms, packed_scene
 
 SIZE = (128, 64)
 CLIP = rj.MatrixCamera(np.eye(4), np.eye(4))
@@ -213,7 +212,7 @@ def test_stored_weights_are_within_the_bound(cube):
     camera = rj.PerspectiveCamera((1.4, 0.2, 1.3), (0, 0, 0), near=0.5)
     size = (24, 16)
     frame = look(cube, camera, size, ("barycentric", "face_id"))
-    arrays = plan_arrays.join_geometry([cube])
+    arrays = packed_scene.join_geometry([cube])
     views = object_transforms.transform_nodes_to_view(
         [rj.Node(cube, np.eye(4), "cube")], camera, size
     )

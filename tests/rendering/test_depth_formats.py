@@ -18,7 +18,7 @@ from rasterjit.rendering.planning import list_buffers, list_kernels
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
 from rasterjit.scene.quality import LEVELS
-from rasterjit.survey.depth_format import depth_format
+from rasterjit.survey.depth_format import make_depth_format
 
 FORMATS = LEVELS["depth_format"]
 OTHERS = [name for name in FORMATS if name != "float32-reversed"]
@@ -320,7 +320,7 @@ def large_triangles(rng, count):
 @pytest.mark.parametrize("name", FORMATS)
 def test_leaving_out_what_a_floor_hides_changes_no_bit(name):
     rng, size, passed = np.random.default_rng(8), (192, 192), 0
-    form = depth_format(name, rj.OrthographicCamera((0, 0, 0), (0, 0, -1)), size)
+    form = make_depth_format(name, rj.OrthographicCamera((0, 0, 0), (0, 0, -1)), size)
     viewport, workers = viewport_of(size, 8), threads.Workers(1)
     for _ in range(6):
         points, z = large_triangles(rng, 25)

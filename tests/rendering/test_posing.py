@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit.pipeline.geometry import skinning
 from rasterjit.rendering import planning
-from rasterjit.survey.cache import prepare
+from rasterjit.survey.cache import update_cache
 from rasterjit.survey.deformation import posed_scene
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
 
@@ -260,8 +260,8 @@ def test_an_unchanged_pose_is_kept():
     scene, _lower, upper = bending()
     first, second = posed_scene(scene), posed_scene(scene)
     assert first.nodes[0] is second.nodes[0]
-    cache = prepare(first.nodes, None, rj.Quality.standard())
-    assert prepare(second.nodes, cache, rj.Quality.standard()).shapes is cache.shapes
+    cache = update_cache(first.nodes, None, rj.Quality.standard())
+    assert update_cache(second.nodes, cache, rj.Quality.standard()).shapes is cache.shapes
     # The same place by another matrix is the same pose.
     upper.transform = upper.transform.copy()
     assert posed_scene(scene).nodes[0].mesh is first.nodes[0].mesh

@@ -41,7 +41,7 @@ def scene_of(*meshes, **fields):
 
 def on_screen(scene, precision, size=SIZE):
     """Return the screen vertices, the matrices and the positions that they were found from."""
-    known = cache.prepare(scene.nodes, None, rj.Quality())
+    known = cache.update_cache(scene.nodes, None, rj.Quality())
     views = object_transforms.transform_to_view(known.transforms, camera(), size)
     arrays, positions = known.shapes.arrays, known.shapes.positions(precision)
     vertices = visibility_pass.ModelVertices(

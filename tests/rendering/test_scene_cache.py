@@ -10,8 +10,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.output_table import OUTPUTS
-from rasterjit.survey import cache, object_transforms
-from rasterjit.survey import packed_scene as plan_arrays
+from rasterjit.survey import cache, object_transforms, packed_scene
 from rasterjit.survey.object_counts import Inventory
 
 SIZE = (48, 40)
@@ -68,7 +67,7 @@ def test_wireframe_is_that_of_the_mesh_shown(cube, sphere, camera):
 
 def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
     modules = dict.fromkeys(
-        ["join_geometry", "join_surface", "join_normals", "join_uv"], plan_arrays
+        ["join_geometry", "join_surface", "join_normals", "join_uv"], packed_scene
     )
     modules["transform_objects"] = modules["move_objects"] = object_transforms
     counts = dict.fromkeys(modules, 0)
@@ -120,11 +119,11 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
     instances = [kinds[int(digit)] for digit in order]
     copies = [copy.copy(mesh) for mesh in instances]
     for join in (
-        plan_arrays.join_geometry, plan_arrays.join_normals, plan_arrays.join_uv,
-        plan_arrays.join_textures,
-        lambda meshes: plan_arrays.join_surface(meshes, None),
+        packed_scene.join_geometry, packed_scene.join_normals, packed_scene.join_uv,
+        packed_scene.join_textures,
+        lambda meshes: packed_scene.join_surface(meshes, None),
     ):  # fmt: skip
-        if join is plan_arrays.join_textures and "1" not in order:
+        if join is packed_scene.join_textures and "1" not in order:
             continue
         one, other = join(instances), join(copies)
         for a, b in zip(one, other, strict=True):
@@ -137,7 +136,7 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
 
 def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):
     meshes = [cube, cube, sphere, cube]
-    arrays = plan_arrays.join_geometry(meshes)
+    arrays = packed_scene.join_geometry(meshes)
     assert arrays.positions.tobytes() == b"".join(mesh.vertices.tobytes() for mesh in meshes)
     for number, mesh in enumerate(meshes):
         first = arrays.vertex_starts[number]
@@ -184,8 +183,8 @@ def test_arrays_of_meshes_textures_and_nodes_cannot_be_written_to(cube, copied):
 
 def test_edges_are_found_once_a_mesh(cube, camera, monkeypatch):
     found = []
-    original = cache.unique_edges
-    monkeypatch.setattr(cache, "unique_edges", lambda *a: found.append(1) or original(*a))
+    original = cache.find_unique_edges
+    monkeypatch.setattr(cache, "find_unique_edges", lambda *a: found.append(1) or original(*a))
     scene = rj.Scene()
     scene.add(cube)
     scene.wireframe = rj.Wireframe()

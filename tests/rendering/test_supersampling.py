@@ -282,7 +282,7 @@ def test_a_picture_needs_what_it_shows_and_keeps_the_answers_of_its_frame():
     assert picture.outputs == picture.facts.outputs == ("linear",)
     assert not picture.facts.diagnose
     assert not picture.facts.finds_faces
-    covering = plan.with_(outputs=("face_id",))
+    covering = plan.for_picture(outputs=("face_id",))
     assert covering.facts.finds_faces
     assert not covering.facts.is_colored
     assert effects(covering) == effects(plan)

@@ -30,7 +30,7 @@ from rasterjit.survey.effect import (
     ScreenEffect,
     add_to_field,
 )
-from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.facts import Facts, explain_unlit
 from rasterjit.survey.plan import RenderPlan
 
 LENS = "lens of occlusion"
@@ -103,7 +103,7 @@ class Occlusion(ScreenEffect, BatchedEffect):
         if facts.fields[self.field].strength == 0.0:
             return "its strength is 0"
         if not facts.is_lit:
-            return unlit_reason(facts)
+            return explain_unlit(facts)
         if not facts.visible.shadings - {"unlit", "gouraud"}:
             return "what is lit is lit at its vertices"
         return "" if facts.has_ambient_light else "no light comes from all around"

@@ -38,7 +38,7 @@ from rasterjit.survey.effect import (
     ViewArrays,
     with_field,
 )
-from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.facts import Facts, explain_unlit
 from rasterjit.survey.plan import RenderPlan
 
 RAYS = "rays through the background"
@@ -140,7 +140,7 @@ class EnvironmentLight(BatchedEffect):
         if facts.environment is None:
             return "scene.environment is None"
         if not facts.is_lit:
-            return unlit_reason(facts)
+            return explain_unlit(facts)
         return "" if facts.environment.lights else "the environment is black"
 
     def plan_data(self, facts: Facts, planning: Planning) -> Environment | None:

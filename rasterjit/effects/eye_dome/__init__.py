@@ -23,7 +23,7 @@ from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, ScreenEffect, add_to_field
-from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.facts import Facts, explain_unlit
 from rasterjit.survey.plan import RenderPlan
 
 LN_2 = 0.6931471805599453
@@ -113,7 +113,7 @@ class EyeDomeLighting(ScreenEffect):
         """Say why what lies behind is not darkened."""
         if facts.fields[self.field].strength == 0.0:
             return "its strength is 0"
-        return "" if facts.shades else unlit_reason(facts)
+        return "" if facts.shades else explain_unlit(facts)
 
     def describe(self, facts: Facts) -> str:
         """Say how much what lies behind is darkened."""

@@ -20,7 +20,7 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.batched_views import ViewGroup
 from rasterjit.survey.effect import BatchedEffect, Planning, ViewArrays
-from rasterjit.survey.facts import Facts, is_fog_in_reach
+from rasterjit.survey.facts import Facts, may_fog_cover
 from rasterjit.survey.plan import RenderPlan
 
 LOG2_E = 1.4426950408889634
@@ -77,7 +77,7 @@ class FogEffect(BatchedEffect):
 
     def decide_views(self, scene: Scene, group: ViewGroup) -> Any:
         """Tell which views the fog is in reach of."""
-        return is_fog_in_reach(scene.fog, group)
+        return may_fog_cover(scene.fog, group)
 
     def prepare_batch(
         self, plan: RenderPlan, data: FogRecord, view_arrays: ViewArrays

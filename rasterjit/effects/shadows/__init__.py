@@ -27,8 +27,8 @@ from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, Planning, ScreenEffect, with_field
-from rasterjit.survey.facts import Facts, changed_settings
-from rasterjit.survey.light_culling import TEXEL_BYTES, CastingLight, has_cube
+from rasterjit.survey.facts import Facts, describe_changed_settings
+from rasterjit.survey.light_culling import BYTES_PER_TEXEL, CastingLight, has_cube
 from rasterjit.survey.object_transforms import transform_boxes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.quality_overrides import override_shadow
@@ -55,7 +55,7 @@ def describe_shadows(lights: Sequence[Light]) -> str:
     listed = ", ".join(
         f"{count} map{'s' if count > 1 else ''} of {size} x {size}" for size, count in maps.items()
     )
-    return f"{listed}, {texels * TEXEL_BYTES / 1e6:.1f} MB"
+    return f"{listed}, {texels * BYTES_PER_TEXEL / 1e6:.1f} MB"
 
 
 def mapped_lights(facts: Facts) -> list[CastingLight]:
@@ -108,7 +108,7 @@ class ShadowMaps(ScreenEffect):
     def describe(self, facts: Facts) -> str:
         """Say which maps are drawn."""
         drawn = describe_shadows(facts.lights.lights), *facts.lights.shadow_notes
-        return "; ".join(drawn) + changed_settings(facts, *self.settings)
+        return "; ".join(drawn) + describe_changed_settings(facts, *self.settings)
 
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Tell that maps are fitted to what is seen."""

@@ -40,7 +40,13 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import DirectionalLight, Shadow
-from rasterjit.survey.light_culling import CastingLight, basis, half_tangent, has_cube, project_on
+from rasterjit.survey.light_culling import (
+    CastingLight,
+    build_basis,
+    compute_half_tangent,
+    has_cube,
+    project_on_axes,
+)
 from rasterjit.survey.object_transforms import transform_boxes
 
 Float64 = NDArray[np.float64]
@@ -256,14 +262,14 @@ def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float
 
 def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     """Fit the map of a directional light."""
-    axes, shadow = basis(light.direction, scenery.right), light.shadow
-    cells, boxes = project_on(axes, scenery.cells), project_on(axes, scenery.boxes)
+    axes, shadow = build_basis(light.direction, scenery.right), light.shadow
+    cells, boxes = project_on_axes(axes, scenery.cells), project_on_axes(axes, scenery.boxes)
     if not len(cells) or not len(boxes):
         return None
     low, high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
     box_low, box_high = boxes.min(axis=1), boxes.max(axis=1)
     nearest = float(box_low[:, 2].min())
-    tangent = half_tangent(shadow)
+    tangent = compute_half_tangent(shadow)
     # Make room for what shades from aside.
     margin = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
     low[:2] -= margin
@@ -294,14 +300,14 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
 
 def _fit_spot(light: Any, point: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
     """Fit the map of a spot light to what is seen inside its cone."""
-    axes, shadow = basis(light.direction, scenery.right), light.shadow
+    axes, shadow = build_basis(light.direction, scenery.right), light.shadow
     sine, cosine = transforms.sine_cosine(light.outer_angle)
-    cells = project_on(axes, scenery.cells - point)
-    boxes = project_on(axes, scenery.boxes - point)
+    cells = project_on_axes(axes, scenery.cells - point)
+    boxes = project_on_axes(axes, scenery.boxes - point)
     window = _window(cells, boxes, sine / cosine, light.range, shadow)
     if window is None:
         return None
-    origin = tuple(project_on(axes, point).tolist())
+    origin = tuple(project_on_axes(axes, point).tolist())
     _write_row(row, axes, origin, window, shadow, BORDER)
     _write_depth(row, window, shadow)
     return _clip_matrix(row, shadow.size, _depth_row(row, axes[2], window))
@@ -318,8 +324,8 @@ def _fit_cube(light: Any, point: Float64, scenery: Scenery, row: Float64) -> lis
             axes = np.zeros((3, 3))
             axes[0, (k + 1) % 3] = axes[1, (k + 2) % 3] = 1.0
             axes[2, k] = sign
-            cells = project_on(axes, scenery.cells - point)
-            boxes = project_on(axes, scenery.boxes - point)
+            cells = project_on_axes(axes, scenery.cells - point)
+            boxes = project_on_axes(axes, scenery.boxes - point)
             sides.append((axes, _window(cells, boxes, tangent, light.range, shadow)))
     windows = [window for _, window in sides if window is not None]
     if not windows:
@@ -331,7 +337,7 @@ def _fit_cube(light: Any, point: Float64, scenery: Scenery, row: Float64) -> lis
     matrices: list[Float64 | None] = []
     for axes, bounds in sides:
         side = row.copy()
-        _write_row(side, axes, tuple(project_on(axes, point).tolist()), window, shadow, 0)
+        _write_row(side, axes, tuple(project_on_axes(axes, point).tolist()), window, shadow, 0)
         depth = _depth_row(side, axes[2], window)
         matrices.append(None if bounds is None else _clip_matrix(side, shadow.size, depth))
     return matrices

@@ -24,7 +24,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixel_projection import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, OpaquePassEffect
-from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.facts import Facts, explain_unlit
 from rasterjit.survey.material_features import without_transmission
 from rasterjit.survey.object_counts import describe_count
 from rasterjit.survey.plan import RenderPlan
@@ -135,7 +135,7 @@ class Transmission(OpaquePassEffect):
             return ""
         if not facts.counts.transmitting:
             return "no pbr material has a transmission above 0"
-        return unlit_reason(facts) if facts.visible.transmitting else self.describe(facts)
+        return explain_unlit(facts) if facts.visible.transmitting else self.describe(facts)
 
     def describe(self, facts: Facts) -> str:
         """Say how many objects let light through."""

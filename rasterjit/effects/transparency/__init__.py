@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import Effect
-from rasterjit.survey.facts import Facts, changed_settings
+from rasterjit.survey.facts import Facts, describe_changed_settings
 from rasterjit.survey.material_features import with_opaque_materials
 from rasterjit.survey.transparency import blending_note
 
@@ -32,7 +32,7 @@ class Blending(Effect):
         nearest = "" if most == "all" else f", the nearest {most} at a sample"
         if most == 1:
             nearest = ", the nearest one at a sample"
-        hits = changed_settings(facts, "visible_alpha")
+        hits = describe_changed_settings(facts, "visible_alpha")
         return transparency.reason + nearest + blending_note(quality) + hits
 
     def without(self, scene: Scene) -> Scene:
