@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 import rasterjit as rj
 from rasterjit.scene.scene import EFFECT_FIELDS
-from rasterjit.survey.object_counts import base_color_of
+from rasterjit.survey.object_counts import find_base_color
 
 Floats = NDArray[np.float64]
 
@@ -172,7 +172,7 @@ def _soup_of(scene: rj.Scene, camera: rj.PerspectiveCamera, size: tuple[int, int
         faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices, np.float64)
         # What is far from the origin loses nothing before the eye is taken off.
         points = vertices @ matrix[:3, :3].T + (matrix[:3, 3] - eye)
-        colors = np.tile(np.array(base_color_of(mesh)), (*faces.shape, 1))
+        colors = np.tile(np.array(find_base_color(mesh)), (*faces.shape, 1))
         if mesh.vertex_colors is not None:
             colors *= np.asarray(mesh.vertex_colors, np.float64)[faces]
         if mesh.face_colors is not None:

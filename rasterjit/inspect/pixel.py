@@ -55,7 +55,7 @@ from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import update_cache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import with_field
-from rasterjit.survey.packed_scene import placement_of
+from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -255,7 +255,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     geometry = visibility_pass.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
-    placed = placement_of(arrays, views)
+    placed = make_placement(arrays, views)
     coverage = add_reversed_depth(
         plan.depth_format, plan.camera, geometry, coverage, workers, placed
     )

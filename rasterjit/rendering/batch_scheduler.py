@@ -333,7 +333,7 @@ class BatchScheduler:
         key, kinds = in_view.tobytes(), self._kept.kinds
         if key in kinds:
             return kinds[key]
-        contents = self.cache.tables.inventory.counts_of(in_view)
+        contents = self.cache.tables.inventory.count_chosen(in_view)
         own = kind_of(contents) if contents.objects else None
         found = own, contents.unlit < contents.objects
         if len(kinds) < MAX_SETS:
@@ -426,7 +426,7 @@ class GroupResult(NamedTuple):
     """Warnings of those that were drawn."""
 
 
-def counts_of(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
+def count_chosen(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
     """Return ``COUNTED`` of views, (N, 9), by the totals of `CommandBuffer.draw`."""
     lost = totals[:, : drawing_views.COVERED]
     outside, degenerate, culled, unsampled, invalid = lost.T
@@ -490,7 +490,7 @@ class GroupRenderer:
                 continue
             pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
             totals, is_drawn[chosen] = commands.draw(prepared.fields, prepared.lights, pairs)
-            counts[chosen] = counts_of(totals, self._faces)
+            counts[chosen] = count_chosen(totals, self._faces)
             lit, white = totals[:, drawing_views.LIT], totals[:, drawing_views.LIT_WHITE]
             for n in np.flatnonzero(2 * white > lit).tolist():
                 share = float(white[n] / lit[n])

@@ -59,7 +59,7 @@ from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.clip_planes import merge_needs
 from rasterjit.survey.effect import FrameContext, LensEffect, UsedEffect, list_screen_effects
 from rasterjit.survey.object_transforms import ViewTransforms
-from rasterjit.survey.packed_scene import placement_of
+from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import ThroughLens
 
@@ -242,7 +242,7 @@ def draw_lensed(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     behind = planned.behind
     result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
     one = planned.pictures[0]
-    placement = placement_of(one.cache.shapes.arrays, one.views)
+    placement = make_placement(one.cache.shapes.arrays, one.views)
     # What draws over the finished picture of a lens reads the faces, no more.
     seen = seen._replace(coverage=seen.coverage._replace(face_id=targets["face_id"]))
     context = FrameContext(planned.plan, one.cache, placement, workers, seen)

@@ -28,7 +28,7 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, tiled_size
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import FrameContext, OpaquePassEffect, context_of, list_screen_effects
-from rasterjit.survey.packed_scene import placement_of
+from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
 
 BEHIND_TILE = 1024
@@ -151,7 +151,9 @@ class RegionRenderer:
             }
             for sights in zip(*surveys.values(), strict=True)
         ]
-        placement = frame_shading.placement_to_light(plan, placement_of(cache.shapes.arrays, views))
+        placement = frame_shading.placement_to_light(
+            plan, make_placement(cache.shapes.arrays, views)
+        )
         context = FrameContext(plan, cache, placement, self._workers)
         rest, drawn = iter(beside), []
         for step in self._surveyed_steps() or [[]]:
@@ -213,7 +215,7 @@ class RegionRenderer:
         for region in regions_of(plan.size, BEHIND_TILE):
             left, top, width, height = region
             linear[top : top + height, left : left + width] = self._draw(other, region).linear
-        placement = placement_of(cache.shapes.arrays, views)
+        placement = make_placement(cache.shapes.arrays, views)
         context = FrameContext(plan, cache, placement, self._workers)
         record = glass.prepare(context, data, [(plan.camera, linear)])
         drawn = ({**done, glass.name: record},)

@@ -65,7 +65,7 @@ from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.deformation import posed_input
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.object_transforms import ViewTransforms
-from rasterjit.survey.packed_scene import SceneArrays, front_windings_of, placement_of
+from rasterjit.survey.packed_scene import SceneArrays, compute_front_windings, make_placement
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import CameraView
 
@@ -400,8 +400,10 @@ def _hidden_faces(plan: RenderPlan, arrays: SceneArrays) -> list[tuple[int, int]
 def _placement(arrays: SceneArrays, views: ViewTransforms, kept: Kept) -> Placement:
     """Return the objects' placement, in the reused memory of the picture before."""
     if not kept.lasts:
-        return placement_of(arrays, views)
-    front_windings = kept.made("turns", front_windings_of, views.screen_winding, views.mirrored)
+        return make_placement(arrays, views)
+    front_windings = kept.made(
+        "turns", compute_front_windings, views.screen_winding, views.mirrored
+    )
     return kept.made(
         "placement", Placement, arrays.face_starts, arrays.positions,
         kept.copied("relative_from_model", views.relative_from_model[:, :3, :]),

@@ -288,7 +288,7 @@ class MaterialTables:
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:
         """Whether back faces of each object are culled, (O,)."""
-        return packed_scene.single_sided(self.meshes)
+        return packed_scene.find_single_sided(self.meshes)
 
 
 class SceneCache(NamedTuple):

@@ -52,7 +52,7 @@ from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import REPEATED, warn_caller
 from rasterjit.survey.cache import Shapes, are_identical
-from rasterjit.survey.object_counts import base_color_of
+from rasterjit.survey.object_counts import find_base_color
 from rasterjit.survey.object_transforms import (
     compute_mesh_boxes,
     transform_boxes,
@@ -988,7 +988,7 @@ def _cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
     if plane.cap_color is not None:
         color = np.array(plane.cap_color)
     else:
-        color = np.array(base_color_of(mesh), np.float64)
+        color = np.array(find_base_color(mesh), np.float64)
         for colors in (mesh.shown_vertex_colors(), mesh.face_colors):
             if colors is not None:
                 color[:3] *= [math.fsum(column) / len(colors) for column in colors[:, :3].T]

@@ -395,7 +395,7 @@ def collect_facts(
             inventory=inventory,
             in_view=in_view,
             counts=inventory.contents,
-            visible=inventory.counts_of(in_view),
+            visible=inventory.count_chosen(in_view),
             has_lights=bool(scene.lights),
             fields=fields,
             diagnose=diagnose,

@@ -1,4 +1,4 @@
-"""Count the objects of a scene by property; check its lists."""
+"""Count the objects of a scene by property, and check their attributes and textures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ObjectCounts(NamedTuple):
     """
     Numbers of objects with each property that decides what a frame needs.
 
-    The first fields are those of ``SHADINGS``, the next those of ``TEXTURE_FIELDS``.
+    The first fields are those of ``SHADINGS``.
     """
 
     unlit: int
@@ -89,7 +89,7 @@ class ObjectCounts(NamedTuple):
     discs: int
     """Whose points are discs."""
     pixel_sized: int
-    """Of both, those with sizes in pixels."""
+    """Lines and points with sizes in pixels."""
     transmitting: int
     """That transmit light, refracted."""
     clear_panes: int
@@ -106,12 +106,12 @@ class ObjectCounts(NamedTuple):
     @classmethod
     def from_row(cls, row: Sequence[int]) -> ObjectCounts:
         """Build from a row of numbers."""
-        plain = len(cls._fields) - 1
-        return cls(*row[:plain], dict(zip(TEXTURE_FIELDS, row[plain:], strict=True)))
+        count = len(cls._fields) - 1
+        return cls(*row[:count], dict(zip(TEXTURE_FIELDS, row[count:], strict=True)))
 
     @property
     def row(self) -> list[int]:
-        """All numbers one after the other: those of textures are the last."""
+        """All numbers in order; those of textures are the last."""
         return [*self[:-1], *self.textured.values()]
 
     @property
@@ -158,17 +158,17 @@ class Inventory:
     Parameters
     ----------
     meshes : sequence of Mesh
-        Of each object, with their materials as they are now.
+        Of each object, with their current materials.
     """
 
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         numbers: dict[Mesh, int] = {}
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
-        self._textures = [textures_read(mesh.material) for mesh in numbers]
+        self._textures = [list_textures(mesh.material) for mesh in numbers]
         counted = map(_count_mesh, numbers, self._textures)
         self._rows = np.array([one.row for one in counted], np.int64)
-        self._alpha_uses = [alpha_use_of(mesh) for mesh in numbers]
-        self._pixels = max(map(_pixel_size, numbers), default=0.0)
+        self._alpha_uses = [find_alpha_use(mesh) for mesh in numbers]
+        self._pixels = max(map(_max_pixel_size, numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
@@ -176,7 +176,7 @@ class Inventory:
         """Counts over all objects."""
         return self._sum_counts(self._numbers)
 
-    def counts_of(self, chosen: NDArray[np.bool_]) -> ObjectCounts:
+    def count_chosen(self, chosen: NDArray[np.bool_]) -> ObjectCounts:
         """Return the counts over some objects, (O,) bool."""
         return self.contents if chosen.all() else self._sum_counts(self._numbers[chosen])
 
@@ -193,9 +193,9 @@ class Inventory:
     def is_bare(self) -> NDArray[np.bool_]:
         """Whether each object shows only vertex colours, (O,)."""
         textured = [len(read) > 0 for read in self._textures]
-        is_more = self._has("blended") | self._has("with_field")
-        is_more |= np.array(textured, np.bool_)[self._numbers]
-        return self._has("unlit") & self._has("vertex_colored") & ~is_more
+        has_more = self._has("blended") | self._has("with_field")
+        has_more |= np.array(textured, np.bool_)[self._numbers]
+        return self._has("unlit") & self._has("vertex_colored") & ~has_more
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:
@@ -227,13 +227,13 @@ class Inventory:
 
         Transparent objects, clear panes, and objects sized in pixels cast none.
         """
-        clear = self._has("clear_panes")
-        return ~(self.is_see_through | clear | self._has("pixel_sized"))
+        is_clear_pane = self._has("clear_panes")
+        return ~(self.is_see_through | is_clear_pane | self._has("pixel_sized"))
 
     def pixel_overhang(
         self, size: tuple[int, int]
     ) -> tuple[NDArray[np.bool_], float, float] | None:
-        """Return which objects exceed their boxes by sizes in pixels, as `Boxes` takes it."""
+        """Return ``overhang`` of `Boxes`: which objects have sizes in pixels, and how large."""
         if self.contents.pixel_sized == 0:
             return None
         width, height = (self._pixels / length for length in size)
@@ -257,7 +257,7 @@ class Inventory:
     @cached_property
     def kinds_apart(self) -> tuple[bool, ...]:
         """Whether any texture of each kind uses other coordinates than its base colour."""
-        sets = np.array([sets_of(textures) for textures in self._textures])
+        sets = np.array([list_uv_sets(textures) for textures in self._textures])
         return tuple((sets != sets[:, :1]).any(axis=0).tolist())
 
     @property
@@ -266,7 +266,7 @@ class Inventory:
         return [self._scales[number] for number in self._numbers.tolist()]
 
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
-        """Say of each texture that some objects, (O,) bool, have what it is for."""
+        """Describe the use of each texture of some objects, (O,) bool."""
         meshes = dict.fromkeys(self._numbers[chosen].tolist())
         textures = dict.fromkeys(
             (name, texture, self._alpha_uses[mesh] if name == TEXTURE_FIELDS[0] else None)
@@ -314,7 +314,7 @@ def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,
         with_field=field is not None,
-        contoured=contours_of(mesh) is not None,
+        contoured=find_contours(mesh) is not None,
         masked_fields=has_masked_field(mesh),
         lines=mesh.primitive == "lines",
         points=mesh.primitive == "points",
@@ -330,21 +330,21 @@ def _count_mesh(mesh: Mesh, read: dict[str, Texture]) -> ObjectCounts:
     )
 
 
-def _pixel_size(mesh: Mesh) -> float:
-    """Return the largest size of points, or width of lines, in pixels; 0 for world units."""
+def _max_pixel_size(mesh: Mesh) -> float:
+    """Return the largest size of points or width of lines, pixels; 0 for others."""
     if getattr(mesh, "unit", None) != "pixel":
         return 0.0
     sizes = mesh.sizes if isinstance(mesh, Points) else getattr(mesh, "widths", np.zeros(1))
     return float(sizes.max())
 
 
-def textures_read(material: Material) -> dict[str, Texture]:
+def list_textures(material: Material) -> dict[str, Texture]:
     """Return the textures of a material that are read, by field."""
     textures = zip(TEXTURE_FIELDS, material.textures_read(), strict=True)
     return {name: texture for name, texture in textures if texture is not None}
 
 
-def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
+def find_base_color(mesh: Mesh) -> tuple[float, float, float, float]:
     """Return the base colour factor of a mesh, linear RGBA."""
     has_colors = not (
         mesh.vertex_colors is None and mesh.face_colors is None and mesh.field is None
@@ -352,11 +352,11 @@ def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
     return mesh.material.base_color_over(has_colors)
 
 
-def sets_of(textures: dict[str, Texture]) -> list[int]:
+def list_uv_sets(textures: dict[str, Texture]) -> list[int]:
     """
-    Return the texture coordinate set of each kind of texture.
+    Return the texture coordinate set of each kind of texture, given `list_textures`.
 
-    Takes `textures_read`; an absent one counts as using that of the first present.
+    Absent textures count as using the set of the first present one.
     """
     sets = {name: texture.uv_set for name, texture in textures.items()}
     first = next(iter(sets.values()), 0)
@@ -365,36 +365,36 @@ def sets_of(textures: dict[str, Texture]) -> list[int]:
 
 def is_see_through(mesh: Mesh) -> bool:
     """Tell whether a mesh is transparent: blended, with an alpha below 1 somewhere."""
-    return mesh.material.alpha_mode == "blend" and bool(_least_alpha(mesh) < np.float32(1.0))
+    return mesh.material.alpha_mode == "blend" and bool(_bound_min_alpha(mesh) < np.float32(1.0))
 
 
 def is_transmissive(mesh: Mesh) -> bool:
-    """Tell whether a mesh transmits light, refracted: never points and lines."""
+    """Tell whether a mesh of triangles transmits light, refracted."""
     return mesh.material.transmits and mesh.primitive == "triangles"
 
 
 def may_have_holes(mesh: Mesh) -> bool:
-    """Tell whether the alpha of a mesh with an alpha mask is below the cutoff anywhere."""
+    """Tell whether a mesh has an alpha mask, and alpha below the cutoff anywhere."""
     material = mesh.material
     if material.alpha_mode != "mask":
         return False
-    return bool(_least_alpha(mesh) < np.float32(material.alpha_cutoff))
+    return bool(_bound_min_alpha(mesh) < np.float32(material.alpha_cutoff))
 
 
-def alpha_use_of(mesh: Mesh) -> AlphaUse:
+def find_alpha_use(mesh: Mesh) -> AlphaUse:
     """Return the use of alpha in a mesh's base colour texture."""
     texture = mesh.material.base_color_texture
     if texture is None or texture.is_opaque:
         return None
     if is_see_through(mesh):
         return None if texture.filter == "nearest" else WEIGHTED
-    alpha = np.float32(base_color_of(mesh)[3])
+    alpha = np.float32(find_base_color(mesh)[3])
     if not may_have_holes(mesh) or not alpha > 0.0:
         return None
     return float(np.float32(mesh.material.alpha_cutoff) / alpha)
 
 
-def contours_of(mesh: Mesh) -> Contours | None:
+def find_contours(mesh: Mesh) -> Contours | None:
     """Return the iso-lines of a mesh's scalars, or None."""
     return None if mesh.vertex_field is None else mesh.vertex_field.contours
 
@@ -406,16 +406,16 @@ def has_masked_field(mesh: Mesh) -> bool:
     return is_masked and bool(field.min_alpha < np.float32(1.0))
 
 
-def _least_alpha(mesh: Mesh) -> np.float32:
-    """Return a lower bound of a mesh's alpha: the product of the least of all factors."""
-    least = np.float32(base_color_of(mesh)[3])
+def _bound_min_alpha(mesh: Mesh) -> np.float32:
+    """Return a lower bound of a mesh's alpha: the product of the least values of all factors."""
+    min_alpha = np.float32(find_base_color(mesh)[3])
     if mesh.vertex_field is not None:
-        least = least * mesh.vertex_field.min_alpha
+        min_alpha = min_alpha * mesh.vertex_field.min_alpha
     for colors in (mesh.vertex_colors, mesh.face_colors):
         if colors is not None and len(colors) > 0:
-            least = least * colors[:, 3].min()
+            min_alpha = min_alpha * colors[:, 3].min()
     texture = mesh.material.base_color_texture
-    return least if texture is None else least * np.float32(texture.lowest_alpha)
+    return min_alpha if texture is None else min_alpha * np.float32(texture.lowest_alpha)
 
 
 def _describe_texture(name: str, texture: Texture, use: AlphaUse) -> str:
@@ -429,12 +429,12 @@ def _describe_texture(name: str, texture: Texture, use: AlphaUse) -> str:
     return f"{texture.filter}{parts} ({kind})"
 
 
-def describe_count(seen: int, count: int, kind: str = "object") -> str:
+def describe_count(in_view: int, count: int, kind: str = "object") -> str:
     """Describe how many objects of a kind are in view, given how many there are."""
-    if seen == 0:
+    if in_view == 0:
         return f"{_count_noun(count, kind)} outside the view"
-    rest = count - seen
-    return _count_noun(seen, kind) + (f", {rest} more outside the view" if rest else "")
+    outside = count - in_view
+    return _count_noun(in_view, kind) + (f", {outside} more outside the view" if outside else "")
 
 
 def _count_noun(count: int, kind: str) -> str:
@@ -445,15 +445,7 @@ def _count_noun(count: int, kind: str) -> str:
 def take_inventory(
     nodes: Sequence[Node], quality: Quality, has_environment: bool = False
 ) -> tuple[Inventory, Extents]:
-    """
-    Take the inventory of a scene's objects, with the quality's overrides of materials.
-
-    Returns
-    -------
-    inventory : Inventory
-    extents : Extents
-        How far they reach.
-    """
+    """Take the inventory and the extents of a scene's objects, as the quality overrides them."""
     check_no_groups(nodes)
     meshes = override_meshes(meshes_of(nodes), quality, has_environment)
     world_from_model = np.array(matrices_of(nodes)).reshape(-1, 4, 4)
@@ -463,7 +455,7 @@ def take_inventory(
 def check_textures(nodes: Sequence[Node], quality: Quality) -> None:
     """Raise ``ValueError`` naming an object with a texture but no texture coordinates."""
     for node, mesh in zip(nodes, override_meshes(meshes_of(nodes), quality), strict=True):
-        for name, texture in textures_read(mesh.material).items():
+        for name, texture in list_textures(mesh.material).items():
             if mesh.uv_sets[texture.uv_set] is None:
                 raise ValueError(
                     f"the mesh of {node.name!r} must have {UV_NAMES[texture.uv_set]}, for its "
@@ -484,7 +476,7 @@ def check_masked_fields(nodes: Sequence[Node]) -> None:
 
 def find_attribute(nodes: Sequence[Node], name: str) -> Attribute:
     """
-    Return what an attribute is in the meshes that have it.
+    Describe an attribute of meshes.
 
     Raises
     ------
@@ -494,8 +486,8 @@ def find_attribute(nodes: Sequence[Node], name: str) -> Attribute:
     first: tuple[str, int] | None = None
     of_vertices = of_faces = False
     for node in nodes:
-        by_vertex = node.mesh.vertex_attributes.get(name)
-        values = node.mesh.face_attributes.get(name) if by_vertex is None else by_vertex
+        of_vertex = node.mesh.vertex_attributes.get(name)
+        values = node.mesh.face_attributes.get(name) if of_vertex is None else of_vertex
         if values is None:
             continue
         columns = values.shape[1]
@@ -506,8 +498,8 @@ def find_attribute(nodes: Sequence[Node], name: str) -> Attribute:
                 f"the mesh of {node.name!r} must have {first[1]} columns in attributes[{name!r}], "
                 f"as that of {first[0]!r} has, for one output shows both; got {columns}"
             )
-        of_vertices |= by_vertex is not None
-        of_faces |= by_vertex is None
+        of_vertices |= of_vertex is not None
+        of_faces |= of_vertex is None
     if first is None:
         raise ValueError(
             f"outputs has {ATTRIBUTE + name!r}, but no mesh of the scene has such an attribute; "

@@ -1,8 +1,4 @@
-"""
-Pack the meshes, materials and textures of a scene into the arrays that kernels read.
-
-All arrays that kernels read are cast and joined here, once.
-"""
+"""Pack the meshes, materials and textures of a scene into the arrays that kernels read."""
 
 from __future__ import annotations
 
@@ -40,17 +36,17 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.texture import WEIGHTED, AlphaUse, Pyramid, Texture
 from rasterjit.survey.object_counts import (
     Attribute,
-    alpha_use_of,
-    base_color_of,
-    contours_of,
+    find_alpha_use,
+    find_base_color,
+    find_contours,
     is_transmissive,
+    list_textures,
+    list_uv_sets,
     may_have_holes,
-    sets_of,
-    textures_read,
 )
 from rasterjit.survey.object_transforms import ViewTransforms
 
-MODELS = {
+SHADING_CODES = {
     "unlit": records.UNLIT,
     "flat": records.FLAT,
     "gouraud": records.GOURAUD,
@@ -58,50 +54,49 @@ MODELS = {
     "pbr": records.PBR,
 }
 
-MIN_VERTICES = 1 << 16
-"""Fewest vertices of a mesh that is searched for unused ones."""
+MIN_SEARCHED_VERTICES = 1 << 16
+"""Fewest vertices of a mesh that is searched for unused vertices."""
 
-VERTEX_BLOCK = 1 << 12
-"""Consecutive vertices that are skipped together, if no face uses any of them."""
+VERTICES_PER_BLOCK = 1 << 12
+"""Consecutive vertices that are skipped together if all are unused."""
 
 _WHITE, _BLACK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
 
-NORMAL = 1
+NORMAL_TEXTURE = 1
 """Index of normal maps among the textures of a material."""
 
-WRAPS = {"repeat": texturing.REPEAT, "clamp": texturing.CLAMP, "mirror": texturing.MIRROR}
+WRAP_CODES = {"repeat": texturing.REPEAT, "clamp": texturing.CLAMP, "mirror": texturing.MIRROR}
 
-FILTERS = {
+FILTER_CODES = {
     "nearest": texturing.NEAREST,
     "bilinear": texturing.BILINEAR,
     "trilinear": texturing.TRILINEAR,
 }
 
-CURVES = {"srgb": texturing.SRGB, "linear": texturing.SHARES}
+CURVE_CODES = {"srgb": texturing.SRGB, "linear": texturing.SHARES}
 
 NO_TEXTURE_ROW = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
-"""Row of the table for an object without a texture of a kind."""
+"""Row of ``Textures.table`` for an object without a texture of a kind."""
 
-_Picture: TypeAlias = tuple[Pyramid, AlphaUse]
+_PreparedImage: TypeAlias = tuple[Pyramid, AlphaUse]
 """A mip pyramid, and the use of its alpha."""
 
-_Place: TypeAlias = tuple[int, int]
-"""The first level of a picture, and how many it has."""
+_LevelRange: TypeAlias = tuple[int, int]
+"""First level of an image, and their number."""
 
 _Codes: TypeAlias = tuple[int, int, int]
-"""Channels of a picture of codes, its first code and their curve; 0 channels: it has none."""
+"""Channels of an image of codes, its first code and its curve; 0 channels: it has none."""
 
 IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-"""The identity transform."""
 
 
 class SceneArrays(NamedTuple):
-    """The meshes of a scene, joined into one; a scene of one mesh is joined without a copy."""
+    """The meshes of a scene, joined into one; a single mesh is not copied."""
 
     positions: NDArray[np.float64]
     """(V, 3), model space."""
     faces: NDArray[np.int32]
-    """(F, 3), vertex numbers, of triangles the least corner first: `first_corners.least_first`."""
+    """(F, 3), vertex numbers; triangles begin with their least corner: see ``first_corners``."""
     vertex_starts: NDArray[np.int64]
     """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
     face_starts: NDArray[np.int64]
@@ -109,20 +104,20 @@ class SceneArrays(NamedTuple):
     primitives: tuple[Primitive, ...] = ()
     """The objects whose faces are segments or points."""
     unused: tuple[tuple[int, int], ...] = ()
-    """Runs of vertices that no face uses, ascending: the first, and one past the last."""
+    """Runs of unused vertices, ascending: the first, and one past the last."""
 
     @property
     def primitive_numbers(self) -> tuple[int, ...]:
         """Numbers of the objects whose faces are segments or points."""
-        return tuple([one.number for one in self.primitives])
+        return tuple([primitive.number for primitive in self.primitives])
 
 
 def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
     """Join positions and faces; faces are renumbered, triangles begin with their least corners."""
-    runs = runs_of(meshes)
+    runs = group_instances(meshes)
     repeats = [count for _, count in runs]
-    vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
-    face_starts = _starts([len(mesh.faces) for mesh, _ in runs], repeats)
+    vertex_starts = _accumulate_starts([len(mesh.vertices) for mesh, _ in runs], repeats)
+    face_starts = _accumulate_starts([len(mesh.faces) for mesh, _ in runs], repeats)
     if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
         raise ValueError(
             f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
@@ -130,46 +125,47 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         )
     if len(meshes) == 1:
         positions, faces = writable(meshes[0].vertices), writable(meshes[0]._faces_to_draw())
-        primitives = _join_primitives(meshes, vertex_starts, face_starts)
-        unused = _unused_runs(meshes, vertex_starts)
-        return SceneArrays(positions, faces, vertex_starts, face_starts, primitives, unused)
-    positions = _concatenate([(mesh.vertices, count) for mesh, count in runs])
-    faces = np.empty((face_starts[-1], 3), np.int32)
-    place = 0
-    for mesh, count in runs:
-        firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
-        rows = faces[face_starts[place] : face_starts[place + count]]
-        np.add(mesh._faces_to_draw(), firsts, out=rows.reshape(count, -1, 3))
-        place += count
+    else:
+        positions = _concatenate([(mesh.vertices, count) for mesh, count in runs])
+        faces = np.empty((face_starts[-1], 3), np.int32)
+        number = 0
+        for mesh, count in runs:
+            firsts = vertex_starts[number : number + count].astype(np.int32)
+            rows = faces[face_starts[number] : face_starts[number + count]]
+            out = rows.reshape(count, -1, 3)
+            np.add(mesh._faces_to_draw(), firsts[:, np.newaxis, np.newaxis], out=out)
+            number += count
     primitives = _join_primitives(meshes, vertex_starts, face_starts)
-    unused = _unused_runs(meshes, vertex_starts)
+    unused = _find_unused_runs(meshes, vertex_starts)
     return SceneArrays(positions, faces, vertex_starts, face_starts, primitives, unused)
 
 
-def _unused_runs(
+def _find_unused_runs(
     meshes: Sequence[Mesh], vertex_starts: NDArray[np.int64]
 ) -> tuple[tuple[int, int], ...]:
-    """Return the runs of ``SceneArrays.unused``, of meshes with many more vertices than faces."""
-    found: list[tuple[int, int]] = []
-    masks: dict[Mesh, list[tuple[int, int]]] = {}
+    """Return ``SceneArrays.unused``, of large meshes with more vertices than faces."""
+    runs: list[tuple[int, int]] = []
+    runs_by_mesh: dict[Mesh, list[tuple[int, int]]] = {}
     for mesh, start in zip(meshes, vertex_starts.tolist(), strict=False):
         count = len(mesh.vertices)
-        if count < MIN_VERTICES or count <= len(mesh.faces):
+        if count < MIN_SEARCHED_VERTICES or count <= len(mesh.faces):
             continue
-        if mesh not in masks:
-            blocks = np.arange(0, count, VERTEX_BLOCK)
+        if mesh not in runs_by_mesh:
+            blocks = np.arange(0, count, VERTICES_PER_BLOCK)
             is_unused = ~np.logical_or.reduceat(mesh.used_vertices(), blocks)
-            edges = np.flatnonzero(np.diff(is_unused, prepend=False, append=False)) * VERTEX_BLOCK
-            masks[mesh] = np.minimum(edges, count).reshape(-1, 2).tolist()
-        found += [(start + first, start + end) for first, end in masks[mesh]]
-    return tuple(found)
+            edges = (
+                np.flatnonzero(np.diff(is_unused, prepend=False, append=False)) * VERTICES_PER_BLOCK
+            )
+            runs_by_mesh[mesh] = np.minimum(edges, count).reshape(-1, 2).tolist()
+        runs += [(start + first, start + end) for first, end in runs_by_mesh[mesh]]
+    return tuple(runs)
 
 
 def _join_primitives(
     meshes: Sequence[Mesh], vertex_starts: NDArray[np.int64], face_starts: NDArray[np.int64]
 ) -> tuple[Primitive, ...]:
     """Return the records of objects whose faces are segments or points."""
-    found = []
+    primitives = []
     for number, mesh in enumerate(meshes):
         rule: LineRule | PointRule
         if isinstance(mesh, Lines):
@@ -184,19 +180,19 @@ def _join_primitives(
             for starts in (vertex_starts, face_starts)
         )
         is_world = mesh.unit == "world"
-        found.append(
+        primitives.append(
             Primitive(mesh.primitive, number, vertices, faces, writable(sizes), is_world, rule)
         )
-    return tuple(found)
+    return tuple(primitives)
 
 
-def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
+def group_instances(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
     """Run-length encode the meshes: return each with its number of consecutive instances."""
     return [(mesh, len([*group])) for mesh, group in itertools.groupby(meshes)]
 
 
-def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
-    """Return the running sum from 0 of sizes that repeat, (O+1,)."""
+def _accumulate_starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
+    """Return the cumulative sum of repeated sizes, from 0, (O+1,)."""
     starts = np.zeros(sum(repeats) + 1, np.int64)
     np.cumsum(np.repeat(np.array(sizes, np.int64), repeats), out=starts[1:])
     return starts
@@ -223,7 +219,7 @@ def join_normals(
     def normals(mesh: Mesh) -> NDArray[np.float32] | None:
         return mesh.vertex_normals() if mesh.material.shading in shadings else None
 
-    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in group_instances(meshes)]
     return _join(parts, np.zeros(3, np.float32))
 
 
@@ -235,11 +231,13 @@ def join_uv(meshes: Sequence[Mesh], kind: int | None = None) -> NDArray[np.float
     """
     parts = [
         (
-            mesh.uv if kind is None else mesh.uv_sets[sets_of(textures_read(mesh.material))[kind]],
+            mesh.uv
+            if kind is None
+            else mesh.uv_sets[list_uv_sets(list_textures(mesh.material))[kind]],
             len(mesh.vertices),
             count,
         )
-        for mesh, count in runs_of(meshes)
+        for mesh, count in group_instances(meshes)
     ]
     return _join(parts, np.full(2, np.nan, np.float32))
 
@@ -254,10 +252,10 @@ def join_attribute(
     -------
     of_vertices : (V, D) float32 or None
     of_faces : (F+1, D) float32 or None
-        The last row, which face -1 finds, has no values. NaN stands for those of the objects
-        that have none; None where no object has any.
+        The last row is that of face -1. NaN for objects without the attribute, and face -1; None if
+        no object has it.
     """
-    runs, nothing = runs_of(meshes), np.full(attribute.columns, np.nan, np.float32)
+    runs, nothing = group_instances(meshes), np.full(attribute.columns, np.nan, np.float32)
     of_vertices = of_faces = None
     if attribute.of_vertices:
         of_vertices = _join(
@@ -270,14 +268,14 @@ def join_attribute(
 
 
 def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
-    """Join materials and colours; a kind of colour that no object has is ``None``."""
-    runs = runs_of(meshes)
+    """Join materials and colours of the objects; None for colours that no object has."""
+    runs = group_instances(meshes)
     rows = [
         (
-            *base_color_of(mesh),
+            *find_base_color(mesh),
             mesh.material.specular,
             mesh.material.shininess,
-            MODELS[mesh.material.shading],
+            SHADING_CODES[mesh.material.shading],
         )
         for mesh, _ in runs
     ]
@@ -293,7 +291,7 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
     return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
 
 
-def single_sided(meshes: Sequence[Mesh]) -> NDArray[np.bool_]:
+def find_single_sided(meshes: Sequence[Mesh]) -> NDArray[np.bool_]:
     """Return whether back faces of each object are culled, (O,)."""
     return np.array([not mesh.material.double_sided for mesh in meshes], bool)
 
@@ -315,16 +313,15 @@ def _join(
 
 def writable(array: NDArray[Any]) -> NDArray[Any]:
     """
-    Return the array in the one layout that kernels are compiled for, without a copy if it can be.
+    Return a writable view of an array, as kernels are compiled for.
 
-    A read-only array is a type of its own to Numba; kernels never write to a mesh, so it is passed
-    as a writable view of the same memory.
+    Numba has another type for read-only arrays; kernels never write to a mesh.
     """
     return array if array.flags.writeable else np.asarray(_WritableView(array))
 
 
 class _WritableView:
-    """Shows the memory of a read-only array to NumPy as writable, and keeps it alive."""
+    """Array interface that marks a read-only array as writable, and keeps it alive."""
 
     def __init__(self, array: NDArray[Any]) -> None:
         self.array = array
@@ -335,64 +332,72 @@ class _WritableView:
 
 def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     """Join metallic and roughness of the objects."""
-    runs = runs_of(meshes)
+    runs = group_instances(meshes)
     rows = [(mesh.material.metallic, mesh.material.roughness) for mesh, _ in runs]
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
 def join_transmission(meshes: Sequence[Mesh]) -> TransmissionRows:
     """Join the transmission of the objects."""
-    runs = runs_of(meshes)
+    runs = group_instances(meshes)
     rows, factors = [], []
     for mesh, _ in runs:
-        own = mesh.material
-        mirrored = min(_dielectric_f0(own.ior) * max(own.specular_color), 1.0), own.specular_factor
-        inside = *own.attenuation_color, 1.0 / own.attenuation_distance
-        rows.append((own.transmission * is_transmissive(mesh), own.thickness * _joint_scale(mesh)))
-        factors.append((own.ior, *mirrored, *inside))
+        material = mesh.material
+        reflection = (
+            min(_compute_dielectric_f0(material.ior) * max(material.specular_color), 1.0),
+            material.specular_factor,
+        )
+        attenuation = *material.attenuation_color, 1.0 / material.attenuation_distance
+        rows.append(
+            (
+                material.transmission * is_transmissive(mesh),
+                material.thickness * _compute_joint_scale(mesh),
+            )
+        )
+        factors.append((material.ior, *reflection, *attenuation))
     return TransmissionRows(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
 
 
-def _joint_scale(mesh: Mesh) -> float:
+def _compute_joint_scale(mesh: Mesh) -> float:
     """
-    Return the scale that joints give a posed mesh: the root mean square over the axes of each.
+    Return the scale of a posed mesh by its joints: the root mean square over the axes of all used.
 
-    Joints without vertices do not count. A mesh without joints has scale 1.
+    1 for a mesh without joints.
     """
     if mesh._skin_source is None:
         return 1.0
     rest, matrices = mesh._skin_source
-    followed = np.unique(rest.joints[rest.weights > 0.0])
+    used_joints = np.unique(rest.joints[rest.weights > 0.0])
     total = 0.0
     # Sum in a fixed order.
-    for part in (matrices[followed, :3, :3] ** 2).ravel().tolist():
-        total += part
-    return math.sqrt(total / (3 * max(len(followed), 1)))
+    for square in (matrices[used_joints, :3, :3] ** 2).ravel().tolist():
+        total += square
+    return math.sqrt(total / (3 * max(len(used_joints), 1)))
 
 
 def join_layers(meshes: Sequence[Mesh]) -> Layers:
     """Join the material layers of glTF's extensions."""
     from rasterjit.pipeline.lighting.sheen import ALBEDO
 
-    runs = runs_of(meshes)
-    own = [mesh.material for mesh, _ in runs]
+    runs = group_instances(meshes)
+    materials = [mesh.material for mesh, _ in runs]
     # In the order of sample rows: white, not lit as diffuse, black so far, metal, roughness.
     coats = [
-        (one.clearcoat * one.has_clearcoat, *_WHITE, *_UNLIT, 1.0, one.clearcoat_roughness)
-        for one in own
+        (m.clearcoat * m.has_clearcoat, *_WHITE, *_UNLIT, 1.0, m.clearcoat_roughness)
+        for m in materials
     ]
-    sheens = [(*(one.sheen_color if one.has_sheen else _BLACK), one.sheen_roughness) for one in own]
+    sheens = [(*(m.sheen_color if m.has_sheen else _BLACK), m.sheen_roughness) for m in materials]
     dielectrics = [
-        (*(_dielectric_f0(one.ior) * part for part in one.specular_color), one.specular_factor,
-         one.has_custom_specular)
-        for one in own
+        (*(_compute_dielectric_f0(m.ior) * part for part in m.specular_color), m.specular_factor,
+         m.has_custom_specular)
+        for m in materials
     ]  # fmt: skip
-    probe_rows = [(*_WHITE, one.shading == "pbr", *_BLACK, 1.0, 0.0) for one in own]
-    has_maps = any(one.textures_read()[texturing.CLEARCOAT_NORMAL] is not None for one in own)
+    probe_rows = [(*_WHITE, m.shading == "pbr", *_BLACK, 1.0, 0.0) for m in materials]
+    has_maps = any(m.textures_read()[texturing.CLEARCOAT_NORMAL] is not None for m in materials)
     none = np.zeros((0, GROUPS, 4), np.float32)
     return Layers(
         _repeat(coats, runs, np.float32),
-        _repeat([(one.clearcoat_normal_scale,) for one in own], runs, np.float32),
+        _repeat([(m.clearcoat_normal_scale,) for m in materials], runs, np.float32),
         _join_tangents(runs, texturing.CLEARCOAT_NORMAL) if has_maps else none,
         _repeat(sheens, runs, np.float32),
         _repeat(dielectrics, runs, np.float32),
@@ -401,14 +406,14 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
     )
 
 
-def _dielectric_f0(ior: float) -> float:
+def _compute_dielectric_f0(ior: float) -> float:
     """Return F0 of a dielectric."""
     return ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
 def join_fields(meshes: Sequence[Mesh]) -> Fields:
-    """Join the scalars of vertices, NaN where an object has none, and the maps that show them."""
-    runs = runs_of(meshes)
+    """Join the scalars of vertices, NaN where an object has none, and their colour maps."""
+    runs = group_instances(meshes)
     colors, rules, entries, first = [], [], [], 0
     for mesh, _ in runs:
         field = mesh.vertex_field
@@ -422,25 +427,25 @@ def join_fields(meshes: Sequence[Mesh]) -> Fields:
         _repeat(rules, runs, np.float64),
         _repeat(entries, runs, np.int64),
         np.concatenate(colors),
-        _join_contours(runs) if any(contours_of(mesh) for mesh, _ in runs) else None,
+        _join_contours(runs) if any(find_contours(mesh) for mesh, _ in runs) else None,
     )
 
 
 def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> Levels:
     """Join the iso-lines of all objects."""
-    levels, places, lines, first = [], [], [], 0
+    levels, ranges, lines, first = [], [], [], 0
     for mesh, _ in runs:
-        contours, found = contours_of(mesh), np.empty(0)
+        contours, values = find_contours(mesh), np.empty(0)
         if contours is not None and mesh.field is not None:
-            found = mesh.field.levels
-        levels.append(found)
-        places.append((first, len(found)))
+            values = mesh.field.levels
+        levels.append(values)
+        ranges.append((first, len(values)))
         lines.append(
             (0.0,) * 4 if contours is None else (contours.width / 2.0, *contours.color[:3])
         )
-        first += len(found)
+        first += len(values)
     return Levels(
-        np.concatenate(levels), _repeat(places, runs, np.int64), _repeat(lines, runs, np.float32)
+        np.concatenate(levels), _repeat(ranges, runs, np.int64), _repeat(lines, runs, np.float32)
     )
 
 
@@ -458,9 +463,9 @@ def join_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
 
 def join_face_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float32] | None:
     """
-    Join the scalars of faces, (F+1,); NaN where an object has none, and in the last row.
+    Join the scalars of faces, (F+1,); None if no object has any.
 
-    None where no object has any.
+    NaN where an object has none, and in the last row.
     """
     if not any(mesh.field is not None and mesh.field.of_faces for mesh in meshes):
         return None
@@ -479,19 +484,23 @@ def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:
     """
     Join the material maps besides base colour, with tangents and coordinates.
 
-    ``kinds_apart`` is that of the `Inventory`.
+    ``kinds_apart`` is `Inventory.kinds_apart`.
     """
-    runs = runs_of(meshes)
+    runs = group_instances(meshes)
     factors = [
         (mesh.material.normal_scale, mesh.material.occlusion_strength, *mesh.material.emissive)
         for mesh, _ in runs
     ]
-    used = [[texture is not None for texture in mesh.material.textures_read()] for mesh, _ in runs]
-    counts = np.count_nonzero(_repeat(used, runs, np.int64), axis=0).astype(np.int64)
+    is_read = [
+        [texture is not None for texture in mesh.material.textures_read()] for mesh, _ in runs
+    ]
+    counts = np.count_nonzero(_repeat(is_read, runs, np.int64), axis=0).astype(np.int64)
     return Maps(
         _repeat(factors, runs, np.float32),
         counts,
-        _join_tangents(runs, NORMAL) if counts[NORMAL] else np.zeros((0, GROUPS, 4), np.float32),
+        _join_tangents(runs, NORMAL_TEXTURE)
+        if counts[NORMAL_TEXTURE]
+        else np.zeros((0, GROUPS, 4), np.float32),
         tuple(join_uv(meshes, kind) if apart else None for kind, apart in enumerate(kinds_apart)),
     )
 
@@ -519,28 +528,28 @@ def _repeat(
 
 def join_textures(meshes: Sequence[Mesh]) -> Textures:
     """Join the textures of the objects, each image once, and their texture coordinates."""
-    runs = runs_of(meshes)
+    runs = group_instances(meshes)
     counts = [count for _, count in runs]
-    kinds = [mesh.material.textures_read() for mesh, _ in runs]
-    if not any(texture is not None for row in kinds for texture in row[texturing.CORE_KINDS :]):
-        kinds = [row[: texturing.CORE_KINDS] for row in kinds]
-    textures = [texture for row in kinds for texture in row if texture is not None]
+    rows = [mesh.material.textures_read() for mesh, _ in runs]
+    if not any(texture is not None for row in rows for texture in row[texturing.CORE_KINDS :]):
+        rows = [row[: texturing.CORE_KINDS] for row in rows]
+    textures = [texture for row in rows for texture in row if texture is not None]
     # Only the alpha of base colours is used.
-    others = (None,) * (len(kinds[0]) - 1)
+    others = (None,) * (len(rows[0]) - 1)
     uses = [(_merge_alpha_use(mesh), *others) for mesh, _ in runs]
-    pairs = [list(zip(*row, strict=True)) for row in zip(kinds, uses, strict=True)]
-    texels, codes, levels, places = _join_texels(
+    pairs = [list(zip(*row, strict=True)) for row in zip(rows, uses, strict=True)]
+    texels, codes, levels, locations = _join_texels(
         [(texture, use) for row in pairs for texture, use in row if texture is not None]
     )
-    table = [[_table_row(texture, use, places) for texture, use in row] for row in pairs]
-    transforms = np.zeros((0, len(kinds[0]), 6))
+    table = [[_pack_texture(texture, use, locations) for texture, use in row] for row in pairs]
+    transforms = np.zeros((0, len(rows[0]), 6))
     if any(texture.transform is not None for texture in textures):
-        rows = [[_transform_row(texture) for texture in row] for row in kinds]
+        rows = [[_pack_uv_transform(texture) for texture in row] for row in rows]
         transforms = np.repeat(np.array(rows, np.float64), counts, axis=0)
     return Textures(
         texels,
         codes,
-        curves_of_codes(),
+        build_decoding_curves(),
         levels,
         np.repeat(np.array(table, np.int64), counts, axis=0),
         join_uv(meshes, texturing.BASE_COLOR),
@@ -549,7 +558,7 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
 
 
 @cache
-def curves_of_codes() -> NDArray[np.float32]:
+def build_decoding_curves() -> NDArray[np.float32]:
     """Return ``Textures.curves``."""
     shares = np.arange(256, dtype=np.float32) / np.float32(255.0)
     return np.stack([decoding_table(), shares, np.ones_like(shares)])
@@ -570,25 +579,25 @@ def join_alpha_tests(
     surface: Surface,
     textures: Textures | None,
 ) -> AlphaTests:
-    """Return the alpha-tested objects, and the inputs of the test; no textures if it needs none."""
+    """Return the inputs of the alpha test; ``textures`` is None if the test needs none."""
     cutoffs = {
         mesh: mesh.material.alpha_cutoff if may_have_holes(mesh) else 0.0
         for mesh in dict.fromkeys(meshes)
     }
-    plain = np.empty((0, 4), np.float32)
+    no_colors = np.empty((0, 4), np.float32)
     return AlphaTests(
         np.array([cutoffs[mesh] for mesh in meshes], np.float32),
         face_starts,
         surface.materials,
-        plain if surface.vertex_colors is None else surface.vertex_colors,
-        plain if surface.face_colors is None else surface.face_colors,
+        no_colors if surface.vertex_colors is None else surface.vertex_colors,
+        no_colors if surface.face_colors is None else surface.face_colors,
         NO_TEXTURES if textures is None else textures,
     )
 
 
 def _merge_alpha_use(mesh: Mesh) -> AlphaUse:
-    """Return `alpha_use_of`, merging cutoffs that select the same texels."""
-    use, texture = alpha_use_of(mesh), mesh.material.base_color_texture
+    """Return `find_alpha_use` with one cutoff for all that select the same texels."""
+    use, texture = find_alpha_use(mesh), mesh.material.base_color_texture
     if texture is None or not isinstance(use, float):
         return use
     return texture.pyramid.least_alpha_from(use)
@@ -597,69 +606,88 @@ def _merge_alpha_use(mesh: Mesh) -> AlphaUse:
 def _join_texels(
     textures: Sequence[tuple[Texture, AlphaUse]],
 ) -> tuple[
-    NDArray[np.float32], NDArray[np.uint8], NDArray[np.int64], dict[_Picture, tuple[_Place, _Codes]]
+    NDArray[np.float32],
+    NDArray[np.uint8],
+    NDArray[np.int64],
+    dict[_PreparedImage, tuple[_LevelRange, _Codes]],
 ]:
-    """Return the texels, codes and levels of all images, and where those of each are."""
-    has_levels: dict[_Picture, bool] = {}
+    """Return the texels, codes and levels of all images, and the location of each image's."""
+    has_levels: dict[_PreparedImage, bool] = {}
     for texture, use in textures:
-        picture, wants = (texture.pyramid, use), texture.filter == "trilinear"
-        has_levels[picture] = has_levels.get(picture, False) or wants
+        prepared, has_mip_levels = (texture.pyramid, use), texture.filter == "trilinear"
+        has_levels[prepared] = has_levels.get(prepared, False) or has_mip_levels
     levels: list[tuple[int, int, int]] = []
-    texels, codes, places = [], [np.empty(0, np.uint8)], {}
+    texels, codes, locations = [], [np.empty(0, np.uint8)], {}
     first_texel, first_code = 0, 0
-    for (pyramid, use), wants in has_levels.items():
-        texels.append(pyramid.prepared_chain(use, wants))
-        sizes = level_sizes(*pyramid.size) if wants else [pyramid.size]
-        coded: _Codes = (0, 0, 0)
+    for (pyramid, use), has_mip_levels in has_levels.items():
+        texels.append(pyramid.prepared_chain(use, has_mip_levels))
+        sizes = level_sizes(*pyramid.size) if has_mip_levels else [pyramid.size]
+        code_range: _Codes = (0, 0, 0)
         if use is None and pyramid.codes is not None:
             codes.append(pyramid.codes.reshape(-1))
-            coded = (pyramid.codes.shape[2], first_code, CURVES[pyramid.color_space])
+            code_range = (pyramid.codes.shape[2], first_code, CURVE_CODES[pyramid.color_space])
             first_code += pyramid.codes.size
-        places[pyramid, use] = (len(levels), len(sizes)), coded
+        locations[pyramid, use] = (len(levels), len(sizes)), code_range
         start = first_texel + len(texels[-1]) - sum(width * height for width, height in sizes)
         for width, height in sizes:
             levels.append((start, width, height))
             start += width * height
         first_texel = start
-    return _join_arrays(texels), _join_arrays(codes), np.array(levels, np.int64), places
+    return (
+        _concatenate_flat(texels),
+        _concatenate_flat(codes),
+        np.array(levels, np.int64),
+        locations,
+    )
 
 
-def _join_arrays(arrays: list[NDArray[Any]]) -> NDArray[Any]:
-    """Return arrays one after another; what is one alone is not copied."""
-    filled = [array for array in arrays if array.size] or arrays
-    return writable(filled[0]) if len(filled) == 1 else np.concatenate(filled)
+def _concatenate_flat(arrays: list[NDArray[Any]]) -> NDArray[Any]:
+    """Concatenate arrays; a single non-empty one is not copied."""
+    nonempty = [array for array in arrays if array.size] or arrays
+    return writable(nonempty[0]) if len(nonempty) == 1 else np.concatenate(nonempty)
 
 
-def _table_row(
-    texture: Texture | None, use: AlphaUse, places: dict[_Picture, tuple[_Place, _Codes]]
+def _pack_texture(
+    texture: Texture | None,
+    use: AlphaUse,
+    locations: dict[_PreparedImage, tuple[_LevelRange, _Codes]],
 ) -> tuple[int, ...]:
     """Return the row of ``Textures.table`` for one texture of one object."""
     if texture is None:
         return NO_TEXTURE_ROW
-    wraps = (WRAPS[wrap] for wrap in texture.wrap)
+    wraps = (WRAP_CODES[wrap] for wrap in texture.wrap)
     alpha = {None: texturing.PLAIN, WEIGHTED: texturing.WEIGHTED}.get(use, texturing.MASK)
-    place, coded = places[texture.pyramid, use]
-    return (*place, *wraps, FILTERS[texture.filter], texture.anisotropy, alpha, *coded)
+    level_range, code_range = locations[texture.pyramid, use]
+    return (
+        *level_range,
+        *wraps,
+        FILTER_CODES[texture.filter],
+        texture.anisotropy,
+        alpha,
+        *code_range,
+    )
 
 
-def _transform_row(texture: Texture | None) -> tuple[float, ...]:
+def _pack_uv_transform(texture: Texture | None) -> tuple[float, ...]:
     """Return the row of ``Textures.transforms`` for one texture of one object."""
     return IDENTITY_TRANSFORM if texture is None else texture.transform or IDENTITY_TRANSFORM
 
 
-def front_windings_of(screen_winding: int, mirrored: NDArray[np.float64]) -> NDArray[np.float64]:
+def compute_front_windings(
+    screen_winding: int, mirrored: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the sign of the edge function of each object's front faces on the screen, (O,)."""
     return -screen_winding * mirrored
 
 
-def placement_of(arrays: SceneArrays, views: ViewTransforms) -> Placement:
-    """Return the record of the objects' transforms."""
+def make_placement(arrays: SceneArrays, views: ViewTransforms) -> Placement:
+    """Return the record of the objects' vertices and transforms."""
     return Placement(
         arrays.face_starts,
         arrays.positions,
         np.ascontiguousarray(views.relative_from_model[:, :3, :]),
         views.normal_matrices,
         views.mirrored,
-        front_windings_of(views.screen_winding, views.mirrored),
+        compute_front_windings(views.screen_winding, views.mirrored),
         views.toward_viewer,
     )

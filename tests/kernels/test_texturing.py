@@ -29,7 +29,7 @@ from rasterjit.pipeline.surface import texture_lookup
 from rasterjit.runtime.intrinsics import HALVES
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.texture import FILTERS
-from rasterjit.survey.packed_scene import WRAPS
+from rasterjit.survey.packed_scene import WRAP_CODES
 
 BITS = ("linear", "color")
 WHITE = np.ones((1, 1))
@@ -261,7 +261,7 @@ def test_a_renderer_shows_the_texture_of_now():
 
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
 ANY_SIZE = st.integers(1, 70)
-ANY_WRAPS = st.tuples(*[st.sampled_from(sorted(WRAPS.values()))] * 2)
+ANY_WRAPS = st.tuples(*[st.sampled_from(sorted(WRAP_CODES.values()))] * 2)
 
 
 @settings(max_examples=300)
@@ -282,7 +282,7 @@ def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
 @example(u=math.inf, v=math.nan, size=(7, 2))
 def test_a_repeated_texture_of_one_level_is_read_as_any_other(u, v, size):
     level = (1000, *size)
-    repeat = WRAPS["repeat"]
+    repeat = WRAP_CODES["repeat"]
     assert naive.repeated_around(level, u, v) == naive.texels_around(
         level, u, v, (repeat, repeat), 0.5
     )
@@ -294,7 +294,7 @@ def test_a_repeated_texture_of_one_level_is_read_as_any_other(u, v, size):
 @example(u=0.0, v=-0.0, size=(1, 1))
 @example(u=math.inf, v=math.nan, size=(7, 2))
 def test_the_texel_of_a_repeated_texture_is_found_as_any_other(u, v, size):
-    level, repeat = (1000, *size), WRAPS["repeat"]
+    level, repeat = (1000, *size), WRAP_CODES["repeat"]
     wanted, _ = naive.texels_around(level, u, v, (repeat, repeat), 0.0)
     assert naive.repeated_at(level, u, v) == wanted[0]
 
@@ -302,7 +302,7 @@ def test_the_texel_of_a_repeated_texture_is_found_as_any_other(u, v, size):
 @pytest.mark.parametrize("runs", [(32,), (16, 16), (20, 1, 11), (1,) * 32, (15, 9, 8)])
 @pytest.mark.parametrize("coarser_by", [0, 1])
 def test_runs_of_a_level_read_the_texels_of_each_sample(runs, coarser_by):
-    rng, wraps = np.random.default_rng(len(runs)), (WRAPS["repeat"],) * 2
+    rng, wraps = np.random.default_rng(len(runs)), (WRAP_CODES["repeat"],) * 2
     levels = np.array([(100, 8, 4), (132, 4, 2), (140, 2, 1), (142, 1, 1)])
     details = np.repeat(rng.permutation(np.arange(len(runs)) % 4), runs)
     u, v = rng.uniform(-3.0, 3.0, (2, 32))
@@ -320,10 +320,10 @@ def test_runs_of_a_level_read_the_texels_of_each_sample(runs, coarser_by):
 
 
 @settings(max_examples=300)
-@given(data=st.data(), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAPS)))
+@given(data=st.data(), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAP_CODES)))
 def test_any_number_beside_a_period_wraps_as_the_twin(data, size, wrap):
     i = data.draw(st.integers(-1, (2 if wrap == "mirror" else 1) * size))
-    rule = texture_lookup.texel_rule(WRAPS[wrap])
+    rule = texture_lookup.texel_rule(WRAP_CODES[wrap])
     found = texture_lookup.texel_on_axis(np.int32(i), np.int32(size), rule)
     assert found == naive.wrapped(i, size, wrap)
 
@@ -335,7 +335,7 @@ def test_any_number_beside_a_period_wraps_as_the_twin(data, size, wrap):
         min_size=4, max_size=4,
     ),
     kind=st.sampled_from(FILTERS),
-    wrap=st.sampled_from(sorted(WRAPS)),
+    wrap=st.sampled_from(sorted(WRAP_CODES)),
 )  # fmt: skip
 def test_any_coordinates_show_a_mix_of_texels(corners, kind, wrap):
     image = np.float32([[0.25, 0.75, 0.5], [0.5, 0.25, 0.75]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.survey.packed_scene import MIN_VERTICES, VERTEX_BLOCK, join_geometry
+from rasterjit.survey.packed_scene import MIN_SEARCHED_VERTICES, VERTICES_PER_BLOCK, join_geometry
 
 OUTPUTS = "color", "linear", "depth", "face_id", "position", "normal", "barycentric"
 CAMERA = rj.PerspectiveCamera(eye=(2.0, 1.5, 3.0), target=(0.0, 0.0, 0.0), near=2.9)
@@ -28,9 +28,12 @@ def knot():
 
 def test_runs_of_unused_vertices_are_found(knot):
     count = len(knot.vertices)
-    mesh = among_others(knot, 10 * VERTEX_BLOCK, MIN_VERTICES)
+    mesh = among_others(knot, 10 * VERTICES_PER_BLOCK, MIN_SEARCHED_VERTICES)
     arrays = join_geometry([knot, mesh, mesh])
-    first, end = 10 * VERTEX_BLOCK, 10 * VERTEX_BLOCK + -(-count // VERTEX_BLOCK) * VERTEX_BLOCK
+    first, end = (
+        10 * VERTICES_PER_BLOCK,
+        10 * VERTICES_PER_BLOCK + -(-count // VERTICES_PER_BLOCK) * VERTICES_PER_BLOCK,
+    )
     whole = len(mesh.vertices)
     assert arrays.unused == tuple(
         (count + number * whole + low, count + number * whole + high)
@@ -51,7 +54,9 @@ def test_unused_vertices_change_no_bit(knot, samples, threads):
         "threads": threads,
     }  # fmt: skip
     alone = rj.render(knot, CAMERA, **options)
-    other = rj.render(among_others(knot, MIN_VERTICES, VERTEX_BLOCK + 17), CAMERA, **options)
+    other = rj.render(
+        among_others(knot, MIN_SEARCHED_VERTICES, VERTICES_PER_BLOCK + 17), CAMERA, **options
+    )
     assert alone.stats.clipped > 0
     for name in OUTPUTS:
         assert getattr(alone, name).tobytes() == getattr(other, name).tobytes(), name
