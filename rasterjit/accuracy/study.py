@@ -38,7 +38,7 @@ from rasterjit.scene.lens import Lens
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number, thread_count
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.plan import RenderPlan
 
 SIZE = (640, 480)
@@ -202,7 +202,7 @@ def begin_study(
     progress: timing.Progress | None,
 ) -> StudyRun:
     """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
-    scene, size = posed_input(what[0]), options.size
+    scene, size = pose_input(what[0]), options.size
     camera = choose_camera(scene, what[1], size)
     (camera,) = settle_cameras(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)

@@ -53,7 +53,7 @@ from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
 from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import update_cache
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
@@ -111,7 +111,7 @@ def explain_pixel(
     """
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
-    scene = posed_input(what)
+    scene = pose_input(what)
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     request = check_request(size, quality, ("color", "linear"), background, cull)
     plan = planning.plan_frame(request, scene, camera)

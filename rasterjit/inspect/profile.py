@@ -21,7 +21,7 @@ from rasterjit.scene.notebook_preview import TextReport
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, short_repr
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.effect import QualityEffect
 from rasterjit.survey.plan import RenderPlan
 
@@ -117,7 +117,7 @@ def profile(
         raise ValueError(
             f"rounds must be a whole number above 0, at most {MAX_ROUNDS}, got {short_repr(rounds)}"
         )
-    scene, quality = posed_input(what), check_quality(quality)
+    scene, quality = pose_input(what), check_quality(quality)
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     options = {"outputs": outputs, "background": background, "cull": cull}

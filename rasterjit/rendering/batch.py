@@ -56,7 +56,7 @@ from rasterjit.scene.scene import Scene, with_labels
 from rasterjit.scene.transforms import product_of_each
 from rasterjit.scene.validation import brief, image_size, number_array, thread_count
 from rasterjit.survey.cache import SceneCache, update_cache
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.object_counts import find_attribute
 from rasterjit.survey.object_transforms import KNOWN_CAMERAS, compute_projection
 
@@ -567,7 +567,7 @@ def check_arguments(
     cull: planning.Cull,
 ) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
-    scene = posed_input(what)
+    scene = pose_input(what)
     size = image_size("size", size)
     if background is not None:
         background = read_background(background)

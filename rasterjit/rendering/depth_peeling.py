@@ -35,7 +35,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.previous_view import PreviousView
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, thread_count
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 
 
 def render_layers(
@@ -102,7 +102,7 @@ def render_layers(
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
     try:
         request = check_request(size, quality, outputs, None, cull, previous=previous)
-        planned = plan_views(request, posed_input(what), camera)
+        planned = plan_views(request, pose_input(what), camera)
         if planned.plan.facts.has_round_points:
             raise ValueError(
                 "what must have no discs or spheres, of which several in a pixel are not found; "

@@ -61,7 +61,7 @@ from rasterjit.survey.effect import FrameContext, LensEffect, UsedEffect, list_s
 from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.view_summary import ThroughLens
+from rasterjit.survey.view_summary import LensProjection
 
 Float64 = NDArray[np.float64]
 Draw = Callable[[PlannedFrame, StageClock], tuple[Frame, Seen]]
@@ -180,7 +180,7 @@ def plan_lensed(
     )
 
 
-def through_lens(planned: LensPlan) -> ThroughLens:
+def through_lens(planned: LensPlan) -> LensProjection:
     """Return the projection of a frame's lens, for `CameraView`."""
     lens, sight = planned.lens, planned.sight
     axes = world_axes(planned.camera, planned.size)
@@ -191,7 +191,7 @@ def through_lens(planned: LensPlan) -> ThroughLens:
     pictures = (one.plan for one in planned.pictures)
     clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
     pixels = _pixels_of(lens, sight, planned.camera, planned.size)
-    return ThroughLens(pixels, directions, clips)
+    return LensProjection(pixels, directions, clips)
 
 
 def _pixels_of(

@@ -49,7 +49,7 @@ from rasterjit.survey.clip_planes import (
     is_box_between,
     merge_needs,
 )
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near_plane, make_depth_format
 from rasterjit.survey.effect import ActiveEffect, Planning, UnusedEffect, UsedEffect
 from rasterjit.survey.facts import Facts, collect_facts
@@ -69,7 +69,7 @@ from rasterjit.survey.object_transforms import (
     transform_nodes_to_view,
 )
 from rasterjit.survey.plan import Cull, RenderPlan
-from rasterjit.survey.transparency import pixel_layers
+from rasterjit.survey.transparency import choose_pixel_layers
 
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 """Which faces are dropped: none; those that show their back; their front."""
@@ -170,7 +170,7 @@ def plan_frame(
     # Decide on each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = decide_effects(facts, Planning(scene, camera, boxes), answers)
-    layers = pixel_layers(
+    layers = choose_pixel_layers(
         facts.transparency,
         facts.mixes_samples,
         facts.supersamples or quality.samples,
@@ -299,7 +299,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
     rows = [
-        *(deformation.skinning_kernels() if plan.facts.counts.skinned else []),
+        *(deformation.list_skinning_kernels() if plan.facts.counts.skinned else []),
         *clip_planes.kernels_of(plan.camera),
         *geometry,
         *ground_truth.depth_kernels(plan),
@@ -605,7 +605,7 @@ def find_earlier(
     earlier = scene
     if previous.scene is not None:
         with naming("previous.scene"):
-            earlier = posed_input(previous.scene)
+            earlier = pose_input(previous.scene)
         motion.check_same_objects(_whole(scene), earlier.nodes)
     if previous.camera is not None:
         with naming("previous.camera"):

@@ -26,7 +26,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, tiled_size
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.effect import FrameContext, OpaquePassEffect, context_of, list_screen_effects
 from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
@@ -79,7 +79,7 @@ class RegionRenderer:
         whole = tiled_size("size", size, quality.subpixel_bits)
         self._workers = Workers(thread_count("threads", threads))
         self.size = whole
-        scene = posed_input(what)
+        scene = pose_input(what)
         request = check_request(whole, quality, outputs, background, cull)
         self._planned = plan_views(request, scene, camera)
         self._margin = _margin_of(self._planned.plan)

@@ -62,7 +62,7 @@ from rasterjit.scene.validation import (
 )
 from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.deformation import posed_input
+from rasterjit.survey.deformation import pose_input
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.object_transforms import ViewTransforms
 from rasterjit.survey.packed_scene import SceneArrays, compute_front_windings, make_placement
@@ -196,7 +196,7 @@ def explain(
     ValueError
         Naming the argument that is wrong.
     """
-    size, scene = image_size("size", size), posed_input(what)
+    size, scene = image_size("size", size), pose_input(what)
     request = check_request(size, quality, outputs, background, cull, diagnose, previous)
     if lens is not None:
         planned = lenses.plan_lensed(lens, request, scene, camera, Workers(1))
@@ -629,15 +629,15 @@ class Renderer(Guarded):
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
                     raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
-            return self._render_with(lens, posed_input(what), camera, request)
+            return self._render_with(lens, pose_input(what), camera, request)
         if max_error is not None:
-            return self._render_within(max_error, time_budget, posed_input(what), camera, request)
+            return self._render_within(max_error, time_budget, pose_input(what), camera, request)
         if time_budget is not None:
             return self._render_in_time(time_budget, what, camera, request)
-        return self._render(request, posed_input(what), camera)
+        return self._render(request, pose_input(what), camera)
 
     def _render(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> Frame:
-        """Render one frame of a scene that `posed_input` returned."""
+        """Render one frame of a scene that `pose_input` returned."""
         clock = StageClock()
         planned = self._plan(request, scene, camera)
         return self._draw_bound(planned, clock) or self._draw(planned, clock=clock)
@@ -666,7 +666,7 @@ class Renderer(Guarded):
     ) -> Frame:
         """Render one frame in the best quality within a time; a single render caches nothing."""
         budget = positive_number("time_budget", time_budget)
-        scene = posed_input(what)
+        scene = pose_input(what)
         circumstances = (
             self.size, self._workers.threads, request.outputs, request.cull, request.diagnose,
             is_lone,
@@ -756,7 +756,7 @@ class Renderer(Guarded):
         """
         before = [check_quality(one, "each of first") for one in sequence("first", first)]
         request = self._request(outputs, background, cull, diagnose, previous)
-        return self._refine(request, posed_input(what), camera, before)
+        return self._refine(request, pose_input(what), camera, before)
 
     def _refine(
         self, request: FrameRequest, scene: Scene, camera: Camera | None, first: Sequence[Quality]

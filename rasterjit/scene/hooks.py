@@ -12,7 +12,7 @@ from typing import Any
 
 HOOKS = {
     "as_scene": "rasterjit.io.meshes",
-    "posed_scene": "rasterjit.survey.deformation",
+    "pose_scene": "rasterjit.survey.deformation",
     "preview": "rasterjit.styles.small_preview",
     "save_gltf": "rasterjit.io.gltf.writing",
     "scene_to_add": "rasterjit.io.meshes",

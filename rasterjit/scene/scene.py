@@ -521,7 +521,7 @@ class Scene(Guarded, PicturePreview):
             The same objects, as they are drawn: nodes of their own, without skins, in the order of
             ``nodes``, each with its mesh as it is posed. The scene itself where nothing is posed.
         """
-        return call_above("posed_scene", self) if Deformable.exists else self
+        return call_above("pose_scene", self) if Deformable.exists else self
 
     def _copied(self, changes: dict[int, dict[str, Any]]) -> Scene:
         """Return a copy that owns its nodes, with changed values by the ids of the old ones."""

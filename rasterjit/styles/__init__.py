@@ -41,7 +41,7 @@ from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.styles import style
 from rasterjit.styles.style import Gradient, GroundLight, Style, choose_exposure, with_changes
-from rasterjit.survey.deformation import posed_scene
+from rasterjit.survey.deformation import pose_scene
 
 __all__ = [
     "STYLES", "Gradient", "GroundLight", "Style", "clay", "depth", "normals", "plain", "studio",
@@ -114,7 +114,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
-    posed = posed_scene(as_scene(scene, "scene"))
+    posed = pose_scene(as_scene(scene, "scene"))
     sharp = style.with_anisotropy(posed, ANISOTROPY)
     lighted, key, adds = _add_lights(sharp, camera)
     if sharp is not posed:
@@ -206,7 +206,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         What the depth is seen from. Default: the scene's own, else one that fits the scene.
     """
-    scene = posed_scene(as_scene(scene, "scene"))
+    scene = pose_scene(as_scene(scene, "scene"))
     # Cameras that look the same way see the same differences of depth.
     colored = style.color_by_depth(scene, _view_camera(scene, camera))
     styled = with_changes(colored, environment=None, fog=None, tone_map=None)
@@ -223,7 +223,7 @@ def normals(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    colored = style.color_by_normal(posed_scene(as_scene(scene, "scene")))
+    colored = style.color_by_normal(pose_scene(as_scene(scene, "scene")))
     styled = with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("normals", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)

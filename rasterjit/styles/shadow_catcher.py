@@ -35,7 +35,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import dot
 from rasterjit.styles import ground_light, silhouettes
 from rasterjit.survey.cache import SceneCache, update_cache
-from rasterjit.survey.deformation import posed_scene
+from rasterjit.survey.deformation import pose_scene
 from rasterjit.survey.object_transforms import cull_objects, transform_to_view
 from rasterjit.survey.packed_scene import SceneArrays
 
@@ -283,7 +283,7 @@ def _count_hidden(
     casters: Scene, groups: list[tuple[Float64, Float64]], threads: int | None
 ) -> list[NDArray[np.int32]]:
     """Return from how many directions of each group something stands before a texel, (S, S)."""
-    scene, counts = posed_scene(casters), None
+    scene, counts = pose_scene(casters), None
     cut = cut_open(scene)
     cache = update_cache(cut.nodes, None, Quality())
     if not cache.tables.inventory.contents.cut_out:

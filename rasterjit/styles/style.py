@@ -43,7 +43,7 @@ from rasterjit.styles.shadow_catcher import (
     find_ground,
     is_above,
 )
-from rasterjit.survey.deformation import posed_scene
+from rasterjit.survey.deformation import pose_scene
 from rasterjit.survey.light_culling import max_reflected_light
 from rasterjit.survey.plan import RenderPlan
 
@@ -112,7 +112,7 @@ def with_meshes(
         Returns the mesh that is drawn for a node of these kinds.
     kinds : tuple of type
     """
-    scene = posed_scene(scene)
+    scene = pose_scene(scene)
     changed = copy.copy(scene)
     changed.nodes = [
         Node(paint(node), node.world_matrix, node.name) if type(node.mesh) in kinds else node
@@ -176,7 +176,7 @@ def with_anisotropy(scene: Scene, anisotropy: Anisotropy) -> Scene:
 
 def color_by_depth(scene: Scene, camera: Camera) -> Scene:
     """Return a scene whose objects show how far along the viewing axis they lie."""
-    scene, row = posed_scene(scene), camera.view_matrix()[2].tolist()
+    scene, row = pose_scene(scene), camera.view_matrix()[2].tolist()
     depths, low, high = {}, np.inf, -np.inf
     for node in scene.nodes:
         if type(node.mesh) not in MESH_TYPES:

@@ -1,12 +1,12 @@
 """
 Deform the meshes of a scene by skins and morph weights.
 
-Whatever draws or measures a scene uses deformed meshes. They are cached with their nodes and stay
-the same object while the pose is the same, so that data derived from them is cached, too.
+Deformed meshes are cached with their nodes and stay the same object while the pose is the same, so
+that data derived from them is cached, too.
 
-A mesh with a skin is posed in world space. So that float32 has all its digits, one that is far from
-the origin, beside its size, is stored from its own middle on; one that all joints mirror is stored
-mirrored, and the node mirrors it: its faces keep their sides.
+A mesh with a skin is posed in world space. One that is far from the origin for its size is stored
+relative to its centre, so that float32 keeps its digits; one that all joints mirror is stored
+mirrored, and the node mirrors it back, so that its faces keep their winding.
 """
 
 from __future__ import annotations
@@ -29,17 +29,16 @@ from rasterjit.scene.skin import Deformable, Skin
 from rasterjit.scene.validation import read_only
 from rasterjit.survey.packed_scene import writable
 
-FAR_EXTENTS = 64.0
+MAX_OFFSET_EXTENTS = 64.0
 """Distance from the origin, in extents of the mesh, beyond which it is stored from its centre:
 six of the 24 bits of float32."""
 
-
 _SCENE_BY_MESH: WeakKeyDictionary[Mesh, Scene] = WeakKeyDictionary()
-"""Scenes of meshes that were drawn alone: of aliases, which do not keep them alive."""
+"""Cached scenes of meshes that are drawn alone; they hold aliases, which keep no mesh alive."""
 
 
 class Pose(NamedTuple):
-    """A posed node, and the mesh, matrices and weights that it depends on."""
+    """A posed node with the mesh, matrices and weights that it depends on."""
 
     mesh: Mesh
     matrices: NDArray[np.float64] | None
@@ -49,28 +48,28 @@ class Pose(NamedTuple):
     node: Node
 
 
-def skinning_kernels() -> Rows:
+def list_skinning_kernels() -> Rows:
     """Return the kernels of skinning, for `list_kernels`."""
     from rasterjit.pipeline.geometry import skinning
 
     return rows_where("a joint has moved", skinning.skin_vertices)
 
 
-def posed_input(source: Any) -> Scene:
+def pose_input(source: Any) -> Scene:
     """
-    Return anything that can be drawn as a scene, posed; raise ``ValueError`` if it cannot.
+    Convert anything that can be drawn to a posed scene, or raise ``ValueError``.
 
-    That of a mesh is kept as long as the mesh, so that what is known of it is found again.
+    The scene of a mesh is cached as long as the mesh exists.
     """
     scene = _SCENE_BY_MESH.get(source) if isinstance(source, Mesh) else as_scene(source)
     if scene is None:
         scene = _SCENE_BY_MESH[source] = as_scene(source._alias())
     check_lists(scene)
-    return posed_scene(scene)
+    return pose_scene(scene)
 
 
 def check_lists(scene: Scene) -> None:
-    """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
+    """Raise ``ValueError`` if the scene's lists hold anything but nodes and lights, or no mesh."""
     for name, items, kinds in (
         ("nodes", scene.nodes, (Node,)),
         ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight, SpotLight)),
@@ -81,39 +80,39 @@ def check_lists(scene: Scene) -> None:
             continue
         for n, item in enumerate(items):
             if not isinstance(item, kinds):
-                wanted = " or ".join(kind.__name__ for kind in kinds)
-                article = "an" if wanted[0] in "AEIOU" else "a"
-                raise ValueError(f"scene.{name}[{n}] must be {article} {wanted}, got {item!r}")
+                expected = " or ".join(kind.__name__ for kind in kinds)
+                article = "an" if expected[0] in "AEIOU" else "a"
+                raise ValueError(f"scene.{name}[{n}] must be {article} {expected}, got {item!r}")
     if not scene.nodes:
         got = "labels alone" if scene.labelled else "an empty scene"
         raise ValueError(f"scene must hold at least one mesh, got {got}")
 
 
-def posed_scene(scene: Scene) -> Scene:
+def pose_scene(scene: Scene) -> Scene:
     """Return a scene with all skins and morph weights applied; itself where nothing is posed."""
     if not Deformable.exists:
         return scene
     # Of thousands of nodes, few can be posed.
-    has_poses = [
+    posable = [
         number
         for number, node in enumerate(scene.nodes)
         if (mesh := getattr(node, "_mesh", None)) is not None
         and (mesh._joints is not None or mesh._morph_targets is not None)
     ]
-    posed = {number: posed_node(scene.nodes[number]) for number in has_poses}
+    posed = {number: pose_node(scene.nodes[number]) for number in posable}
     if all(node is scene.nodes[number] for number, node in posed.items()):
         return scene
-    copied = copy.copy(scene)
-    copied.nodes = list(scene.nodes)
+    result = copy.copy(scene)
+    result.nodes = list(scene.nodes)
     for number, node in posed.items():
-        copied.nodes[number] = node
-    return copied
+        result.nodes[number] = node
+    return result
 
 
-def posed_node(node: Node) -> Node:
+def pose_node(node: Node) -> Node:
     """Return a node with its mesh posed; the node itself where nothing poses it."""
     mesh = node.mesh
-    skin, weights = node._skin, _active_weights(node, mesh)
+    skin, weights = node._skin, _find_active_weights(node, mesh)
     if skin is None and weights is None:
         return node
     matrices = None if skin is None else skin.joint_matrices()
@@ -123,25 +122,25 @@ def posed_node(node: Node) -> Node:
         cached is None
         or cached.mesh is not mesh
         or cached.weights != key
-        or not _same_joints(cached.matrices, matrices)
+        or not _are_same_joints(cached.matrices, matrices)
     ):
-        posed, matrix = _posed_mesh(mesh, skin, matrices, weights)
+        posed, matrix = _pose_mesh(mesh, skin, matrices, weights)
         cached = Pose(mesh, matrices, key, Node(posed, matrix, node.name))
-    copied = cached.node
-    if copied._mesh._material is not mesh._material:
-        copied._mesh.material = mesh._material
-    matrix = node._world_from_model if skin is None else copied._world_from_model
-    if copied._world_from_model is not matrix or copied.name != node.name:
-        # What was drawn before may still be asked about.
-        copied = Node(copied._mesh, None, node.name)
-        copied._move(matrix, None)
-        cached = cached._replace(node=copied)
+    result = cached.node
+    if result._mesh._material is not mesh._material:
+        result._mesh.material = mesh._material
+    matrix = node._world_from_model if skin is None else result._world_from_model
+    if result._world_from_model is not matrix or result.name != node.name:
+        # Earlier frames may still refer to the old node.
+        result = Node(result._mesh, None, node.name)
+        result._move(matrix, None)
+        cached = cached._replace(node=result)
     if node._pose_cache is not cached:
         node._pose_cache = cached
-    return copied
+    return result
 
 
-def _active_weights(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
+def _find_active_weights(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
     """Return the weights of a node's morph targets; None if all are 0."""
     targets = mesh._morph_targets
     if targets is None:
@@ -150,14 +149,16 @@ def _active_weights(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
     return None if weights is None or not weights.any() else weights
 
 
-def _same_joints(cached: NDArray[np.float64] | None, matrices: NDArray[np.float64] | None) -> bool:
+def _are_same_joints(
+    cached: NDArray[np.float64] | None, matrices: NDArray[np.float64] | None
+) -> bool:
     """Tell whether the matrices of joints are the same arrays as before."""
     if cached is matrices:
         return True
     return cached is not None and matrices is not None and cached.tobytes() == matrices.tobytes()
 
 
-def _posed_mesh(
+def _pose_mesh(
     mesh: Mesh, skin: Skin | None, matrices: NDArray[np.float64] | None,
     weights: NDArray[np.float64] | None,
 ) -> tuple[Mesh, NDArray[np.float64] | None]:  # fmt: skip
@@ -180,7 +181,7 @@ def _posed_mesh(
     matrix = None
     if skin is not None and matrices is not None:
         matrix = np.eye(4)
-        if _all_mirror(matrices):
+        if _do_all_mirror(matrices):
             matrix[0, 0] = -1.0
             matrices = matrices.copy()
             matrices[:, 0] = -matrices[:, 0]
@@ -201,7 +202,7 @@ def _posed_mesh(
     posed._normals = posed._vertex_normals = None if normals is None else read_only(normals)
     if matrix is not None:
         posed._is_in_world, posed._skin_source = True, (mesh, matrices)
-        center = _offset_center(posed)
+        center = _find_offset_center(posed)
         if center is not None:
             _store_positions(posed, mesh, positions - center)
             matrix[:3, 3] = center
@@ -214,7 +215,7 @@ def _store_positions(mesh: Mesh, rest: Mesh, positions: NDArray[np.float64]) -> 
     mesh._vertices, mesh._bounds, mesh._invalid_vertices = read_only(positions), None, 0
     if rest._all_used is None:
         rest._all_used = bool(rest.used_vertices().all())
-    # Long rows are looked through many times as fast as columns.
+    # Rows in one piece are reduced many times as fast as columns.
     rows = np.ascontiguousarray(positions.T)
     low, high = rows.min(axis=1), rows.max(axis=1)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
@@ -223,7 +224,7 @@ def _store_positions(mesh: Mesh, rest: Mesh, positions: NDArray[np.float64]) -> 
         mesh._bounds = low + 0.0, high + 0.0
 
 
-def _all_mirror(matrices: NDArray[np.float64]) -> bool:
+def _do_all_mirror(matrices: NDArray[np.float64]) -> bool:
     """Tell whether all joints, (J, 4, 4), mirror."""
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices[:, :3, :3], 0, 2)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -231,7 +232,7 @@ def _all_mirror(matrices: NDArray[np.float64]) -> bool:
     return bool((determinants < 0.0).all())
 
 
-def _offset_center(mesh: Mesh) -> NDArray[np.float64] | None:
+def _find_offset_center(mesh: Mesh) -> NDArray[np.float64] | None:
     """Return the centre of a mesh that is far from the origin for its size, (3,), else None."""
     try:
         low, high = mesh.bounds()
@@ -239,5 +240,5 @@ def _offset_center(mesh: Mesh) -> NDArray[np.float64] | None:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         center, extent = low / 2.0 + high / 2.0, float((high - low).max())
-        is_far = float(np.abs(center).max()) > FAR_EXTENTS * extent
+        is_far = float(np.abs(center).max()) > MAX_OFFSET_EXTENTS * extent
     return center if is_far and np.isfinite(center).all() else None

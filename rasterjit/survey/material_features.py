@@ -1,8 +1,4 @@
-"""
-Define the rows of ``explain`` about materials, lights and arguments.
-
-They have no stages of their own: surfaces and lights are what every picture is shaded with.
-"""
+"""Define the rows of ``explain`` about materials, lights and diagnostics, which add no passes."""
 
 from __future__ import annotations
 
@@ -31,16 +27,16 @@ from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, describe_count
 
 
 class MaterialRow(Effect):
-    """A row that is in or out by facts alone."""
+    """A row whose decision depends on facts alone."""
 
     needs_facts_only = True
 
     def decide(self, facts: Facts, planning: Planning) -> UsedEffect | UnusedEffect:
-        """Say whether a frame has it."""
+        """Decide whether a frame has the feature."""
         return UsedEffect(self, facts) if self.is_in(facts) else UnusedEffect(self, facts)
 
     def is_in(self, facts: Facts) -> bool:
-        """Tell whether a frame has it."""
+        """Tell whether a frame has the feature."""
         raise NotImplementedError
 
 
@@ -54,7 +50,7 @@ class ShadingRow(MaterialRow):
     )  # fmt: skip
 
     def is_in(self, facts: Facts) -> bool:
-        """Tell whether the colour of a face is asked for that may be seen."""
+        """Tell whether the colour of a face in view is an output."""
         return facts.shades
 
     def reason(self, facts: Facts, is_used: bool) -> str:
@@ -76,29 +72,29 @@ class ShadingRow(MaterialRow):
         return f"{shadings}{describe_changed_settings(facts, 'shading')}; {colors}"
 
 
-class Lights(MaterialRow):
+class LightsRow(MaterialRow):
     """The lights that reach what is seen."""
 
     name = "lights"
     is_explained = True
 
     def is_in(self, facts: Facts) -> bool:
-        """Tell whether any light shines on what is seen, but for the environment."""
+        """Tell whether any light reaches visible objects, other than the environment."""
         return facts.is_lit and (facts.has_headlight or bool(facts.lights.lights))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say what lights the scene, or why nothing needs to."""
+        """List the lights, or say why none is needed."""
         if not facts.is_lit:
             return explain_unlit(facts)
         if facts.has_headlight:
             return "a headlight, for the scene has no lights"
         if not facts.has_lights:
             return "no headlight, for the scene has an environment"
-        kinds = count_kinds([type(light).__name__ for light in facts.lights.lights])
+        kinds = describe_counts([type(light).__name__ for light in facts.lights.lights])
         return "; ".join(filter(None, (kinds, *facts.lights.notes)))
 
 
-class SmoothNormals(MaterialRow):
+class SmoothNormalsRow(MaterialRow):
     """Normals between those of vertices."""
 
     name = "smooth normals"
@@ -109,20 +105,22 @@ class SmoothNormals(MaterialRow):
         return facts.needs_normals
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say which objects are smooth, if any, and whether all show their normals."""
+        """Say which shading models and outputs read vertex normals, or why none does."""
         smooth = sorted(SMOOTH & facts.visible.shadings)
         if facts.shows_normals:
             is_shaded = facts.shades_smoothly
-            shading = f"shading {', '.join(smooth)}{_scaling(facts)}; " if is_shaded else ""
+            shading = (
+                f"shading {', '.join(smooth)}{_describe_scaling(facts)}; " if is_shaded else ""
+            )
             shown = " and ".join(name for name in NORMAL_OUTPUTS if name in facts.outputs)
             return f"{shading}output {shown}, of every object"
         if smooth:
-            return "shading " + ", ".join(smooth) + _scaling(facts)
+            return "shading " + ", ".join(smooth) + _describe_scaling(facts)
         hidden = not SMOOTH.isdisjoint(facts.counts.shadings)
         return "no object in view is smooth" if hidden else "no object is smooth"
 
 
-def _scaling(facts: Facts) -> str:
+def _describe_scaling(facts: Facts) -> str:
     """Describe the scaling of interpolated normals, if the quality turns it off."""
     if facts.quality.renormalize or {"phong", "pbr"}.isdisjoint(facts.visible.shadings):
         return ""
@@ -146,14 +144,14 @@ class TextureRow(MaterialRow):
         return facts.needs_textures
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say what the textures are, or why none is read."""
+        """Describe the textures, or say why none is read."""
         if not facts.counts.has_textures:
             return "no material has a texture that is read"
         if not facts.colors_faces:
             return "nothing is shaded"
         if not facts.visible.has_textures:
             return "no object in view has a texture that is read"
-        described = count_kinds(facts.inventory.describe_textures(facts.in_view))
+        described = describe_counts(facts.inventory.describe_textures(facts.in_view))
         return described + describe_changed_settings(facts, *self.settings)
 
     def without(self, scene: Scene) -> Scene:
@@ -161,11 +159,7 @@ class TextureRow(MaterialRow):
         return with_fields(scene, dict.fromkeys(TEXTURE_FIELDS))
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """
-        Return the scene with all textures that have no mip levels filtered between two of them.
-
-        None where the quality says how they are filtered.
-        """
+        """Return the scene with trilinear textures; None if the quality overrides filters."""
         known: dict[Texture, Texture] = {}
 
         def filtered(texture: Texture | None) -> Texture | None:
@@ -183,17 +177,17 @@ class TextureRow(MaterialRow):
         return f"mip levels for {len(known)} of them", changed if is_open else None
 
 
-class AlphaMasks(MaterialRow):
+class AlphaMaskRow(MaterialRow):
     """Holes where alpha is below a cutoff."""
 
     name = "alpha masks"
 
     def is_in(self, facts: Facts) -> bool:
-        """Tell whether anything is drawn with its holes."""
+        """Tell whether holes of visible faces or shadow casters are tested."""
         return facts.needs_alpha_tests or facts.shades_through_holes
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say what has holes, or why nothing has."""
+        """Say which objects have holes, or why none has."""
         contents, seen = facts.counts, facts.visible
         if contents.masked == 0:
             return "no material has the alpha_mode 'mask'"
@@ -212,42 +206,42 @@ class AlphaMasks(MaterialRow):
 
 
 class CountedRow(MaterialRow):
-    """A row that is in if any object in view has something."""
+    """A row about a feature of objects, in if any in view has it."""
 
     none = ""
-    """What to say if no material or mesh has it."""
-    counted = ""
-    """The field of `ObjectCounts` that counts the objects that have it."""
+    """The reason if no object has the feature."""
+    count_field = ""
+    """Field of `ObjectCounts` that counts the objects with the feature."""
 
     def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects have it."""
-        return getattr(contents, self.counted)
+        """Return how many objects have the feature."""
+        return getattr(contents, self.count_field)
 
     def is_needed(self, facts: Facts) -> bool:
-        """Tell whether the frame shows it, if an object in view has it."""
+        """Tell whether the frame shows the feature, if an object in view has it."""
         return facts.shades
 
     def is_in(self, facts: Facts) -> bool:
-        """Tell whether a frame shows it."""
+        """Tell whether a frame shows the feature."""
         return bool(self.count(facts.visible)) and self.is_needed(facts)
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say how many objects have it, and how many of them are in view."""
+        """Say how many objects have the feature, and how many of them are in view."""
         seen, count = self.count(facts.visible), self.count(facts.counts)
         if not count:
             return self.none
         return describe_count(seen, count) if is_used or not seen else "nothing is shaded"
 
 
-class ScalarFields(CountedRow):
+class ScalarFieldRow(CountedRow):
     """Scalars of vertices, shown by colour maps."""
 
     name = "scalar fields"
     none = "no mesh has scalars of its vertices"
-    counted = "with_field"
+    count_field = "with_field"
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with meshes that have none."""
+        """Return the scene with meshes without scalars of vertices."""
         return with_meshes(
             scene, lambda mesh: mesh if mesh.vertex_field is None else mesh.without_colors()
         )
@@ -258,14 +252,14 @@ class MicrofacetRow(CountedRow):
 
     name = "microfacets"
     none = "no material is shaded pbr"
-    counted = "pbr"
+    count_field = "pbr"
 
     def is_needed(self, facts: Facts) -> bool:
         """Tell whether light falls on anything."""
         return facts.is_lit
 
 
-class Map(CountedRow):
+class TextureMapRow(CountedRow):
     """
     Textures of one kind, such as normal maps.
 
@@ -274,7 +268,7 @@ class Map(CountedRow):
     name : str
         Of the row.
     texture : str
-        The field of a material, of ``TEXTURE_FIELDS``.
+        One of ``TEXTURE_FIELDS``.
     """
 
     def __init__(self, name: str, texture: str) -> None:
@@ -282,7 +276,7 @@ class Map(CountedRow):
         self.none = f"no lit material has {'an' if texture[0] in 'aeiou' else 'a'} {texture}"
 
     def count(self, contents: ObjectCounts) -> int:
-        """Return how many objects have one that is read."""
+        """Return how many objects have such a texture that is read."""
         return contents.textured[self._texture]
 
     def without(self, scene: Scene) -> Scene:
@@ -290,15 +284,15 @@ class Map(CountedRow):
         return with_fields(scene, {self._texture: None})
 
 
-class Emission(CountedRow):
-    """Light that surfaces send out."""
+class EmissionRow(CountedRow):
+    """Light that surfaces emit."""
 
     name = "emission"
     none = "no material is emissive"
-    counted = "emitting"
+    count_field = "emitting"
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with materials that send out none."""
+        """Return the scene with materials that emit none."""
         return with_fields(scene, {"emissive": (0.0, 0.0, 0.0), "emissive_texture": None})
 
 
@@ -311,26 +305,29 @@ class LayerRow(CountedRow):
     name : str
         Of the row.
     none : str
-        What there is if no material has it.
-    counted : str
-        The field of `ObjectCounts` that counts it.
-    lacking : dict
-        Fields of a material that has none.
+        The reason if no material has the layer.
+    count_field : str
+        The field of `ObjectCounts` that counts objects with the layer.
+    neutral_fields : dict
+        Fields of a material without the layer.
     """
 
-    def __init__(self, name: str, none: str, counted: str, lacking: dict[str, Any]) -> None:
-        self.name, self.none, self.counted, self._lacking = name, none, counted, lacking
+    def __init__(
+        self, name: str, none: str, count_field: str, neutral_fields: dict[str, Any]
+    ) -> None:
+        self.name, self.none = name, none
+        self.count_field, self._neutral_fields = count_field, neutral_fields
 
     def is_needed(self, facts: Facts) -> bool:
         """Tell whether light falls on anything."""
         return facts.is_lit
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with materials that have none."""
-        return with_fields(scene, self._lacking)
+        """Return the scene with materials without the layer."""
+        return with_fields(scene, self._neutral_fields)
 
 
-LAYERS = (
+LAYER_ROWS = (
     LayerRow("clearcoat", "no pbr material has a clearcoat", "coated", {"clearcoat": 0.0}),
     LayerRow(
         "sheen", "no pbr material has a sheen_color", "with_sheen",
@@ -348,12 +345,12 @@ LAYERS = (
 """Rows of the layers of metallic-roughness materials."""
 
 
-class SingleSided(CountedRow):
+class SingleSidedRow(CountedRow):
     """Objects whose back faces are not drawn."""
 
     name = "single-sided objects"
     none = "every material is double_sided"
-    counted = "single_sided"
+    count_field = "single_sided"
 
     def is_needed(self, facts: Facts) -> bool:
         """Return True: every frame culls back faces."""
@@ -361,22 +358,22 @@ class SingleSided(CountedRow):
 
 
 class DiagnosticsRow(MaterialRow):
-    """Fates of all faces."""
+    """Diagnostics of all faces."""
 
     name = "diagnostics"
     is_explained = True
 
     def is_in(self, facts: Facts) -> bool:
-        """Tell whether the fates of faces are found."""
+        """Tell whether diagnostics are requested."""
         return facts.diagnose
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Return the argument that decides it, and its value."""
+        """Return the argument that requests diagnostics."""
         return f"diagnose={facts.diagnose}"
 
 
-def count_kinds(kinds: Sequence[str]) -> str:
-    """Return how many there are of each kind."""
+def describe_counts(kinds: Sequence[str]) -> str:
+    """Describe how many items of each kind a sequence has."""
     return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).items())
 
 
@@ -408,7 +405,7 @@ def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
 
 
 def without_transmission(scene: Scene) -> Scene:
-    """Return a scene whose surfaces let no light through."""
+    """Return a scene whose surfaces transmit no light."""
     return with_fields(scene, {"transmission": 0.0})
 
 

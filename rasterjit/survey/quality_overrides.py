@@ -47,12 +47,9 @@ def override_meshes(
     meshes: Sequence[Mesh], quality: Quality, has_environment: bool = False
 ) -> list[Mesh]:
     """
-    Return the meshes with the materials that a quality and the environment give them.
+    Return the meshes with the materials overridden by a quality and by the scene's environment.
 
-    ``has_environment`` says whether the scene has one, which some materials depend on.
-
-    A mesh whose material is not changed is returned itself; one that is there several times comes
-    back several times.
+    Meshes whose material is not changed are returned themselves.
     """
     if override_key(quality, has_environment) == NO_OVERRIDES:
         return list(meshes)
@@ -62,9 +59,9 @@ def override_meshes(
         material = mesh.material
         if has_environment and isinstance(material, DefaultMaterial):
             material = material.in_environment()
-        # A point has one normal: there is no coarser way.
-        original = quality if mesh.primitive != "points" else replace(quality, shading="pixel")
-        material = _override_material(material, original, textures)
+        # A point has one normal: there is no coarser shading.
+        mesh_quality = quality if mesh.primitive != "points" else replace(quality, shading="pixel")
+        material = _override_material(material, mesh_quality, textures)
         is_same = material is mesh.material
         overridden[mesh] = mesh if is_same else cast(Mesh, OverriddenMesh(mesh, material))
     return [overridden[mesh] for mesh in meshes]
@@ -73,7 +70,7 @@ def override_meshes(
 def _override_material(
     material: Material, quality: Quality, textures: dict[Texture, Texture]
 ) -> Material:
-    """Return a material in force; ``known`` are the textures in force of those met before."""
+    """Return a material as overridden; ``textures`` caches overridden textures by the original."""
     changes: dict[str, Any] = {}
     if material.shading in COARSER_SHADING[quality.shading]:
         changes["shading"] = COARSER_SHADING[quality.shading][material.shading]
@@ -89,13 +86,13 @@ def _override_material(
 
 
 def parse_filter(setting: str) -> tuple[str, int]:
-    """Return filter and anisotropy of a ``Quality.parse_filter``."""
-    parts = setting.removeprefix("anisotropic")
-    return (setting, 1) if parts == setting else ("trilinear", int(parts))
+    """Return filter and anisotropy of a ``Quality.texture_filter``."""
+    anisotropy = setting.removeprefix("anisotropic")
+    return (setting, 1) if anisotropy == setting else ("trilinear", int(anisotropy))
 
 
 def override_lights(lights: Sequence[Light], quality: Quality) -> Sequence[Light]:
-    """Return the lights as they are under a quality, each with the shadow in force."""
+    """Return the lights with their shadows overridden by a quality."""
     if quality.shadow_size is None and quality.shadow_taps is None:
         return lights
     return [
@@ -107,7 +104,7 @@ def override_lights(lights: Sequence[Light], quality: Quality) -> Sequence[Light
 
 
 def override_shadow(shadow: Shadow, quality: Quality) -> Shadow:
-    """Return a shadow in force."""
+    """Return a shadow as a quality overrides it."""
     changes: dict[str, Any] = {}
     if quality.shadow_size is not None:
         changes["size"] = quality.shadow_size

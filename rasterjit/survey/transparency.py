@@ -22,7 +22,7 @@ class PixelLayers(NamedTuple):
     samples: int | str
     """Samples of each pixel, or ``"area"``."""
     most: int | None = None
-    """Most transparent layers of a sample, nearest first; ``None`` -> all."""
+    """Largest number of transparent layers of a sample, nearest first; ``None`` -> all."""
     mixes_codes: bool = False
     """Whether colours are blended as 8-bit sRGB codes, not in linear light."""
     in_order: bool = False
@@ -35,14 +35,14 @@ class Transparency(NamedTuple):
     """The transparent objects."""
 
     is_blended: NDArray[np.uint8]
-    """(O,): 1 for each that is transparent and may be in view."""
+    """(O,): 1 for each transparent object that may be in view."""
     used: bool
     reason: str
 
     def equals(self, other: Transparency) -> bool:
-        """Tell whether another has the same objects."""
-        own = self.used, self.reason, self.is_blended.tobytes()
-        return own == (other.used, other.reason, other.is_blended.tobytes())
+        """Tell whether the transparent objects are the same."""
+        is_same = np.array_equal(self.is_blended, other.is_blended)
+        return is_same and (self.used, self.reason) == (other.used, other.reason)
 
 
 NO_TRANSPARENCY = Transparency(np.empty(0, np.uint8), False, "")
@@ -62,11 +62,11 @@ def find_transparency(
     ----------
     nodes : sequence of Node
     shades : bool
-        Whether the colour of faces is asked for.
+        Whether the colour of faces is an output.
     is_any_blended : bool
-        Whether any material is.
+        Whether any material is blended.
     is_see_through, in_view : (O,) bool
-        Which objects anything is seen through, wherever they are, and which may be seen.
+        Which objects are transparent, and which may be in view.
     """
     is_blended = np.zeros(len(nodes), np.uint8)
     if not is_any_blended:
@@ -76,16 +76,16 @@ def find_transparency(
     object_count = np.count_nonzero(is_see_through)
     if object_count == 0:
         return Transparency(is_blended, False, "every blended surface has alpha 1")
-    seen = is_see_through & in_view
-    if not seen.any():
+    visible = is_see_through & in_view
+    if not visible.any():
         name = nodes[int(is_see_through.argmax())].name
         others = f" and {object_count - 1} others lie" if object_count > 1 else " lies"
         return Transparency(is_blended, False, f"object {name!r}{others} outside the view")
-    reason = describe_count(int(np.count_nonzero(seen)), int(object_count), "blended object")
-    return Transparency(seen.astype(np.uint8), True, reason)
+    reason = describe_count(int(np.count_nonzero(visible)), int(object_count), "blended object")
+    return Transparency(visible.astype(np.uint8), True, reason)
 
 
-def pixel_layers(
+def choose_pixel_layers(
     transparency: Transparency,
     antialiases: bool,
     samples: int | str,
@@ -95,12 +95,12 @@ def pixel_layers(
     """
     Return the samples and layers of pixels; ``None`` for one opaque sample.
 
-    Reads from the quality only the most layers, and the blending space.
+    Reads from the quality only the number of layers, and the blending space.
 
     Raises
     ------
     ValueError
-        Naming the object that is blended, where samples is ``"area"``.
+        If samples is ``"area"`` and an object is blended; names the object.
     """
     if not transparency.used and not antialiases:
         return None
@@ -111,13 +111,15 @@ def pixel_layers(
             "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
             f"{place if name == place else f'{name!r} ({place})'} with alpha_mode 'blend'"
         )
-    # With many pictures, each has one sample.
-    own = samples if antialiases else 1
-    most = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
+    # Of several pictures, each has one sample.
+    pixel_samples = samples if antialiases else 1
+    max_layers = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
     mixes_codes = quality.blending == "srgb8"
-    return PixelLayers(transparency.is_blended, transparency.used, own, most, mixes_codes)
+    return PixelLayers(
+        transparency.is_blended, transparency.used, pixel_samples, max_layers, mixes_codes
+    )
 
 
-def blending_note(quality: Quality) -> str:
+def describe_blending(quality: Quality) -> str:
     """Describe the space in which colours are blended, if it is not linear light."""
     return ", mixed in 8-bit sRGB codes" if quality.blending == "srgb8" else ""

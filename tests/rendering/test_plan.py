@@ -419,6 +419,6 @@ def test_wrong_arguments_are_told_before_skins_are_posed(cube, monkeypatch, wron
     def pose(scene):
         raise AssertionError("it runs kernels")
 
-    monkeypatch.setattr("rasterjit.survey.deformation.posed_scene", pose)
+    monkeypatch.setattr("rasterjit.survey.deformation.pose_scene", pose)
     with pytest.raises(ValueError, match=next(iter(wrong))):
         rj.render(cube, size=(8, 8), **wrong)

@@ -13,7 +13,7 @@ import rasterjit as rj
 from rasterjit.pipeline.geometry import skinning
 from rasterjit.rendering import planning
 from rasterjit.survey.cache import update_cache
-from rasterjit.survey.deformation import posed_scene
+from rasterjit.survey.deformation import pose_scene
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
 
 SIZE = (80, 60)
@@ -258,15 +258,15 @@ def test_moving_a_joint_changes_the_next_picture():
 
 def test_an_unchanged_pose_is_kept():
     scene, _lower, upper = bending()
-    first, second = posed_scene(scene), posed_scene(scene)
+    first, second = pose_scene(scene), pose_scene(scene)
     assert first.nodes[0] is second.nodes[0]
     cache = update_cache(first.nodes, None, rj.Quality.standard())
     assert update_cache(second.nodes, cache, rj.Quality.standard()).shapes is cache.shapes
     # The same place by another matrix is the same pose.
     upper.transform = upper.transform.copy()
-    assert posed_scene(scene).nodes[0].mesh is first.nodes[0].mesh
+    assert pose_scene(scene).nodes[0].mesh is first.nodes[0].mesh
     upper.transform = rotate_x(10)
-    assert posed_scene(scene).nodes[0].mesh is not first.nodes[0].mesh
+    assert pose_scene(scene).nodes[0].mesh is not first.nodes[0].mesh
 
 
 def test_a_material_that_is_assigned_is_seen():
@@ -511,11 +511,11 @@ def test_scenes_that_nothing_poses_are_not_touched():
     mesh = rj.Mesh(np.eye(3), [(0, 1, 2)])
     scene = rj.Scene()
     scene.add(mesh)
-    assert posed_scene(scene) is scene
+    assert pose_scene(scene) is scene
     assert scene.posed() is scene
     # A skin's mesh without a skin, targets of no weight.
     scene.add(tube_mesh(morph_targets=rj.MorphTargets(np.ones((1, 108, 3)))))
-    assert posed_scene(scene) is scene
+    assert pose_scene(scene) is scene
 
 
 def test_what_a_mesh_carries_stays(bent):

@@ -12,7 +12,7 @@ from dataclasses import replace
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.effect import QualityEffect
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.transparency import blending_note
+from rasterjit.survey.transparency import describe_blending
 
 SAMPLES_TO_TRY = 4
 """Samples per pixel suggested where edges are aliased."""
@@ -32,7 +32,7 @@ class Antialiasing(QualityEffect):
 
     def describe(self, facts: Facts) -> str:
         """Say how edges are smoothed."""
-        samples, note = facts.quality.samples, blending_note(facts.quality)
+        samples, note = facts.quality.samples, describe_blending(facts.quality)
         if facts.pictures > 1:
             own = "" if samples == facts.supersamples else f" for {samples!r}: discs, spheres"
             count = facts.supersamples

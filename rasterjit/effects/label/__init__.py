@@ -32,7 +32,7 @@ from rasterjit.survey.effect import (
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.transparency import blending_note
+from rasterjit.survey.transparency import describe_blending
 
 ANCHORS = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
 """Where an anchor lies in a box, of its width or height; else in the middle."""
@@ -291,7 +291,7 @@ class Labels(ScreenEffect, LensEffect):
             return "no output shows colour in 8 bits"
         if not is_used:
             return "no node has a label"
-        return f"over the finished picture{blending_note(facts.quality)}"
+        return f"over the finished picture{describe_blending(facts.quality)}"
 
     def analyses_picture(self, data: Texts) -> bool:
         """Tell whether parts of a picture must know what hides texts in others."""

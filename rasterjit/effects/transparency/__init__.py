@@ -11,7 +11,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import Effect
 from rasterjit.survey.facts import Facts, describe_changed_settings
 from rasterjit.survey.material_features import with_opaque_materials
-from rasterjit.survey.transparency import blending_note
+from rasterjit.survey.transparency import describe_blending
 
 
 class Blending(Effect):
@@ -33,7 +33,7 @@ class Blending(Effect):
         if most == 1:
             nearest = ", the nearest one at a sample"
         hits = describe_changed_settings(facts, "visible_alpha")
-        return transparency.reason + nearest + blending_note(quality) + hits
+        return transparency.reason + nearest + describe_blending(quality) + hits
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with opaque materials."""

@@ -28,7 +28,7 @@ from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.effect import FrameContext, ModalEffect, ScreenEffect, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.transparency import blending_note
+from rasterjit.survey.transparency import describe_blending
 
 EDGES_PER_TASK = 1 << 14
 """Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""
@@ -209,7 +209,7 @@ class Edges(ScreenEffect, ModalEffect):
         mode = f"mode {facts.fields[self.field].mode}"
         if facts.quality.lines == "bresenham":
             return mode
-        return f"{mode}, by coverage{blending_note(facts.quality)}"
+        return f"{mode}, by coverage{describe_blending(facts.quality)}"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
