@@ -463,7 +463,7 @@ def plan_views(
     earlier = cut_alike(earlier[0], scene), earlier[1]
     old = update_cache(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = object_transforms.transform_to_view(old.transforms, earlier[1], size)
-    old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
+    old_plan = plan_earlier(plan, *earlier, old.inventory_and_extents, old_views)
     if earlier[1] is camera:
         # One camera has its planes in one place.
         if _are_moved(plan.camera, old_plan.camera):

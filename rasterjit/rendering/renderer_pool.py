@@ -456,4 +456,6 @@ class SceneSnapshot:
         views = object_transforms.transform_to_view(
             self._cache.transforms, camera, self._request.size
         )
-        return plan_frame(self._request, self._scene, camera, self._cache.inventory, views)
+        return plan_frame(
+            self._request, self._scene, camera, self._cache.inventory_and_extents, views
+        )

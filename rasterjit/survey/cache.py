@@ -298,7 +298,7 @@ class SceneCache(NamedTuple):
     tables: MaterialTables
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
-    places: ObjectTransforms
+    transforms: ObjectTransforms
     extents: Extents
     """Bounds of the objects in world space."""
     all_tables: dict[Any, MaterialTables]

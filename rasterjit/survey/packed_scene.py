@@ -544,8 +544,8 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     table = [[_pack_texture(texture, use, locations) for texture, use in row] for row in pairs]
     transforms = np.zeros((0, len(rows[0]), 6))
     if any(texture.transform is not None for texture in textures):
-        rows = [[_pack_uv_transform(texture) for texture in row] for row in rows]
-        transforms = np.repeat(np.array(rows, np.float64), counts, axis=0)
+        packed = [[_pack_uv_transform(texture) for texture in row] for row in rows]
+        transforms = np.repeat(np.array(packed, np.float64), counts, axis=0)
     return Textures(
         texels,
         codes,
