@@ -234,7 +234,7 @@ def test_moved_objects_have_the_bits_of_all_placed_anew(most):
         extents = object_transforms.Extents(bounds, known.world_from_model)
         before = found_of(extents)
         own = extents.update(known, found)
-        shifted += "reach" in vars(own)
+        shifted += "coordinate_bounds" in vars(own)
         assert found_of(own) == found_of(object_transforms.Extents(bounds, found.world_from_model))
         assert extents.update(known, known) is extents
         assert found_of(extents) == before
