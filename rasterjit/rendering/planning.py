@@ -529,7 +529,7 @@ def cut_alike(earlier: Scene, scene: Scene) -> Scene:
         return earlier
     from rasterjit.survey import cross_sections
 
-    return cross_sections.cut_like(earlier, scene)
+    return cross_sections.cut_earlier(earlier, scene)
 
 
 def needs_settling(camera: Camera | None) -> bool:

@@ -1,25 +1,23 @@
 """
 Cut the objects of a scene by the planes of its section, and cap the cuts.
 
-The decision: sections are geometry, made once for all views. `cut_scene` returns a scene in which
-each object that a plane crosses is another mesh, in the order of the old ones, and each cap is a
-mesh behind them all. So whatever draws a scene draws what is left of it: shadows, samples,
-transparency, motion and picking know nothing of planes. `Cut` says what each number of the new
-scene means in the old one. A scene without section never comes here.
+Sections are geometry, computed once for all views. `cut_scene` returns a scene in which each object
+that a plane crosses has another mesh, in the same order, and each cap is a mesh behind them all:
+shadows, samples, transparency, motion and picking need not know of planes. `Cut` maps the numbers
+of the cut scene to the original.
 
 Distances to the planes are measured in world space, in float64; below 2**-46 of the coordinates'
-size they are 0, so that what lies in a plane is neither in front nor behind. Faces are cut by one
-plane after the other. A crossing is computed from the end of an edge that stays towards the one
-that goes, so that both faces of an edge and the cap get the same point bit for bit, in model space
-and for all that belongs to a vertex.
+size they are 0, so that points in a plane are neither in front nor behind. Faces are cut by one
+plane after the other. A crossing is interpolated from the end of an edge behind the plane towards
+the end in front, so that both faces of an edge and the cap get the same bits, in model space and in
+all attributes.
 
-Caps close what the cut opens: sides of what is left that lie in the plane, each as often as it
-goes one way more than the other, are outlines; what they wind around is filled
+Caps close the cut: edges of the remaining faces in the plane, each as often as its directions do
+not cancel, are outlines; the area that they wind around is filled
 (`pipeline.geometry.cap_triangulation`), and cut by the next planes as faces are. Outlines that
-cross, as those of shells that run through each other, are split there, and a triangle without area
-fills in what rounding leaves between them and the edge of the face. So the outlines of closed
-meshes close, whatever passes through vertices and edges. Only where thousands of faces run through
-each other may splitting come to no end: such a cut has no cap, which is warned of.
+cross, as those of shells that intersect, are split there, and a triangle without area closes the
+gap that rounding leaves to the edge of the face. So the outlines of closed meshes close. Only where
+thousands of faces intersect may splitting not end: such a cut has no cap, with a warning.
 """
 
 from __future__ import annotations
@@ -62,19 +60,19 @@ from rasterjit.survey.object_transforms import (
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-ON_PLANE = 2.0**-46
+MAX_PLANE_DISTANCE = 2.0**-46
 """Largest distance from a plane of a point on it, relative to the coordinates."""
 
-SEAM_CELL = 2.0**-22
-"""Size of the cells in which loose vertices are merged, relative to the largest coordinate."""
+SEAM_CELL_SIZE = 2.0**-22
+"""Size of the cells in which vertices of open edges are merged, relative to the coordinates."""
 
-GRID = 2.0**28
-"""Steps of the grid that outlines lie on, from the middle of a section to its farthest point."""
+GRID_STEPS = 2.0**28
+"""Steps of the grid of outlines, from the centre of a section to its farthest point."""
 
 CAP_SHADE = 0.5
 """Factor on an object's colour for its caps."""
 
-END_STEPS = 4
+MAX_MERGE_STEPS = 4
 """Most steps of the grid between a crossing and the end of an edge that it is merged with."""
 
 MAX_SPLITS = 16
@@ -82,29 +80,29 @@ MAX_SPLITS = 16
 
 NO_WEIGHTS = np.zeros((0, 3, 3))
 
-CORNERS = np.arange(3)
+CORNER_INDICES = np.arange(3)
 
 
 class CutMesh(Mesh):
     """A cut mesh; its vertex attributes are interpolated from the original."""
 
     _whole: Mesh
-    _recipe: CutRecipe
+    _recipe: VertexRecipe
 
     def vertex_normals(self) -> NDArray[np.float32]:
-        """Return normals between those of the whole mesh, (V, 3): not of length 1 in a cut."""
+        """Return normals interpolated from the original, (V, 3): not of length 1 in a cut."""
         if self._vertex_normals is None:
-            self._vertex_normals = read_only(self._recipe.rows(self._whole.vertex_normals()))
+            self._vertex_normals = read_only(self._recipe.interpolate(self._whole.vertex_normals()))
         return self._vertex_normals
 
     def vertex_tangents(
         self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> NDArray[np.float32]:
-        """Return tangents between those of the whole mesh, (V, 2, 4)."""
-        return self._recipe.rows(self._whole.vertex_tangents(transform, uv_set))
+        """Return tangents interpolated from the original, (V, 2, 4)."""
+        return self._recipe.interpolate(self._whole.vertex_tangents(transform, uv_set))
 
     def is_closed(self) -> bool:
-        """Tell that it is open."""
+        """Return False: the cut opens the mesh."""
         return False
 
 
@@ -113,35 +111,36 @@ class Cut(NamedTuple):
 
     planes: tuple[SectionPlane, ...]
     face_starts: Int64
-    """(O+1,): first face of each object of the old scene."""
+    """(O+1,): first face of each object of the original scene."""
     face_numbers: NDArray[np.int32]
-    """(F+1,): number of each face; of caps one above all faces. The last, of face -1, is -1."""
+    """(F+1,): original number of each face; numbers of caps follow those of all faces. The last, of
+    face -1, is -1."""
     owners: NDArray[np.int32]
-    """(N+1,): object of each new object; the last is -1."""
+    """(N+1,): original object of each object; the last is -1."""
     meshes: tuple[Mesh, ...]
-    """Of the old scene."""
+    """Of the original scene."""
     is_piece: NDArray[np.bool_]
-    """(F+1,): whether each face is a part of another, or a cap."""
+    """(F+1,): whether each face is a piece of an original one, or of a cap."""
     weights: NDArray[np.float32]
-    """(F+1, 3, 3): of each corner of a piece in the face that it is cut from; 0 in caps. Empty
-    where there are no pieces."""
+    """(F+1, 3, 3): barycentric weights of each corner of a piece in its original face; 0 in caps.
+    Empty without pieces."""
     edges: tuple[NDArray[np.int32], ...]
-    """(E, 2) of each plane: where it cuts faces, vertex numbers of the new scene."""
+    """(E, 2) of each plane: edges where it cuts faces, vertex numbers of the cut scene."""
     sides: tuple[NDArray[np.int32], ...]
-    """(E, 3) of each plane: a vertex that makes a face of each edge, its new object, and 1 if the
-    face turns outward so, else -1. The vertex is -1 where none tells what hides the edge."""
+    """(E, 3) of each plane: the third vertex of a face at each edge, its object, and 1 if they wind
+    outward in that order, else -1. The vertex is -1 if no single face hides the edge."""
     nodes: tuple[Node, ...]
-    """Of the old scene."""
+    """Of the original scene."""
     vertices: tuple[Int64 | None, ...]
-    """Of each new object the numbers of its vertices in the old mesh, -1 of new ones; ``None``:
-    they are the same."""
+    """Of each object the numbers of its vertices in the original mesh, -1 of new ones; ``None``:
+    unchanged."""
 
     def original_numbers(self, face: int, new: int) -> tuple[int, int]:
-        """Return the numbers of a face and its object, given those in the cut scene."""
+        """Return the original numbers of a face and its object, given those in the cut scene."""
         return int(self.face_numbers[face]), int(self.owners[new])
 
     def edges_of(self, shapes: Shapes) -> NDArray[np.int32]:
-        """Return the edges of the faces of a cut scene, (N, 2), without those inside of one."""
+        """Return the edges of the cut scene, (N, 2), without those inside an original face."""
         faces, numbers = shapes.arrays.faces.astype(np.int64), self.face_numbers[:-1]
         tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
         keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
@@ -155,7 +154,7 @@ class Cut(NamedTuple):
         return shapes.edges[~np.isin(known[:, 0] << 32 | known[:, 1], inner)]
 
     def vertices_of(self, new: int, numbers: tuple[int, int, int]) -> tuple[int, int, int]:
-        """Return the vertices of the old mesh, given those of a new object."""
+        """Return the vertices of the original mesh, given those of an object of the cut scene."""
         known = self.vertices[new]
         if known is None:
             return numbers
@@ -179,34 +178,34 @@ class CutScene(Scene):
         return self._whole._world_chunks()
 
 
-class Parts(NamedTuple):
-    """The parts of one object that are left."""
+class CutParts(NamedTuple):
+    """The remaining parts of one object."""
 
     node: Node | None
     caps: tuple[Node | None, ...]
     """Of each plane."""
-    recipe: CutRecipe | None
-    """How its vertices follow from those of its mesh; ``None``: they are the same."""
+    recipe: VertexRecipe | None
+    """How the vertices follow from those of the mesh; ``None``: unchanged."""
     numbers: Int64 | None
-    """(F,): face that each face is cut from; ``None``: each is its own."""
+    """(F,): original face of each face; ``None``: unchanged."""
     weights: Float64
-    """(P, 3, 3): of the corners of the last faces, which are pieces."""
+    """(P, 3, 3): barycentric weights of the corners of the last faces, which are pieces."""
     edges: tuple[NDArray[np.int32], ...]
     """(E, 2) of each plane."""
     sides: tuple[NDArray[np.int32], ...] = ()
     """(E, 2) of each plane: as `Cut.sides`, without the object; empty where there are no edges."""
 
 
-class CutRecipe(NamedTuple):
+class VertexRecipe(NamedTuple):
     """Recipe by which a cut mesh's vertices are interpolated from the original's."""
 
     steps: tuple[tuple[Int64, Int64, Float64], ...]
-    """Of each generation: vertices between which the new ones lie, and how far along."""
+    """Of each generation of vertices: start and end of their edges, and the fraction from start."""
     used: Int64
-    """The vertices that are kept, of those of the mesh and all generations."""
+    """The vertices that are kept, of the mesh and all generations."""
 
-    def rows(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return what belongs to the vertices, (V, ...), given what belongs to those before."""
+    def interpolate(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Interpolate values of the original's vertices, (V, ...), to those of the cut mesh."""
         count, made = len(values), np.empty((0, *values.shape[1:]))
 
         def of(numbers: Int64) -> NDArray[Any]:
@@ -229,7 +228,7 @@ _WINDINGS: weakref.WeakKeyDictionary[Mesh, float] = weakref.WeakKeyDictionary()
 """Cache: winding of the faces of meshes: 1, or -1 if inside out."""
 
 _WARNED: weakref.WeakSet[Mesh] = weakref.WeakSet()
-"""Open meshes that were warned of."""
+"""Open meshes with a warning already issued."""
 
 
 def cut_scene(scene: Scene) -> Scene:
@@ -239,7 +238,7 @@ def cut_scene(scene: Scene) -> Scene:
     Warns
     -----
     UserWarning
-        Once for each mesh that has no cap, for it is not closed.
+        Once for each mesh without a cap, as it is not closed.
     """
     planes = planes_in(scene.section)
     if not planes or isinstance(scene, CutScene):
@@ -247,36 +246,38 @@ def cut_scene(scene: Scene) -> Scene:
     objects = []
     for node in scene.nodes:
         key = node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name
-        # Other threads may cut it by other planes meanwhile.
+        # Other threads may replace the cache meanwhile.
         cached = node._section_cache
         if cached is None or not all(map(operator.is_, cached[0], key)):
             cached = node._section_cache = key, _cut_object(node, planes)
         objects.append(cached[1])
-    # The first node keeps what all are together.
+    # The first node caches the cut nodes of the scene.
     first = scene.nodes[0]
     joined = first._scene_section_cache
     if joined is None or not are_identical(joined[0], objects):
-        joined = first._scene_section_cache = objects, _assemble(scene, objects, planes)
-    kept = [
+        joined = first._scene_section_cache = objects, _join_parts(scene, objects, planes)
+    kept_labels = [
         node
         for node in scene.labelled
-        if all((_distances(plane, _anchor_of(node)) <= 0.0).all() for plane in planes)
+        if all((_plane_distances(plane, _label_position(node)) <= 0.0).all() for plane in planes)
     ]
-    result = _copy_scene(scene if len(kept) == len(scene.labelled) else with_labels(scene, kept))
+    result = _copy_scene(
+        scene if len(kept_labels) == len(scene.labelled) else with_labels(scene, kept_labels)
+    )
     result._whole, result.nodes = scene, joined[1]
     return result
 
 
-def cut_like(scene: Scene, now: Scene) -> Scene:
+def cut_earlier(scene: Scene, now: Scene) -> Scene:
     """
-    Cut an earlier scene where a later one is cut.
+    Cut an earlier scene as a later one was cut.
 
     Parameters
     ----------
     scene : Scene
-        Of as many objects, with as many faces, as the one that was cut.
+        With the same numbers of objects and faces as the later one.
     now : Scene
-        What `cut_scene` returned of that.
+        The later one, as `cut_scene` returned it.
     """
     if not isinstance(now, CutScene):
         return scene
@@ -290,7 +291,7 @@ def cut_like(scene: Scene, now: Scene) -> Scene:
         elif old.mesh is not original and hasattr(mesh, "_recipe"):
             # The same points of another shape.
             recipe, mesh = mesh._recipe, copy.copy(mesh)
-            mesh._vertices = read_only(recipe.rows(old.mesh.vertices))
+            mesh._vertices = read_only(recipe.interpolate(old.mesh.vertices))
             mesh._bounds = None
         nodes.append(Node(mesh, name=new.name, world_from_model=old.world_from_model))
     nodes.cut = mapping.cut
@@ -306,12 +307,14 @@ def _copy_scene(scene: Scene) -> CutScene:
     return result
 
 
-def _assemble(scene: Scene, objects: Sequence[Parts], planes: Sequence[SectionPlane]) -> CutNodes:
-    """Join the parts that are left of all objects."""
+def _join_parts(
+    scene: Scene, objects: Sequence[CutParts], planes: Sequence[SectionPlane]
+) -> CutNodes:
+    """Join the remaining parts of all objects."""
     counts = [len(node.mesh.faces) for node in scene.nodes]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     nodes, owners, numbers, weights, edges, vertices = CutNodes(), [], [], [], [], 0
-    all_parts: list[list[NDArray[np.int32]]] = [[] for _ in planes]
+    all_edges: list[list[NDArray[np.int32]]] = [[] for _ in planes]
     sides: list[list[NDArray[np.int32]]] = [[] for _ in planes]
 
     def add(node: Node, owner: int, faces: Int64, inner: Float64) -> None:
@@ -323,14 +326,14 @@ def _assemble(scene: Scene, objects: Sequence[Parts], planes: Sequence[SectionPl
     for owner, parts in enumerate(objects):
         if parts.node is None:
             continue
-        own = np.arange(counts[owner]) if parts.numbers is None else parts.numbers
-        add(parts.node, owner, own + starts[owner], parts.weights)
+        face_numbers = np.arange(counts[owner]) if parts.numbers is None else parts.numbers
+        add(parts.node, owner, face_numbers + starts[owner], parts.weights)
         for plane, lines in enumerate(parts.edges):
-            all_parts[plane].append(lines + np.int32(vertices))
-        for plane, (third, turn) in enumerate(rows.T for rows in parts.sides):
-            moved = np.where(third < 0, -1, third + vertices)
-            own = np.full(len(third), len(nodes) - 1)
-            sides[plane].append(np.stack([moved, own, turn], axis=1).astype(np.int32))
+            all_edges[plane].append(lines + np.int32(vertices))
+        for plane, (third, winding) in enumerate(rows.T for rows in parts.sides):
+            vertex = np.where(third < 0, -1, third + vertices)
+            face_numbers = np.full(len(third), len(nodes) - 1)
+            sides[plane].append(np.stack([vertex, face_numbers, winding], axis=1).astype(np.int32))
         vertices += len(parts.node.mesh.vertices)
     for owner, parts in enumerate(objects):
         for plane, node in enumerate(parts.caps):
@@ -338,25 +341,25 @@ def _assemble(scene: Scene, objects: Sequence[Parts], planes: Sequence[SectionPl
                 number = starts[-1] + len(planes) * owner + plane
                 count = len(node.mesh.faces)
                 add(node, owner, np.full(count, number), np.zeros((count, 3, 3)))
-    known = {name for node in nodes for name in _custom_outputs(node.mesh)}
+    known_outputs = {name for node in nodes for name in _list_custom_outputs(node.mesh)}
     for owner, parts in enumerate(objects):
         whole = scene.nodes[owner]
-        told = _custom_outputs(whole.mesh)
-        # Scenes have an object, and outputs that a mesh is asked for remain.
-        if parts.node is None and (not nodes or told - known):
-            known |= told
-            node = Node(_empty_mesh(whole.mesh), name=whole.name)
+        outputs = _list_custom_outputs(whole.mesh)
+        # Keep an object, and the attributes that outputs may request.
+        if parts.node is None and (not nodes or outputs - known_outputs):
+            known_outputs |= outputs
+            node = Node(_make_degenerate_mesh(whole.mesh), name=whole.name)
             add(node, owner, starts[owner : owner + 1], NO_WEIGHTS)
     is_piece = [np.repeat([False, True], [whole, len(inner)]) for whole, inner in weights]
-    joined = np.zeros((0, 3, 3), np.float32)
+    joined_weights = np.zeros((0, 3, 3), np.float32)
     if any(len(inner) for _, inner in weights):
         rows = [
             part
             for whole, inner in weights
             for part in (np.broadcast_to(np.eye(3), (whole, 3, 3)), inner)
         ]
-        joined = np.concatenate([*rows, np.zeros((1, 3, 3))]).astype(np.float32)
-    edges = [np.concatenate(rows) if rows else np.zeros((0, 2), np.int32) for rows in all_parts]
+        joined_weights = np.concatenate([*rows, np.zeros((1, 3, 3))]).astype(np.float32)
+    edges = [np.concatenate(rows) if rows else np.zeros((0, 2), np.int32) for rows in all_edges]
     nodes.cut = Cut(
         tuple(planes),
         starts,
@@ -364,40 +367,40 @@ def _assemble(scene: Scene, objects: Sequence[Parts], planes: Sequence[SectionPl
         np.array([*owners, -1], np.int32),
         tuple(node.mesh for node in scene.nodes),
         np.append(np.concatenate(is_piece), False),
-        joined,
+        joined_weights,
         tuple(np.ascontiguousarray(rows, np.int32) for rows in edges),
         tuple(np.concatenate([np.zeros((0, 3), np.int32), *rows]) for rows in sides),
         tuple(scene.nodes),
         tuple(
-            _old_vertices(node.mesh, scene.nodes[owner].mesh)
+            _original_vertices(node.mesh, scene.nodes[owner].mesh)
             for node, owner in zip(nodes, owners, strict=True)
         ),
     )
     return nodes
 
 
-def _anchor_of(node: Node) -> Float64:
+def _label_position(node: Node) -> Float64:
     """Return the position of a node's label, (1, 3), world space."""
     point = np.array([node.label.position])
     return transform_points(node.world_matrix, point)[:, :3]
 
 
-def _old_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
-    """Return the number of each vertex in the whole mesh, (V,), -1 if it has none; None if all."""
+def _original_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
+    """Return the original number of each vertex, (V,), -1 of new ones; None if unchanged."""
     if mesh is whole:
         return None
     used = mesh._recipe.used if hasattr(mesh, "_recipe") else np.full(3, len(whole.vertices))
     return np.where(used < len(whole.vertices), used, -1)
 
 
-def _custom_outputs(mesh: Mesh) -> set[str]:
+def _list_custom_outputs(mesh: Mesh) -> set[str]:
     """Return the outputs that depend on a mesh's attributes and scalars."""
     arrays = {"uv": mesh.uv, "scalar": mesh.field}
     names = {f"{ATTRIBUTE}{name}" for name in (*mesh.vertex_attributes, *mesh.face_attributes)}
     return names | {name for name, values in arrays.items() if values is not None}
 
 
-def _empty_mesh(mesh: Mesh) -> Mesh:
+def _make_degenerate_mesh(mesh: Mesh) -> Mesh:
     """Return a mesh of one face without area, with the attributes and scalars of another."""
     is_there = mesh.used_vertices() & np.isfinite(mesh.vertices).all(axis=1)
     first = int(np.argmax(is_there))
@@ -414,63 +417,64 @@ def _empty_mesh(mesh: Mesh) -> Mesh:
     return result
 
 
-def _distances(plane: SectionPlane, points: Float64) -> Float64:
+def _plane_distances(plane: SectionPlane, points: Float64) -> Float64:
     """Return the signed distances of points, (N, 3), from a plane, (N,)."""
     (a, b, c), (x, y, z) = plane.normal, plane.point
     with np.errstate(invalid="ignore", over="ignore"):
         return (a * (points[:, 0] - x) + b * (points[:, 1] - y)) + c * (points[:, 2] - z)
 
 
-def _all_distances(world: Float64, planes: Sequence[SectionPlane]) -> Float64:
+def _signed_distances(world: Float64, planes: Sequence[SectionPlane]) -> Float64:
     """Return the signed distances of points from planes, (V, P), exactly 0 on them."""
     finite = np.abs(world[np.isfinite(world).all(axis=1)])
     size = float(finite.max(initial=0.0))
     columns = []
     for plane in planes:
-        distances = _distances(plane, world)
-        tolerance = ON_PLANE * (size + max(map(abs, plane.point)))
+        distances = _plane_distances(plane, world)
+        tolerance = MAX_PLANE_DISTANCE * (size + max(map(abs, plane.point)))
         columns.append(np.where(np.abs(distances) <= tolerance, 0.0, distances))
     return np.stack(columns, axis=1)
 
 
-def _cut_object(node: Node, planes: Sequence[SectionPlane]) -> Parts:
+def _cut_object(node: Node, planes: Sequence[SectionPlane]) -> CutParts:
     """Cut an object by planes."""
     mesh = node.mesh
     empty = (np.zeros((0, 2), np.int32),) * len(planes)
     corners = transform_boxes(compute_mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
-    corner_distances = _all_distances(corners, planes)
+    corner_distances = _signed_distances(corners, planes)
     if (corner_distances <= 0.0).all():
-        # Nothing of the box around it is cut away.
-        return Parts(node, (), None, None, NO_WEIGHTS, empty)
+        return CutParts(node, (), None, None, NO_WEIGHTS, empty)
     if (corner_distances > 0.0).all(axis=0).any():
-        return Parts(None, (), None, None, NO_WEIGHTS, empty)
+        return CutParts(None, (), None, None, NO_WEIGHTS, empty)
     world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
-    distances = _all_distances(world, planes)
+    distances = _signed_distances(world, planes)
     used = distances[mesh.used_vertices()]
     if not (used > 0.0).any():
-        return Parts(node, (), None, None, NO_WEIGHTS, empty)
+        return CutParts(node, (), None, None, NO_WEIGHTS, empty)
     if len(used) and (used.min(axis=0) > 0.0).any():
-        return Parts(None, (), None, None, NO_WEIGHTS, empty)
+        return CutParts(None, (), None, None, NO_WEIGHTS, empty)
     if isinstance(mesh, Points):
         return _cut_points(node, mesh, distances, empty)
     if isinstance(mesh, Lines):
         return _cut_lines(node, mesh, distances, empty)
-    return _Cutter(node, world, distances, planes).parts()
+    return _Cutter(node, world, distances, planes).cut_all()
 
 
-def _cut_points(node: Node, mesh: Points, distances: Float64, empty: Any) -> Parts:
+def _cut_points(node: Node, mesh: Points, distances: Float64, empty: Any) -> CutParts:
     """Remove the points whose centres a plane cuts off."""
     with np.errstate(invalid="ignore"):
         kept = np.flatnonzero(~(distances > 0.0).any(axis=1))
     if not len(kept):
-        return Parts(None, (), None, None, NO_WEIGHTS, empty)
-    copied = _with_rows(mesh, CutRecipe((), kept), np.arange(len(kept))[:, np.newaxis], kept)
+        return CutParts(None, (), None, None, NO_WEIGHTS, empty)
+    copied = _interpolate_mesh(
+        mesh, VertexRecipe((), kept), np.arange(len(kept))[:, np.newaxis], kept
+    )
     if len(mesh.sizes) > 1:
         copied._sizes = read_only(mesh.sizes[kept])
-    return Parts(_with_mesh(node, copied), (), copied._recipe, kept, NO_WEIGHTS, empty)
+    return CutParts(_replace_mesh(node, copied), (), copied._recipe, kept, NO_WEIGHTS, empty)
 
 
-def _cut_lines(node: Node, mesh: Lines, distances: Float64, empty: Any) -> Parts:
+def _cut_lines(node: Node, mesh: Lines, distances: Float64, empty: Any) -> CutParts:
     """Cut segments by planes."""
     ends, numbers = mesh.segments.astype(np.int64), np.arange(len(mesh))
     steps, count = [], len(mesh.vertices)
@@ -479,59 +483,61 @@ def _cut_lines(node: Node, mesh: Lines, distances: Float64, empty: Any) -> Parts
         with np.errstate(invalid="ignore"):
             kept = (signs < 0.0).any(axis=1) | (signs == 0.0).all(axis=1) | np.isnan(signs).any(1)
         ends, numbers, signs = ends[kept], numbers[kept], signs[kept]
-        rows, outer = np.nonzero((signs > 0.0) & (signs[:, ::-1] < 0.0))
+        rows, outside = np.nonzero((signs > 0.0) & (signs[:, ::-1] < 0.0))
         if not len(rows):
             continue
-        start, end = ends[rows, 1 - outer], ends[rows, outer]
-        distances, along = _crossings(distances, start, end, plane)
-        ends[rows, outer] = np.arange(count, count + len(rows))
+        start, end = ends[rows, 1 - outside], ends[rows, outside]
+        distances, along = _add_crossings(distances, start, end, plane)
+        ends[rows, outside] = np.arange(count, count + len(rows))
         steps.append((start, end, along))
         count += len(rows)
     if not len(ends):
-        return Parts(None, (), None, None, NO_WEIGHTS, empty)
-    used, places = np.unique(ends, return_inverse=True)
-    faces = places.reshape(-1, 2)[:, [0, 1, 1]]
-    copied = _with_rows(mesh, CutRecipe(tuple(steps), used), faces, numbers)
+        return CutParts(None, (), None, None, NO_WEIGHTS, empty)
+    used, inverse = np.unique(ends, return_inverse=True)
+    faces = inverse.reshape(-1, 2)[:, [0, 1, 1]]
+    copied = _interpolate_mesh(mesh, VertexRecipe(tuple(steps), used), faces, numbers)
     if len(mesh.widths) > 1:
         copied._widths = read_only(mesh.widths[numbers])
     copied._links = None
-    return Parts(_with_mesh(node, copied), (), copied._recipe, numbers, NO_WEIGHTS, empty)
+    return CutParts(_replace_mesh(node, copied), (), copied._recipe, numbers, NO_WEIGHTS, empty)
 
 
-def _crossings(distances: Float64, start: Int64, end: Int64, plane: int) -> tuple[Float64, Float64]:
-    """Return the distances with those of new vertices, and how far these lie along their edges."""
+def _add_crossings(
+    distances: Float64, start: Int64, end: Int64, plane: int
+) -> tuple[Float64, Float64]:
+    """Return the distances with those of new vertices, and their fractions along the edges."""
     first, last = distances[start], distances[end]
     t = first[:, plane] / (first[:, plane] - last[:, plane])
     new = first + t[:, np.newaxis] * (last - first)
-    tolerance = ON_PLANE * np.abs(distances[np.isfinite(distances)]).max(initial=0.0)
+    tolerance = MAX_PLANE_DISTANCE * np.abs(distances[np.isfinite(distances)]).max(initial=0.0)
     new = np.where(np.abs(new) <= tolerance, 0.0, new)
     new[:, plane] = 0.0
     return np.concatenate([distances, new]), t
 
 
-def _with_mesh(node: Node, mesh: Mesh) -> Node:
-    """Return a node with another mesh at the same place."""
+def _replace_mesh(node: Node, mesh: Mesh) -> Node:
+    """Return a copy of a node with another mesh."""
     return Node(mesh, name=node.name, world_from_model=node.world_from_model)
 
 
-def _with_rows(mesh: Any, recipe: CutRecipe, faces: NDArray[Any], numbers: Int64) -> Any:
+def _interpolate_mesh(mesh: Any, recipe: VertexRecipe, faces: NDArray[Any], numbers: Int64) -> Any:
     """
-    Return a mesh whose vertices follow a recipe, and whose faces are parts of those before.
+    Return a mesh with interpolated vertices, and faces that are parts of the original's.
 
     Parameters
     ----------
     mesh : Mesh
-    recipe : CutRecipe
+    recipe : VertexRecipe
     faces : (F, 3) int, or (F, 1) of points
     numbers : (F,) int64
-        The face that each is a part of.
+        Original face of each face.
     """
     kind = CutMesh if mesh.primitive == "triangles" else type(mesh)
     result: Any = kind.__new__(kind)
     result.__dict__.update(mesh.__dict__)
 
     def rows(values: NDArray[Any] | None) -> NDArray[Any] | None:
-        return None if values is None else read_only(recipe.rows(values))
+        return None if values is None else read_only(recipe.interpolate(values))
 
     result._whole, result._recipe = mesh, recipe
     result._vertices = rows(mesh.vertices)
@@ -561,36 +567,41 @@ def _with_rows(mesh: Any, recipe: CutRecipe, faces: NDArray[Any], numbers: Int64
     return result
 
 
-def _find_closed(mesh: Mesh) -> tuple[bool, Int64]:
+def _weld_and_check_closed(mesh: Mesh) -> tuple[bool, Int64]:
     """
-    Tell whether faces close: each edge goes one way as often as the other; return places.
+    Tell whether each edge has as many faces in either direction; return position numbers, (V,).
 
-    Vertices at one place, (V,) int64, have one number; as at the seam of a sphere, whose sines are
-    rounded, vertices at edges that do not close are at one place within ``SEAM_CELL`` of the mesh.
+    Vertices at the same position have the same number; those at open edges also within
+    ``SEAM_CELL_SIZE``, as at the seam of a sphere, whose sines are rounded.
     """
     if mesh not in _CLOSED_MESHES:
         points = mesh.vertices + 0.0
         order = np.lexsort(points.T)
         sorted_points = points[order]
         is_new = np.append(False, (sorted_points[1:] != sorted_points[:-1]).any(axis=1))
-        places = np.empty(len(points), np.int64)
-        places[order] = np.cumsum(is_new)
-        ends = places[mesh.faces]
-        tails, heads, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
+        position_ids = np.empty(len(points), np.int64)
+        position_ids[order] = np.cumsum(is_new)
+        tails, heads = _find_open_edges(position_ids[mesh.faces])
         if len(tails):
-            loose = np.isin(places, np.concatenate([tails, heads]))
-            places = _merge_seams(points, places, np.flatnonzero(loose))
-            ends = places[mesh.faces]
-            tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
-        _CLOSED_MESHES[mesh] = len(tails) == 0 and not mesh.invalid_vertices, read_only(places)
+            loose = np.isin(position_ids, np.concatenate([tails, heads]))
+            position_ids = _weld_seams(points, position_ids, np.flatnonzero(loose))
+            tails, _ = _find_open_edges(position_ids[mesh.faces])
+        is_closed = len(tails) == 0 and not mesh.invalid_vertices
+        _CLOSED_MESHES[mesh] = is_closed, read_only(position_ids)
     return _CLOSED_MESHES[mesh]
 
 
-def _open_reason(mesh: Mesh) -> str:
+def _find_open_edges(corners: Int64) -> tuple[Int64, Int64]:
+    """Return start and end of the edges of faces, (F, 3), whose directions do not cancel."""
+    heads = np.roll(corners, -1, axis=1).ravel()
+    return _count_net_edges(corners.ravel(), heads, np.int64(1))[:2]
+
+
+def _explain_open(mesh: Mesh) -> str:
     """Say why a mesh is open: edges of single faces, or faces of opposite winding."""
-    _, places = _find_closed(mesh)
-    ends = places[mesh.faces]
-    edges = np.stack([ends.ravel(), np.roll(ends, -1, axis=1).ravel()], axis=1)
+    _, position_ids = _weld_and_check_closed(mesh)
+    face_ids = position_ids[mesh.faces]
+    edges = np.stack([face_ids.ravel(), np.roll(face_ids, -1, axis=1).ravel()], axis=1)
     edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
     if mesh.invalid_vertices or (counts % 2).any():
@@ -598,42 +609,42 @@ def _open_reason(mesh: Mesh) -> str:
     return "its mesh's faces are not all wound one way"
 
 
-def _merge_seams(points: Float64, places: Int64, loose: Int64) -> Int64:
-    """Return places, (V,), where those of loose vertices that nearly touch are one."""
-    loose_points = points[loose]
+def _weld_seams(points: Float64, position_ids: Int64, loose_vertices: Int64) -> Int64:
+    """Return position numbers, (V,), merged for vertices of open edges that nearly touch."""
+    loose_points = points[loose_vertices]
     size = float(np.abs(loose_points).max(initial=0.0))
     if not 0.0 < size < np.inf:
-        return places
-    # Two points nearer than a quarter of a cell share one in one of the grids.
-    cells = loose_points / (SEAM_CELL * size)
-    merged = np.arange(places.max() + 1)
+        return position_ids
+    # Points nearer than a quarter of a cell share a cell of at least one of the shifted grids.
+    cells = loose_points / (SEAM_CELL_SIZE * size)
+    merged = np.arange(position_ids.max() + 1)
     for shift in np.ndindex(2, 2, 2):
-        own = np.floor(cells + 0.5 * np.array(shift)).astype(np.int64)
-        _, groups = np.unique(own, axis=0, return_inverse=True)
+        cell_numbers = np.floor(cells + 0.5 * np.array(shift)).astype(np.int64)
+        _, groups = np.unique(cell_numbers, axis=0, return_inverse=True)
         lowest = np.full(groups.max() + 1, len(merged))
-        source = merged[places[loose]]
+        source = merged[position_ids[loose_vertices]]
         np.minimum.at(lowest, groups.ravel(), source)
-        goal = np.arange(len(merged))
-        np.minimum.at(goal, source, lowest[groups.ravel()])
-        merged = goal[merged]
-    return merged[places]
+        target = np.arange(len(merged))
+        np.minimum.at(target, source, lowest[groups.ravel()])
+        merged = target[merged]
+    return merged[position_ids]
 
 
-def _net(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, Int64, Int64]:
+def _count_net_edges(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, Int64, Int64]:
     """Return edges from lower to higher numbers with their net counts, where not 0."""
     weights = np.where(tails < heads, weights, -weights)
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     count = np.int64(high.max(initial=0)) + 1
-    keys, places = np.unique(low * count + high, return_inverse=True)
+    keys, inverse = np.unique(low * count + high, return_inverse=True)
     sums = np.zeros(len(keys), np.int64)
-    np.add.at(sums, places.ravel(), weights)
+    np.add.at(sums, inverse.ravel(), weights)
     kept = (sums != 0) & (keys // count != keys % count)
     return keys[kept] // count, keys[kept] % count, sums[kept]
 
 
 class _Cutter:
     """
-    Cuts a mesh by one plane after the other.
+    Cutter of a mesh by one plane after the other.
 
     Parameters
     ----------
@@ -641,7 +652,7 @@ class _Cutter:
     world : (V, 3) float64
         Its vertices.
     distances : (V, P) float64
-        How far they lie in front of the planes.
+        Signed distances of the vertices from the planes.
     planes : sequence of SectionPlane
     """
 
@@ -650,10 +661,10 @@ class _Cutter:
     ) -> None:
         self.node, self.planes, self.mesh = node, planes, node.mesh
         self.world, self.distances = world, distances
-        self.is_closed, self.places = _find_closed(self.mesh)
+        self.is_closed, self.position_ids = _weld_and_check_closed(self.mesh)
         self.steps: list[tuple[Int64, Int64, Float64]] = []
         self.whole = np.arange(len(self.mesh.faces))
-        # Parts of faces, and caps: corners, face or -1 - plane, corners in the face, how often.
+        # Pieces and caps: corners, face or -1 - plane, barycentric weights, multiplicity.
         self.corners = np.zeros((0, 3), np.int64)
         self.numbers = np.zeros(0, np.int64)
         self.weights = NO_WEIGHTS
@@ -662,19 +673,19 @@ class _Cutter:
     @cached_property
     def _outward(self) -> float:
         """Winding of faces in the world: 1, or -1 if inside out."""
-        turned = float(transform_objects([self.node.world_from_model]).mirrored[0])
+        mirror_sign = float(transform_objects([self.node.world_from_model]).mirrored[0])
         mesh = self.mesh
         if mesh not in _WINDINGS:
             vertices = mesh.vertices / 2.0
             vertices = vertices - vertices[mesh.faces[0, 0]]
             # So that products neither overflow nor vanish.
             vertices /= np.abs(vertices).max() or 1.0
-            volume = math.fsum(_triple(*(vertices[mesh.faces[:, k]] for k in range(3))))
+            volume = math.fsum(_triple_products(*(vertices[mesh.faces[:, k]] for k in range(3))))
             _WINDINGS[mesh] = math.copysign(1.0, volume)
-        return turned * _WINDINGS[mesh]
+        return mirror_sign * _WINDINGS[mesh]
 
-    def parts(self) -> Parts:
-        """Cut by all planes; return the parts that are left."""
+    def cut_all(self) -> CutParts:
+        """Cut by all planes; return the remaining parts."""
         for plane in range(len(self.planes)):
             self._cut(plane)
         is_face = self.numbers >= 0
@@ -684,25 +695,27 @@ class _Cutter:
         sides: list[NDArray[np.int32]] = []
         if len(faces):
             lines = [
-                self._outline(number) if plane.lines else np.zeros((0, 2), np.int64)
+                self._find_outline(number) if plane.lines else np.zeros((0, 2), np.int64)
                 for number, plane in enumerate(self.planes)
             ]
-            # Where caps meet, lines have ends that no face has.
+            # Where caps meet, lines may end at vertices of no face.
             used, renumbered = self._renumber([faces, *lines])
-            recipe = CutRecipe(tuple(self.steps), used)
-            mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
-            node = _with_mesh(self.node, mesh)
+            recipe = VertexRecipe(tuple(self.steps), used)
+            mesh = _interpolate_mesh(self.mesh, recipe, renumbered[faces], numbers)
+            node = _replace_mesh(self.node, mesh)
             edges = [renumbered[ends] for ends in lines]
             is_used = np.zeros(len(self.distances), bool)
             is_used[used] = True
             for number, ends in enumerate(lines):
-                third, turn = self._adjacent(number, ends)
+                third, winding = self._find_adjacent_vertices(number, ends)
                 third = np.where((third >= 0) & is_used[third], renumbered[third], -1)
-                sides.append(np.stack([third, turn], axis=1).astype(np.int32))
+                sides.append(np.stack([third, winding], axis=1).astype(np.int32))
         elif not len(self.corners):
-            return Parts(None, (), None, None, NO_WEIGHTS, tuple(edges))
+            return CutParts(None, (), None, None, NO_WEIGHTS, tuple(edges))
         caps = tuple(self._make_cap(number) for number in range(len(self.planes)))
-        return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides))
+        return CutParts(
+            node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides)
+        )
 
     def _renumber(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
         """Return the vertices of faces or lines, and the new number of each vertex."""
@@ -716,15 +729,15 @@ class _Cutter:
         signs = np.sign(self.distances[:, plane])
         faces = self.mesh.faces[self.whole].astype(np.int64)
         kept, crossed = self._classify(plane, faces, signs)
-        eye = np.broadcast_to(np.eye(3), (np.count_nonzero(crossed), 3, 3))
+        corner_weights = np.broadcast_to(np.eye(3), (np.count_nonzero(crossed), 3, 3))
         cut_faces, cut_numbers = faces[crossed], self.whole[crossed]
         kept_pieces, crossed_pieces = self._classify(plane, self.corners, signs)
         self.whole = self.whole[kept]
         corners = np.concatenate([cut_faces, self.corners[crossed_pieces]])
         numbers = np.concatenate([cut_numbers, self.numbers[crossed_pieces]])
-        weights = np.concatenate([eye, self.weights[crossed_pieces]])
+        weights = np.concatenate([corner_weights, self.weights[crossed_pieces]])
         counts = np.concatenate([np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]])
-        touches = not self.is_closed and (
+        removes_solid = not self.is_closed and (
             len(corners) or self._splits_along_edges(plane, faces, kept, signs)
         )
         corners, parents, weights = self._split(plane, corners, signs[corners], weights)
@@ -733,53 +746,53 @@ class _Cutter:
         self.weights = np.concatenate([self.weights[kept_pieces], weights])
         self.counts = np.concatenate([self.counts[kept_pieces], counts[parents]])
         if not self.is_closed:
-            # One shape has many poses.
+            # Warn once for all poses of a shape.
             shape = getattr(self.mesh, "_rest_mesh", None) or self.mesh
-            if touches and self.planes[plane].cap and shape not in _WARNED:
+            if removes_solid and self.planes[plane].cap and shape not in _WARNED:
                 _WARNED.add(shape)
                 warn_caller(
-                    f"{self.node.name!r} is cut by a section, but {_open_reason(shape)}: it is "
+                    f"{self.node.name!r} is cut by a section, but {_explain_open(shape)}: it is "
                     "drawn without a cap"
                 )
             return
-        tails, heads, sums = self._plane_sides(plane)
+        tails, heads, sums = self._find_plane_edges(plane)
         if len(tails):
-            # A cap goes around the other way.
+            # The outline of a cap runs in the opposite direction.
             self._add_caps(plane, heads, tails, sums)
 
     def _splits_along_edges(
         self, plane: int, faces: Int64, kept: NDArray[np.bool_], signs: Float64
     ) -> bool:
-        """Tell whether a plane parts faces along their edges: some stay and others go."""
-        at = signs[faces]
-        ahead = (at > 0.0).any(axis=1) & ~(at < 0.0).any(axis=1)
-        if not ahead.any():
+        """Tell whether a plane separates kept and removed faces along their shared edges."""
+        corner_signs = signs[faces]
+        is_ahead = (corner_signs > 0.0).any(axis=1) & ~(corner_signs < 0.0).any(axis=1)
+        if not is_ahead.any():
             return False
         keys = []
-        for some in (faces[kept], faces[ahead]):
+        for some in (faces[kept], faces[is_ahead]):
             tails, heads = some.ravel(), np.roll(some, -1, axis=1).ravel()
             flat = (signs[tails] == 0.0) & (signs[heads] == 0.0)
-            ends = np.sort(self.places[np.stack([tails[flat], heads[flat]], axis=1)], axis=1)
+            ends = np.sort(self.position_ids[np.stack([tails[flat], heads[flat]], axis=1)], axis=1)
             keys.append(ends[:, 0] << 32 | ends[:, 1])
         return bool(np.isin(*keys).any())
 
     def _classify(
         self, plane: int, corners: Int64, signs: Float64
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Tell which triangles stay as they are, and which a plane crosses."""
-        at = signs[corners]
-        is_behind, is_before = (at < 0.0).any(axis=1), (at > 0.0).any(axis=1)
-        is_flat = (at == 0.0).all(axis=1)
+        """Tell which triangles a plane keeps whole, and which it crosses."""
+        corner_signs = signs[corners]
+        is_behind, is_before = (corner_signs < 0.0).any(axis=1), (corner_signs > 0.0).any(axis=1)
+        is_flat = (corner_signs == 0.0).all(axis=1)
         if self.is_closed and is_flat.any():
-            # What lies in the plane stays where the solid is behind.
+            # Faces in the plane are kept if the solid is behind.
             a, b, c = np.moveaxis(self.world[corners[is_flat]], 1, 0)
             normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
-            is_flat[is_flat] = self._outward * _triple(normal, b - a, c - a) > 0.0
-        is_known = ~np.isnan(at).any(axis=1)
+            is_flat[is_flat] = self._outward * _triple_products(normal, b - a, c - a) > 0.0
+        is_known = ~np.isnan(corner_signs).any(axis=1)
         return (is_behind & ~is_before & is_known) | is_flat, is_behind & is_before & is_known
 
     def _split(
-        self, plane: int, corners: Int64, at: Float64, weights: Float64
+        self, plane: int, corners: Int64, corner_signs: Float64, weights: Float64
     ) -> tuple[Int64, Int64, Float64]:
         """
         Split triangles that a plane crosses; return the remaining pieces.
@@ -791,18 +804,24 @@ class _Cutter:
             The triangle that each is a part of.
         weights : (P, 3, 3) float64
         """
-        is_pair = np.count_nonzero(at < 0.0, axis=1) == 2
-        # The corner that is alone behind comes first, or the one that is alone before comes last.
+        is_pair = np.count_nonzero(corner_signs < 0.0, axis=1) == 2
+        # Rotate: a single corner behind comes first, a single corner in front comes last.
         first = np.where(
-            is_pair, (np.argmax(at > 0.0, axis=1) + 1) % 3, np.argmax(at < 0.0, axis=1)
+            is_pair,
+            (np.argmax(corner_signs > 0.0, axis=1) + 1) % 3,
+            np.argmax(corner_signs < 0.0, axis=1),
         )
-        turned = (first[:, np.newaxis] + CORNERS) % 3
+        rotated = (first[:, np.newaxis] + CORNER_INDICES) % 3
         rows = np.arange(len(corners))[:, np.newaxis]
-        corners, at, weights = corners[rows, turned], at[rows, turned], weights[rows, turned]
-        second = np.where(at[:, 1] == 0.0, 1, 0)
-        third = np.where(at[:, 2] == 0.0, 2, 0)
+        corners, corner_signs, weights = (
+            corners[rows, rotated],
+            corner_signs[rows, rotated],
+            weights[rows, rotated],
+        )
+        second = np.where(corner_signs[:, 1] == 0.0, 1, 0)
+        third = np.where(corner_signs[:, 2] == 0.0, 2, 0)
         zero, one, two = (np.full(len(corners), k) for k in range(3))
-        # Each corner of a part lies between two corners; at one of them if both are the same.
+        # Each corner of a piece lies between two corners, or at one if both are the same.
         single = np.stack([zero, zero, second, one, third, two], axis=1)
         double = np.stack([zero, zero, one, one, one, two], axis=1)
         rest = np.stack([zero, zero, one, two, zero, two], axis=1)
@@ -822,10 +841,10 @@ class _Cutter:
         self._add_vertices(plane, keys[:, 0], keys[:, 1])
         result = start.copy()
         result[is_new] = count + inverse.ravel()
-        along = np.zeros(is_new.shape)
-        along[is_new] = self.steps[-1][2][inverse.ravel()] if len(keys) else 0.0
+        fractions = np.zeros(is_new.shape)
+        fractions[is_new] = self.steps[-1][2][inverse.ravel()] if len(keys) else 0.0
         low, high = (weights[parents[:, np.newaxis], spans[..., k]] for k in range(2))
-        return result, parents, low + along[..., np.newaxis] * (high - low)
+        return result, parents, low + fractions[..., np.newaxis] * (high - low)
 
     def _add_vertices(
         self, plane: int, start: Int64, end: Int64, along: Float64 | None = None
@@ -834,97 +853,103 @@ class _Cutter:
         first, last = self.distances[start], self.distances[end]
         if along is None:
             along = first[:, plane] / (first[:, plane] - last[:, plane])
-        share = along[:, np.newaxis]
-        new = first + share * (last - first)
+        fraction = along[:, np.newaxis]
+        new = first + fraction * (last - first)
         size = np.abs(self.world[np.isfinite(self.world)]).max(initial=0.0)
         for number, other in enumerate(self.planes):
-            slack = ON_PLANE * (size + max(map(abs, other.point)))
-            new[np.abs(new[:, number]) <= slack, number] = 0.0
+            tolerance = MAX_PLANE_DISTANCE * (size + max(map(abs, other.point)))
+            new[np.abs(new[:, number]) <= tolerance, number] = 0.0
         new[:, plane] = 0.0
         self.distances = np.concatenate([self.distances, new])
-        world = self.world[start] + share * (self.world[end] - self.world[start])
+        world = self.world[start] + fraction * (self.world[end] - self.world[start])
         self.world = np.concatenate([self.world, world])
-        pairs = np.stack([self.places[start], self.places[end]], axis=1)
+        pairs = np.stack([self.position_ids[start], self.position_ids[end]], axis=1)
         _, numbers = np.unique(pairs, axis=0, return_inverse=True)
-        own = self.places.max(initial=-1) + 1 + numbers.ravel()
-        self.places = np.concatenate([self.places, own])
+        new_ids = self.position_ids.max(initial=-1) + 1 + numbers.ravel()
+        self.position_ids = np.concatenate([self.position_ids, new_ids])
         self.steps.append((start, end, along))
 
-    def _plane_sides(self, plane: int, without: int | None = None) -> tuple[Int64, Int64, Int64]:
+    def _find_plane_edges(
+        self, plane: int, excluded: int | None = None
+    ) -> tuple[Int64, Int64, Int64]:
         """
-        Return the sides of what is left that lie in a plane, but for those that go back as well.
+        Return the edges of the remaining faces in a plane, but for those that cancel.
 
         Parameters
         ----------
         plane : int
-        without : int, optional
-            What is not looked at: the caps of this number.
+        excluded : int, optional
+            Number of caps to leave out.
 
         Returns
         -------
         tails, heads, sums : (E,) int64
-            Vertices, one of each place, and how often.
+            Vertices, one for each position, and net counts.
         """
         faces = self.mesh.faces[self.whole]
-        is_kept = self.numbers != without
-        zero = self.distances[:, plane] == 0.0
-        found = []
+        is_kept = self.numbers != excluded
+        is_on_plane = self.distances[:, plane] == 0.0
+        edges = []
         for corners, counts in (
             (faces, np.ones(len(faces), np.int64)), (self.corners[is_kept], self.counts[is_kept]),
         ):  # fmt: skip
-            at = zero[corners]
+            corner_on_plane = is_on_plane[corners]
             for k in range(3):
-                both = at[:, k] & at[:, (k + 1) % 3]
-                found.append((corners[both, k], corners[both, (k + 1) % 3], counts[both]))
+                both = corner_on_plane[:, k] & corner_on_plane[:, (k + 1) % 3]
+                edges.append((corners[both, k], corners[both, (k + 1) % 3], counts[both]))
         tails, heads, counts = (
-            np.concatenate(part).astype(np.int64) for part in zip(*found, strict=True)
+            np.concatenate(part).astype(np.int64) for part in zip(*edges, strict=True)
         )
-        ends, first = np.unique(self.places[np.concatenate([tails, heads])], return_index=True)
+        ends, first = np.unique(
+            self.position_ids[np.concatenate([tails, heads])], return_index=True
+        )
         vertices = np.concatenate([tails, heads])[first]
-        tails, heads = (np.searchsorted(ends, self.places[end]) for end in (tails, heads))
-        low, high, sums = _net(tails, heads, counts)
+        tails, heads = (np.searchsorted(ends, self.position_ids[end]) for end in (tails, heads))
+        low, high, sums = _count_net_edges(tails, heads, counts)
         return vertices[low], vertices[high], sums
 
-    def _outline(self, plane: int) -> Int64:
+    def _find_outline(self, plane: int) -> Int64:
         """Return the outline of a plane's cut, (E, 2), vertices."""
-        tails, heads, _ = self._plane_sides(plane, -1 - plane)
+        tails, heads, _ = self._find_plane_edges(plane, -1 - plane)
         return np.stack([tails, heads], axis=1)
 
-    def _adjacent(self, plane: int, ends: Int64) -> tuple[Int64, Int64]:
+    def _find_adjacent_vertices(self, plane: int, ends: Int64) -> tuple[Int64, Int64]:
         """
-        Return a vertex that makes a face of each line of a cut, and the winding of that face.
+        Return the third vertex of the face at each line of a cut, (E, 2), and the face's winding.
 
-        Takes the lines, (E, 2). The vertex is -1 where a solid need not hide the line from behind:
-        it is not closed, light comes through it, or another plane lets one look into it.
+        The vertex is -1 where the solid may not hide the line from behind: it is open or
+        transparent, or another plane shows its inside.
         """
         none = np.full(len(ends), -1), np.ones(len(ends), np.int64)
-        lets_in = any(
+        is_visible_inside = any(
             not other.cap or (other.cap_color is not None and other.cap_color[3] < 1.0)
             for number, other in enumerate(self.planes)
             if number != plane
         )
         is_solid = self.is_closed and self.mesh.material.alpha_mode == "opaque"
-        if not len(ends) or not is_solid or lets_in:
+        if not len(ends) or not is_solid or is_visible_inside:
             return none
         faces = self.mesh.faces[self.whole].astype(np.int64)
         faces = np.concatenate([faces, self.corners[self.numbers >= 0]])
-        zero = self.distances[:, plane] == 0.0
-        faces = faces[np.count_nonzero(zero[faces], axis=1) == 2]
+        is_on_plane = self.distances[:, plane] == 0.0
+        faces = faces[np.count_nonzero(is_on_plane[faces], axis=1) == 2]
         rows = np.concatenate([np.roll(faces, -k, axis=1) for k in range(3)])
-        rows = rows[zero[rows[:, 0]] & zero[rows[:, 1]] & ~zero[rows[:, 2]]]
+        rows = rows[is_on_plane[rows[:, 0]] & is_on_plane[rows[:, 1]] & ~is_on_plane[rows[:, 2]]]
         if not len(rows):
             return none
-        tails, heads = self.places[rows[:, 0]], self.places[rows[:, 1]]
+        tails, heads = self.position_ids[rows[:, 0]], self.position_ids[rows[:, 1]]
         keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
         order = np.argsort(keys, kind="stable")
-        tails, keys, thirds = tails[order], keys[order], rows[order, 2]
-        own = self.places[ends]
-        wanted = own.min(axis=1) << 32 | own.max(axis=1)
-        found = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
-        # Where several faces meet, none tells alone.
-        is_known = (keys[found] == wanted) & (np.searchsorted(keys, wanted, "right") == found + 1)
-        turn = np.where(tails[found] == own[:, 0], 1, -1) * int(self._outward)
-        return np.where(is_known, thirds[found], -1), turn
+        tails, keys, third_vertices = tails[order], keys[order], rows[order, 2]
+        line_ids = self.position_ids[ends]
+        line_keys = line_ids.min(axis=1) << 32 | line_ids.max(axis=1)
+        matches = np.searchsorted(keys, line_keys).clip(max=len(keys) - 1)
+        # Where several faces meet, none hides the line alone.
+        is_known = (keys[matches] == line_keys) & (
+            np.searchsorted(keys, line_keys, "right") == matches + 1
+        )
+        winding = np.where(tails[matches] == line_ids[:, 0], 1, -1) * int(self._outward)
+        return np.where(is_known, third_vertices[matches], -1), winding
 
     def _add_caps(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
         """Fill the outlines in a plane with caps."""
@@ -950,29 +975,29 @@ class _Cutter:
             return None
         a, b, c = np.moveaxis(self.world[corners], 1, 0)
         normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
-        turned = float(transform_objects([self.node.world_from_model]).mirrored[0])
-        if turned * math.fsum(_triple(normal, b - a, c - a)) < 0.0:
-            # Caps face what is cut away, whichever way the mesh is wound.
+        mirror_sign = float(transform_objects([self.node.world_from_model]).mirrored[0])
+        if mirror_sign * math.fsum(_triple_products(normal, b - a, c - a)) < 0.0:
+            # Caps face the removed side, whatever the winding of the mesh.
             corners = corners[:, ::-1]
         used, renumbered = self._renumber([corners])
-        recipe = CutRecipe(tuple(self.steps), used)
+        recipe = VertexRecipe(tuple(self.steps), used)
         result: Any = CutMesh.__new__(CutMesh)
         mesh = Mesh(
-            recipe.rows(self.mesh.vertices), renumbered[corners],
-            material=_cap_material(self.mesh, self.planes[plane]), on_invalid="drop",
+            recipe.interpolate(self.mesh.vertices), renumbered[corners],
+            material=_make_cap_material(self.mesh, self.planes[plane]), on_invalid="drop",
         )  # fmt: skip
         result.__dict__.update(mesh.__dict__)
         result._whole, result._recipe = self.mesh, recipe
-        # Carried into the world by the inverse transpose.
+        # The inverse transpose takes it to world space.
         x, y, z = self.planes[plane].normal
         rows = self.node.world_from_model[:3, :3]
         model = (x * rows[0] + y * rows[1]) + z * rows[2]
         normals = np.tile(unit_rows(model[np.newaxis]), (len(used), 1))
         result._normals = result._vertex_normals = read_only(normals)
-        return _with_mesh(self.node, result)
+        return _replace_mesh(self.node, result)
 
 
-def _triple(a: Float64, b: Float64, c: Float64) -> Float64:
+def _triple_products(a: Float64, b: Float64, c: Float64) -> Float64:
     """Return the triple products of rows of vectors, (N,)."""
     with np.errstate(invalid="ignore", over="ignore"):
         return (
@@ -982,9 +1007,9 @@ def _triple(a: Float64, b: Float64, c: Float64) -> Float64:
         )
 
 
-def _cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
+def _make_cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
     """Return the material of a mesh's caps."""
-    own = mesh.material
+    material = mesh.material
     if plane.cap_color is not None:
         color = np.array(plane.cap_color)
     else:
@@ -994,20 +1019,20 @@ def _cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
                 color[:3] *= [math.fsum(column) / len(colors) for column in colors[:, :3].T]
         color = np.append(np.clip(CAP_SHADE * color[:3], 0.0, 1.0), 1.0)
     return Material(
-        own.shading, tuple(color.tolist()), specular=own.specular, shininess=own.shininess,
-        metallic=own.metallic, roughness=own.roughness, double_sided=own.double_sided,
-        alpha_mode="blend" if color[3] < 1.0 else "opaque",
+        shading=material.shading, base_color=tuple(color.tolist()), specular=material.specular,
+        shininess=material.shininess, metallic=material.metallic, roughness=material.roughness,
+        double_sided=material.double_sided, alpha_mode="blend" if color[3] < 1.0 else "opaque",
     )  # fmt: skip
 
 
 class _Outlines:
     """
-    Fills outlines in a plane.
+    Filler of outlines in a plane.
 
     Parameters
     ----------
     cutter : _Cutter
-        Gets vertices where outlines cross.
+        Vertices are added to it where outlines cross.
     plane : int
     """
 
@@ -1016,14 +1041,14 @@ class _Outlines:
         self.slivers: list[tuple[int, int, int, int]] = []
 
     def fill(self, tails: Int64, heads: Int64, sums: Int64) -> Int64 | None:
-        """Return triangles of vertices, with how often each counts, (T, 4); None: not closed."""
-        vertices, places = np.unique(np.concatenate([tails, heads]), return_inverse=True)
+        """Return triangles of vertices with multiplicities, (T, 4); None if not closed."""
+        vertices, inverse = np.unique(np.concatenate([tails, heads]), return_inverse=True)
         grid = self._snap(vertices)
-        low, high = places.ravel().reshape(2, -1)
+        low, high = inverse.ravel().reshape(2, -1)
         for _ in range(MAX_SPLITS):
             grid, vertices, low, high, sums = self._sort_points(grid, vertices, low, high, sums)
             edges = np.ascontiguousarray(np.stack([low, high, sums], axis=1))
-            contacts = _edge_contacts(grid, edges)
+            contacts = _find_edge_contacts(grid, edges)
             if not len(contacts):
                 break
             grid, vertices, low, high, sums = self._split(contacts, grid, vertices, edges)
@@ -1036,9 +1061,9 @@ class _Outlines:
     def _snap(self, vertices: Int64) -> Int64:
         """Snap vertices to the grid, (N, 2)."""
         x, y, z = self.cutter.planes[self.plane].normal
-        # The axis farthest from the normal makes the first of the plane's.
-        least = min(range(3), key=lambda k: abs((x, y, z)[k]))
-        axis = tuple(float(k == least) for k in range(3))
+        # The coordinate axis farthest from the normal gives the first axis of the plane.
+        axis_number = min(range(3), key=lambda k: abs((x, y, z)[k]))
+        axis = tuple(float(k == axis_number) for k in range(3))
         across = cross(axis, (x, y, z))
         up = cross((x, y, z), across)
         points = self.cutter.world[vertices]
@@ -1048,7 +1073,7 @@ class _Outlines:
             axis=1,
         )
         size = float(np.abs(flat).max(initial=0.0)) or 1.0
-        return np.rint(flat / size * GRID).astype(np.int64)
+        return np.rint(flat / size * GRID_STEPS).astype(np.int64)
 
     def _sort_points(
         self, grid: Int64, vertices: Int64, low: Int64, high: Int64, sums: Int64
@@ -1059,94 +1084,101 @@ class _Outlines:
         numbers = np.empty(len(grid), np.int64)
         numbers[order] = np.cumsum(is_new) - 1
         chosen = order[is_new]
-        # What lies at one place of the grid is one vertex for the planes to come as well.
-        places, cutter = self.cutter.places, self.cutter
-        merged = np.arange(places.max(initial=0) + 1)
-        merged[places[vertices]] = places[vertices[chosen][numbers]]
-        cutter.places = merged[places]
-        low, high, sums = _net(numbers[low], numbers[high], sums)
+        # Points at one grid position are one vertex for later planes, too.
+        position_ids, cutter = self.cutter.position_ids, self.cutter
+        merged = np.arange(position_ids.max(initial=0) + 1)
+        merged[position_ids[vertices]] = position_ids[vertices[chosen][numbers]]
+        cutter.position_ids = merged[position_ids]
+        low, high, sums = _count_net_edges(numbers[low], numbers[high], sums)
         return grid[chosen], vertices[chosen], low, high, sums
 
     def _split(
         self, contacts: Int64, grid: Int64, vertices: Int64, edges: Int64
     ) -> tuple[Int64, ...]:
-        """Split edges where they meet; return points and edges."""
-        known = {place: number for number, place in enumerate(map(tuple, grid.tolist()))}
+        """Split edges at their contacts; return points and edges."""
+        number_by_position = {
+            place: number for number, place in enumerate(map(tuple, grid.tolist()))
+        }
         points, inside = grid.tolist(), {}
-        made: list[tuple[int, int, float]] = []
+        crossings: list[tuple[int, int, float]] = []
         for edge, other, kind in contacts.tolist():
             if kind < 0:
                 inside.setdefault(edge, set()).add(other)
                 continue
             a, b = edges[edge, :2].tolist()
             c, d = edges[other, :2].tolist()
-            here, there = _signed_area(points, c, d, a), _signed_area(points, c, d, b)
-            share = here / (here - there)
-            x, y = (round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2))
-            # Next to an end they meet there, or rounding would make new contacts for ever.
-            near = (
+            start_area, end_area = (
+                _double_signed_area(points, c, d, a),
+                _double_signed_area(points, c, d, b),
+            )
+            fraction = start_area / (start_area - end_area)
+            x, y = (
+                round(points[a][k] + fraction * (points[b][k] - points[a][k])) for k in range(2)
+            )
+            # Merge with near ends, or rounding would make new contacts endlessly.
+            near_ends = (
                 end
                 for end in (a, b, c, d)
-                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= END_STEPS
+                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= MAX_MERGE_STEPS
             )
-            number = next(near, known.get((x, y), -1))
+            number = next(near_ends, number_by_position.get((x, y), -1))
             if number < 0:
-                number = known[x, y] = len(points)
+                number = number_by_position[x, y] = len(points)
                 points.append([x, y])
-                made.append((a, b, share))
+                crossings.append((a, b, fraction))
             for one in (edge, other):
                 if number not in edges[one, :2]:
                     inside.setdefault(one, set()).add(number)
-        if made:
+        if crossings:
             first = len(self.cutter.distances)
-            starts, ends, along = (np.array(part) for part in zip(*made, strict=True))
+            starts, ends, along = (np.array(part) for part in zip(*crossings, strict=True))
             self.cutter._add_vertices(
                 self.plane, vertices[starts], vertices[ends], along.astype(np.float64)
             )
-            vertices = np.append(vertices, np.arange(first, first + len(made)))
+            vertices = np.append(vertices, np.arange(first, first + len(crossings)))
         rows = [row for n, row in enumerate(edges.tolist()) if n not in inside]
-        for edge, through in inside.items():
+        for edge, points_inside in inside.items():
             a, b, count = edges[edge].tolist()
-            along = {n: _edge_order(points, a, b, n) for n in through}
-            chain = [a, *sorted(through, key=along.__getitem__), b]
+            along = {n: _edge_sort_key(points, a, b, n) for n in points_inside}
+            chain = [a, *sorted(points_inside, key=along.__getitem__), b]
             rows += [(one, other, count) for one, other in pairwise(chain)]
             for one, other in pairwise(chain[1:]):
                 triple = (a, other, one) if count > 0 else (a, one, other)
-                own = (int(vertices[n]) for n in triple)
-                self.slivers.append((*own, abs(count)))
+                vertex_ids = (int(vertices[n]) for n in triple)
+                self.slivers.append((*vertex_ids, abs(count)))
         low, high, sums = np.array(rows, np.int64).reshape(-1, 3).T
         return np.array(points, np.int64), vertices, low, high, sums
 
 
-def _signed_area(points: Sequence[Sequence[int]], a: int, b: int, c: int) -> int:
-    """Return twice the area of a triangle, above 0 if it is counter-clockwise."""
-    (x, y), (right, up), (other, top) = points[a], points[b], points[c]
-    return (right - x) * (top - y) - (up - y) * (other - x)
+def _double_signed_area(points: Sequence[Sequence[int]], a: int, b: int, c: int) -> int:
+    """Return twice the area of a triangle, positive if counter-clockwise."""
+    (x, y), (x_b, y_b), (x_c, y_c) = points[a], points[b], points[c]
+    return (x_b - x) * (y_c - y) - (y_b - y) * (x_c - x)
 
 
-def _edge_order(points: Sequence[Sequence[int]], a: int, b: int, n: int) -> int:
+def _edge_sort_key(points: Sequence[Sequence[int]], a: int, b: int, n: int) -> int:
     """Return a sort key that grows along an edge from a to b."""
-    (x, y), (right, up), (here, height) = points[a], points[b], points[n]
-    return (right - x) * (here - x) + (up - y) * (height - y)
+    (x, y), (x_b, y_b), (x_n, y_n) = points[a], points[b], points[n]
+    return (x_b - x) * (x_n - x) + (y_b - y) * (y_n - y)
 
 
-def _edge_contacts(grid: Int64, edges: Int64) -> Int64:
-    """Return where edges meet elsewhere than at their ends, (C, 3)."""
-    room = 64
+def _find_edge_contacts(grid: Int64, edges: Int64) -> Int64:
+    """Return the contacts of edges other than at their ends, (C, 3)."""
+    capacity = 64
     while True:
-        found = np.empty((room, 3), np.int64)
-        count = find_contacts(grid, edges, np.empty(len(edges), np.int64), found)
-        if count <= room:
-            return found[:count]
-        room = count
+        contacts = np.empty((capacity, 3), np.int64)
+        count = find_contacts(grid, edges, np.empty(len(edges), np.int64), contacts)
+        if count <= capacity:
+            return contacts[:count]
+        capacity = count
 
 
 def _triangulate(grid: Int64, edges: Int64) -> Int64 | None:
     """Triangulate the area that edges enclose, (T, 4); None if they are not closed."""
-    room = len(edges) + 4 * len(grid)
-    triangles = np.empty((room, 4), np.int64)
+    capacity = len(edges) + 4 * len(grid)
+    triangles = np.empty((capacity, 4), np.int64)
     count = fill_outlines(
         grid, edges, np.empty(len(edges), np.int64), np.empty((4, len(edges)), np.int64),
-        np.empty((3, room), np.int64), np.empty(2, np.int64), triangles,
+        np.empty((3, capacity), np.int64), np.empty(2, np.int64), triangles,
     )  # fmt: skip
     return None if count < 0 else triangles[:count]

@@ -14,7 +14,7 @@ def filled(points, tails, heads):
     cutter = cross_sections._Cutter.__new__(cross_sections._Cutter)
     cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(len(points))])
-    cutter.distances, cutter.places = np.zeros((len(points), 1)), np.arange(len(points))
+    cutter.distances, cutter.position_ids = np.zeros((len(points), 1)), np.arange(len(points))
     cutter.steps = []
     found = cross_sections._Outlines(cutter, 0).fill(tails, heads, np.ones(len(tails), np.int64))
     return cutter.world[found[:, :3], :2], found[:, 3]
@@ -75,7 +75,7 @@ def test_outlines_that_do_not_close_are_not_filled():
     cutter = cross_sections._Cutter.__new__(cross_sections._Cutter)
     cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(4)])
-    cutter.distances, cutter.places, cutter.steps = np.zeros((4, 1)), np.arange(4), []
+    cutter.distances, cutter.position_ids, cutter.steps = np.zeros((4, 1)), np.arange(4), []
     outlines = cross_sections._Outlines(cutter, 0)
     ends = np.array([0, 1, 2]), np.array([1, 2, 3])
     assert outlines.fill(*ends, np.ones(3, np.int64)) is None
