@@ -180,7 +180,7 @@ def test_plan_tells_what_the_frame_did(cube, camera):
     assert frame.plan.outputs == ("depth", "color")
     assert frame.plan.size == (16, 12)
     told = rj.explain(cube, camera, size=(16, 12), outputs=("depth", "color"))
-    assert str(frame.plan) == str(told.with_(view=None))
+    assert str(frame.plan) == str(told.for_picture(view=None))
 
 
 def test_outputs_are_listed_once_in_order():
