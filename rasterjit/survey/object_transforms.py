@@ -187,7 +187,7 @@ class BoxMeasures(NamedTuple):
 
     def select_views(self, views: int | list[int]) -> BoxMeasures:
         """Return the measures of one of N views, or of some."""
-        return BoxMeasures(*(measure[..., views, :] for measure in self))
+        return BoxMeasures._make(measure[..., views, :] for measure in self)
 
     def may_cross(self, near: float | Float64, far: float | Float64) -> NDArray[np.bool_]:
         """Tell which objects may cross a plane; arguments as `Boxes.may_cross`, or (N, 1)."""
