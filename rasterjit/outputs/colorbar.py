@@ -20,14 +20,14 @@ from rasterjit.scene.validation import index_below
 PAPER, INK = (255, 255, 255), (0, 0, 0)
 """Colours of the background, and of text and lines."""
 
-FONT_SHARE, MIN_FONT = 1 / 30, 10
+FONT_SIZE_SHARE, MIN_FONT_SIZE = 1 / 30, 10
 """Font size as a share of the height of the picture, and the least font size, pixels."""
 
-LINES_PER_TICK = 3
-"""Lines of text for each tick, at least."""
+MIN_TICK_SPACING = 3
+"""Distance of ticks, in font sizes."""
 
-STEPS = (1, 2, 5, 10, 20)
-"""Ticks lie at multiples of one of these times a power of ten, the first that are few enough."""
+TICK_STEPS = (1, 2, 5, 10, 20)
+"""Distances of ticks, times a power of ten; the first with few enough ticks is taken."""
 
 MAX_DIGITS = 6
 """Numbers with more digits before or behind the point have a power of ten or an offset."""
@@ -50,17 +50,17 @@ def find_scale(scales: Sequence[ColorScale | None], node: int | None) -> ColorSc
         if scale is None:
             raise ValueError(f"node must be one whose mesh has scalars, got {node}")
         return scale
-    given = [scale for scale in scales if scale is not None]
-    if not given:
+    present = [scale for scale in scales if scale is not None]
+    if not present:
         raise ValueError("there is no colour bar: no mesh of the scene has scalars")
-    if any(not scale.equals(given[0]) for scale in given):
+    if any(not scale.equals(present[0]) for scale in present):
         raise ValueError(
             "node must say whose colour bar it is, where meshes have several maps or ranges; give "
             "them one colormap and range for one bar, got None"
         )
-    nan_scales = [scale for scale in given if scale.nan_color is not None]
-    lines = dict.fromkeys(line for scale in given for line in scale.lines)
-    return (nan_scales or given)[0]._replace(lines=tuple(lines))
+    nan_scales = [scale for scale in present if scale.nan_color is not None]
+    lines = dict.fromkeys(line for scale in present for line in scale.lines)
+    return (nan_scales or present)[0]._replace(lines=tuple(lines))
 
 
 def draw_colorbar(
@@ -69,8 +69,8 @@ def draw_colorbar(
     """
     Draw the colour bar of a scale, the highest value on top, with contours as lines across it.
 
-    Where ticks have many digits, or are far from 1, what is above the bar says what to multiply the
-    numbers beside it with, ``1e-7``, and what to add then, ``+1e9``.
+    Where ticks have many digits, or are far from 1, a note above the bar has the factor of the
+    numbers beside it, ``1e-7``, and the offset to add then, ``+1e9``.
 
     Parameters
     ----------
@@ -89,61 +89,61 @@ def draw_colorbar(
     """
     from PIL import Image, ImageDraw
 
-    size = max(MIN_FONT, round(FONT_SHARE * height))
+    # Choose ticks; a note above the bar shortens it, so they are chosen again.
+    font_size = max(MIN_FONT_SIZE, round(FONT_SIZE_SHARE * height))
     low, high = scale.range
-    top, bottom = size * (3 if title else 1), height - size
+    top, bottom = font_size * (3 if title else 1), height - font_size
     if scale.nan_color is not None:
-        bottom -= 2 * size
-    ticks = _ticks_of(low, high, bottom - top, size)
+        bottom -= 2 * font_size
+    ticks = find_ticks(low, high, _max_intervals(bottom - top, font_size))
     labels, note = format_ticks(ticks)
     if note:
-        top += 2 * size
-        ticks = _ticks_of(low, high, bottom - top, size)
+        top += 2 * font_size
+        ticks = find_ticks(low, high, _max_intervals(bottom - top, font_size))
         labels, note = format_ticks(ticks)
     bottom = max(bottom, top + 1)
-    length, left, right = bottom - top, size, size + round(1.2 * size)
-    if len(ticks) < 2 and high > low and length >= 2 * size:
-        # A short bar without room for round numbers says where it ends.
+    length, left, right = bottom - top, font_size, font_size + round(1.2 * font_size)
+    if len(ticks) < 2 and high > low and length >= 2 * font_size:
+        # A bar too short for round numbers says where it ends.
         ticks, note = [low, high], ""
         labels = [f"{end:.{MAX_DIGITS}g}" for end in ticks]
-    texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
-    widest = max(text_width(text, size, font) for text in texts)
-    text_left = right + size
-    width = (
-        max(text_left + widest, left + max(text_width(one, size, font) for one in (title, note)))
-        + size
+    # Find the width that the labels need.
+    side_texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
+    text_left = right + font_size
+    text_right = max(
+        text_left + max(text_width(text, font_size, font) for text in side_texts),
+        left + max(text_width(text, font_size, font) for text in (title, note)),
     )
-    image = Image.new("RGB", (width, height), PAPER)
+    image = Image.new("RGB", (text_right + font_size, height), PAPER)
     pen = ImageDraw.Draw(image)
-    # The bar itself, entry by entry.
+    # Draw the bar and its contours.
     heights = (length - 0.5 - np.arange(length)) / length
     entries = scale.colormap.entries(low + heights * (high - low), low, high)
     pixels = np.array(image)
-    pixels[top:bottom, left:right] = _over_paper(scale.colormap.codes[entries])[:, np.newaxis]
+    pixels[top:bottom, left:right] = _blend_over_paper(scale.colormap.codes[entries])[:, np.newaxis]
     image.paste(Image.fromarray(pixels))
     for level, color in scale.lines:
         y = bottom - 1 - round(_fraction(level, low, high) * (length - 1))
         pen.line((left, y, right - 1, y), fill=tuple(opaque_codes(color)[:3].tolist()))
     pen.rectangle((left - 1, top - 1, right, bottom), outline=INK)
+    # Draw the ticks and the box of NaN, then all texts.
     captions: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
     for tick, label in zip(ticks, labels, strict=True):
         y = bottom - 1 - round(_fraction(tick, low, high) * (length - 1))
-        pen.line((right + 1, y, right + size // 2, y), fill=INK)
+        pen.line((right + 1, y, right + font_size // 2, y), fill=INK)
         captions.append((label, (text_left, y), (0.0, 0.5)))
     if scale.nan_color is not None:
-        box = (left - 1, bottom + size, right, bottom + 2 * size)
-        nan = tuple(opaque_codes(scale.nan_color)[:3].tolist())
-        pen.rectangle(box, fill=nan, outline=INK)
-        middle = (box[1] + box[3]) // 2
-        captions.append(("NaN", (text_left, middle), (0.0, 0.5)))
+        box = (left - 1, bottom + font_size, right, bottom + 2 * font_size)
+        pen.rectangle(box, fill=tuple(opaque_codes(scale.nan_color)[:3].tolist()), outline=INK)
+        captions.append(("NaN", (text_left, (box[1] + box[3]) // 2), (0.0, 0.5)))
     if title:
-        captions.append((title, (left, size), (0.0, 0.0)))
+        captions.append((title, (left, font_size), (0.0, 0.0)))
     if note:
-        captions.append((note, (left, top - 2 * size), (0.0, 0.0)))
-    picture = np.full((height, width, 4), 255, np.uint8)
+        captions.append((note, (left, top - 2 * font_size), (0.0, 0.0)))
+    picture = np.full((height, image.width, 4), 255, np.uint8)
     picture[..., :3] = np.array(image)
     for text, position, anchor in captions:
-        draw_text(picture[..., :3], text, position, size, INK, anchor=anchor, font=font)
+        draw_text(picture[..., :3], text, position, font_size, INK, anchor=anchor, font=font)
     return picture
 
 
@@ -152,9 +152,9 @@ def append_bar(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np
     return np.concatenate([picture, bar], axis=1)
 
 
-def _ticks_of(low: float, high: float, length: int, size: int) -> list[float]:
-    """Return the ticks of a bar so long, beside text so high, pixels."""
-    return find_ticks(low, high, max(1, length // (LINES_PER_TICK * size)))
+def _max_intervals(length: int, font_size: int) -> int:
+    """Return how many intervals between ticks a bar has room for; both in pixels."""
+    return max(1, length // (MIN_TICK_SPACING * font_size))
 
 
 def _fraction(value: float, low: float, high: float) -> float:
@@ -162,24 +162,22 @@ def _fraction(value: float, low: float, high: float) -> float:
     return (value - low) / (high - low) if high > low else 0.5
 
 
-def find_ticks(low: float, high: float, limit: int) -> list[float]:
+def find_ticks(low: float, high: float, max_intervals: int) -> list[float]:
     """
-    Return the ticks of a range: round numbers, at least one, ``limit + 1`` at most.
+    Return the ticks of a range: round numbers, at least one, ``max_intervals + 1`` at most.
 
     ``low`` alone where the range has no width, or is too narrow for round numbers.
     """
-    width = high - low
-    if width <= 0.0:
-        return [low]
-    if not width / limit > 0.0:
+    min_step = (high - low) / max_intervals
+    if not min_step > 0.0:
         return [low]
     # From text, so that each is rounded once.
-    steps = [float(f"{factor}e{exponent_of(width / limit)}") for factor in STEPS]
+    steps = [float(f"{factor}e{exponent_of(min_step)}") for factor in TICK_STEPS]
     if not (steps[0] > 0.0 and math.isfinite(max(abs(low), abs(high)) / steps[0])):
         return [low]
     counts = (math.floor(high / step) - math.ceil(low / step) + 1 for step in steps)
-    fitting = (step for step, count in zip(steps, counts, strict=True) if count <= limit + 1)
-    step = next(fitting, steps[-1])
+    sparse = (step for step, count in zip(steps, counts, strict=True) if count <= max_intervals + 1)
+    step = next(sparse, steps[-1])
     ticks = [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)]
     # So that 3 * 0.1 is 0.3.
     digits = -exponent_of(step)
@@ -189,7 +187,7 @@ def find_ticks(low: float, high: float, limit: int) -> list[float]:
 
 
 def exponent_of(value: float) -> int:
-    """Return the power of ten of a number's first digit, as it is written; 0 for 0."""
+    """Return the power of ten of a number's first decimal digit; 0 for 0."""
     return Decimal(repr(value)).adjusted() if value else 0
 
 
@@ -197,52 +195,42 @@ def format_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
     """
     Format ticks with as many digits as tell them apart; return a note of factor and offset.
 
-    The note says what number the texts are to be multiplied with, and what is to be added then:
-    ``"1e-7"``, ``"+1e9"``, ``"1e-6+1"``, as Matplotlib has it; empty if they are the ticks.
+    The note, as in Matplotlib, is the factor of the texts and then the offset: ``"1e-7"``,
+    ``"+1e9"``, ``"1e-6+1"``; empty if the texts are the ticks themselves.
     """
     if len(ticks) == 1:
         return [f"{ticks[0]:.{MAX_DIGITS}g}"], ""
     # From text, so that each has the digits that it is written with.
-    exact = [Decimal(repr(tick)) for tick in ticks]
+    decimals = [Decimal(repr(tick)) for tick in ticks]
     # Differences are off by their last bits: 3e-9 - 2e-9 is below 1e-9.
-    step = exponent_of(float(f"{min(b - a for a, b in pairwise(ticks)):.6g}"))
-    offset = _offset_of(exact, step)
-    rest = [tick - offset for tick in exact]
-    largest = max(one.adjusted() for one in rest if one)
-    power = 0
-    if largest >= MAX_DIGITS or step < -MAX_DIGITS or largest < MIN_EXPONENT:
-        power = largest
-    digits = max(0, power - step)
-    texts = [f"{one.scaleb(-power).quantize(Decimal(1).scaleb(-digits)):f}" for one in rest]
-    note = f"1e{power}" if power else ""
-    return [_unsigned_zero(text) for text in texts], note + (_signed(offset) if offset else "")
+    step_exponent = exponent_of(float(f"{min(b - a for a, b in pairwise(ticks)):.6g}"))
+    offset = _shared_offset(decimals, step_exponent)
+    shifted = [tick - offset for tick in decimals]
+    largest_exponent = max(tick.adjusted() for tick in shifted if tick)
+    has_factor = not MIN_EXPONENT <= largest_exponent < MAX_DIGITS or step_exponent < -MAX_DIGITS
+    exponent = largest_exponent if has_factor else 0
+    last_digit = Decimal(1).scaleb(min(0, step_exponent - exponent))
+    texts = [f"{tick.scaleb(-exponent).quantize(last_digit):f}" for tick in shifted]
+    note = f"1e{exponent}" if exponent else ""
+    if offset:
+        note += f"{offset.normalize():+}".replace("E+", "e").replace("E", "e")
+    # Zero has no sign.
+    return [text if float(text) else text.removeprefix("-") for text in texts], note
 
 
-def _offset_of(ticks: Sequence[Decimal], step: int) -> Decimal:
+def _shared_offset(ticks: Sequence[Decimal], step_exponent: int) -> Decimal:
     """Return the offset that ticks share, if it has many more digits than their differences."""
     low, high = ticks[0], ticks[-1]
-    if low * high <= 0:
+    if low * high <= 0 or max(abs(low), abs(high)).adjusted() - step_exponent < MAX_DIGITS:
         return Decimal(0)
-    if max(abs(low), abs(high)).adjusted() - step < MAX_DIGITS:
-        return Decimal(0)
-    # What is left has a digit more than the differences.
-    power = (high - low).adjusted() + 1
-    toward_zero = low if low > 0 else high
-    return toward_zero.scaleb(-power).to_integral_value(ROUND_DOWN).scaleb(power)
+    # Ticks less the offset have a digit more than their differences.
+    exponent = (high - low).adjusted() + 1
+    smallest = low if low > 0 else high
+    return smallest.scaleb(-exponent).to_integral_value(ROUND_DOWN).scaleb(exponent)
 
 
-def _signed(value: Decimal) -> str:
-    """Return a number that is added, with its sign and without zeros behind."""
-    return f"{value.normalize():+}".replace("E+", "e").replace("E", "e")
-
-
-def _unsigned_zero(text: str) -> str:
-    """Return a text of zero without its sign."""
-    return text.removeprefix("-") if not float(text) else text
-
-
-def _over_paper(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return sRGB codes, (N, 3), of colours with an alpha, (N, 4), mixed with the paper."""
-    shares = codes[:, 3:].astype(np.float64) / 255.0
-    mixed: NDArray[Any] = shares * codes[:, :3] + (1.0 - shares) * np.array(PAPER)
-    return np.floor(mixed + 0.5).astype(np.uint8)
+def _blend_over_paper(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the sRGB codes, (N, 3), of colours with alpha, (N, 4), over the paper."""
+    alpha = codes[:, 3:].astype(np.float64) / 255.0
+    blended: NDArray[Any] = alpha * codes[:, :3] + (1.0 - alpha) * np.array(PAPER)
+    return np.floor(blended + 0.5).astype(np.uint8)

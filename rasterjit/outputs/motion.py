@@ -38,12 +38,12 @@ class PreviousFaces(NamedTuple):
     """(O,), which way the faces turned that were not drawn; see ``records.Objects``."""
 
 
-class Motion(NamedTuple):
+class MomentPair(NamedTuple):
     """The two moments between which motion is computed."""
 
     now: Moment
     before: Moment
-    sighting: PreviousFaces | None
+    previous_faces: PreviousFaces | None
     """``None`` if nobody asks what was seen before."""
 
 
@@ -61,7 +61,7 @@ def check_same_objects(now: Sequence[Node], before: Sequence[Node]) -> None:
             )
 
 
-def moment_of(
+def make_moment(
     shapes: Shapes, now: Shapes, views: ViewTransforms, camera: Camera, size: tuple[int, int]
 ) -> Moment:
     """Return the vertices and matrices for a camera, with faces in the order of ``now``."""
@@ -84,11 +84,11 @@ def _screen_matrices(views: ViewTransforms, camera: Camera, size: tuple[int, int
 
 
 def fill_motion(
-    face_id: Int32, geometry: Geometry, face_starts: Int64, compared: Motion, workers: Workers
+    face_id: Int32, geometry: Geometry, face_starts: Int64, moments: MomentPair, workers: Workers
 ) -> Float32:
     """Return the motion of each pixel's point, (H, W, 2), pixels; NaN for the background."""
     motion = workers.memory.empty((*face_id.shape, 2), np.float32)
-    now, before = compared.now, compared.before
+    now, before = moments.now, moments.before
     arguments = (
         geometry, face_starts, (now.positions, now.matrices),
         (before.positions, before.matrices, before.faces), motion,
@@ -97,17 +97,17 @@ def fill_motion(
     return motion
 
 
-def fill_visible(
+def fill_motion_visible(
     face_id: Int32,
     geometry: Geometry,
     face_starts: Int64,
     before: Moment,
-    sighting: PreviousFaces,
+    previous_faces: PreviousFaces,
     workers: Workers,
 ) -> Bool:
     """Return whether each point was seen before, (H, W); False where nothing is."""
     visible = workers.memory.empty(face_id.shape, np.bool_)
-    seen = before.positions, before.matrices, before.faces, *sighting
+    seen = before.positions, before.matrices, before.faces, *previous_faces
     arguments = geometry, face_starts, seen, visible.view(np.uint8)
-    fill_rows(motion_stage.fill_visible, face_id, arguments, workers)
+    fill_rows(motion_stage.fill_motion_visible, face_id, arguments, workers)
     return visible

@@ -36,7 +36,7 @@ decided what is seen."""
 
 
 @helper
-def row_at(matrices, owner, row, x, y, z):
+def transform_row(matrices, owner, row, x, y, z):
     """Return one row of an object's matrix times a point."""
     m = matrices
     return m[owner, row, 0] * x + m[owner, row, 1] * y + m[owner, row, 2] * z + m[owner, row, 3]
@@ -57,10 +57,10 @@ def interpolate_point(weights, a, b, c, positions):
 def project_to_pixels(point, owner, matrices):
     """Return column and row of a point in pixels, and its w; without sense unless w > 0."""
     x, y, z = point
-    w = row_at(matrices, owner, CLIP_W, x, y, z)
+    w = transform_row(matrices, owner, CLIP_W, x, y, z)
     return (
-        row_at(matrices, owner, COLUMN, x, y, z) / w,
-        row_at(matrices, owner, ROW, x, y, z) / w,
+        transform_row(matrices, owner, COLUMN, x, y, z) / w,
+        transform_row(matrices, owner, ROW, x, y, z) / w,
         w,
     )
 
@@ -70,17 +70,17 @@ def offset_from_pixel(vertex, owner, positions, matrices, x, y):
     """Return of a vertex what is 0 if it lies at a place on the screen, its w and its depth."""
     p = positions
     px, py, pz = p[vertex, 0], p[vertex, 1], p[vertex, 2]
-    w = row_at(matrices, owner, CLIP_W, px, py, pz)
+    w = transform_row(matrices, owner, CLIP_W, px, py, pz)
     return (
-        row_at(matrices, owner, COLUMN, px, py, pz) - x * w,
-        row_at(matrices, owner, ROW, px, py, pz) - y * w,
+        transform_row(matrices, owner, COLUMN, px, py, pz) - x * w,
+        transform_row(matrices, owner, ROW, px, py, pz) - y * w,
         w,
-        row_at(matrices, owner, STORED_DEPTH, px, py, pz),
+        transform_row(matrices, owner, STORED_DEPTH, px, py, pz),
     )
 
 
 @helper
-def plane_at(corners, owner, positions, matrices, x, y):
+def evaluate_face(corners, owner, positions, matrices, x, y):
     """
     Return the stored depth of a face's plane at a place on the screen, which way the face turns,
     and whether it covers that place.
@@ -106,24 +106,24 @@ def plane_at(corners, owner, positions, matrices, x, y):
 
 
 @helper
-def is_nearer(one, other):
+def is_nearer(depth, other_depth):
     """Return whether a stored depth is nearer than another, by more than they are rounded."""
-    return one - other > DEPTH_TOLERANCE * (abs(one) + abs(other))
+    return depth - other_depth > DEPTH_TOLERANCE * (abs(depth) + abs(other_depth))
 
 
 @helper
-def share_vertex(corners, others, positions):
+def share_vertex(corners, other_corners, positions):
     """Return whether two faces of an object have a corner at the same place."""
     is_shared = False
     for a in corners:
-        for b in others:
-            alike = positions[a, 0] == positions[b, 0] and positions[a, 1] == positions[b, 1]
-            is_shared = is_shared or (alike and positions[a, 2] == positions[b, 2])
+        for b in other_corners:
+            has_same_xy = positions[a, 0] == positions[b, 0] and positions[a, 1] == positions[b, 1]
+            is_shared = is_shared or (has_same_xy and positions[a, 2] == positions[b, 2])
     return is_shared
 
 
 @helper
-def was_seen(face, owner, point, corners, x, y, before, face_starts):
+def was_visible(face, owner, point, corners, x, y, before, face_starts):
     """
     Return whether a point inside the previous picture was visible there.
 
@@ -145,15 +145,15 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     column, row = np.int64(x), np.int64(y)
     if face_id[row, column] == face:
         return True
-    z = row_at(matrices, owner, CLIP_Z, point[0], point[1], point[2])
-    w = row_at(matrices, owner, CLIP_W, point[0], point[1], point[2])
+    z = transform_row(matrices, owner, CLIP_Z, point[0], point[1], point[2])
+    w = transform_row(matrices, owner, CLIP_W, point[0], point[1], point[2])
     if not abs(z) <= w:
         return False
     center_x, center_y = np.float64(column) + 0.5, np.float64(row) + 0.5
-    own_depth, winding, _ = plane_at(corners, owner, positions, matrices, center_x, center_y)
+    own_depth, winding, _ = evaluate_face(corners, owner, positions, matrices, center_x, center_y)
     if winding * np.float64(culled_windings[owner]) > 0.0:
         return False
-    depth = row_at(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
+    depth = transform_row(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
     # Is it hidden by what was seen around, at its own place?
     last = np.int64(face)
     for i in range(max(row - 1, 0), min(row + 2, face_id.shape[0])):
@@ -164,7 +164,9 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
                 continue
             other_owner = barycentric.find_object(other, face_starts, owner)
             other_corners = corners_of(faces, other)
-            other_depth, _, covers = plane_at(other_corners, other_owner, positions, matrices, x, y)
+            other_depth, _, covers = evaluate_face(
+                other_corners, other_owner, positions, matrices, x, y
+            )
             if covers and is_nearer(other_depth, depth):
                 return False
     # Is it behind the surface that was seen at the centre of its pixel?
@@ -175,10 +177,12 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     other_corners = corners_of(faces, other)
     if other_owner == owner and share_vertex(corners, other_corners, positions):
         return True
-    nearest, _, _ = plane_at(other_corners, other_owner, positions, matrices, center_x, center_y)
+    nearest, _, _ = evaluate_face(
+        other_corners, other_owner, positions, matrices, center_x, center_y
+    )
     if not is_nearer(nearest, own_depth):
         return True
-    other_depth, _, _ = plane_at(other_corners, other_owner, positions, matrices, x, y)
+    other_depth, _, _ = evaluate_face(other_corners, other_owner, positions, matrices, x, y)
     return not is_nearer(other_depth, depth)
 
 
@@ -227,7 +231,7 @@ def fill_motion(
 
 
 @kernel
-def fill_visible(
+def fill_motion_visible(
     face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, face_starts: int64[::1],
     before: (float64[:, ::1], float64[:, :, ::1], int32[:, ::1], int32[:, ::1], int8[::1]),
     visible: uint8[:, ::1],
@@ -262,6 +266,6 @@ def fill_visible(
             point = interpolate_point(weights, corners[0], corners[1], corners[2], before[0])
             x, y, w = project_to_pixels(point, owner, before[1])
             if w > 0.0 and 0.0 <= x < width and 0.0 <= y < height:
-                visible[row, column] = was_seen(
+                visible[row, column] = was_visible(
                     face, owner, point, corners, x, y, before, face_starts
                 )

@@ -122,7 +122,7 @@ TABLE: dict[str, Output] = {
         kernel=motion_stage.fill_motion,
     ),
     "motion_visible": Output(
-        1, "bool", 0, needs_previous=True, kernel=motion_stage.fill_visible
+        1, "bool", 0, needs_previous=True, kernel=motion_stage.fill_motion_visible
     ),
     "scalar": Output(1, "float32", math.nan, "of the scalars", kernel=scalar_colors.fill_scalars),
 }  # fmt: skip

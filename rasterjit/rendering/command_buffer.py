@@ -624,7 +624,9 @@ class CommandBuffer:
             )  # fmt: skip
         for name in ("object_id", "instance_id", "material_id"):
             if name in plan.outputs:
-                numbers = ground_truth.object_table(name, cache.shapes)[cache.shapes.object_numbers]
+                numbers = ground_truth.list_object_ids(name, cache.shapes)[
+                    cache.shapes.object_numbers
+                ]
                 self._add_call(
                     name, batch_driver.write_face_values, self._face_id, 1, numbers,
                     np.empty((0, height, width), np.int32),

@@ -464,7 +464,7 @@ def _points_of(
     for first, count in ((0, 2), (2, 1)):
         matrices = flat.copy()
         matrices[:, :count] = turned[:, first : first + count]
-        compared = motion.Motion(
+        compared = motion.MomentPair(
             Moment(moment.positions, moment.faces, flat), moment._replace(matrices=matrices), None
         )
         moved = motion.fill_motion(

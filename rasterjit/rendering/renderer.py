@@ -415,21 +415,21 @@ def _placement(arrays: SceneArrays, views: ViewTransforms, kept: Kept) -> Placem
 
 def compare(
     planned: PlannedFrame, workers: Workers, clock: Callable[[str], None]
-) -> motion.Motion | None:
+) -> motion.MomentPair | None:
     """Return the inputs of motion between a frame and its earlier view; ``None`` without one."""
     if planned.earlier is None:
         return None
     now = planned.cache.shapes
     after, before = (
-        motion.moment_of(one.cache.shapes, now, one.views, one.plan.camera, one.plan.size)
+        motion.make_moment(one.cache.shapes, now, one.views, one.plan.camera, one.plan.size)
         for one in (planned, planned.earlier)
     )
-    sighting = None
+    previous_faces = None
     if "motion_visible" in planned.plan.outputs:
         plan, cache, views = planned.earlier[:3]
         seen = find_visible(plan, cache, workers, clock, views)
-        sighting = motion.PreviousFaces(seen.coverage.face_id, seen.objects.culled_windings)
-    return motion.Motion(after, before, sighting)
+        previous_faces = motion.PreviousFaces(seen.coverage.face_id, seen.objects.culled_windings)
+    return motion.MomentPair(after, before, previous_faces)
 
 
 def stats_of(
