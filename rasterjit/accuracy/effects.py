@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rasterjit.accuracy import effect_references as references
 from rasterjit.accuracy.effect_references import LightReference
 from rasterjit.accuracy.results import EffectCost, Errors
-from rasterjit.accuracy.settings_to_try import Attempt, in_words
+from rasterjit.accuracy.settings_to_try import Attempt, format_changes
 from rasterjit.accuracy.timing import Contestant
 from rasterjit.rendering.quality_selection import light_of, root_mean_square
 from rasterjit.scene.lens import Lens
@@ -193,7 +193,7 @@ def _levels(knob: Options, scene: Scene) -> list[Attempt]:
     """Return the levels of a row."""
     standard = Quality.standard()
     settings = [
-        Attempt(knob.effect, in_words(changes), replace(standard, **changes), scene)
+        Attempt(knob.effect, format_changes(changes), replace(standard, **changes), scene)
         for changes in knob.settings
     ]
     scenes = knob.scenes(scene).items()

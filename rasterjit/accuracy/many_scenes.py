@@ -15,7 +15,7 @@ import numpy as np
 
 from rasterjit.accuracy.choice import INVISIBLE, SAME_ERROR, Choice, choose, choose_among, is_timed
 from rasterjit.accuracy.report.files import write_report
-from rasterjit.accuracy.report.many_scenes_page import write_together
+from rasterjit.accuracy.report.many_scenes_page import write_folder_report
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, front_trials
 from rasterjit.accuracy.settings_to_try import TRIED_PRESETS, Attempt
 from rasterjit.accuracy.study import SIZE, StudyRun, begin_study, check_options
@@ -171,7 +171,7 @@ def study_folder(
         title, studies, full, tuple(totals.values()), standard, take, options.max_error, failures
     )
     if options.folder is not None:
-        write_together(result, options.folder)
+        write_folder_report(result, options.folder)
     return result
 
 

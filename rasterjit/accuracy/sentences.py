@@ -1,11 +1,11 @@
-"""What a study found, in plain sentences: the answer, and one for each setting."""
+"""Summarize a study in plain sentences: the answer, and one for each setting."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from rasterjit.accuracy.choice import SAME_ERROR, choose, is_measured, is_slower, noise
+from rasterjit.accuracy.choice import SAME_ERROR, Choice, choose, is_measured, is_slower, noise
 from rasterjit.accuracy.results import CPU, STANDARD, Study, Trial, front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
@@ -43,135 +43,131 @@ SPECIAL_LEVEL_NAMES = {
 NOT_MEASURED = "not measured well enough"
 """Text in place of a factor that is not measured well enough."""
 
-ADVICE = "give the study more seconds"
+MORE_TIME_ADVICE = "give the study more seconds"
 """Advice where times are not measured well enough."""
 
 MIN_ROUGH_RATIO = 1.5
 """Least ratio to the standard's time, or its inverse, at which a rough time is reported."""
 
-SHARP_SHARE = 0.05
-"""Relative uncertainty below which a range is not printed."""
+MIN_PRINTED_UNCERTAINTY = 0.05
+"""Relative uncertainty above which a factor has a range."""
 
 
 def sentences(study: Study) -> dict[str, str]:
     """Return a sentence for each setting that was studied, in the order of `Quality`."""
-    found = {}
+    texts = {}
     for setting in LEVELS:
         trials = study.of(setting)
         if setting in study.without_effect:
-            found[setting] = f"{setting} changes nothing here: {study.without_effect[setting]}."
+            texts[setting] = f"{setting} changes nothing here: {study.without_effect[setting]}."
         elif trials:
-            found[setting] = _sentence(key_level(trials, study.standard), study.standard)
-    return found
+            texts[setting] = _describe_level(find_key_level(trials, study.standard), study.standard)
+    return texts
 
 
 def answer(study: Study) -> str:
     """
     Summarize a study: the quality to take, how sure that is, and the alternatives.
 
-    It names one in any case. Of the rest only qualities on the front are named, whose times are
-    told apart from the standard's, with the factors that were measured.
+    The alternatives are qualities on the front whose times differ measurably from the standard's.
     """
-    return f"{recommendation(study)} {certainty(study)} {alternatives(study)}"
+    return f"{describe_choice(study)} {describe_certainty(study)} {describe_alternatives(study)}"
 
 
-def recommendation(study: Study) -> str:
-    """Return the quality to take, what it costs and what it buys, in a sentence."""
-    found, standard = choose(study), study.standard
-    trial, bound = found.trial, study.max_error
-    missed = "" if found.holds else f"Nothing that was tried has an error of {bound:.3g}. "
-    is_usual = trial.setting == STANDARD
-    name = "the standard quality" if is_usual else quality_in_words(trial, standard)
-    time = f"{time_in_words(trial.median)}{_of_clock(study)} a frame"
+def describe_choice(study: Study) -> str:
+    """Return the quality to take, its time and its error, in a sentence."""
+    choice, standard, max_error = choose(study), study.standard, study.max_error
+    trial = choice.trial
+    failure = "" if choice.holds else f"Nothing that was tried has an error of {max_error:.3g}. "
+    time = f"{format_duration(trial.median)}{_clock_note(study)} a frame"
     error = f"error {trial.errors.rmse:.3g}"
-    if is_usual:
-        return f"{missed}Take {name}: {time}, {error}."
-    factor = f"{'' if is_measured(trial) else 'about '}{digits(trial.ratio)}× the time of standard"
+    if trial.setting == STANDARD:
+        return f"{failure}Take the standard quality: {time}, {error}."
+    factor = f"{'' if is_measured(trial) else 'about '}{format_factor(trial.ratio)}×"
     return (
-        f"{missed}Take {name}: {factor} ({time} instead of {time_in_words(standard.median)}) for "
-        f"{error_against(trial, standard)} ({error} instead of {standard.errors.rmse:.3g})."
+        f"{failure}Take {describe_quality(trial, standard)}: {factor} the time of standard ({time} "
+        f"instead of {format_duration(standard.median)}) for {compare_errors(trial, standard)} "
+        f"({error} instead of {standard.errors.rmse:.3g})."
     )
 
 
-def certainty(study: Study) -> str:
+def describe_certainty(study: Study) -> str:
     """Return how sure the choice is, and why, in a sentence or two."""
-    found = choose(study)
-    what = "time × error" if study.max_error is None else "time"
+    choice = choose(study)
     reference = f"a reference of {study.reference_samples} samples"
     if study.reference_error > 0.0:
         reference += f", for which there was time and which errs by {study.reference_error:.2g}"
-    known = f"errors are exact, against {reference}"
+    errors = f"errors are exact, against {reference}"
     if not study.trials:
-        return f"A guess: nothing else was tried; {ADVICE}."
-    if not found.holds:
-        return f"Sure: {known}."
-    rest = f"and nothing else that was tried can be better{_percent_more(found.at_most)} in {what}"
-    clock = "times are processor times, as the machine is busy with something else, "
-    said = f"{known}; {clock if study.clock == CPU else ''}{rest}."
-    notes = []
+        return f"A guess: nothing else was tried; {MORE_TIME_ADVICE}."
+    if not choice.holds:
+        return f"Sure: {errors}."
+    clock = ""
+    if study.clock == CPU:
+        clock = "times are processor times, as the machine is busy with something else, "
+    gain = _describe_possible_gain(choice, study.max_error)
+    texts = [
+        f"{_capitalize(choice.sureness)}: {errors}; {clock}and nothing else that was tried can be "
+        f"better{gain}."
+    ]
     if study.left_out:
-        why = "the study was interrupted" if study.interrupted else "there was no time"
-        notes.append(f"{_count(len(study.left_out))} not tried: {why}.")
+        count = len(study.left_out)
+        qualities = "1 quality was" if count == 1 else f"{count} qualities were"
+        reason = "the study was interrupted" if study.interrupted else "there was no time"
+        texts.append(f"{qualities} not tried: {reason}.")
     if study.asked_size is not None:
-        notes.append(
+        texts.append(
             f"It was measured at {study.size[0]} × {study.size[1]} pixels, not at "
             f"{study.asked_size[0]} × {study.asked_size[1]}: there was no time for more."
         )
-    sureness = found.sureness
-    return " ".join([f"{sureness[0].upper()}{sureness[1:]}: {said}", *notes])
+    return " ".join(texts)
 
 
-def folder_summary(found: FolderStudy) -> tuple[str, str]:
+def summarize_folder(folder_study: FolderStudy) -> tuple[str, str]:
     """Return the quality to take for all scenes of a folder, and how sure that is, in words."""
-    take, standard = found.take, found.standard
-    trial, many = take.trial, len(found.studies)
-    scenes = "the one scene" if many == 1 else f"all {many} scenes"
-    name = (
-        "the standard quality" if trial.setting == STANDARD else quality_in_words(trial, standard)
-    )
-    trials = found.candidates[trial.label]
-    low, high = (digits(end(one.ratio for one in trials)) for end in (min, max))
-    worst = max(one.errors.rmse for one in trials)
-    usual = max(one.errors.rmse for one in found.candidates[STANDARD])
-    factor = f"{low}×" if low == high else f"{low}× to {high}×"
-    missed = "" if take.holds else f"Nothing holds an error of {found.max_error:.3g} on {scenes}. "
-    if trial.setting == STANDARD:
-        said = f"{missed}Take {name} for {scenes}: error at most {worst:.3g}."
+    choice, max_error, count = folder_study.take, folder_study.max_error, len(folder_study.studies)
+    scenes = "the one scene" if count == 1 else f"all {count} scenes"
+    trials = folder_study.candidates[choice.trial.label]
+    error = max(trial.errors.rmse for trial in trials)
+    answer = "" if choice.holds else f"Nothing holds an error of {max_error:.3g} on {scenes}. "
+    if choice.trial.setting == STANDARD:
+        answer += f"Take the standard quality for {scenes}: error at most {error:.3g}."
     else:
-        said = (
-            f"{missed}Take {name} for {scenes}: {factor} the time of standard, for an error of at "
-            f"most {worst:.3g} instead of {usual:.3g}."
+        low, high = (format_factor(end(trial.ratio for trial in trials)) for end in (min, max))
+        factor = f"{low}×" if low == high else f"{low}× to {high}×"
+        standard_error = max(trial.errors.rmse for trial in folder_study.candidates[STANDARD])
+        answer += (
+            f"Take {describe_quality(choice.trial, folder_study.standard)} for {scenes}: {factor} "
+            f"the time of standard, for an error of at most {error:.3g} instead of "
+            f"{standard_error:.3g}."
         )
-    what = "time × error" if found.max_error is None else "time"
-    sureness = take.sureness
-    sure = (
-        f"{sureness[0].upper()}{sureness[1:]}: {len(found.totals)} other qualities were tried on "
-        f"{scenes}, and none can be better{_percent_more(take.at_most)} in {what}."
+    certainty = (
+        f"{_capitalize(choice.sureness)}: {len(folder_study.totals)} other qualities were tried on "
+        f"{scenes}, and none can be better{_describe_possible_gain(choice, max_error)}."
     )
-    return said, sure
+    return answer, certainty
 
 
-def _percent_more(share: float) -> str:
-    """Return a share in percent, or nothing where it prints as none."""
-    return f" by more than {100.0 * share:.0f} %" if share >= 0.005 else ""
+def _describe_possible_gain(choice: Choice, max_error: float | None) -> str:
+    """Return by how much, and in what, another quality may be better than the chosen one."""
+    share = f" by more than {100.0 * choice.at_most:.0f} %" if choice.at_most >= 0.005 else ""
+    return f"{share} in {'time × error' if max_error is None else 'time'}"
 
 
-def _count(qualities: int) -> str:
-    return "1 quality was" if qualities == 1 else f"{qualities} qualities were"
+def _capitalize(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
-def _of_clock(study: Study) -> str:
-    """Describe the clock of times, if it is not elapsed time."""
+def _clock_note(study: Study) -> str:
+    """Return a note on times that are not elapsed times."""
     return " of processor time" if study.clock == CPU else ""
 
 
-def alternatives(study: Study) -> str:
+def describe_alternatives(study: Study) -> str:
     """Return the standard, about twice its time, and about half, in a sentence."""
     standard = study.standard
-    said = (
-        f"On this scene standard is {time_in_words(standard.median)}{_of_clock(study)} with error "
-        f"{standard.errors.rmse:.3g}"
-    )
+    time = f"{format_duration(standard.median)}{_clock_note(study)}"
+    text = f"On this scene standard is {time} with error {standard.errors.rmse:.3g}"
     front = [trial for trial in front_trials(study) if trial.setting != STANDARD]
     slower = [trial for trial in front if is_slower(trial, standard)]
     faster = [trial for trial in front if is_slower(standard, trial)]
@@ -180,21 +176,19 @@ def alternatives(study: Study) -> str:
         slower = [trial for trial in rough if trial.ratio > MIN_ROUGH_RATIO]
         faster = [trial for trial in rough if trial.ratio < 1.0 / MIN_ROUGH_RATIO]
     parts = [
-        f"for {_factor_in_words(trial)} the time you get {_error_trade(trial, standard)}"
+        f"for {_describe_rough_factor(trial)} the time you get {_describe_trade(trial, standard)}"
         for trial in (_nearest_time(slower, 2.0), _nearest_time(faster, 0.5))
         if trial is not None
     ]
-    # Where such a one is on the front, the standard is not.
-    alike = [trial for trial in front if trial not in slower and trial not in faster]
-    if alike:
-        best = min(alike, key=lambda trial: trial.errors.rmse)
-        parts.insert(0, f"for the same time you get {_error_trade(best, standard)}")
-    if not parts:
-        return f"{said}; {_only_standard_reason(study)}."
-    return f"{said}; {', '.join(parts)}."
+    # On the front, a quality as fast as the standard replaces it.
+    as_fast = [trial for trial in front if trial not in slower and trial not in faster]
+    if as_fast:
+        best = min(as_fast, key=lambda trial: trial.errors.rmse)
+        parts.insert(0, f"for the same time you get {_describe_trade(best, standard)}")
+    return f"{text}; {', '.join(parts) if parts else _only_standard_reason(study)}."
 
 
-def options_of(trial: Trial, standard: Trial) -> str:
+def format_options(trial: Trial, standard: Trial) -> str:
     """Return the command-line options of a quality."""
     if trial.level in PRESETS and trial.quality == PRESETS[trial.level]():
         return f"--quality {trial.level}"
@@ -204,111 +198,102 @@ def options_of(trial: Trial, standard: Trial) -> str:
 
 def _rough_front(study: Study) -> list[Trial]:
     """Return the Pareto front of the trials, taking times as exact."""
-    tried = [study.standard, *study.trials]
     return [
-        one
-        for one in study.trials
+        trial
+        for trial in study.trials
         if not any(
-            other.ratio <= one.ratio and other.errors.rmse <= one.errors.rmse * SAME_ERROR
-            for other in tried
-            if other is not one
+            other.ratio <= trial.ratio and other.errors.rmse <= trial.errors.rmse * SAME_ERROR
+            for other in (study.standard, *study.trials)
+            if other is not trial
         )
     ]
 
 
-def _factor_in_words(trial: Trial) -> str:
-    """Return a time over the standard's, roughly where it is not measured well."""
-    return factor_in_words(trial) if is_measured(trial) else f"about {digits(trial.ratio)}×"
+def _describe_rough_factor(trial: Trial) -> str:
+    """Return a time over the standard's, as about so much where it is not measured well."""
+    return describe_factor(trial) if is_measured(trial) else f"about {format_factor(trial.ratio)}×"
 
 
-def _error_trade(trial: Trial, standard: Trial) -> str:
-    """Return the error of a quality, and its name; more wrong pixels are not passed over."""
-    text = f"{error_against(trial, standard)} with {quality_in_words(trial, standard)}"
-    wrong, usual = trial.errors.wrong_faces, standard.errors.wrong_faces
-    return f"{text} ({wrong:,} wrong pixels instead of {usual:,})" if wrong > usual else text
+def _describe_trade(trial: Trial, standard: Trial) -> str:
+    """Return error and name of a quality, and its wrong pixels where there are more of them."""
+    text = f"{compare_errors(trial, standard)} with {describe_quality(trial, standard)}"
+    wrong, standard_wrong = trial.errors.wrong_faces, standard.errors.wrong_faces
+    if wrong > standard_wrong:
+        text += f" ({wrong:,} wrong pixels instead of {standard_wrong:,})"
+    return text
 
 
 def _only_standard_reason(study: Study) -> str:
-    """Say why there is no alternative to the standard."""
+    """Return why there is no alternative to the standard."""
     if not study.trials:
         return "no other quality was tried"
     if not any(is_measured(trial) for trial in study.trials):
-        return f"what other qualities cost is {NOT_MEASURED}: {ADVICE}"
+        return f"what other qualities cost is {NOT_MEASURED}: {MORE_TIME_ADVICE}"
     if not all(is_measured(trial) for trial in study.trials):
-        return f"nothing else is better by more than the noise, or it is {NOT_MEASURED}: {ADVICE}"
+        return f"nothing else is better by more than the noise, or it is {NOT_MEASURED}: {MORE_TIME_ADVICE}"
     return "nothing that was tried is faster or more accurate, as far as can be told"
 
 
 def _nearest_time(trials: list[Trial], factor: float) -> Trial | None:
-    """Return the trial whose time is nearest to so many times the standard's, if there is one."""
+    """Return the trial whose time is nearest to ``factor`` times the standard's; None of none."""
     return min(trials, key=lambda trial: abs(math.log(trial.ratio / factor)), default=None)
 
 
-def time_in_words(seconds: float) -> str:
-    """Return a time with its unit: ``12.3 ms``, ``3.04 s``."""
-    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
+def describe_factor(trial: Trial) -> str:
+    """
+    Return a time over the standard's: ``2.2×``, or ``2.2× (1.8 to 2.7)`` where it is uncertain.
 
-
-def factor_in_words(trial: Trial) -> str:
-    """Return a time over the standard's: ``2.2×``, or ``2.2× (1.8 to 2.7)`` where it is not sharp.
-
-    ``not measured well enough`` where the rounds are too few or lie too far apart.
+    ``not measured well enough`` where the rounds are too few or their times differ too much.
     """
     if trial.setting == STANDARD:
         return "1×"
     if not is_measured(trial):
         return NOT_MEASURED
-    unknown = noise(trial)
-    if unknown <= SHARP_SHARE * trial.ratio:
-        return f"{digits(trial.ratio)}×"
-    ends = (digits(max(trial.ratio + change, 0.0)) for change in (-unknown, unknown))
-    return f"{digits(trial.ratio)}× ({' to '.join(ends)})"
+    uncertainty = noise(trial)
+    if uncertainty <= MIN_PRINTED_UNCERTAINTY * trial.ratio:
+        return f"{format_factor(trial.ratio)}×"
+    ends = (format_factor(max(trial.ratio + change, 0.0)) for change in (-uncertainty, uncertainty))
+    return f"{format_factor(trial.ratio)}× ({' to '.join(ends)})"
 
 
-def error_against(trial: Trial, standard: Trial) -> str:
-    """Return an error against another: ``2.5× less error``."""
-    error, usual = trial.errors.rmse, standard.errors.rmse
-    if _print_alike(error, usual):
+def compare_errors(trial: Trial, standard: Trial) -> str:
+    """Return an error over the standard's: ``2.5× less error``."""
+    error, standard_error = trial.errors.rmse, standard.errors.rmse
+    if _is_same_error(error, standard_error):
         return "the same error"
     if error == 0.0:
         return "no error"
-    if usual == 0.0:
+    if standard_error == 0.0:
         return f"an error of {error:.2g}"
-    low, high = sorted((error, usual))
-    return f"{digits(high / low)}× {'the' if error > usual else 'less'} error"
+    low, high = sorted((error, standard_error))
+    return f"{format_factor(high / low)}× {'the' if error > standard_error else 'less'} error"
 
 
-def quality_in_words(trial: Trial, standard: Trial) -> str:
-    """Return what a quality is called: its preset, or what it changes."""
+def describe_quality(trial: Trial, standard: Trial) -> str:
+    """Return the name of a quality: its preset, or its changes from the standard."""
     if trial.level in PRESETS:
         return f"quality {trial.level}"
     changes = differences(trial.quality, standard.quality)
-    return " and ".join(_level_name(name, level) for name, level in changes.items()) or trial.label
+    return " and ".join(_name_level(name, level) for name, level in changes.items()) or trial.label
 
 
-def key_level(trials: list[Trial], standard: Trial) -> Trial:
+def find_key_level(trials: list[Trial], standard: Trial) -> Trial:
     """
-    Return the level of a setting that says most of it.
+    Return the level of a setting that represents the setting best.
 
-    Where more accuracy than the standard's is to be had, that is the level that buys most of it
-    for the time. Elsewhere it is the one, of those worth their time if there are any, that saves
-    most time for the accuracy.
+    Of levels more accurate than the standard, if any, the one that gains most accuracy for its
+    time; else, of those that are not dominated if any, the one that saves most time for its error.
     """
     standard_error = standard.errors.rmse
-    tried = [trial for trial in trials if trial.quality.samples not in SUPERSAMPLED] or trials
-    better = [
-        trial
-        for trial in tried
-        if trial.dominated_by is None and trial.errors.rmse * SAME_ERROR < standard_error
-    ]
-    if better:
-        return max(better, key=lambda trial: _error_gain(trial, standard_error))
-    worth = [trial for trial in tried if trial.dominated_by is None]
-    return max(worth or tried, key=lambda trial: _error_gain(trial, standard_error))
+    single = [trial for trial in trials if trial.quality.samples not in SUPERSAMPLED] or trials
+    undominated = [trial for trial in single if trial.dominated_by is None]
+    better = [trial for trial in undominated if trial.errors.rmse * SAME_ERROR < standard_error]
+    candidates = better or undominated or single
+    return max(candidates, key=lambda trial: _error_gain(trial, standard_error))
 
 
 def _error_gain(trial: Trial, standard_error: float) -> float:
-    """Return how many times the error falls for each time that the frame takes longer."""
+    """Return the standard's error over the trial's, divided by their ratio of times."""
     if trial.errors.rmse == standard_error:
         return 1.0 / trial.ratio
     if trial.errors.rmse == 0.0:
@@ -316,36 +301,33 @@ def _error_gain(trial: Trial, standard_error: float) -> float:
     return standard_error / trial.errors.rmse / trial.ratio
 
 
-def _sentence(trial: Trial, standard: Trial) -> str:
-    """Return a sentence on the cost and error of a level, against the standard's."""
-    level, usual = (
-        _level_name(trial.setting, getattr(one.quality, trial.setting)) for one in (trial, standard)
+def _describe_level(trial: Trial, standard: Trial) -> str:
+    """Return a sentence on the time and the errors of a level, against the standard's."""
+    level, standard_level = (
+        _name_level(trial.setting, getattr(quality, trial.setting))
+        for quality in (trial.quality, standard.quality)
     )
-    parts = [_time_in_words(trial, standard), _error_in_words(trial, standard)]
-    wrong, true = trial.errors.wrong_faces, standard.errors.wrong_faces
-    if wrong != true:
-        parts.append(f"{wrong:,} wrong pixels instead of {true:,}")
-    depth, usual_depth = trial.errors.depth_units, standard.errors.depth_units
-    if depth is not None and usual_depth is not None:
-        # What prints alike is alike.
-        mine, other = f"{depth:.1g}", f"{usual_depth:.1g}"
-        if mine != other:
-            parts.append(f"depth wrong by up to {mine} units instead of {other}")
-    text = f"{level} instead of {usual}: {', '.join(parts)}"
-    if trial.dominated_by is not None:
-        text += "; not worth it here"
-    return text[0].upper() + text[1:] + "."
+    parts = [_describe_time_change(trial, standard), _describe_error_change(trial, standard)]
+    wrong, standard_wrong = trial.errors.wrong_faces, standard.errors.wrong_faces
+    if wrong != standard_wrong:
+        parts.append(f"{wrong:,} wrong pixels instead of {standard_wrong:,}")
+    depths = trial.errors.depth_units, standard.errors.depth_units
+    if None not in depths:
+        depth, standard_depth = (f"{error:.1g}" for error in depths)
+        if depth != standard_depth:
+            parts.append(f"depth wrong by up to {depth} units instead of {standard_depth}")
+    text = _capitalize(f"{level} instead of {standard_level}: {', '.join(parts)}")
+    return f"{text}; not worth it here." if trial.dominated_by is not None else f"{text}."
 
 
-def _level_name(setting: str, level: object) -> str:
-    """Return the name of a level."""
+def _name_level(setting: str, level: object) -> str:
     if level is None:
         return "what the scene says"
     return SPECIAL_LEVEL_NAMES.get((setting, str(level))) or LEVEL_NAMES[setting].format(level)
 
 
-def _time_in_words(trial: Trial, standard: Trial) -> str:
-    """Return how much longer a frame takes."""
+def _describe_time_change(trial: Trial, standard: Trial) -> str:
+    """Return how much longer or shorter a frame takes."""
     if not is_slower(trial, standard) and not is_slower(standard, trial):
         if not is_measured(trial):
             return f"a time {NOT_MEASURED}"
@@ -353,32 +335,48 @@ def _time_in_words(trial: Trial, standard: Trial) -> str:
     if not is_measured(trial):
         return f"{'more' if trial.ratio > 1.0 else 'less'} time, how much is {NOT_MEASURED}"
     if trial.ratio >= 2.0:
-        return f"{factor_in_words(trial)} the time"
+        return f"{describe_factor(trial)} the time"
     change = 100.0 * (trial.ratio - 1.0)
     return f"{'+' if change > 0.0 else '−'}{abs(change):.0f} % time"
 
 
-def _error_in_words(trial: Trial, standard: Trial) -> str:
+def _describe_error_change(trial: Trial, standard: Trial) -> str:
     """Return how much larger or smaller the error is."""
-    error, usual = trial.errors.rmse, standard.errors.rmse
-    low, high = sorted((error, usual))
+    error, standard_error = trial.errors.rmse, standard.errors.rmse
+    low, high = sorted((error, standard_error))
     if low == high:
         return "the same error"
     if low == 0.0:
         return "no error left" if error == 0.0 else f"error {error:.2g} instead of none"
-    if _print_alike(low, high):
+    if _is_same_error(low, high):
         return "nearly the same error"
-    return f"error {digits(high / low)}× {'higher' if error > usual else 'lower'}"
+    return f"error {format_factor(high / low)}× {'higher' if error > standard_error else 'lower'}"
 
 
-def _print_alike(error: float, other: float) -> bool:
-    """Tell whether two errors print alike."""
+def _is_same_error(error: float, other: float) -> bool:
+    """Tell whether two errors differ by too little to be reported."""
     low, high = sorted((error, other))
     return high <= low * SAME_ERROR
 
 
-def digits(factor: float) -> str:
-    """Return a factor with two figures or all before the point: ``1.04``, ``2.5``, ``120``."""
+def format_number(value: float) -> str:
+    """Return a number with three digits, or all before the point: ``0.0213``, ``1,234``."""
+    if 999.5 <= abs(value) < 999_999.5:
+        return f"{value:,.0f}"
+    text = f"{value:.3g}"
+    mantissa, letter, exponent = text.partition("e")
+    return f"{mantissa}e{int(exponent)}" if letter else text
+
+
+def format_duration(seconds: float) -> str:
+    """Return a time with its unit: ``12.3 ms``, ``3.04 s``."""
+    if seconds < 0.9995:
+        return f"{format_number(1000.0 * seconds)} ms"
+    return f"{seconds:.3g} s" if seconds < 999.5 else f"{seconds:,.0f} s"
+
+
+def format_factor(factor: float) -> str:
+    """Return a factor with two digits or all before the point: ``1.04``, ``2.5``, ``120``."""
     return (
         f"{factor:.2f}" if factor < 1.1 else f"{factor:.1f}" if factor < 100 else f"{factor:,.0f}"
     )

@@ -117,7 +117,7 @@ def combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> li
     known = [attempt.quality for attempt in preset_attempts(knobs)]
     products = [changes for changes in _products(knobs, useless) if is_possible(standard, changes)]
     found = [
-        Attempt(COMBINATIONS, in_words(changes), replace(standard, **changes))
+        Attempt(COMBINATIONS, format_changes(changes), replace(standard, **changes))
         for changes in pick_evenly(products, MAX_COMBINATIONS)
     ]
     return [attempt for attempt in found if attempt.quality not in known]
@@ -147,7 +147,7 @@ def pick_evenly(items: Sequence[Any], count: int) -> list[Any]:
     return [items[number * len(items) // count] for number in range(count)]
 
 
-def in_words(changes: dict[str, Any]) -> str:
+def format_changes(changes: dict[str, Any]) -> str:
     """Return changed settings as they are written on the command line."""
     return " ".join(f"{name}={level}" for name, level in changes.items())
 

@@ -21,11 +21,11 @@ from rasterjit.accuracy.report.files import (
 )
 from rasterjit.accuracy.report.page import PAGE_NAME
 from rasterjit.accuracy.sentences import (
-    alternatives,
-    certainty,
-    folder_summary,
-    options_of,
-    recommendation,
+    describe_alternatives,
+    describe_certainty,
+    describe_choice,
+    format_options,
+    summarize_folder,
 )
 from rasterjit.accuracy.study import SIZE
 from rasterjit.accuracy.test_scenes import make
@@ -110,9 +110,9 @@ def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> Fold
         )  # fmt: skip
     if quiet:
         return found
-    for text in folder_summary(found):
+    for text in summarize_folder(found):
         say(text)
-    say(f"  {options_of(found.take.trial, found.standard)}")
+    say(f"  {format_options(found.take.trial, found.standard)}")
     for name, why in found.failures.items():
         say(f"not studied: {name}: {why}")
     for name in (JSON_NAME, PAGE_NAME):
@@ -172,12 +172,12 @@ def _console() -> Console:
 def _print(found: results.Study, folder: Path) -> None:
     """Print the answer, the table, the sentences, what is missing from them, and the files."""
     console = _console()
-    console.print(recommendation(found))
-    options = options_of(choose(found).trial, found.standard)
+    console.print(describe_choice(found))
+    options = format_options(choose(found).trial, found.standard)
     if options:
         console.print(f"  {options}")
-    console.print(certainty(found))
-    console.print(alternatives(found))
+    console.print(describe_certainty(found))
+    console.print(describe_alternatives(found))
     console.print()
     _print_table(found, console)
     for sentence in sentences(found).values():

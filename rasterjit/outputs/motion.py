@@ -1,4 +1,4 @@
-"""Compute the motion of visible points since an earlier view, and their visibility then."""
+"""Fill the outputs ``motion`` and ``motion_visible``: visible points in an earlier view."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class PreviousFaces(NamedTuple):
     face_id: Int32
     """(H, W), -1 where nothing was."""
     culled_windings: NDArray[np.int8]
-    """(O,), which way the faces turned that were not drawn; see ``records.Objects``."""
+    """(O,), winding sign of the faces that were not drawn; see ``records.Objects``."""
 
 
 class MomentPair(NamedTuple):
-    """The two moments between which motion is computed."""
+    """The moments of a frame and of its earlier view."""
 
     now: Moment
     before: Moment
     previous_faces: PreviousFaces | None
-    """``None`` if nobody asks what was seen before."""
+    """``None`` if ``motion_visible`` is not requested."""
 
 
 def check_same_objects(now: Sequence[Node], before: Sequence[Node]) -> None:
@@ -73,13 +73,14 @@ def _screen_matrices(views: ViewTransforms, camera: Camera, size: tuple[int, int
     """Return the matrices from objects to pixels and depth, (O, 5, 4); see ``motion_stage``."""
     x, y, z, w = views.clip_from_relative
     (width, height), (c0, c1, c2) = size, camera.depth_coefficients()
-    # The stored depth has a part that is the same for all points.
-    nearness = c1 * z + c2 * w + np.array([0.0, 0.0, 0.0, c0])
-    rows = np.array([(x + w) * (0.5 * width), (w - y) * (0.5 * height), z, w, nearness])
-    matrices, model = np.zeros((len(views.relative_from_model), 5, 4)), views.relative_from_model
+    # c0, a constant, stands in the column of translations.
+    stored_depth = c1 * z + c2 * w + np.array([0.0, 0.0, 0.0, c0])
+    rows = np.array([(x + w) * (0.5 * width), (w - y) * (0.5 * height), z, w, stored_depth])
+    relative_from_model = views.relative_from_model
+    matrices = np.zeros((len(relative_from_model), 5, 4))
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(4):
-            matrices += rows[:, k, np.newaxis] * model[:, np.newaxis, k]
+            matrices += rows[:, k, np.newaxis] * relative_from_model[:, np.newaxis, k]
     return matrices
 
 
@@ -105,9 +106,9 @@ def fill_motion_visible(
     previous_faces: PreviousFaces,
     workers: Workers,
 ) -> Bool:
-    """Return whether each point was seen before, (H, W); False where nothing is."""
+    """Return whether each pixel's point was visible before, (H, W); False for the background."""
     visible = workers.memory.empty(face_id.shape, np.bool_)
-    seen = before.positions, before.matrices, before.faces, *previous_faces
-    arguments = geometry, face_starts, seen, visible.view(np.uint8)
+    previous_view = before.positions, before.matrices, before.faces, *previous_faces
+    arguments = geometry, face_starts, previous_view, visible.view(np.uint8)
     fill_rows(motion_stage.fill_motion_visible, face_id, arguments, workers)
     return visible

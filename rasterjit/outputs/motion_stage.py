@@ -1,8 +1,8 @@
 """
-Find where the points that are seen now were on the screen before, and whether they were seen there.
+Find where visible points were on the screen in an earlier view, and whether they were visible then.
 
-A point of a face has the same weights at both times; it moves with its vertices. Both places are
-found by the same arithmetic, so what has not moved has moved by exactly nothing.
+A point of a face has the same weights at both times; it moves with its vertices. Both positions are
+computed by the same arithmetic, so the motion of a still point is exactly 0.
 
 A point was seen if its face was seen at the centre of the pixel that held it; or if no face hid it
 that was seen there, or at the centre of one of the eight pixels around. A face hides it if it
@@ -31,8 +31,8 @@ column and row in pixels, clip-space z, clip-space w, stored depth.
 """
 
 DEPTH_TOLERANCE = 2.0**-22
-"""What depths differ by, as a share of them, if one is nearer: a step of float32, in which it was
-decided what is seen."""
+"""Relative difference above which a depth is nearer: a step of float32, the type of the depth
+buffer."""
 
 
 @helper
@@ -55,7 +55,7 @@ def interpolate_point(weights, a, b, c, positions):
 
 @helper
 def project_to_pixels(point, owner, matrices):
-    """Return column and row of a point in pixels, and its w; without sense unless w > 0."""
+    """Return column and row of a point in pixels, and its w; undefined unless w > 0."""
     x, y, z = point
     w = transform_row(matrices, owner, CLIP_W, x, y, z)
     return (
@@ -67,7 +67,7 @@ def project_to_pixels(point, owner, matrices):
 
 @helper
 def offset_from_pixel(vertex, owner, positions, matrices, x, y):
-    """Return of a vertex what is 0 if it lies at a place on the screen, its w and its depth."""
+    """Return a vertex's w times its offset from (x, y) in pixels, its w, and w times its depth."""
     p = positions
     px, py, pz = p[vertex, 0], p[vertex, 1], p[vertex, 2]
     w = transform_row(matrices, owner, CLIP_W, px, py, pz)
@@ -82,11 +82,10 @@ def offset_from_pixel(vertex, owner, positions, matrices, x, y):
 @helper
 def evaluate_face(corners, owner, positions, matrices, x, y):
     """
-    Return the stored depth of a face's plane at a place on the screen, which way the face turns,
-    and whether it covers that place.
+    Return the stored depth of a face's plane at (x, y) in pixels, its winding, and if it covers it.
 
-    The depth is not a number where the plane is seen edge on. The turn is positive if the corners
-    run clockwise. That of a segment is 0, its depth that of the foot of the perpendicular, and a
+    The depth is NaN where the plane is seen edge on. The winding is positive if the corners run
+    clockwise. That of a segment is 0, its depth that of the foot of the perpendicular, and a
     point's its own.
     """
     u0, v0, w0, d0 = offset_from_pixel(corners[0], owner, positions, matrices, x, y)
@@ -107,7 +106,7 @@ def evaluate_face(corners, owner, positions, matrices, x, y):
 
 @helper
 def is_nearer(depth, other_depth):
-    """Return whether a stored depth is nearer than another, by more than they are rounded."""
+    """Return whether a stored depth is nearer than another by more than rounding."""
     return depth - other_depth > DEPTH_TOLERANCE * (abs(depth) + abs(other_depth))
 
 
@@ -132,13 +131,13 @@ def was_visible(face, owner, point, corners, x, y, before, face_starts):
     face, owner : int
         Its face and object.
     point : (float, float, float)
-        Then, model space.
+        Its earlier position, model space.
     corners : (int, int, int)
         Vertices of its face then.
     x, y : float
-        Its place then, pixels.
+        Its earlier position, pixels.
     before : tuple
-        As `fill_visible` takes it.
+        As `fill_motion_visible` takes it.
     face_starts : (O+1,) int64
     """
     positions, matrices, faces, face_id, culled_windings = before
@@ -154,7 +153,7 @@ def was_visible(face, owner, point, corners, x, y, before, face_starts):
     if winding * np.float64(culled_windings[owner]) > 0.0:
         return False
     depth = transform_row(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
-    # Is it hidden by what was seen around, at its own place?
+    # Is it hidden by a face seen nearby that covers it?
     last = np.int64(face)
     for i in range(max(row - 1, 0), min(row + 2, face_id.shape[0])):
         for j in range(max(column - 1, 0), min(column + 2, face_id.shape[1])):
@@ -207,8 +206,8 @@ def fill_motion(
     before : (positions (U, 3) float64, matrices (O, 5, 4) float64, faces (F, 3) int32)
         The same as it was, and the vertices of the faces then.
     motion : (H, W, 2) float32
-        Written, pixels: the place now less that before, right and down; NaN where nothing is, and
-        where the point was not in front of the eye.
+        Written, pixels: the position now less that before, right and down; NaN for the background,
+        and where the point was not in front of the eye.
     """
     owner = np.int64(0)
     for row in range(rows[0], rows[1]):
@@ -247,10 +246,10 @@ def fill_motion_visible(
     face_starts : (O+1,) int64
     before : tuple
         ``positions`` (U, 3) float64 and ``matrices`` (O, 5, 4) float64 as they were, ``faces``
-        (F, 3) int32, the ``face_id`` (H, W) int32 that was seen, and ``culled_windings`` (O,) int8,
-        which way the faces turn that were not drawn.
+        (F, 3) int32, the visible ``face_id`` (H, W) int32, and ``culled_windings`` (O,) int8, the
+        winding sign of the faces that were not drawn.
     visible : (H, W) uint8
-        Written: 1 or 0; 0 where nothing is.
+        Written: 1 or 0; 0 for the background.
     """
     owner, (height, width) = np.int64(0), before[3].shape
     for row in range(rows[0], rows[1]):

@@ -8,7 +8,7 @@ from made_trials import study, trial
 
 import rasterjit as rj
 from rasterjit.accuracy.report import files
-from rasterjit.accuracy.report.files import COLUMNS, prepare_folder, write_files
+from rasterjit.accuracy.report.files import CSV_COLUMNS, prepare_folder, write_files
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_csv_has_a_row_for_each_trial(found, tmp_path):
     write_files(found, tmp_path)
     with (tmp_path / "accuracy.csv").open(newline="") as file:
         table = csv.DictReader(file)
-        assert tuple(table.fieldnames) == COLUMNS
+        assert tuple(table.fieldnames) == CSV_COLUMNS
         standard, one = table
     assert (standard["setting"], one["setting"], one["level"]) == ("standard", "samples", "4")
     seconds = [float(text) for text in one["seconds"].split()]

@@ -32,7 +32,7 @@ def test_the_front_is_saved_as_a_picture(tmp_path, front):
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
         assert image.width == round((front.PICTURE_POINTS[0] + front.KEY_POINTS) / 72 * 160)
     for name, least in (("page", 0.6), ("level", 1e-3), ("standard", 1e-4), ("ink", 1e-3)):
-        color = [int(plots.LIGHT[name][k : k + 2], 16) for k in (1, 3, 5)]
+        color = [int(plots.LIGHT_COLORS[name][k : k + 2], 16) for k in (1, 3, 5)]
         assert (pixels == color).all(axis=1).mean() > least, name
     assert list(tmp_path.iterdir()) == [place]
     with pytest.raises(ValueError, match=r"must end in one of \.png"):

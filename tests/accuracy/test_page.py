@@ -17,7 +17,7 @@ from PIL import Image
 
 from rasterjit.accuracy.choice import choose, pareto_front
 from rasterjit.accuracy.report import picture_crops, plots
-from rasterjit.accuracy.report.page import NOTHING, PAGE_NAME, page, write_page
+from rasterjit.accuracy.report.page import NO_VALUE, PAGE_NAME, render_page, write_page
 from rasterjit.accuracy.results import (
     COMBINATIONS,
     CPU,
@@ -28,10 +28,10 @@ from rasterjit.accuracy.results import (
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
-    alternatives,
-    certainty,
-    options_of,
-    recommendation,
+    describe_alternatives,
+    describe_certainty,
+    describe_choice,
+    format_options,
 )
 
 pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
@@ -85,7 +85,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def read(study):
-    found = Read(page(study, SENTENCES))
+    found = Read(render_page(study, SENTENCES))
     assert found.open == []
     return found
 
@@ -106,7 +106,7 @@ def test_everything_that_was_found_is_on_the_page(study, read):
         *study.machine, *study.machine.values(), *study.versions, *study.versions.values(),
         *study.without_effect, *study.without_effect.values(), *SENTENCES.values(), "3.21 s",
         *study.impossible, *study.impossible.values(), "No time was left for",
-        recommendation(study), certainty(study), alternatives(study),
+        describe_choice(study), describe_certainty(study), describe_alternatives(study),
     ):  # fmt: skip
         assert " ".join(words.split()) in read.text, words
 
@@ -114,12 +114,12 @@ def test_everything_that_was_found_is_on_the_page(study, read):
 def test_rows_hold_the_numbers(read):
     rows = {re.sub(r"^\d ", "", row[0]): row[1:] for row in read.rows if row and len(row) == 10}
     assert rows["area"] == [
-        "1.6×1.5–1.6", rows["area"][1], "0.0062", "0.124", "44.2", "0.0031", "124", NOTHING,
-        NOTHING,
+        "1.6×1.5–1.6", rows["area"][1], "0.0062", "0.124", "44.2", "0.0031", "124", NO_VALUE,
+        NO_VALUE,
     ]  # fmt: skip
     assert not any("uv" in row[-1] for row in read.rows if row), "no level has a texture"
     assert rows["256"][2:5] == ["0", "0", "∞"]
-    assert rows["float32"][4:8] == ["29.7", NOTHING, "658", "3"]
+    assert rows["float32"][4:8] == ["29.7", NO_VALUE, "658", "3"]
     assert float(rows["area"][1]) == pytest.approx(1.58 * 12.4, rel=0.03)
 
 
@@ -145,7 +145,12 @@ def test_levels_stand_in_their_order_with_the_standard_among_them(study, read):
 
 
 def test_the_answer_comes_first(study, read):
-    said = recommendation(study), certainty(study), alternatives(study), "Error against time"
+    said = (
+        describe_choice(study),
+        describe_certainty(study),
+        describe_alternatives(study),
+        "Error against time",
+    )
     places = [read.text.index(text) for text in said]
     assert places == sorted(places)
     assert read.text.index("Error against time") < read.text.index("Worth choosing")
@@ -171,7 +176,7 @@ def test_options_give_the_quality_that_was_measured(study, read):
     assert options["samples=4"] == "--set samples=4"
     assert options["draft"] == "--quality draft"
     assert options["samples=4 shading=vertex"] == "--set samples=4 --set shading=vertex"
-    assert options_of(study.standard, study.standard) == "--quality standard"
+    assert format_options(study.standard, study.standard) == "--quality standard"
 
 
 def test_no_factor_is_given_of_one_round():
@@ -179,7 +184,7 @@ def test_no_factor_is_given_of_one_round():
     study = changed(study, "samples", "16", {"ratios": (5.83,), "seconds": (0.0723,)})
     study = changed(study, "samples", "64", {"ratios": (61.0, 88.0, 31.0), "seconds": (0.7,) * 3})
     study = dataclasses.replace(study, front=pareto_front([study.standard, *study.trials]))
-    text = page(study, {})
+    text = render_page(study, {})
     read = Read(text)
     told = read.text + " ".join(one.get("data-found", "") for one in read.all("input"))
     assert not re.search(r"5\.8|61\.0×", told)
@@ -206,7 +211,7 @@ def test_pictures_that_look_alike_are_kept_once(study):
     assert set(album.ids.values()) == set(names)
 
 
-def test_pictures_are_smaller_where_there_are_many_bytes_of_them(monkeypatch):
+def test_pictures_are_smaller_where_there_are_many_count_bytes_them(monkeypatch):
     rng = np.random.default_rng(5)
     study = made_up_study()
     for one in study.trials:
@@ -218,9 +223,9 @@ def test_pictures_are_smaller_where_there_are_many_bytes_of_them(monkeypatch):
     study = dataclasses.replace(study, standard=standard, reference_color=noise, size=(300, 200))
     album = picture_crops.make_album(study)
     assert album.size in picture_crops.CROP_SIZES[1:], "too much for the largest"
-    assert picture_crops.bytes_of(album) <= picture_crops.MAX_BYTES
-    assert len(page(study, {}).encode()) < 2_000_000
-    monkeypatch.setattr(picture_crops, "MAX_BYTES", 0)
+    assert picture_crops.count_bytes(album) <= picture_crops.MAX_ALBUM_BYTES
+    assert len(render_page(study, {}).encode()) < 2_000_000
+    monkeypatch.setattr(picture_crops, "MAX_ALBUM_BYTES", 0)
     assert picture_crops.make_album(study).size == picture_crops.CROP_SIZES[-1]
 
 
@@ -247,7 +252,7 @@ def test_every_image_decodes_and_is_described(read):
 
 
 def test_nothing_is_loaded(study):
-    text = page(study, SENTENCES)
+    text = render_page(study, SENTENCES)
     read = Read(text)
     assert read.all("script") == [{"type": "module"}]
     assert not re.search(r"^import\b|\bfrom [\"']", text, re.MULTILINE)
@@ -263,7 +268,7 @@ def test_nothing_is_loaded(study):
 
 
 def test_what_has_special_characters_is_escaped(study):
-    text = page(study, SENTENCES)
+    text = render_page(study, SENTENCES)
     for words in (study.scene, SENTENCES["samples"], study.machine["cpu"], study.left_out[1]):
         assert words not in text
         assert words in html.unescape(text)
@@ -274,7 +279,7 @@ def test_any_level_scene_or_reason_can_be_shown(name):
     study = made_up_study(settings=["subpixel_bits"], scene=name)
     study = changed(study, "subpixel_bits", "12", {"level": name})
     study = dataclasses.replace(study, without_effect={name: name}, left_out=(name,))
-    read = Read(page(study, {"subpixel_bits": name}))
+    read = Read(render_page(study, {"subpixel_bits": name}))
     assert read.open == []
     assert any(row and row[0] == name for row in read.rows)
     assert " ".join(read.words).count(name) >= 6
@@ -336,17 +341,17 @@ def test_without_matplotlib_it_says_what_to_install(study, tmp_path, monkeypatch
 def test_an_interrupted_study_makes_a_page_too():
     study = made_up_study(settings=[])
     study = dataclasses.replace(study, left_out=("samples=2",), interrupted=True)
-    read = Read(page(study, {}))
+    read = Read(render_page(study, {}))
     assert read.open == []
     assert "The study was interrupted before: samples=2" in read.text
     assert "no other quality was tried." in read.text
 
 
 def test_a_single_round_has_no_spread():
-    read = Read(page(made_up_study(rounds=1), {}))
+    read = Read(render_page(made_up_study(rounds=1), {}))
     assert "timed once" in read.text
     assert any(row[:2] == ["area", NOT_MEASURED] for row in read.rows if row)
-    assert "about 1.9×" in alternatives(made_up_study(rounds=1))
+    assert "about 1.9×" in describe_alternatives(made_up_study(rounds=1))
 
 
 def test_how_much_times_varied_is_said(study, read):
@@ -395,7 +400,9 @@ def test_a_crop_lies_in_the_picture(shape):
 def test_brighter_is_more_wrong_up_to_the_stated_top():
     for largest, top in ((0.03, 0.05), (1.0, 1.0), (0.0051, 0.01), (2e-7, 2e-7), (0.0, 1.0)):
         error = np.linspace(0.0, largest, 50, dtype=np.float32)[None]
-        assert picture_crops.heat_top([error[:, :3], error]) == pytest.approx(top, rel=1e-6)
+        assert picture_crops.round_up_largest_error([error[:, :3], error]) == pytest.approx(
+            top, rel=1e-6
+        )
     colors = picture_crops.heat_map(np.linspace(0.0, 1.0, 30, dtype=np.float32)[None], 1.0).astype(
         float
     )
@@ -406,7 +413,7 @@ def test_brighter_is_more_wrong_up_to_the_stated_top():
 
 
 def test_what_has_no_effect_is_said_once(study):
-    read = Read(page(study, {**SENTENCES, "shadow_taps": "said elsewhere"}))
+    read = Read(render_page(study, {**SENTENCES, "shadow_taps": "said elsewhere"}))
     assert "said elsewhere" not in read.text
     assert read.text.count(study.without_effect["shadow_taps"]) == 1
 
@@ -414,14 +421,14 @@ def test_what_has_no_effect_is_said_once(study):
 def test_what_to_ask_for_is_on_the_page(study, read):
     taken = choose(study).trial
     assert taken.setting != STANDARD
-    assert options_of(taken, study.standard) in read.text
+    assert format_options(taken, study.standard) in read.text
 
 
 def test_processor_times_and_a_smaller_picture_are_said():
     busy = dataclasses.replace(
         made_up_study(), clock=CPU, asked_size=(640, 400), reference_samples=16
     )
-    read = Read(page(busy, {}))
+    read = Read(render_page(busy, {}))
     assert "all threads together worked" in read.text
     assert "not at 640 × 400" in read.text
     assert "a reference of 16 samples a pixel" in read.text
@@ -431,10 +438,10 @@ def test_effects_have_a_table_of_their_own(study, read):
     assert "What each effect costs" not in read.text
     cost = EffectCost("fog & <mist>", study.trials[:2], 0.0123, "a <slow> way")
     plain = EffectCost("glow", study.trials[2:3], None, "none")
-    text = page(dataclasses.replace(study, effects=(cost, plain)), {})
+    text = render_page(dataclasses.replace(study, effects=(cost, plain)), {})
     read = Read(text)
     assert read.open == []
     assert "reference: a <slow> way" in read.text
     rows = [row for row in read.rows if row and row[0] == "as the scene says (standard)"]
     assert [row[1] for row in rows] == ["1×", "1×"]
-    assert [row[3] for row in rows] == ["0.0123", NOTHING]
+    assert [row[3] for row in rows] == ["0.0123", NO_VALUE]

@@ -28,7 +28,7 @@ MAX_SCREENS = 6
 A4 = 8.27, 11.69
 """Width and height of paper, inches."""
 SCHEMES = pytest.mark.parametrize(
-    ("scheme", "colors"), [("light", plots.LIGHT), ("dark", plots.DARK)]
+    ("scheme", "colors"), [("light", plots.LIGHT_COLORS), ("dark", plots.DARK_COLORS)]
 )
 
 FIND = """
@@ -138,7 +138,7 @@ def test_where_the_part_lies_is_visible(seen, width, zoom):
     (element,) = [e for e in elements if e["kind"] == "where"]
     pixels = shown(picture, element)
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
-    assert share(pixels, plots.LIGHT["standard"]) > 0.002, "its frame"
+    assert share(pixels, plots.LIGHT_COLORS["standard"]) > 0.002, "its frame"
 
 
 @WIDTHS
@@ -362,7 +362,7 @@ def test_what_has_the_focus_is_seen(opened, tmp_path):
     x, y = centre(opened, "input[name=point]:checked")
     picture = opened.screenshot(tmp_path / "focus.png")
     around = picture[round(y) - 20 : round(y) + 20, round(x) - 20 : round(x) + 20]
-    assert share(around, plots.LIGHT["level"]) > 0.05
+    assert share(around, plots.LIGHT_COLORS["level"]) > 0.05
     assert place[0] > 0
 
 

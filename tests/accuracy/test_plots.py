@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_up_study import SAMPLES, changed, made_up_study
 
+from rasterjit.accuracy import sentences
 from rasterjit.accuracy.choice import pareto_front
 from rasterjit.accuracy.report import plots
 
@@ -32,7 +33,7 @@ def placed(monkeypatch):
         to_points = axes.transData.transform
         named = [point for point in points if point[2]]
         centres = {point[2]: to_points(point[:2]) for point in named}
-        found.append((plots.PlotArea(*axes.bbox.extents), boxes, centres, named))
+        found.append((plots.PlotBox(*axes.bbox.extents), boxes, centres, named))
         return boxes
 
     monkeypatch.setattr(plots, "place_labels", recorded)
@@ -43,8 +44,8 @@ def check_labels(placed):
     (frame, boxes, centres, named) = placed.pop()
     assert len(boxes) == len(named)
     for n, box in enumerate(boxes):
-        assert box.within(frame)
-        assert not any(box.common(other) for other in boxes[:n])
+        assert box.lies_within(frame)
+        assert not any(box.overlaps(other) for other in boxes[:n])
         assert not any(box.left < x < box.right and box.bottom < y < box.top
                        for x, y in centres.values())  # fmt: skip
     return frame, centres
@@ -88,14 +89,14 @@ def test_one_trial_is_enough(rmse, rounds):
     for one in (study, made_up_study(settings=[], rounds=rounds)):
         plot = plots.plot_front(one, "p-")
         parsed(plot.svg)
-        assert set(plot.places) == {"standard", *(trial.label for trial in one.trials)}
+        assert set(plot.positions) == {"standard", *(trial.label for trial in one.trials)}
 
 
 def test_places_are_where_points_are_drawn(placed):
     study = made_up_study()
-    places = plots.plot_front(study, "p-").places
+    places = plots.plot_front(study, "p-").positions
     _, _, centres, _ = placed.pop()
-    width, height = plots.FRONT_POINTS
+    width, height = plots.PLOT_SIZE
     for n, label in enumerate(study.front, 1):
         x, y = places[label]
         assert (x * width, (1.0 - y) * height) == pytest.approx(centres[str(n)])
@@ -109,7 +110,7 @@ def test_what_is_not_measured_well_enough_is_marked_otherwise():
     kinds = {
         trial.label: point.kind
         for trial, point in zip(
-            (*study.trials, study.standard), plots.front_points(study), strict=True
+            (*study.trials, study.standard), plots.make_plot_points(study), strict=True
         )
     }
     assert kinds["samples=64"] == "rough"
@@ -123,7 +124,7 @@ def test_the_plot_follows_the_colours_of_the_page():
     assert root.get("role") == "img"
     assert "18 qualities" in root.get("aria-label")
     assert not re.search("#[0-9a-f]{6}", text), "a colour that is no variable"
-    for name in plots.LIGHT:
+    for name in plots.LIGHT_COLORS:
         assert f"var(--{name})" in text
     ids = [element.get("id") for element in root.iter() if element.get("id")]
     assert ids
@@ -138,13 +139,13 @@ def test_colours_are_told_apart_on_light_and_dark_pages():
         linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
         return linear @ [0.2126, 0.7152, 0.0722]
 
-    for colors, least in ((plots.LIGHT, 3.5), (plots.DARK, 5.0)):
+    for colors, least in ((plots.LIGHT_COLORS, 3.5), (plots.DARK_COLORS, 5.0)):
         for name in ("ink", "muted", "level", "standard"):
             low, high = sorted((luminance(colors[name]), luminance(colors["page"])))
             text = 3.0 if name == "standard" else 4.5
             assert (high + 0.05) / (low + 0.05) > max(least, text), name
         assert len(set(colors.values())) == len(colors)
-    assert list(plots.LIGHT) == list(plots.DARK)
+    assert list(plots.LIGHT_COLORS) == list(plots.DARK_COLORS)
 
 
 def test_the_users_own_matplotlib_settings_neither_matter_nor_change():
@@ -159,20 +160,20 @@ def test_the_users_own_matplotlib_settings_neither_matter_nor_change():
 @pytest.mark.parametrize("low", [1e-12, 3.3e-4, 0.97, 42.0])
 @pytest.mark.parametrize("ratio", [1.2, 1.25, 1.9, 3.0, 3.1, 7.0, 40.0, 1e3, 1e12])
 def test_axes_have_a_few_round_ticks(low, ratio):
-    ticks = plots.log_ticks(low, low * ratio)
+    ticks = plots.find_log_ticks(low, low * ratio)
     shares = np.log(np.divide(ticks, low)) / np.log(ratio)
     assert 2 <= len(ticks) <= 8
     assert shares[0] > 0.02
     assert shares[-1] < 0.98
     assert (np.diff(shares) > 0.13).all(), "labels touch"
-    assert len({plots.number(tick) for tick in ticks}) == len(ticks)
-    shown = [float(plots.number(tick).replace(",", "")) for tick in ticks]
+    assert len({sentences.format_number(tick) for tick in ticks}) == len(ticks)
+    shown = [float(sentences.format_number(tick).replace(",", "")) for tick in ticks]
     assert shown == pytest.approx(ticks, rel=6e-3)
 
 
 def test_limits_hold_all_values_and_are_not_too_narrow():
     for values in ([0.5], [1.0, 1.001], [1e-9, 3.0], [2.0, 2.0, 8.0]):
-        low, high = plots.log_limits(values, 1.25, 0.1)
+        low, high = plots.find_log_limits(values, 1.25, 0.1)
         assert low < min(values) <= max(values) < high
         assert high / low >= 1.25
         assert low * high == pytest.approx(min(values) * max(values)), "in the middle"
@@ -187,7 +188,7 @@ def test_numbers_are_short():
         1234.4: "1,234",
         1.5e12: "1.5e12",
     }
-    assert {value: plots.number(value) for value in shown} == shown
+    assert {value: sentences.format_number(value) for value in shown} == shown
 
 
 def test_times_have_their_unit():
@@ -198,4 +199,4 @@ def test_times_have_their_unit():
         3.0412: "3.04 s",
         1234.4: "1,234 s",
     }
-    assert {seconds: plots.duration(seconds) for seconds in shown} == shown
+    assert {seconds: sentences.format_duration(seconds) for seconds in shown} == shown

@@ -8,13 +8,13 @@ from rasterjit.accuracy.choice import pareto_front
 from rasterjit.accuracy.results import CPU
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
-    alternatives,
     answer,
-    certainty,
-    factor_in_words,
-    key_level,
-    options_of,
-    recommendation,
+    describe_alternatives,
+    describe_certainty,
+    describe_choice,
+    describe_factor,
+    find_key_level,
+    format_options,
     sentences,
 )
 
@@ -64,13 +64,13 @@ def test_the_level_that_buys_most_for_its_time_is_told():
         samples(2, 1.3, rmse=0.07), samples(8, 1.6, rmse=0.02), samples(16, 9.0, rmse=0.019),
         samples(256, 9.0, rmse=0.0),
     ]  # fmt: skip
-    assert key_level(levels, trial()).level == "8"
+    assert find_key_level(levels, trial()).level == "8"
 
 
 def test_where_nothing_is_more_accurate_the_fastest_worthwhile_level_is_told():
     fast = trial("shading=face", (0.7,) * 5, rj.Quality(shading="face"), "standard", rmse=0.9)
     worth = trial("shading=vertex", (0.8,) * 5, rj.Quality(shading="vertex"), rmse=0.3)
-    assert key_level([fast, worth], trial()) is worth
+    assert find_key_level([fast, worth], trial()) is worth
     assert said(fast).endswith("; not worth it here.")
 
 
@@ -89,7 +89,7 @@ def test_where_nothing_is_more_accurate_the_best_bargain_is_told():
         trial("transparency_layers=4", (0.54,) * 5, rmse=0.16),
         trial("transparency_layers=8", (0.76,) * 5, rmse=0.1001),
     ]
-    assert key_level(levels, trial(rmse=0.1)).level == "8"
+    assert find_key_level(levels, trial(rmse=0.1)).level == "8"
 
 
 def test_a_time_of_one_round_is_no_claim():
@@ -114,12 +114,14 @@ def test_a_time_of_one_round_is_no_claim():
     ],
 )
 def test_a_factor_is_claimed_only_where_the_rounds_give_it(ratios, text):
-    assert factor_in_words(trial("samples=4", ratios)) == text
+    assert describe_factor(trial("samples=4", ratios)) == text
 
 
 def answered(*trials, standard=None):
     standard = standard or trial(rmse=0.1)
-    return alternatives(study(trials, pareto_front([standard, *trials]), standard=standard))
+    return describe_alternatives(
+        study(trials, pareto_front([standard, *trials]), standard=standard)
+    )
 
 
 def test_what_else_there_is_is_the_standard_twice_its_time_and_half():
@@ -169,14 +171,14 @@ def test_a_quality_is_named_however_badly_it_was_timed():
     once = dataclasses.replace(
         once, trials=tuple(dataclasses.replace(one, ratios=(5.0,)) for one in once.trials)
     )
-    assert recommendation(once).startswith("Take 16 samples: about 5.0× the time of standard")
-    assert certainty(once).startswith("A guess: ")
+    assert describe_choice(once).startswith("Take 16 samples: about 5.0× the time of standard")
+    assert describe_certainty(once).startswith("A guess: ")
 
 
 def test_processor_times_are_called_so():
     found = study([samples(4, 2.2, rmse=0.04)], clock=CPU, standard=trial(rmse=0.1))
-    assert "22 ms of processor time a frame" in recommendation(found)
-    assert "the machine is busy" in certainty(found)
+    assert "22 ms of processor time a frame" in describe_choice(found)
+    assert "the machine is busy" in describe_certainty(found)
 
 
 def test_what_was_cut_is_said():
@@ -184,7 +186,7 @@ def test_what_was_cut_is_said():
         [samples(4, 2.2, rmse=0.04)], asked_size=(60, 40), reference_samples=64,
         reference_error=0.0012,
     )  # fmt: skip
-    said = certainty(small)
+    said = describe_certainty(small)
     assert "a reference of 64 samples, for which there was time and which errs by 0.0012" in said
     assert "1 quality was not tried: there was no time." in said
     assert "It was measured at 6 × 4 pixels, not at 60 × 40" in said
@@ -192,14 +194,14 @@ def test_what_was_cut_is_said():
 
 def test_an_error_that_nothing_holds_is_said():
     found = study([samples(4, 2.2, rmse=0.04)], max_error=0.01, standard=trial(rmse=0.1))
-    said = recommendation(found)
+    said = describe_choice(found)
     assert said.startswith("Nothing that was tried has an error of 0.01. Take 4 samples: ")
 
 
 def test_options_are_what_the_command_line_takes():
-    assert options_of(samples(4, 2.2), trial()) == "--set samples=4"
-    assert options_of(trial("high", (3.0,), rj.Quality.high()), trial()) == "--quality high"
-    assert options_of(trial(), trial()) == "--quality standard"
+    assert format_options(samples(4, 2.2), trial()) == "--set samples=4"
+    assert format_options(trial("high", (3.0,), rj.Quality.high()), trial()) == "--quality high"
+    assert format_options(trial(), trial()) == "--quality standard"
 
 
 def test_the_answer_names_what_is_better_in_the_same_time_or_as_good_in_less():

@@ -1,4 +1,4 @@
-"""Write what a study found to files, whole or not at all."""
+"""Write the files of a study: JSON, CSV, and the page."""
 
 from __future__ import annotations
 
@@ -13,31 +13,32 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.accuracy.choice import choose, is_measured
+from rasterjit.accuracy.report.page import write_page
 from rasterjit.accuracy.report.plots import PAGE_MODULES
 from rasterjit.accuracy.results import EffectCost, Study, Trial
-from rasterjit.accuracy.sentences import answer, options_of, sentences
+from rasterjit.accuracy.sentences import answer, format_options, sentences
 from rasterjit.io.atomic_write import atomic_file, write_text
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
 
-COLUMNS = (
+CSV_COLUMNS = (
     "scene", "width", "height", "threads", "cpu", "rasterjit", "setting", "level",
     "median_ms", "ratio", "ratio_low", "ratio_high", "measured", "rmse", "largest", "psnr",
     "flip", "wrong_faces", "depth_ulp", "depth_units", "uv_texels", "dominated_by", "on_front",
     "seconds",
 )  # fmt: skip
-"""Of the table: ``measured`` says whether the ratio is known well enough to be a factor; the last
-holds the raw times, with spaces between."""
+"""Columns of the CSV file: ``measured`` says whether the ratio is precise enough to be a factor;
+``seconds`` holds the raw times, separated by spaces."""
 
 
 def prepare_folder(output: str | Path) -> Path:
     """
-    Make a folder for a report, if there is none, and see that files can be written there.
+    Make a folder for a report, if there is none, and check that files can be written there.
 
     Raises
     ------
     ValueError
-        If it is not a folder, or nothing can be written there.
+        If ``output`` is not a folder, or nothing can be written there.
     """
     if not isinstance(output, (str, os.PathLike)):
         raise ValueError(f"output must be a folder, got {output!r}")
@@ -69,20 +70,20 @@ def write_files(study: Study, output: str | Path) -> list[Path]:
         If the system refuses to write; a file that was there before is whole.
     """
     folder = prepare_folder(output)
-    text = json.dumps(as_json(study), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(study_as_json(study), indent=1, allow_nan=False, ensure_ascii=False)
     write_text(folder / JSON_NAME, text + "\n")
     with (
         atomic_file(folder / CSV_NAME) as temporary,
         temporary.open("w", -1, "utf-8", "backslashreplace", newline="") as file,
     ):
-        table = csv.DictWriter(file, COLUMNS)
+        table = csv.DictWriter(file, CSV_COLUMNS)
         table.writeheader()
-        table.writerows(_rows(study))
+        table.writerows(_csv_rows(study))
     return [folder / JSON_NAME, folder / CSV_NAME]
 
 
 def can_make_page() -> bool:
-    """Tell whether matplotlib and Jinja are installed, which the page is made with."""
+    """Tell whether matplotlib and Jinja, which the page needs, are installed."""
     return all(importlib.util.find_spec(module) for module in PAGE_MODULES)
 
 
@@ -95,17 +96,14 @@ def write_report(study: Study, output: str | Path) -> list[Path]:
     ValueError, OSError
         As `write_files` does.
     """
-    places = write_files(study, output)
+    paths = write_files(study, output)
     if can_make_page():
-        # It brings matplotlib, which takes a second.
-        from rasterjit.accuracy.report.page import write_page
-
-        places.append(write_page(study, output, sentences(study)))
-    return places
+        paths.append(write_page(study, output, sentences(study)))
+    return paths
 
 
-def as_json(study: Study) -> dict[str, Any]:
-    """Return all but the pictures as what JSON can hold; an infinite PSNR is null."""
+def study_as_json(study: Study) -> dict[str, Any]:
+    """Return a study without its pictures as JSON values; an infinite PSNR is null."""
     return {
         "scene": study.scene,
         "size": list(study.size),
@@ -115,8 +113,8 @@ def as_json(study: Study) -> dict[str, Any]:
         "versions": study.versions,
         "interrupted": study.interrupted,
         "reference_seconds": study.reference_seconds,
-        "standard": _as_json(study.standard, study),
-        "trials": [_as_json(trial, study) for trial in study.trials],
+        "standard": _trial_as_json(study.standard, study),
+        "trials": [_trial_as_json(trial, study) for trial in study.trials],
         "front": list(study.front),
         "without_effect": study.without_effect,
         "impossible": study.impossible,
@@ -134,30 +132,28 @@ def as_json(study: Study) -> dict[str, Any]:
 
 
 def _choice_as_json(study: Study) -> dict[str, Any]:
-    """Return the quality to take, and how sure that is."""
-    found = choose(study)
+    """Return the quality to take, and how sure the choice is."""
+    choice = choose(study)
     return {
-        "label": found.trial.label,
-        "options": options_of(found.trial, study.standard),
-        "quality": asdict(found.trial.quality),
-        "holds_max_error": found.holds if study.max_error is not None else None,
-        "sureness": found.sureness,
-        "better_by_at_most": found.at_most,
+        "label": choice.trial.label,
+        "options": format_options(choice.trial, study.standard),
+        "quality": asdict(choice.trial.quality),
+        "holds_max_error": choice.holds if study.max_error is not None else None,
+        "sureness": choice.sureness,
+        "better_by_at_most": choice.at_most,
     }
 
 
 def _cost_as_json(cost: EffectCost, study: Study) -> dict[str, Any]:
-    """Return what an effect costs."""
     return {
         "effect": cost.effect,
         "rmse": cost.rmse,
         "reference": cost.reference,
-        "levels": [_as_json(level, study) for level in cost.levels],
+        "levels": [_trial_as_json(level, study) for level in cost.levels],
     }
 
 
-def _as_json(trial: Trial, study: Study) -> dict[str, Any]:
-    """Return one trial."""
+def _trial_as_json(trial: Trial, study: Study) -> dict[str, Any]:
     errors = trial.errors._asdict()
     if math.isinf(errors["psnr"]):
         errors["psnr"] = None
@@ -179,8 +175,8 @@ def _as_json(trial: Trial, study: Study) -> dict[str, Any]:
     }
 
 
-def _rows(study: Study) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table: the standard first, the levels of effects last."""
+def _csv_rows(study: Study) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the CSV file: the standard first, the levels of effects last."""
     width, height = study.size
     levels = [level for cost in study.effects for level in cost.levels]
     for trial in (study.standard, *study.trials, *levels):

@@ -1,84 +1,87 @@
-"""Write what studies of many scenes found as one page and one file of numbers."""
+"""Write the study of a folder of scenes as one page and one JSON file."""
 
 from __future__ import annotations
 
 import html
 import json
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.report.files import JSON_NAME
-from rasterjit.accuracy.report.plots import number
+from rasterjit.accuracy.report.page import PAGE_NAME, read_template
 from rasterjit.accuracy.results import STANDARD, Trial
-from rasterjit.accuracy.sentences import digits, folder_summary, options_of, time_in_words
+from rasterjit.accuracy.sentences import (
+    format_duration,
+    format_factor,
+    format_number,
+    format_options,
+    summarize_folder,
+)
 from rasterjit.io.atomic_write import write_text
 
 if TYPE_CHECKING:
     from rasterjit.accuracy.many_scenes import FolderStudy
 
-PAGE_NAME = "index.html"
+CONTENT_SECURITY_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+"""Lets the page load nothing but what is in it."""
 
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""What the page may load: nothing but what is in it."""
-
-STYLE = """:root { color-scheme: light dark; --page: Canvas; --ink: CanvasText; --muted: GrayText;
+COLORS = """:root { color-scheme: light dark; --page: Canvas; --ink: CanvasText; --muted: GrayText;
         --grid: #8884; --level: #0072b2; --standard: #d55e00; }"""
-"""Colours, in either scheme."""
+"""Style of colours, in the light and the dark scheme."""
 
 
-def write_together(found: FolderStudy, folder: Path) -> list[Path]:
+def write_folder_report(folder_study: FolderStudy, folder: Path) -> list[Path]:
     """Write ``accuracy.json`` and ``index.html``, whole or not at all; return their paths."""
-    text = json.dumps(as_json(found), indent=1, allow_nan=False, ensure_ascii=False)
-    places = {JSON_NAME: text + "\n", PAGE_NAME: page(found)}
-    for name, content in places.items():
+    text = json.dumps(folder_as_json(folder_study), indent=1, allow_nan=False, ensure_ascii=False)
+    contents = {JSON_NAME: text + "\n", PAGE_NAME: render_page(folder_study)}
+    for name, content in contents.items():
         write_text(folder / name, content)
-    return [folder / name for name in places]
+    return [folder / name for name in contents]
 
 
-def as_json(found: FolderStudy) -> dict[str, Any]:
-    """Return what was found, as what JSON can hold."""
-    taken = found.take.trial
+def folder_as_json(folder_study: FolderStudy) -> dict[str, Any]:
+    """Return a study as JSON values."""
+    chosen = folder_study.take.trial
     return {
-        "folder": found.name,
-        "max_error": found.max_error,
+        "folder": folder_study.name,
+        "max_error": folder_study.max_error,
         "take": {
-            "label": taken.label,
-            "options": options_of(taken, found.standard),
-            "quality": asdict(taken.quality),
-            "holds_max_error": None if found.max_error is None else found.take.holds,
-            "sureness": found.take.sureness,
-            "better_by_at_most": found.take.at_most,
+            "label": chosen.label,
+            "options": format_options(chosen, folder_study.standard),
+            "quality": asdict(chosen.quality),
+            "holds_max_error": None if folder_study.max_error is None else folder_study.take.holds,
+            "sureness": folder_study.take.sureness,
+            "better_by_at_most": folder_study.take.at_most,
         },
-        "answer": " ".join(folder_summary(found)),
+        "answer": " ".join(summarize_folder(folder_study)),
         "scenes": {
             name: {
                 label: {"ratio": trials[row].ratio, "rmse": trials[row].errors.rmse}
-                for label, trials in found.candidates.items()
+                for label, trials in folder_study.candidates.items()
             }
-            for row, name in enumerate(found.studies)
+            for row, name in enumerate(folder_study.studies)
         },
-        "failures": found.failures,
+        "failures": folder_study.failures,
     }
 
 
-def page(found: FolderStudy) -> str:
+def render_page(folder_study: FolderStudy) -> str:
     """Return the page as HTML."""
-    style = resources.files("rasterjit.accuracy.report").joinpath("page.css").read_text("utf-8")
-    title = html.escape(f"What accuracy costs: {found.name}")
-    take, sure = (html.escape(text) for text in folder_summary(found))
-    options = html.escape(options_of(found.take.trial, found.standard))
-    failed = "".join(
-        f"<dt>{html.escape(name)}</dt><dd>{html.escape(why)}</dd>"
-        for name, why in found.failures.items()
+    style = read_template("page.css")
+    title = html.escape(f"What accuracy costs: {folder_study.name}")
+    answer, certainty = (html.escape(text) for text in summarize_folder(folder_study))
+    options = html.escape(format_options(folder_study.take.trial, folder_study.standard))
+    failures = "".join(
+        f"<dt>{html.escape(name)}</dt><dd>{html.escape(reason)}</dd>"
+        for name, reason in folder_study.failures.items()
     )
     sections = {
-        "Each scene": _scenes(found),
-        "What was compared": _qualities(found),
-        "Not studied": failed and f"<dl>{failed}</dl>\n",
+        "Each scene": _scenes_table(folder_study),
+        "What was compared": _qualities_table(folder_study),
+        "Not studied": failures and f"<dl>{failures}</dl>\n",
     }
     body = "".join(
         f"<section>\n<h2>{heading}</h2>\n{text}</section>\n"
@@ -88,55 +91,60 @@ def page(found: FolderStudy) -> str:
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY_POLICY}">\n'
         f'<link rel="icon" href="data:,">\n<title>{title}</title>\n'
-        f"<style>\n{STYLE}\n{style}</style>\n</head>\n<body>\n<header>\n<h1>{title}</h1>\n"
-        f'<p class="answer">{take}</p>\n<p class="take"><code>{options}</code></p>\n'
-        f'<p class="sure">{sure}</p>\n</header>\n<main>\n{body}</main>\n</body>\n</html>\n'
+        f"<style>\n{COLORS}\n{style}</style>\n</head>\n<body>\n<header>\n<h1>{title}</h1>\n"
+        f'<p class="answer">{answer}</p>\n<p class="take"><code>{options}</code></p>\n'
+        f'<p class="sure">{certainty}</p>\n</header>\n<main>\n{body}</main>\n</body>\n</html>\n'
     )
 
 
-def _scenes(found: FolderStudy) -> str:
-    """Return what the quality costs and buys on each scene, as a table."""
-    taken, usual = found.candidates[found.take.trial.label], found.candidates[STANDARD]
-    rows = []
-    for (name, study), one, standard in zip(found.studies.items(), taken, usual, strict=True):
+def _scenes_table(folder_study: FolderStudy) -> str:
+    """Return time and error of the chosen quality on each scene, as an HTML table."""
+    candidates, rows = folder_study.candidates, []
+    chosen_trials = candidates[folder_study.take.trial.label]
+    trials = zip(folder_study.studies.items(), chosen_trials, candidates[STANDARD], strict=True)
+    for (name, study), chosen_trial, standard in trials:
         cells = [
-            time_in_words(standard.median),
-            number(standard.errors.rmse),
-            f"{digits(one.ratio)}×",
-            number(one.errors.rmse),
+            format_duration(standard.median),
+            format_number(standard.errors.rmse),
+            f"{format_factor(chosen_trial.ratio)}×",
+            format_number(chosen_trial.errors.rmse),
             html.escape(choose(study).trial.label),
         ]
         link = f'<a href="{quote(name)}/{PAGE_NAME}">{html.escape(name)}</a>'
-        rows.append(_row(link, cells))
+        rows.append(_format_row(link, cells))
     head = "scene", "standard", "its RMSE", "time of the choice", "its RMSE", "best here alone"
-    return _table(head, rows)
+    return _format_table(head, rows)
 
 
-def _qualities(found: FolderStudy) -> str:
-    """Return the qualities that were tried on all scenes, as a table."""
+def _qualities_table(folder_study: FolderStudy) -> str:
+    """Return the qualities that were tried on all scenes, as an HTML table."""
     rows = []
-    for one in sorted((found.standard, *found.totals), key=lambda trial: trial.ratio):
-        trials: tuple[Trial, ...] = found.candidates[one.label]
-        ratios = [each.ratio for each in trials]
+    for total in sorted(
+        (folder_study.standard, *folder_study.totals), key=lambda trial: trial.ratio
+    ):
+        trials: tuple[Trial, ...] = folder_study.candidates[total.label]
+        ratios = [trial.ratio for trial in trials]
         cells = [
-            f"{digits(one.ratio)}×",
-            f"{digits(min(ratios))} to {digits(max(ratios))}",
-            number(max(each.errors.rmse for each in trials)),
+            f"{format_factor(total.ratio)}×",
+            f"{format_factor(min(ratios))} to {format_factor(max(ratios))}",
+            format_number(max(trial.errors.rmse for trial in trials)),
         ]
-        name = html.escape(one.label)
-        is_taken = one.label == found.take.trial.label
-        rows.append(_row(f"<mark>{name}</mark>" if is_taken else name, cells))
-    return _table(("quality", "time, geometric mean", "from scene to scene", "largest RMSE"), rows)
+        name = html.escape(total.label)
+        is_chosen = total.label == folder_study.take.trial.label
+        rows.append(_format_row(f"<mark>{name}</mark>" if is_chosen else name, cells))
+    return _format_table(
+        ("quality", "time, geometric mean", "from scene to scene", "largest RMSE"), rows
+    )
 
 
-def _row(name: str, cells: list[str]) -> str:
+def _format_row(name: str, cells: list[str]) -> str:
     values = "".join(f"<td>{cell}</td>" for cell in cells)
     return f'<tr><th scope="row">{name}</th>{values}</tr>'
 
 
-def _table(head: tuple[str, ...], rows: list[str]) -> str:
+def _format_table(head: tuple[str, ...], rows: list[str]) -> str:
     cells = "".join(f'<th scope="col">{html.escape(name)}</th>' for name in head)
     body = "\n".join(rows)
     return (

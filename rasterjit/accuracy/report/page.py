@@ -1,9 +1,8 @@
 """
-Write what a study found as one page: the answer, a plot to look around in, tables and pictures.
+Write a study as one HTML page: the answer, an interactive plot, tables and pictures.
 
 The page loads nothing: pictures are in it as ``data:`` addresses, the plot as inline SVG, style and
-program as text. The same study makes the same bytes. ``page.html`` is its template, for Jinja: here
-is what that shows.
+script as text. The same study makes the same bytes. ``page.html`` is its Jinja template.
 """
 
 from __future__ import annotations
@@ -16,13 +15,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rasterjit.accuracy.choice import choose, is_measured, is_slower
-from rasterjit.accuracy.report.picture_crops import make_album, thumbnail, webp_uri
+from rasterjit.accuracy.report.picture_crops import encode_webp_uri, make_album, make_thumbnail
 from rasterjit.accuracy.report.plots import (
-    DARK,
-    LIGHT,
+    DARK_COLORS,
+    LIGHT_COLORS,
     PAGE_MODULES,
-    duration,
-    number,
     plot_front,
     require_extra,
 )
@@ -40,29 +37,31 @@ from rasterjit.accuracy.results import (
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
-    alternatives,
-    certainty,
-    digits,
-    error_against,
-    factor_in_words,
-    options_of,
-    recommendation,
+    compare_errors,
+    describe_alternatives,
+    describe_certainty,
+    describe_choice,
+    describe_factor,
+    format_duration,
+    format_factor,
+    format_number,
+    format_options,
 )
 from rasterjit.io.atomic_write import write_text
 
 PAGE_NAME = "index.html"
 
-NOTHING = "–"
-"""What stands where a number has no meaning."""
+NO_VALUE = "–"
+"""Text in place of a number without meaning."""
 
-WIDE, NARROW = 480, 336
-"""Columns of the screen that an enlarged picture takes at most, on a desktop and on a phone."""
+MAX_CROP_WIDTH_DESKTOP, MAX_CROP_WIDTH_PHONE = 480, 336
+"""Largest width of an enlarged crop of a picture, CSS pixels."""
 
 TIME_NOTES = {
     WALL: "Times are medians, each over the standard’s time in the same round.",
     CPU: "Times are what all threads together worked for a frame: medians of the least half.",
 }
-"""What is said of times, by the clock."""
+"""How times were taken, by the clock."""
 
 RESULT_COLUMNS = (
     ("time", "standard = 1"),
@@ -76,45 +75,33 @@ RESULT_COLUMNS = (
     ("depth", "scene units"),
     ("uv", "largest, texels"),
 )
-"""Columns of what was measured, with their units."""
+"""Columns of the table of results, with their units."""
 
 
 Cell = tuple[str, str]
-"""What a cell of a table holds, and what stands small below it."""
+"""Text of a cell of a table, and its subtitle in small letters."""
 
 
 class TableRow(NamedTuple):
-    """
-    A row of a table.
+    """A row of a table."""
 
-    Parameters
-    ----------
-    kind : str
-        Class in the style sheet.
-    name : str
-    cells : list of (str, str)
-    trial : Trial, optional
-        Whose picture a press on the name shows.
-    place : int, optional
-        On the front.
-    small : str
-        Below the name.
-    """
-
-    kind: str
+    css_class: str
     name: str
     cells: list[Cell]
     trial: Trial | None = None
-    place: int | None = None
-    small: str = ""
+    """Trial whose picture a press on the name shows."""
+    front_rank: int | None = None
+    """Position on the Pareto front, from 1 on."""
+    subtitle: str = ""
+    """Small text below the name."""
 
 
 class TableGroup(NamedTuple):
-    """Rows of a table, with or without a title above them, and what stands small beside it."""
+    """Rows of a table, with an optional title above them and small text beside it."""
 
     rows: list[TableRow]
     title: str = ""
-    small: str = ""
+    subtitle: str = ""
 
 
 def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> Path:
@@ -145,201 +132,206 @@ def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> P
     require_extra(*PAGE_MODULES)
     if not isinstance(folder, (str, os.PathLike)):
         raise ValueError(f"folder must be the name of a folder, got {folder!r}")
-    place = Path(folder)
-    if place.exists() and not place.is_dir():
-        raise ValueError(f"folder must be a folder, got {str(place)!r}, which is a file")
-    text = page(study, sentences)
-    place.mkdir(parents=True, exist_ok=True)
-    write_text(place / PAGE_NAME, text)
-    return place / PAGE_NAME
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"folder must be a folder, got {str(folder)!r}, which is a file")
+    html = render_page(study, sentences)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / PAGE_NAME, html)
+    return folder / PAGE_NAME
 
 
-def page(study: Study, sentences: dict[str, str]) -> str:
+def render_page(study: Study, sentences: dict[str, str]) -> str:
     """Return the page of a study as HTML; see `write_page`."""
-    # Of the extra, so nobody else loads it.
+    # Part of the extra ``accuracy``.
     import jinja2
 
-    pages = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_file), autoescape=True, trim_blocks=True, lstrip_blocks=True,
-        keep_trailing_newline=True, undefined=jinja2.StrictUndefined,
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read_template), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined,
     )  # fmt: skip
-    pages.globals |= {
-        one.__name__: one
-        for one in (
-            alternatives, counted, duration, certainty, in_words, number, options_of,
-            recommendation, variables, words,
+    environment.globals |= {
+        function.__name__: function
+        for function in (
+            count_noun, describe_alternatives, describe_certainty, describe_choice,
+            describe_trial, format_css_variables, format_duration, format_number, format_options,
+            split_label,
         )
     }  # fmt: skip
-    return pages.get_template("page.html").render(_contents(study, sentences))
+    return environment.get_template("page.html").render(_template_variables(study, sentences))
 
 
-def _file(name: str) -> str:
-    """Return the text of a file beside this one."""
+def read_template(name: str) -> str:
+    """Return the text of a template, style sheet or script of the page."""
     return resources.files("rasterjit.accuracy.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _contents(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
-    """Return what the template shows, by its names there."""
+def _template_variables(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
+    """Return the variables of the template, by name."""
     album, (columns, rows) = make_album(study), study.size
-    wide, front = album.size[0], front_trials(study)
-    columns_shown, results = results_table(study)
+    crop_width, front = album.size[0], front_trials(study)
+    result_columns, results = make_results_table(study)
     without = {name: f"changes nothing here: {why}." for name, why in study.without_effect.items()}
     return {
         "study": study,
         "columns": columns,
         "rows": rows,
         "stroke": f"{columns / 80.0:.3g}",
-        "thumbnail": webp_uri(thumbnail(study.reference_color)),
+        "thumbnail": encode_webp_uri(make_thumbnail(study.reference_color)),
         "album": album,
-        "wide": max(WIDE // wide, 1),
-        "narrow": max(NARROW // wide, 1),
-        "light": LIGHT,
-        "dark": DARK,
-        "style": _file("page.css"),
-        "script": _file("page.js"),
-        "take": options_of(choose(study).trial, study.standard),
-        "varied": _quartile_range_text(study),
-        "times": TIME_NOTES[study.clock],
+        "desktop_zoom": max(MAX_CROP_WIDTH_DESKTOP // crop_width, 1),
+        "phone_zoom": max(MAX_CROP_WIDTH_PHONE // crop_width, 1),
+        "light": LIGHT_COLORS,
+        "dark": DARK_COLORS,
+        "style": read_template("page.css"),
+        "script": read_template("page.js"),
+        "take": format_options(choose(study).trial, study.standard),
+        "quartiles": _format_quartiles(study),
+        "time_note": TIME_NOTES[study.clock],
         "plot": plot_front(study, "front-"),
-        "points": sorted((study.standard, *study.trials), key=lambda one: (one.ratio, one.label)),
+        "points": sorted((study.standard, *study.trials), key=lambda t: (t.ratio, t.label)),
         "labels": [trial.label for trial in front],
         "not_measured": NOT_MEASURED,
-        "front": front_table(study, front),
-        "effects": effects_table(study),
-        "result_columns": columns_shown,
+        "front": make_front_table(study, front),
+        "effects": make_effects_table(study),
+        "result_columns": result_columns,
         "results": results,
         "impossible": {f"not possible: {name}": why for name, why in study.impossible.items()},
-        "sentences": {**{n: text for n, text in sentences.items() if n not in without}, **without},
-        "spread": _spread_summary(study),
+        "sentences": {n: text for n, text in sentences.items() if n not in without} | without,
+        "spread": _summarize_spread(study),
         "machine": {**study.machine, **study.versions},
     }
 
 
-def variables(colors: dict[str, str]) -> str:
+def format_css_variables(colors: dict[str, str]) -> str:
     """Return the colours of a plot as custom properties of the style sheet."""
     return " ".join(f"--{name}: {color};" for name, color in colors.items())
 
 
-def counted(count: int, noun: str) -> str:
-    """Return a number of things, ``2 rounds``."""
+def count_noun(count: int, noun: str) -> str:
+    """Return a count with its noun: ``1 round``, ``2 rounds``."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def words(text: str) -> list[str]:
-    """Return the parts of a label, or of options, between which a line may end."""
+def split_label(text: str) -> list[str]:
+    """Return the parts of a label, or of options, that a line break may separate."""
     parts = text.split(" ")
     if not text.startswith("--"):
         return parts
     return [f"{option} {value}" for option, value in zip(parts[::2], parts[1::2], strict=True)]
 
 
-def _quartile_range_text(study: Study) -> str:
-    """Return between which times the middle half of the standard's frames lay; "": one frame."""
+def _format_quartiles(study: Study) -> str:
+    """Return the quartiles of the standard's times: ``12 ms to 13 ms``; "" of one frame."""
     seconds = study.standard.seconds
     if len(seconds) < 2:
         return ""
     low, _, high = statistics.quantiles(seconds, n=4, method="inclusive")
-    return " to ".join(dict.fromkeys((duration(low), duration(high))))
+    return " to ".join(dict.fromkeys((format_duration(low), format_duration(high))))
 
 
-def in_words(study: Study, trial: Trial) -> str:
-    """Return what a trial costs and how far it is from the reference, for a line beside it."""
-    error = f"error {number(trial.errors.rmse)}"
+def describe_trial(study: Study, trial: Trial) -> str:
+    """Return time and error of a trial, in words."""
+    error = f"error {format_number(trial.errors.rmse)}"
     if trial.setting == STANDARD:
-        return f"{duration(trial.median)}, {error}."
-    against = error_against(trial, study.standard)
+        return f"{format_duration(trial.median)}, {error}."
+    against = compare_errors(trial, study.standard)
     if not is_measured(trial):
-        rounds = counted(len(trial.ratios), "round")
-        return f"about {duration(trial.median)} ({NOT_MEASURED}, {rounds}); {error}, {against}."
-    time = f"{factor_in_words(trial)} the time"
+        rounds = count_noun(len(trial.ratios), "round")
+        return (
+            f"about {format_duration(trial.median)} ({NOT_MEASURED}, {rounds}); {error}, {against}."
+        )
+    time = f"{describe_factor(trial)} the time"
     if not is_slower(trial, study.standard) and not is_slower(study.standard, trial):
         time = "the standard’s time, as far as can be told"
-    return f"{time}, {duration(trial.median)}; {error}, {against}."
+    return f"{time}, {format_duration(trial.median)}; {error}, {against}."
 
 
-def _factor(trial: Trial) -> Cell:
-    """Return a time over the standard's, and how far it is known."""
-    factor, _, known = factor_in_words(trial).partition(" (")
-    return factor, known[:-1]
+def _factor_cell(trial: Trial) -> Cell:
+    """Return a time over the standard's, and its range of uncertainty."""
+    factor, _, uncertainty = describe_factor(trial).partition(" (")
+    return factor, uncertainty[:-1]
 
 
-def front_table(study: Study, front: list[Trial]) -> TableGroup:
+def make_front_table(study: Study, front: list[Trial]) -> TableGroup:
     """Return the qualities on the front and the standard, from the fastest on."""
-    others = [] if study.standard in front else [study.standard]
+    standard = [] if study.standard in front else [study.standard]
     rows = []
-    for trial in sorted([*front, *others], key=lambda trial: trial.ratio):
+    for trial in sorted([*front, *standard], key=lambda trial: trial.ratio):
         is_standard = trial.setting == STANDARD
         cells = [
-            _factor(trial),
-            ("" if is_standard else error_against(trial, study.standard), ""),
-            (duration(trial.median), ""),
-            (number(trial.errors.rmse), ""),
+            _factor_cell(trial),
+            ("" if is_standard else compare_errors(trial, study.standard), ""),
+            (format_duration(trial.median), ""),
+            (format_number(trial.errors.rmse), ""),
         ]
-        place = front.index(trial) + 1 if trial in front else None
-        small = "" if "=" in trial.label else options_of(trial, study.standard)
-        kind = STANDARD if is_standard else "level"
-        rows.append(TableRow(kind, trial.label, cells, trial, place, small))
+        front_rank = front.index(trial) + 1 if trial in front else None
+        options = "" if "=" in trial.label else format_options(trial, study.standard)
+        css_class = STANDARD if is_standard else "level"
+        rows.append(TableRow(css_class, trial.label, cells, trial, front_rank, options))
     return TableGroup(rows)
 
 
-def effects_table(study: Study) -> list[TableGroup]:
-    """Return what each effect costs, and how far it is from its own reference."""
+def make_effects_table(study: Study) -> list[TableGroup]:
+    """Return times of each effect and errors against its own reference."""
     groups = []
     for cost in study.effects:
-        own = ("1×", ""), (duration(study.standard.median), ""), (_or_nothing(cost.rmse), "")
-        rows = [TableRow(STANDARD, "as the scene says (standard)", list(own))]
-        for one in cost.levels:
-            cells = [_factor(one), (duration(one.median), ""), (number(one.errors.rmse), "")]
-            rows.append(TableRow("level", one.level, cells))
+        times = ("1×", ""), (format_duration(study.standard.median), "")
+        cells: list[Cell] = [*times, (_format_or_dash(cost.rmse), "")]
+        rows = [TableRow(STANDARD, "as the scene says (standard)", cells)]
+        for trial in cost.levels:
+            times = _factor_cell(trial), (format_duration(trial.median), "")
+            cells = [*times, (format_number(trial.errors.rmse), "")]
+            rows.append(TableRow("level", trial.level, cells))
         groups.append(TableGroup(rows, cost.effect, f"reference: {cost.reference}"))
     return groups
 
 
-def results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
+def make_results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
     """
-    Return time and errors of all trials, without columns in which nothing has a meaning.
+    Return time and errors of all trials, without columns that have no values.
 
     Returns
     -------
     columns : list of (str, str)
         Of `RESULT_COLUMNS`.
     groups : list of TableGroup
-        Settings, each with its levels, the standard among them: the dominated ones are grey and
-        name what dominates them.
+        Settings, each with its levels and the standard; dominated levels are grey and name what
+        dominates them.
     """
-    found = {setting: insert_standard(study, setting) for setting in settings_of(study)}
+    by_setting = {setting: insert_standard(study, setting) for setting in settings_of(study)}
     if study.of(COMBINATIONS):
-        found[COMBINATIONS] = [study.standard, *study.of(COMBINATIONS)]
+        by_setting[COMBINATIONS] = [study.standard, *study.of(COMBINATIONS)]
     front = [trial.label for trial in front_trials(study)]
     groups = []
-    for setting, trials in found.items():
+    for setting, trials in by_setting.items():
         rows = []
         for trial in trials:
             is_standard = trial.setting == STANDARD
-            kind = "level" if trial.dominated_by is None else "dominated"
+            css_class = "level" if trial.dominated_by is None else "dominated"
             rows.append(TableRow(
-                STANDARD if is_standard else kind,
-                level_name(study, trial, setting),
-                _results(trial),
+                STANDARD if is_standard else css_class,
+                name_level(study, trial, setting),
+                _result_cells(trial),
                 trial,
                 front.index(trial.label) + 1 if trial.label in front and not is_standard else None,
                 "" if trial.dominated_by is None else f"dominated by {trial.dominated_by}",
             ))  # fmt: skip
         groups.append(TableGroup(rows, setting))
     cells = [row.cells for group in groups for row in group.rows]
-    shown = [n for n in range(len(RESULT_COLUMNS)) if any(row[n][0] != NOTHING for row in cells)]
+    used = [n for n in range(len(RESULT_COLUMNS)) if any(row[n][0] != NO_VALUE for row in cells)]
     for group in groups:
-        group.rows[:] = [row._replace(cells=[row.cells[n] for n in shown]) for row in group.rows]
-    return [RESULT_COLUMNS[n] for n in shown], groups
+        group.rows[:] = [row._replace(cells=[row.cells[n] for n in used]) for row in group.rows]
+    return [RESULT_COLUMNS[n] for n in used], groups
 
 
-def milliseconds(seconds: float) -> str:
+def format_milliseconds(seconds: float) -> str:
     """Return seconds as milliseconds: three digits, or all before the point."""
-    return number(1000.0 * seconds) if seconds < 0.9995 else f"{1000.0 * seconds:,.0f}"
+    return format_number(1000.0 * seconds) if seconds < 0.9995 else f"{1000.0 * seconds:,.0f}"
 
 
-def level_name(study: Study, trial: Trial, setting: str) -> str:
-    """Return what a trial is called among the levels of a setting."""
+def name_level(study: Study, trial: Trial, setting: str) -> str:
+    """Return the name of a trial among the levels of a setting."""
     if trial.setting != STANDARD:
         return trial.level
     if setting == COMBINATIONS:
@@ -347,33 +339,33 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
     return f"{standard_level(study, setting)} (standard)"
 
 
-def _results(trial: Trial) -> list[Cell]:
+def _result_cells(trial: Trial) -> list[Cell]:
     """Return the cells of a trial's row, in the order of `RESULT_COLUMNS`."""
     low, high = trial.spread
-    errors, middle = trial.errors, milliseconds(trial.median)
-    time, taken = ("", NOT_MEASURED), f"≈ {middle}"
+    errors, median = trial.errors, format_milliseconds(trial.median)
+    factor, median_text = ("", NOT_MEASURED), f"≈ {median}"
     if trial.setting == STANDARD or is_measured(trial):
-        spread = f"{digits(low)}–{digits(high)}" if low < high else ""
-        time, taken = (f"{digits(trial.ratio)}×", spread), middle
-    return [time] + [(text, "") for text in (
-        taken,
-        number(errors.rmse),
-        number(errors.largest),
+        spread = f"{format_factor(low)}–{format_factor(high)}" if low < high else ""
+        factor, median_text = (f"{format_factor(trial.ratio)}×", spread), median
+    return [factor] + [(text, "") for text in (
+        median_text,
+        format_number(errors.rmse),
+        format_number(errors.largest),
         "∞" if math.isinf(errors.psnr) else f"{errors.psnr:.1f}",
-        _or_nothing(errors.flip),
+        _format_or_dash(errors.flip),
         f"{errors.wrong_faces:,}",
-        _or_nothing(errors.depth_ulp),
-        _or_nothing(errors.depth_units),
-        _or_nothing(errors.uv_texels),
+        _format_or_dash(errors.depth_ulp),
+        _format_or_dash(errors.depth_units),
+        _format_or_dash(errors.uv_texels),
     )]  # fmt: skip
 
 
-def _or_nothing(value: float | None) -> str:
-    return NOTHING if value is None else number(value)
+def _format_or_dash(value: float | None) -> str:
+    return NO_VALUE if value is None else format_number(value)
 
 
-def _spread_summary(study: Study) -> dict[str, Any] | None:
-    """Return how far the times of the rounds lay apart; None: there was one."""
+def _summarize_spread(study: Study) -> dict[str, Any] | None:
+    """Return the relative quartile ranges of times, typical and largest; None after one round."""
     spreads = [
         ((trial.spread[1] - trial.spread[0]) / trial.ratio, trial.label)
         for trial in study.trials
@@ -381,7 +373,7 @@ def _spread_summary(study: Study) -> dict[str, Any] | None:
     ]
     if not spreads:
         return None
-    most, label = max(spreads, key=lambda found: found[0])
-    unsure = sum(not is_measured(one) for one in study.trials)
+    largest, label = max(spreads, key=lambda pair: pair[0])
+    unsure = sum(not is_measured(trial) for trial in study.trials)
     typical = statistics.median(spread for spread, _ in spreads)
-    return {"typical": typical, "most": most, "label": label, "unsure": unsure}
+    return {"typical": typical, "largest": largest, "label": label, "unsure": unsure}
