@@ -22,10 +22,10 @@ from benchmarks.true_pictures import SIDE, true_light
 from rasterjit.accuracy.results import PICTURE_OUTPUTS, STANDARD
 from rasterjit.accuracy.settings_to_try import (
     Attempt,
-    combined_attempts,
-    preset_attempts,
-    single_attempts,
-    without_effect,
+    find_idle_settings,
+    list_combined_attempts,
+    list_preset_attempts,
+    list_single_attempts,
 )
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.test_scenes import SCENES, MadeScene, make
@@ -44,12 +44,16 @@ OTHERS = "the best combination"
 def attempts_of(made: MadeScene, size: tuple[int, int]) -> list[Attempt]:
     """Return the reference, the standard, and all that a study of the scene would try."""
     plan = rj.explain(made.scene, made.camera, size=size)
-    idle = without_effect(plan, tuple(LEVELS))
+    idle = find_idle_settings(plan, tuple(LEVELS))
     active = [name for name in LEVELS if name not in idle]
-    tried = [*single_attempts(active), *preset_attempts(active), *combined_attempts(active)]
+    tried = [
+        attempt
+        for list_attempts in (list_single_attempts, list_preset_attempts, list_combined_attempts)
+        for attempt in list_attempts(active)
+    ]
     presets = [Attempt(name, name, PRESETS[name]()) for name in (REFERENCE, STANDARD)]
     with Studio(made.scene, made.camera, size, None) as studio:
-        return [attempt for attempt in presets + tried if studio.refusal(attempt) is None]
+        return [attempt for attempt in presets + tried if studio.refusal_reason(attempt) is None]
 
 
 def errors_of(made: MadeScene, size: tuple[int, int], side: int = SIDE) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Measure once the times and errors of qualities on this machine, for ``quality_selection``."""
+"""Measure the times and errors of qualities on this machine, for ``quality_selection``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from rasterjit.accuracy.settings_to_try import Attempt
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.test_scenes import make
-from rasterjit.accuracy.timing import Progress, total
+from rasterjit.accuracy.timing import Progress, sum_stages
 from rasterjit.rendering.quality_selection import (
     LADDER,
     Profile,
@@ -26,9 +26,9 @@ SCENES_USED = ("highlights", "shadows", "glass", "floor")
 """Test scenes with different costs: light, shadows, layers, textures."""
 
 ROUNDS = 7
-"""Frames of each quality, by turns, that a time is the median of; of many pictures, one."""
+"""Number of frames of each quality whose median time is taken; one of supersampled qualities."""
 
-LIGHT = ("color", "linear")
+OUTPUTS = ("color", "linear")
 """Outputs that errors are measured on."""
 
 
@@ -36,23 +36,22 @@ def calibrate(
     *, threads: int | None = None, progress: Progress | None = None
 ) -> tuple[Profile, Path]:
     """
-    Draw made scenes in these qualities; keep their times and errors in the cache folder.
+    Draw test scenes in each quality; save times and errors in the cache folder.
 
-    What ``render(time_budget=...)`` chooses from are those qualities that no other is both faster
-    and more accurate than.
+    ``render(time_budget=...)`` chooses from the qualities on the Pareto front of time and error.
 
     Parameters
     ----------
     threads : int, optional
         Default: all processors.
     progress : callable, optional
-        Called with what is being done, how much of it is done, and how much there is.
+        Called with a text, the amount done, and the total.
 
     Returns
     -------
     Profile
     Path
-        The file that it is kept in, whole.
+        The file of the profile.
 
     Raises
     ------
@@ -65,11 +64,11 @@ def calibrate(
     for number, name in enumerate(SCENES_USED):
         if progress is not None:
             progress(f"drawing {name}", number, len(SCENES_USED))
-        made = make(name)
-        with Studio(made.scene, made.camera, made.size, threads) as studio:
-            for quality, error in _errors(studio).items():
+        test_scene = make(name)
+        with Studio(test_scene.scene, test_scene.camera, test_scene.size, threads) as studio:
+            for quality, error in _measure_errors(studio).items():
                 errors[quality].append(error)
-            for quality, time in _times(studio).items():
+            for quality, time in _measure_times(studio).items():
                 times[quality].append(time)
     steps = [
         QualityStep(quality, statistics.median(times[quality]), statistics.median(errors[quality]))
@@ -79,29 +78,31 @@ def calibrate(
     return profile, save_profile(profile)
 
 
-def _errors(studio: Studio) -> dict[Quality, float]:
-    """Return the error of each quality over that of the standard; compiles what it takes."""
-    reference = light_of(studio.draw(Quality.reference(), LIGHT))
+def _measure_errors(studio: Studio) -> dict[Quality, float]:
+    """Return the error of each quality over that of the standard; compiles the kernels."""
+    reference = light_of(studio.draw(Quality.reference(), OUTPUTS))
     errors = {
-        quality: root_mean_square(light_of(studio.draw(quality, LIGHT)) - reference)
+        quality: root_mean_square(light_of(studio.draw(quality, OUTPUTS)) - reference)
         for quality in LADDER[:-1]
     }
     errors[LADDER[-1]] = 0.0
-    base = errors[Quality.standard()]
-    return {quality: error / base for quality, error in errors.items()}
+    standard_error = errors[Quality.standard()]
+    return {quality: error / standard_error for quality, error in errors.items()}
 
 
-def _times(studio: Studio) -> dict[Quality, float]:
-    """Return the time of each quality over that of the standard, by turns."""
+def _measure_times(studio: Studio) -> dict[Quality, float]:
+    """Return the median time of each quality over that of the standard."""
     ratios: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
-    for turn in range(ROUNDS):
-        order = [quality for quality in LADDER if turn == 0 or not _is_supersampled(quality)]
-        # Another one begins every round.
-        first = turn % len(order)
-        seconds = {quality: _seconds(studio, quality) for quality in order[first:] + order[:first]}
-        base = seconds[Quality.standard()]
+    for number in range(ROUNDS):
+        order = [quality for quality in LADDER if number == 0 or not _is_supersampled(quality)]
+        # Each round begins with another quality.
+        first = number % len(order)
+        seconds = {
+            quality: _time_frame(studio, quality) for quality in order[first:] + order[:first]
+        }
+        standard_seconds = seconds[Quality.standard()]
         for quality, time in seconds.items():
-            ratios[quality].append(time / base)
+            ratios[quality].append(time / standard_seconds)
     return {quality: statistics.median(values) for quality, values in ratios.items()}
 
 
@@ -110,9 +111,9 @@ def _is_supersampled(quality: Quality) -> bool:
     return quality.samples in SUPERSAMPLED
 
 
-def _seconds(studio: Studio, quality: Quality) -> float:
-    """Return the seconds of a frame that follows one of its own quality, or of many pictures."""
+def _time_frame(studio: Studio, quality: Quality) -> float:
+    """Return the seconds of a frame: of a second one, unless it is supersampled."""
     attempt = Attempt("", str(quality), quality)
     if not _is_supersampled(quality):
         studio.seconds(attempt)
-    return total(studio.seconds(attempt))
+    return sum_stages(studio.seconds(attempt))

@@ -1,10 +1,9 @@
 """
 Measure the cost of each effect of a scene, and its error against its own reference.
 
-`OPTIONS` is a table: a row says of an effect which levels it is drawn with besides the scene's own,
-and what its reference is. An effect without a row is drawn without it, to see what it costs.
-References are drawn in the standard quality but for the effect: what edges and textures lack of the
-study's reference does not count as an error of the effect.
+A row of `EFFECT_OPTIONS` has the levels that an effect is drawn with besides the scene's own, and
+its reference. An effect without a row is only left out, to measure its time. References are drawn
+in the standard quality but for the effect, so that errors of edges and textures do not count.
 """
 
 from __future__ import annotations
@@ -32,29 +31,29 @@ from rasterjit.survey.plan import RenderPlan
 if TYPE_CHECKING:
     from rasterjit.accuracy.study import Studio
 
-WITHOUT = "without"
+WITHOUT_LEVEL = "without"
 """Level name of an effect that is left out."""
 
-LINES, LENS = "lines", "lens"
-"""Names of lines and lenses, which are measured like effects."""
+LINES_NAME, LENS_NAME = "lines", "lens"
+"""Effect names of lines and lenses, which are measured like effects."""
 
-NO_REFERENCE = "none; what it changes in the picture"
-"""Text for an effect without a reference."""
+NO_REFERENCE_NAME = "none; what it changes in the picture"
+"""Name of the missing reference of an effect."""
 
 
-class Options(NamedTuple):
-    """Levels of an effect that can be tried, and its reference: a row of `OPTIONS`."""
+class EffectOptions(NamedTuple):
+    """Levels of an effect to try, and its reference: a row of `EFFECT_OPTIONS`."""
 
     effect: str
     settings: tuple[dict[str, Any], ...] = ()
-    """Levels that a quality has: what each changes of the standard."""
-    scenes: Callable[[Scene], dict[str, Scene]] = lambda scene: {}
-    """Levels that the effect's description has, by name."""
-    reference: Callable[[Studio, Scene, float], LightReference] | None = None
-    """Takes what draws, the scene, and seconds that it may take."""
-    said: str = NO_REFERENCE
-    when: Callable[[Scene], bool] = lambda scene: True
-    """Which scenes the row is for; the first that is counts."""
+    """Changes of the standard quality, one dict for each level."""
+    make_scenes: Callable[[Scene], dict[str, Scene]] = lambda scene: {}
+    """Returns the scene with each level of the effect's description, by name."""
+    draw_reference: Callable[[Studio, Scene, float], LightReference] | None = None
+    """Takes the studio, the scene, and the seconds that it may take."""
+    reference_name: str = NO_REFERENCE_NAME
+    applies_to: Callable[[Scene], bool] = lambda scene: True
+    """Tells whether the row is for a scene; the first such row of an effect is used."""
 
 
 def has_soft_light(scene: Scene) -> bool:
@@ -62,8 +61,8 @@ def has_soft_light(scene: Scene) -> bool:
     return any(references.is_soft(light) for light in scene.lights)
 
 
-def harder_shadows(scene: Scene) -> dict[str, Scene]:
-    """Return a scene whose soft shadows have hard or filtered edges, by name."""
+def harden_shadows(scene: Scene) -> dict[str, Scene]:
+    """Return the scene with hard and with filtered edges of soft shadows, by name."""
     changes: dict[str, dict[str, Any]] = {
         "hard edges": {"filter": "hard", "light_size": None},
         "edges three texels wide": {"filter": "pcf", "light_size": None},
@@ -82,54 +81,54 @@ def _with_shadows(scene: Scene, changes: dict[str, Any]) -> Scene:
     return with_field(scene, "lights", lights)
 
 
-def evenly_lit(scene: Scene) -> dict[str, Scene]:
-    """Return a scene whose environment is one colour: the mean of its light."""
-    return {"one colour": references.with_even_environment(scene)}
+def light_evenly(scene: Scene) -> dict[str, Scene]:
+    """Return the scene with an environment of one colour, the mean of its light, by name."""
+    return {"one colour": references.average_environment(scene)}
 
 
-OPTIONS: tuple[Options, ...] = (
-    Options(
+EFFECT_OPTIONS: tuple[EffectOptions, ...] = (
+    EffectOptions(
         "shadows",
         settings=({"shadow_size": 512}, {"shadow_size": 2048}),
-        scenes=harder_shadows,
-        reference=references.many_lights,
-        said="the mean of up to 64 hard shadows, from places all over each light",
-        when=has_soft_light,
+        make_scenes=harden_shadows,
+        draw_reference=references.average_hard_shadows,
+        reference_name="the mean of up to 64 hard shadows, from places all over each light",
+        applies_to=has_soft_light,
     ),
-    Options(
+    EffectOptions(
         "shadows",
         settings=({"shadow_size": 512}, {"shadow_size": 2048}, {"shadow_taps": 1}),
-        reference=references.sharp_shadows,
-        said="shadows of maps of 4096 texels, each lookup one comparison",
+        draw_reference=references.draw_sharp_shadows,
+        reference_name="shadows of maps of 4096 texels, each lookup one comparison",
     ),
-    Options(
+    EffectOptions(
         "environment light",
-        scenes=evenly_lit,
-        reference=references.dome_of_lights,
-        said="matt surfaces lit by 256 lights of equal energy; what is mirrored is left out",
+        make_scenes=light_evenly,
+        draw_reference=references.draw_dome_lights,
+        reference_name="diffuse surfaces lit by 256 lights of equal energy, without reflections",
     ),
-    Options(
+    EffectOptions(
         "ambient occlusion",
-        reference=references.rays,
-        said="pictures of the half space above 100 points, weighted by the cosine",
+        draw_reference=references.trace_ambient_occlusion,
+        reference_name="pictures of the half space above 100 points, weighted by the cosine",
     ),
-    Options(
+    EffectOptions(
         "wireframe",
         settings=({"lines": "coverage"},),
-        reference=references.covered_lines,
-        said="the area of each pixel that a line covers",
+        draw_reference=references.draw_line_coverage,
+        reference_name="the area of each pixel that a line covers",
     ),
-    Options(
-        LINES,
+    EffectOptions(
+        LINES_NAME,
         settings=({"samples": 4}, {"samples": 16}),
-        reference=references.sampled_lines,
-        said="64 samples, where lines are seen",
+        draw_reference=references.draw_sampled_lines,
+        reference_name="64 samples, where lines are seen",
     ),
-    Options(
-        LENS,
+    EffectOptions(
+        LENS_NAME,
         settings=({"samples": 4}, {"samples": 16}),
-        reference=references.sampled_lens,
-        said="64 samples of the pictures that it is resampled from",
+        draw_reference=references.draw_sampled_lens,
+        reference_name="64 samples of the pictures that it is resampled from",
     ),
 )
 """Options to try for each effect; a new setting of one is a level in its row."""
@@ -140,16 +139,17 @@ class EffectTrial(NamedTuple):
 
     effect: str
     attempts: list[Attempt]
-    knob: Options | None
+    options: EffectOptions | None
 
 
-class Measured(NamedTuple):
+class MeasuredEffect(NamedTuple):
     """An effect whose error is measured; its levels are timed later."""
 
     effect: str
     levels: list[Contestant]
     rmse: float | None
     reference: str
+    """Name of the reference."""
 
     def cost(self, standard: Contestant, clock: str) -> EffectCost:
         """Return the costs measured by a clock."""
@@ -157,89 +157,90 @@ class Measured(NamedTuple):
         return EffectCost(self.effect, levels, self.rmse, self.reference)
 
 
-def effect_trials(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[EffectTrial]:
+def list_effect_trials(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[EffectTrial]:
     """Return the effects of a scene to measure, those with a reference first."""
-    found = {
-        one.name: one.effect.without(scene)
-        for one in plan.effects
-        if one.used and "lines" not in one.name
+    without = {
+        planned.name: planned.effect.without(scene)
+        for planned in plan.effects
+        if planned.used and "lines" not in planned.name
     }
-    without = {name: other for name, other in found.items() if other is not None}
     if references.has_lines(scene):
-        without[LINES] = references.without_lines(scene)
-    costs = [EffectTrial(name, [_without(name, other)], None) for name, other in without.items()]
+        without[LINES_NAME] = references.remove_lines(scene)
+    attempts = {
+        name: [Attempt(name, WITHOUT_LEVEL, Quality.standard(), other)]
+        for name, other in without.items()
+        if other is not None
+    }
     if lens is not None:
-        costs.append(EffectTrial(LENS, [], None))
-    rows = [(cost, _options_of(cost.effect, scene)) for cost in costs]
-    known = [
-        cost._replace(knob=knob, attempts=[*cost.attempts, *_levels(knob, scene)])
-        for cost, knob in rows
-        if knob is not None
-    ]
-    return [*known, *(cost for cost, knob in rows if knob is None)]
+        attempts[LENS_NAME] = []
+    trials = []
+    for name in attempts:
+        options = _find_options(name, scene)
+        levels = [] if options is None else _list_levels(options, scene)
+        trials.append(EffectTrial(name, [*attempts[name], *levels], options))
+    return sorted(trials, key=lambda trial: trial.options is None)
 
 
-def _without(effect: str, scene: Scene) -> Attempt:
-    """Return the standard of a scene that lacks an effect."""
-    return Attempt(effect, WITHOUT, Quality.standard(), scene)
-
-
-def _options_of(effect: str, scene: Scene) -> Options | None:
+def _find_options(effect: str, scene: Scene) -> EffectOptions | None:
     """Return the row of an effect, if it has one."""
-    return next((knob for knob in OPTIONS if knob.effect == effect and knob.when(scene)), None)
+    rows = (row for row in EFFECT_OPTIONS if row.effect == effect and row.applies_to(scene))
+    return next(rows, None)
 
 
-def _levels(knob: Options, scene: Scene) -> list[Attempt]:
-    """Return the levels of a row."""
-    standard = Quality.standard()
+def _list_levels(options: EffectOptions, scene: Scene) -> list[Attempt]:
+    """Return an attempt for each level of a row."""
+    effect, standard = options.effect, Quality.standard()
     settings = [
-        Attempt(knob.effect, format_changes(changes), replace(standard, **changes), scene)
-        for changes in knob.settings
+        Attempt(effect, format_changes(changes), replace(standard, **changes), scene)
+        for changes in options.settings
     ]
-    scenes = knob.scenes(scene).items()
-    return [*settings, *(Attempt(knob.effect, name, standard, other) for name, other in scenes)]
+    scenes = options.make_scenes(scene).items()
+    return [*settings, *(Attempt(effect, name, standard, changed) for name, changed in scenes)]
 
 
-def measure(studio: Studio, cost: EffectTrial, standard: Contestant, seconds: float) -> Measured:
+def measure_effect(
+    studio: Studio, trial: EffectTrial, standard: Contestant, seconds: float
+) -> MeasuredEffect:
     """
     Draw the levels of an effect and its reference.
 
     Parameters
     ----------
     studio : Studio
-    cost : Cost
+    trial : EffectTrial
     standard : Contestant
-        The scene as it is.
+        The unchanged scene.
     seconds : float
-        That the reference may take, about.
+        Seconds that the reference may take.
     """
-    truth, said, knob = None, NO_REFERENCE, cost.knob
-    if knob is not None and knob.reference is not None:
-        truth, said = knob.reference(studio, studio.scene, seconds), knob.said
-    own = studio.scene if truth is None else truth.compared(studio.scene)
-    usual = studio.light(Quality.standard(), own)
-
+    reference, reference_name, options = None, NO_REFERENCE_NAME, trial.options
+    if options is not None and options.draw_reference is not None:
+        reference = options.draw_reference(studio, studio.scene, seconds)
+        reference_name = options.reference_name
+    compared_scene = studio.scene if reference is None else reference.prepare_scene(studio.scene)
+    standard_light = studio.light(Quality.standard(), compared_scene)
     levels = []
-    for attempt in cost.attempts:
+    for attempt in trial.attempts:
         frame = studio.draw(attempt.quality, ("color", "linear"), attempt.scene)
-        if truth is None:
+        if reference is None:
             light = light_of(frame)[:, :, :3].astype(np.float64)
-            difference = np.abs(light - usual)
+            difference = np.abs(light - standard_light)
         else:
-            light = studio.light(attempt.quality, truth.compared(attempt.scene or studio.scene))
-            difference = truth.difference(light)
-        found = _errors(difference, 1.0 if truth is None else truth.share, standard)
+            compared_scene = reference.prepare_scene(attempt.scene or studio.scene)
+            difference = reference.difference(studio.light(attempt.quality, compared_scene))
+        share = 1.0 if reference is None else reference.share
+        errors = _measure_errors(difference, share, standard)
         color = frame.color[:, :, :3].copy()
         error_map = difference.max(axis=2).astype(np.float32)
-        levels.append(studio.contestant(attempt, found, color, error_map))
-    if truth is None:
-        return Measured(cost.effect, levels, None, said)
-    rmse = math.sqrt(truth.share) * root_mean_square(truth.difference(usual))
-    return Measured(cost.effect, levels, rmse, said)
+        levels.append(studio.contestant(attempt, errors, color, error_map))
+    rmse = None
+    if reference is not None:
+        rmse = math.sqrt(reference.share) * root_mean_square(reference.difference(standard_light))
+    return MeasuredEffect(trial.effect, levels, rmse, reference_name)
 
 
-def _errors(difference: NDArray[np.float64], share: float, standard: Contestant) -> Errors:
-    """Return the errors of light; faces are those of the standard."""
+def _measure_errors(difference: NDArray[np.float64], share: float, standard: Contestant) -> Errors:
+    """Return the errors of light over a share of the pixels; faces are those of the standard."""
     rmse = math.sqrt(share) * root_mean_square(difference)
     psnr = -20.0 * math.log10(rmse) if rmse > 0.0 else math.inf
     wrong = standard.errors.wrong_faces

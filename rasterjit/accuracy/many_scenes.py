@@ -13,22 +13,29 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.accuracy.choice import INVISIBLE, SAME_ERROR, Choice, choose, choose_among, is_timed
+from rasterjit.accuracy.choice import (
+    MAX_INVISIBLE_ERROR,
+    MAX_SAME_ERROR_RATIO,
+    Choice,
+    choose,
+    choose_among,
+    is_timed,
+)
 from rasterjit.accuracy.report.files import write_report
 from rasterjit.accuracy.report.many_scenes_page import write_folder_report
-from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, front_trials
-from rasterjit.accuracy.settings_to_try import TRIED_PRESETS, Attempt
+from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, list_front_trials
+from rasterjit.accuracy.settings_to_try import Attempt, list_preset_attempts
 from rasterjit.accuracy.study import SIZE, StudyRun, begin_study, check_options
 from rasterjit.accuracy.timing import Progress
 from rasterjit.io.meshes import load, mesh_files
 from rasterjit.scene.lens import Lens
-from rasterjit.scene.quality import PRESETS, Quality, differences
+from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.validation import existing_folder
 
 STUDIED_SHARE = 0.8
 """Share of a scene's seconds for its own study; the rest is for candidates of other scenes."""
 
-RATIO_STEPS = 9
+RATIO_QUANTILES = 9
 """Number of quantiles that represent the times of a scene."""
 
 Loader = Callable[[], Any]
@@ -43,22 +50,22 @@ class FolderStudy:
     Attributes
     ----------
     name : str
-        Of the folder.
+        Name of the folder.
     studies : dict of Study
-        Of each scene, by its name, without pictures and without ``effects``.
+        The study of each scene, by its name, without pictures and without ``effects``.
     candidates : dict of tuple
-        Of each quality that was tried on all scenes its trials, in the order of ``studies``; the
+        The trials of each quality that was tried on all scenes, in the order of ``studies``; the
         standard is among them.
     totals : tuple of Trial
-        Of each of those but the standard, one that stands for all scenes: its ratio is the
-        geometric mean; its error the largest where an error was asked for, else the geometric mean.
+        Each quality but the standard, merged over all scenes: the ratio is the geometric mean; the
+        error is the largest if an error was requested, else the geometric mean.
     standard : Trial
-        The same of the standard.
+        The standard, merged over all scenes.
     take : Choice
-        The quality for all scenes: it holds the error that was asked for on all of them, or is
-        nowhere less accurate than the standard.
+        The quality for all scenes: it holds the requested error on all of them, or is nowhere less
+        accurate than the standard.
     max_error : float or None
-        What was asked for.
+        The largest error that was requested.
     failures : dict of str
         Why scenes could not be studied, by name.
     """
@@ -120,67 +127,72 @@ def study_folder(
     KeyboardInterrupt
         On Ctrl-C before there is anything to compare.
     """
-    # Each scene by itself, one after the other.
-    loaders, named = _loaders(folder)
-    title = named if name is None else name
+    # Study each scene by itself.
+    loaders, folder_name = _make_loaders(folder)
+    title = folder_name if name is None else name
     options = check_options(size, knobs, budget, max_error, threads, output)
-    courses: dict[str, StudyRun] = {}
+    scene_runs: dict[str, StudyRun] = {}
     studies: dict[str, Study] = {}
     failures: dict[str, str] = {}
     for number, (scene_name, loader) in enumerate(loaders.items()):
-        notify = _prefixed(progress, f"{number + 1} of {len(loaders)}, {scene_name}: ")
+        notify = _prefix_progress(progress, f"{number + 1} of {len(loaders)}, {scene_name}: ")
         try:
-            course = begin_study(_load(loader), options, STUDIED_SHARE, lens, notify)
-            with course.studio:
-                course.run()
+            scene_run = begin_study(_load(loader), options, STUDIED_SHARE, lens, notify)
+            with scene_run.studio:
+                scene_run.run()
         except (ValueError, OSError) as error:
             failures[scene_name] = str(error)
             continue
-        found = course.result(scene_name, options.max_error)
+        study = scene_run.result(scene_name, options.max_error)
         if options.folder is not None:
-            write_report(found, options.folder / scene_name)
-        courses[scene_name], studies[scene_name] = course, _without_pictures(found)
-        if course.interrupted:
+            write_report(study, options.folder / scene_name)
+        scene_runs[scene_name], studies[scene_name] = scene_run, _drop_pictures(study)
+        if scene_run.interrupted:
             break
     if not studies:
         why = "; ".join(f"{name}: {error}" for name, error in failures.items())
         raise ValueError(f"folder must hold scenes, got {title!r}, which has none to study: {why}")
-    # What is worth choosing on any of them, tried on all.
-    qualities = _candidates(studies, options.knobs)
-    candidates: dict[str, list[Trial]] = {label: [] for label in qualities}
-    for scene_name, course in courses.items():
-        seconds = (1.0 - STUDIED_SHARE) * options.seconds
-        for label, trial in _all_trials(course, studies[scene_name], qualities, seconds).items():
-            candidates[label].append(trial)
-    full = {
-        label: tuple(trials) for label, trials in candidates.items() if len(trials) == len(studies)
+    # Try the best qualities of any scene on all scenes.
+    qualities = _list_candidates(studies, options.knobs)
+    trials_by_label: dict[str, list[Trial]] = {label: [] for label in qualities}
+    seconds = (1.0 - STUDIED_SHARE) * options.seconds
+    for scene_name, scene_run in scene_runs.items():
+        tried = _try_candidates(scene_run, studies[scene_name], qualities, seconds)
+        for label, trial in tried.items():
+            trials_by_label[label].append(trial)
+    candidates = {
+        label: tuple(trials)
+        for label, trials in trials_by_label.items()
+        if len(trials) == len(studies)
     }
-    # The quality that suits all.
-    floor = max(INVISIBLE, *(found.reference_error for found in studies.values()))
+    # Choose the quality that suits all.
+    max_error = options.max_error
+    error_floor = max(MAX_INVISIBLE_ERROR, *(study.reference_error for study in studies.values()))
     totals = {
-        label: _total(label, qualities[label], trials, full[STANDARD], options.max_error, floor)
-        for label, trials in full.items()
+        label: _merge_trials(
+            label, qualities[label], trials, candidates[STANDARD], max_error, error_floor
+        )
+        for label, trials in candidates.items()
     }
     standard = totals.pop(STANDARD)
-    usable = [one for one in totals.values() if options.max_error or _is_never_worse(one, full)]
-    take = choose_among(standard, usable, options.max_error, floor)
-    left = sum(len(trials) < len(studies) for trials in candidates.values())
-    take = take._replace(untried=left / len(candidates))
-    # The result, and the page of all.
-    result = FolderStudy(
-        title, studies, full, tuple(totals.values()), standard, take, options.max_error, failures
+    usable = [total for total in totals.values() if max_error or _is_never_worse(total, candidates)]
+    take = choose_among(standard, usable, max_error, error_floor)
+    take = take._replace(untried=(len(qualities) - len(candidates)) / len(qualities))
+    # Write the page of all scenes.
+    folder_study = FolderStudy(
+        title, studies, candidates, tuple(totals.values()), standard, take, max_error, failures
     )
     if options.folder is not None:
-        write_folder_report(result, options.folder)
-    return result
+        write_folder_report(folder_study, options.folder)
+    return folder_study
 
 
-def _loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loader], str]:
+def _make_loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loader], str]:
     """Return a loader for each scene, by name, and the name of the folder."""
     if isinstance(folder, Mapping):
         if not folder:
             raise ValueError("folder must hold scenes, got an empty mapping")
-        # Each scene has a folder of its name for its report.
+        # The report of a scene goes into a folder of its name.
         for name in map(str, folder):
             path = PurePath(name)
             if path.is_absolute() or not path.parts or ".." in path.parts:
@@ -202,104 +214,102 @@ def _file_loader(file: Path) -> Loader:
 
 
 def _load(loader: Loader) -> tuple[Any, Any]:
-    """Return a scene and its camera."""
+    """Return a scene and its camera, or None."""
     loaded = loader()
     return loaded if isinstance(loaded, tuple) else (loaded, None)
 
 
-def _prefixed(progress: Progress | None, prefix: str) -> Progress | None:
-    """Return a progress function that prefixes texts with the name of a scene."""
+def _prefix_progress(progress: Progress | None, prefix: str) -> Progress | None:
+    """Return a progress function that prefixes its texts."""
     if progress is None:
         return None
     return lambda text, done, count: progress(prefix + text, done, count)
 
 
-def _without_pictures(study: Study) -> Study:
+def _drop_pictures(study: Study) -> Study:
     """Return a study without its pictures, which would take much memory for many scenes."""
-    none = np.zeros((0, 0, 3), np.uint8)
-
-    def bare(trial: Trial) -> Trial:
-        return replace(trial, color=none, error_map=none[:, :, 0].astype(np.float32))
-
-    trials = tuple(map(bare, study.trials))
+    color, error_map = np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), np.float32)
+    standard, *trials = (
+        replace(trial, color=color, error_map=error_map)
+        for trial in (study.standard, *study.trials)
+    )
     return replace(
-        study, standard=bare(study.standard), trials=trials, effects=(), reference_color=none
+        study, standard=standard, trials=tuple(trials), effects=(), reference_color=color
     )
 
 
-def _candidates(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Quality]:
+def _list_candidates(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Quality]:
     """Return the qualities to compare on all scenes: presets, and the best of each scene."""
-    found = {STANDARD: Quality.standard()}
-    for preset in TRIED_PRESETS:
-        changes = differences(PRESETS[preset](), Quality.standard())
-        kept = {name: level for name, level in changes.items() if name in knobs}
-        if len(kept) > 1:
-            found[preset] = replace(Quality.standard(), **kept)
+    qualities = {STANDARD: Quality.standard()}
+    qualities |= {attempt.label: attempt.quality for attempt in list_preset_attempts(knobs)}
     for study in studies.values():
-        for trial in (choose(study).trial, *front_trials(study)):
-            if trial.quality not in found.values():
-                found[trial.label] = trial.quality
-    return found
+        for trial in (choose(study).trial, *list_front_trials(study)):
+            if trial.quality not in qualities.values():
+                qualities[trial.label] = trial.quality
+    return qualities
 
 
-def _all_trials(
-    course: StudyRun, study: Study, wanted: Mapping[str, Quality], seconds: float
+def _try_candidates(
+    scene_run: StudyRun, study: Study, candidates: Mapping[str, Quality], seconds: float
 ) -> dict[str, Trial]:
     """Return a trial of each candidate on a scene, drawing missing ones while there is time."""
-    done = {trial.quality: trial for trial in (study.standard, *study.trials)}
+    trial_by_quality = {trial.quality: trial for trial in (study.standard, *study.trials)}
     standard, trials = Quality.standard(), {}
-    end = time.perf_counter() + seconds
-    for label, quality in wanted.items():
-        idle = {name: getattr(standard, name) for name in study.without_effect}
-        match = replace(quality, **idle)
-        if match not in done and time.perf_counter() < end:
-            attempt = Attempt(COMBINATIONS, label, match)
-            if course.studio.refusal(attempt) is None:
-                contestant = course.studio.prepare(attempt, course.reference)
-                done[match] = contestant.trial(course.standard, study.clock)
-        if match in done:
-            trials[label] = replace(done[match], quality=quality)
-    course.studio.close()
+    deadline = time.perf_counter() + seconds
+    for label, quality in candidates.items():
+        unchanged = {name: getattr(standard, name) for name in study.without_effect}
+        effective = replace(quality, **unchanged)
+        if effective not in trial_by_quality and time.perf_counter() < deadline:
+            attempt = Attempt(COMBINATIONS, label, effective)
+            if scene_run.studio.refusal_reason(attempt) is None:
+                contestant = scene_run.studio.prepare(attempt, scene_run.reference)
+                trial_by_quality[effective] = contestant.trial(scene_run.standard, study.clock)
+        if effective in trial_by_quality:
+            trials[label] = replace(trial_by_quality[effective], quality=quality)
+    scene_run.studio.close()
     return trials
 
 
 def _is_never_worse(total: Trial, candidates: Mapping[str, Sequence[Trial]]) -> bool:
     """Tell whether a quality is at least as accurate as the standard on every scene."""
     pairs = zip(candidates[total.label], candidates[STANDARD], strict=True)
-    return all(one.errors.rmse <= SAME_ERROR * base.errors.rmse for one, base in pairs)
+    return all(
+        trial.errors.rmse <= MAX_SAME_ERROR_RATIO * standard.errors.rmse
+        for trial, standard in pairs
+    )
 
 
-def _total(
+def _merge_trials(
     label: str,
     quality: Quality,
     trials: Sequence[Trial],
     standards: Sequence[Trial],
     max_error: float | None,
-    floor: float,
+    error_floor: float,
 ) -> Trial:
     """Merge the trials of a quality on all scenes into one."""
-    errors = [trial.errors.rmse for trial in trials]
-    rmse = max(errors) if max_error is not None else _geometric_mean(max(e, floor) for e in errors)
-    ratios = [
-        _geometric_mean(step)
-        for step in zip(*(_quantiles(one.ratios) for one in trials), strict=True)
-    ]
+    rmses = [trial.errors.rmse for trial in trials]
+    rmse = max(rmses)
+    if max_error is None:
+        rmse = _geometric_mean(max(error, error_floor) for error in rmses)
+    quantiles = (_quantiles(trial.ratios) for trial in trials)
+    ratios = [_geometric_mean(values) for values in zip(*quantiles, strict=True)]
     if not all(map(is_timed, trials)):
-        # As many as there are of what was timed worst.
+        # A single ratio marks the time as not measured.
         ratios = [statistics.median(ratios)]
 
-    def excess(name: str) -> float:
-        """Return by how much an error is larger than the standard's, where it is so most."""
+    def largest_excess(name: str) -> float:
+        """Return the largest difference of an error to the standard's, over all scenes."""
         pairs = zip(trials, standards, strict=True)
-        numbers = [[getattr(one.errors, name) or 0.0 for one in pair] for pair in pairs]
-        return max(max(0.0, error - base) for error, base in numbers)
+        errors = [[getattr(trial.errors, name) or 0.0 for trial in pair] for pair in pairs]
+        return max(max(0.0, error - standard_error) for error, standard_error in errors)
 
-    worst = trials[int(np.argmax(errors))]
-    errors_of_worst = worst.errors._replace(
+    worst = trials[int(np.argmax(rmses))]
+    merged_errors = worst.errors._replace(
         rmse=rmse,
-        wrong_faces=int(excess("wrong_faces")),
-        depth_units=excess("depth_units"),
-        uv_texels=excess("uv_texels"),
+        wrong_faces=int(largest_excess("wrong_faces")),
+        depth_units=largest_excess("depth_units"),
+        uv_texels=largest_excess("uv_texels"),
     )
     is_single = len(differences(quality, Quality.standard())) == 1
     setting, _, level = label.partition("=") if is_single else (COMBINATIONS, "", label)
@@ -309,14 +319,14 @@ def _total(
     seconds = (_geometric_mean(trial.median for trial in trials),)
     return replace(
         worst, setting=setting, level=level, quality=quality, seconds=seconds,
-        ratios=tuple(ratios), stages={}, errors=errors_of_worst, dominated_by=None,
+        ratios=tuple(ratios), stages={}, errors=merged_errors, dominated_by=None,
     )  # fmt: skip
 
 
 def _quantiles(ratios: Sequence[float]) -> list[float]:
     """Return evenly spaced quantiles of ratios."""
-    shares = (np.arange(RATIO_STEPS) + 0.5) / RATIO_STEPS
-    return np.quantile(np.asarray(ratios), shares).tolist()
+    positions = (np.arange(RATIO_QUANTILES) + 0.5) / RATIO_QUANTILES
+    return np.quantile(np.asarray(ratios), positions).tolist()
 
 
 def _geometric_mean(values: Iterable[float]) -> float:

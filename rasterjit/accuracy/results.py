@@ -223,13 +223,13 @@ class Study:
         return [trial for trial in self.trials if trial.setting == setting]
 
 
-def settings_of(study: Study) -> list[str]:
+def list_settings(study: Study) -> list[str]:
     """Return the settings that were tried by themselves, in the order of their first trials."""
     names = dict.fromkeys(trial.setting for trial in study.trials)
     return [setting for setting in names if setting not in (STANDARD, COMBINATIONS)]
 
 
-def standard_level(study: Study, setting: str) -> str:
+def find_standard_level(study: Study, setting: str) -> str:
     """Return the level of a setting in the standard quality."""
     level = getattr(study.standard.quality, setting, None)
     return FROM_SCENE if level is None else str(level)
@@ -239,7 +239,7 @@ def insert_standard(study: Study, setting: str) -> list[Trial]:
     """Return the trials of a setting and, at its place among their levels, the standard."""
     trials = study.of(setting)
     levels = [str(level).lower() for level in LEVELS.get(setting, ())]
-    standard = standard_level(study, setting).lower()
+    standard = find_standard_level(study, setting).lower()
     if standard not in levels:
         return [study.standard, *trials]
     is_below = levels[: levels.index(standard)]
@@ -248,7 +248,7 @@ def insert_standard(study: Study, setting: str) -> list[Trial]:
     return [*before, study.standard, *after]
 
 
-def front_trials(study: Study) -> list[Trial]:
+def list_front_trials(study: Study) -> list[Trial]:
     """Return the trials on the Pareto front, from the fastest on."""
     labels = set(study.front)
     trial_by_label = [trial for trial in (study.standard, *study.trials) if trial.label in labels]
@@ -277,13 +277,13 @@ class ReferenceFrame(NamedTuple):
     """Estimated error against a reference of all samples."""
 
 
-def reference_of(scene: Scene, picture: Frame, buffers: Frame) -> ReferenceFrame:
+def make_reference(scene: Scene, picture: Frame, buffers: Frame) -> ReferenceFrame:
     """Return the reference of a scene, given the picture and the frame that holds its buffers."""
     counts = [0] + [len(node.mesh.faces) for node in scene.nodes]
-    return ReferenceFrame(picture, buffers, texels_of(scene), np.cumsum(counts))
+    return ReferenceFrame(picture, buffers, count_texels(scene), np.cumsum(counts))
 
 
-def texels_of(scene: Scene) -> NDArray[np.float64]:
+def count_texels(scene: Scene) -> NDArray[np.float64]:
     """Return the texels that a unit of u and of v spans on each object, (O, 2); NaN on none."""
     rows = np.full((len(scene.nodes), 2), np.nan)
     for row, node in zip(rows, scene.nodes, strict=True):
@@ -294,7 +294,7 @@ def texels_of(scene: Scene) -> NDArray[np.float64]:
     return rows
 
 
-def compared_buffers(scene: Scene) -> tuple[str, ...]:
+def list_compared_buffers(scene: Scene) -> tuple[str, ...]:
     """Return the outputs besides colour that frames of a scene are compared by."""
     is_laid = any(node.mesh.uv is not None for node in scene.nodes)
     return ("depth", "face_id", "uv") if is_laid else ("depth", "face_id")
@@ -338,9 +338,9 @@ def compare(frame: Frame, reference: ReferenceFrame) -> tuple[Errors, NDArray[np
     return errors, np.maximum(largest, difference[:, :, 2]).astype(np.float32)
 
 
-def with_flip(errors: Errors, color: NDArray[np.uint8], reference: ReferenceFrame) -> Errors:
+def add_flip(errors: Errors, color: NDArray[np.uint8], reference: ReferenceFrame) -> Errors:
     """Return errors with the FLIP of a picture, where ``flip-evaluator`` is installed."""
-    return errors._replace(flip=mean_flip(reference.picture.color, color))
+    return errors._replace(flip=measure_flip(reference.picture.color, color))
 
 
 def _depth_errors(
@@ -372,7 +372,7 @@ def has_flip() -> bool:
     return importlib.util.find_spec("flip_evaluator") is not None
 
 
-def mean_flip(true: NDArray[np.uint8], color: NDArray[np.uint8]) -> float | None:
+def measure_flip(true: NDArray[np.uint8], color: NDArray[np.uint8]) -> float | None:
     """
     Return the mean LDR-FLIP error, 0..1, of sRGB pictures, (H, W, 3 or 4); None if not installed.
 

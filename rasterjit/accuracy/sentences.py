@@ -5,8 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rasterjit.accuracy.choice import SAME_ERROR, Choice, choose, is_measured, is_slower, noise
-from rasterjit.accuracy.results import CPU, STANDARD, Study, Trial, front_trials
+from rasterjit.accuracy.choice import (
+    MAX_SAME_ERROR_RATIO,
+    Choice,
+    choose,
+    is_measured,
+    is_slower,
+    ratio_uncertainty,
+)
+from rasterjit.accuracy.results import CPU, STANDARD, Study, Trial, list_front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
 if TYPE_CHECKING:
@@ -168,7 +175,7 @@ def describe_alternatives(study: Study) -> str:
     standard = study.standard
     time = f"{format_duration(standard.median)}{_clock_note(study)}"
     text = f"On this scene standard is {time} with error {standard.errors.rmse:.3g}"
-    front = [trial for trial in front_trials(study) if trial.setting != STANDARD]
+    front = [trial for trial in list_front_trials(study) if trial.setting != STANDARD]
     slower = [trial for trial in front if is_slower(trial, standard)]
     faster = [trial for trial in front if is_slower(standard, trial)]
     if not front:
@@ -202,7 +209,8 @@ def _rough_front(study: Study) -> list[Trial]:
         trial
         for trial in study.trials
         if not any(
-            other.ratio <= trial.ratio and other.errors.rmse <= trial.errors.rmse * SAME_ERROR
+            other.ratio <= trial.ratio
+            and other.errors.rmse <= trial.errors.rmse * MAX_SAME_ERROR_RATIO
             for other in (study.standard, *study.trials)
             if other is not trial
         )
@@ -230,7 +238,8 @@ def _only_standard_reason(study: Study) -> str:
     if not any(is_measured(trial) for trial in study.trials):
         return f"what other qualities cost is {NOT_MEASURED}: {MORE_TIME_ADVICE}"
     if not all(is_measured(trial) for trial in study.trials):
-        return f"nothing else is better by more than the noise, or it is {NOT_MEASURED}: {MORE_TIME_ADVICE}"
+        noise = "nothing else is better by more than the noise"
+        return f"{noise}, or it is {NOT_MEASURED}: {MORE_TIME_ADVICE}"
     return "nothing that was tried is faster or more accurate, as far as can be told"
 
 
@@ -249,7 +258,7 @@ def describe_factor(trial: Trial) -> str:
         return "1×"
     if not is_measured(trial):
         return NOT_MEASURED
-    uncertainty = noise(trial)
+    uncertainty = ratio_uncertainty(trial)
     if uncertainty <= MIN_PRINTED_UNCERTAINTY * trial.ratio:
         return f"{format_factor(trial.ratio)}×"
     ends = (format_factor(max(trial.ratio + change, 0.0)) for change in (-uncertainty, uncertainty))
@@ -287,7 +296,9 @@ def find_key_level(trials: list[Trial], standard: Trial) -> Trial:
     standard_error = standard.errors.rmse
     single = [trial for trial in trials if trial.quality.samples not in SUPERSAMPLED] or trials
     undominated = [trial for trial in single if trial.dominated_by is None]
-    better = [trial for trial in undominated if trial.errors.rmse * SAME_ERROR < standard_error]
+    better = [
+        trial for trial in undominated if trial.errors.rmse * MAX_SAME_ERROR_RATIO < standard_error
+    ]
     candidates = better or undominated or single
     return max(candidates, key=lambda trial: _error_gain(trial, standard_error))
 
@@ -303,7 +314,7 @@ def _error_gain(trial: Trial, standard_error: float) -> float:
 
 def _describe_level(trial: Trial, standard: Trial) -> str:
     """Return a sentence on the time and the errors of a level, against the standard's."""
-    level, standard_level = (
+    level, find_standard_level = (
         _name_level(trial.setting, getattr(quality, trial.setting))
         for quality in (trial.quality, standard.quality)
     )
@@ -316,7 +327,7 @@ def _describe_level(trial: Trial, standard: Trial) -> str:
         depth, standard_depth = (f"{error:.1g}" for error in depths)
         if depth != standard_depth:
             parts.append(f"depth wrong by up to {depth} units instead of {standard_depth}")
-    text = _capitalize(f"{level} instead of {standard_level}: {', '.join(parts)}")
+    text = _capitalize(f"{level} instead of {find_standard_level}: {', '.join(parts)}")
     return f"{text}; not worth it here." if trial.dominated_by is not None else f"{text}."
 
 
@@ -356,7 +367,7 @@ def _describe_error_change(trial: Trial, standard: Trial) -> str:
 def _is_same_error(error: float, other: float) -> bool:
     """Tell whether two errors differ by too little to be reported."""
     low, high = sorted((error, other))
-    return high <= low * SAME_ERROR
+    return high <= low * MAX_SAME_ERROR_RATIO
 
 
 def format_number(value: float) -> str:

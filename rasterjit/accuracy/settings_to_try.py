@@ -15,7 +15,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.facts import explain_float64, explain_unlit
 
 TRIED_PRESETS = ("draft", "high")
-"""Presets that are tried besides the standard and the reference, which are drawn anyway."""
+"""Presets to try besides the standard and the reference, which are always drawn."""
 
 COMBINED_LEVELS: dict[str, tuple[Any, ...]] = {
     "samples": (2, 4, 8, 16),
@@ -25,20 +25,20 @@ COMBINED_LEVELS: dict[str, tuple[Any, ...]] = {
     "transparency_layers": (2,),
     "lines": ("coverage",),
 }
-"""Levels that are combined, besides the standard's: those whose price is highest."""
+"""Levels to combine, besides the standard's: those that cost or save most time."""
 
 MAX_COMBINATIONS = 24
-"""Most combinations of settings that are tried; of more, an even selection."""
+"""Most combinations of settings to try; of more, an even selection."""
 
 
 class Attempt(NamedTuple):
-    """A quality to be tried, named as `Trial` is."""
+    """A quality to try, named as `Trial` is."""
 
     setting: str
     level: str
     quality: Quality
     scene: Scene | None = None
-    """Scene to draw in place of the studied one, to measure one of its effects; None: the same."""
+    """Scene to draw instead of the studied one, to measure one of its effects."""
 
     @property
     def label(self) -> str:
@@ -53,7 +53,7 @@ class Attempt(NamedTuple):
 
 
 def check_knobs(knobs: Iterable[str] | None) -> tuple[str, ...]:
-    """Return the settings that are named, all for None, or raise ``ValueError``."""
+    """Return the named settings in order, all for None, or raise ``ValueError``."""
     if knobs is None:
         return tuple(LEVELS)
     if not isinstance(knobs, Iterable):
@@ -69,19 +69,20 @@ def check_knobs(knobs: Iterable[str] | None) -> tuple[str, ...]:
     return tuple(name for name in LEVELS if name in names)
 
 
-def without_effect(plan: RenderPlan, knobs: Sequence[str]) -> dict[str, str]:
-    """Return which of some settings change nothing in a frame, with the reason in words."""
+def find_idle_settings(plan: RenderPlan, knobs: Sequence[str]) -> dict[str, str]:
+    """Return the settings that change nothing in a frame, each with the reason in words."""
     facts = plan.facts
     if not facts.visible.objects:
         return dict.fromkeys(knobs, "no object is in view")
     reasons = {
-        name: REASONS[name](plan) if name in REASONS else _why_out(plan, name) for name in knobs
+        name: IDLE_REASONS[name](plan) if name in IDLE_REASONS else _find_effect_reason(plan, name)
+        for name in knobs
     }
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
-def single_attempts(knobs: Sequence[str]) -> list[Attempt]:
-    """Return the levels of some settings, each changed from the standard alone."""
+def list_single_attempts(knobs: Sequence[str]) -> list[Attempt]:
+    """Return an attempt for each level of some settings, all others as in the standard."""
     standard = Quality.standard()
     return [
         Attempt(name, str(level), replace(standard, **{name: level}))
@@ -91,40 +92,42 @@ def single_attempts(knobs: Sequence[str]) -> list[Attempt]:
     ]
 
 
-def is_on_axis(attempt: Attempt) -> bool:
+def is_combined(attempt: Attempt) -> bool:
     """Tell whether a level of one setting is among those that are combined."""
     return getattr(attempt.quality, attempt.setting) in COMBINED_LEVELS.get(attempt.setting, ())
 
 
-def preset_attempts(knobs: Sequence[str]) -> list[Attempt]:
-    """Return the presets that change more than one of some settings."""
-    standard, found = Quality.standard(), []
+def list_preset_attempts(knobs: Sequence[str]) -> list[Attempt]:
+    """Return an attempt for each preset that changes more than one of some settings."""
+    standard, attempts = Quality.standard(), []
     for preset in TRIED_PRESETS:
         changes = differences(PRESETS[preset](), standard)
         changes = {name: level for name, level in changes.items() if name in knobs}
         if len(changes) > 1:
-            found.append(Attempt(COMBINATIONS, preset, replace(standard, **changes)))
-    return found
+            attempts.append(Attempt(COMBINATIONS, preset, replace(standard, **changes)))
+    return attempts
 
 
-def combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> list[Attempt]:
+def list_combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> list[Attempt]:
     """
-    Return products of some settings that change more than one of them, and are no preset.
+    Return an attempt for each combination of two or more settings that is no preset.
 
-    Labels of levels that are ``useless`` by themselves are in none.
+    ``useless`` has labels of levels to leave out.
     """
     standard = Quality.standard()
-    known = [attempt.quality for attempt in preset_attempts(knobs)]
-    products = [changes for changes in _products(knobs, useless) if is_possible(standard, changes)]
-    found = [
+    presets = [attempt.quality for attempt in list_preset_attempts(knobs)]
+    products = [
+        changes for changes in _list_products(knobs, useless) if is_possible(standard, changes)
+    ]
+    attempts = [
         Attempt(COMBINATIONS, format_changes(changes), replace(standard, **changes))
         for changes in pick_evenly(products, MAX_COMBINATIONS)
     ]
-    return [attempt for attempt in found if attempt.quality not in known]
+    return [attempt for attempt in attempts if attempt.quality not in presets]
 
 
-def _products(knobs: Sequence[str], useless: Collection[str]) -> list[dict[str, Any]]:
-    """Return all choices of levels from the axes that change two settings or more."""
+def _list_products(knobs: Sequence[str], useless: Collection[str]) -> list[dict[str, Any]]:
+    """Return the combinations of levels that change two settings or more, few changes first."""
     axes = [
         (name, [level for level in COMBINED_LEVELS[name] if f"{name}={level}" not in useless])
         for name in COMBINED_LEVELS
@@ -132,28 +135,28 @@ def _products(knobs: Sequence[str], useless: Collection[str]) -> list[dict[str, 
     ]
     standard = Quality.standard()
     choices = [[(name, level) for level in (getattr(standard, name), *axis)] for name, axis in axes]
-    found = []
+    products = []
     for choice in itertools.product(*choices):
         changes = {name: level for name, level in choice if level != getattr(standard, name)}
         if len(changes) > 1:
-            found.append(changes)
-    return sorted(found, key=len)
+            products.append(changes)
+    return sorted(products, key=len)
 
 
 def pick_evenly(items: Sequence[Any], count: int) -> list[Any]:
-    """Return ``count`` of the items, from the first on and equally far apart, or all of fewer."""
+    """Return ``count`` evenly spaced items, the first among them; all if there are fewer."""
     if len(items) <= count:
         return list(items)
-    return [items[number * len(items) // count] for number in range(count)]
+    return [items[n * len(items) // count] for n in range(count)]
 
 
 def format_changes(changes: dict[str, Any]) -> str:
-    """Return changed settings as they are written on the command line."""
+    """Return changed settings in the form of the command line: ``samples=4 lines=coverage``."""
     return " ".join(f"{name}={level}" for name, level in changes.items())
 
 
 def is_possible(quality: Quality, changes: dict[str, Any]) -> bool:
-    """Tell whether a quality takes some changes."""
+    """Tell whether a quality with some changes is valid."""
     try:
         replace(quality, **changes)
     except ValueError:
@@ -161,24 +164,24 @@ def is_possible(quality: Quality, changes: dict[str, Any]) -> bool:
     return True
 
 
-def _why_out(plan: RenderPlan, setting: str) -> str | None:
-    """Return why the effects that a setting is for are out; None if one is in, or there is none."""
-    asked = [one for one in plan.effects if setting in one.effect.settings]
-    return asked[0].reason if asked and not any(one.used for one in asked) else None
+def _find_effect_reason(plan: RenderPlan, setting: str) -> str | None:
+    """Return why no effect with a setting is used; None if one is, or none has the setting."""
+    effects = [one for one in plan.effects if setting in one.effect.settings]
+    return effects[0].reason if effects and not any(one.used for one in effects) else None
 
 
-def _not_interpolated(plan: RenderPlan) -> str | None:
-    """Say why nothing is interpolated over a face."""
+def _explain_interpolation(plan: RenderPlan) -> str | None:
+    """Return why perspective-correct and affine interpolation are the same; None if not."""
     if isinstance(plan.camera, OrthographicCamera):
         return "the camera is orthographic: what is linear on a face is linear on the screen"
     facts = plan.facts
     if facts.is_lit or facts.needs_textures or plan.effects_at("sample") or facts.needs_alpha_tests:
         return None
-    return _why_out(plan, "interpolation")
+    return _find_effect_reason(plan, "interpolation")
 
 
-def _not_lit_finely(plan: RenderPlan) -> str | None:
-    """Say why no material is lit by the vertex or the pixel that could do with less."""
+def _explain_shading(plan: RenderPlan) -> str | None:
+    """Return why no material can be lit by the vertex instead of the pixel; None if one can."""
     if not plan.facts.is_lit:
         return explain_unlit(plan.facts)
     if not plan.facts.visible.shadings & {"gouraud", "phong"}:
@@ -186,8 +189,8 @@ def _not_lit_finely(plan: RenderPlan) -> str | None:
     return None
 
 
-def _without_pixel_normals(plan: RenderPlan) -> str | None:
-    """Say why no normals are interpolated."""
+def _explain_renormalize(plan: RenderPlan) -> str | None:
+    """Return why no normals are interpolated; None if some are."""
     if not plan.facts.is_lit:
         return explain_unlit(plan.facts)
     if not plan.facts.visible.shadings & {"phong", "pbr"}:
@@ -195,26 +198,26 @@ def _without_pixel_normals(plan: RenderPlan) -> str | None:
     return None
 
 
-def _not_in_float32(plan: RenderPlan) -> str | None:
-    """Say why colours are interpolated in float64 whatever is asked for."""
+def _explain_float32(plan: RenderPlan) -> str | None:
+    """Return why colours are interpolated in float64 with any setting; None if they are not."""
     if not plan.facts.shades:
-        return _why_out(plan, "interpolation_precision")
+        return _find_effect_reason(plan, "interpolation_precision")
     return explain_float64(plan.facts)
 
 
-def _not_blended(plan: RenderPlan) -> str | None:
-    """Say why nothing is mixed."""
+def _explain_blending(plan: RenderPlan) -> str | None:
+    """Return why no colours are blended; None if some are."""
     transparency = plan.facts.transparency
     if transparency.used:
         return None
     return f"{transparency.reason}, and the standard has one sample a pixel"
 
 
-REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
-    "interpolation": _not_interpolated,
-    "shading": _not_lit_finely,
-    "renormalize": _without_pixel_normals,
-    "blending": _not_blended,
-    "interpolation_precision": _not_in_float32,
+IDLE_REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
+    "interpolation": _explain_interpolation,
+    "shading": _explain_shading,
+    "renormalize": _explain_renormalize,
+    "blending": _explain_blending,
+    "interpolation_precision": _explain_float32,
 }
-"""Functions that say why a setting has no effect in a frame; effects say it of other settings."""
+"""Functions that return why a setting changes nothing in a frame; for others, effects say it."""

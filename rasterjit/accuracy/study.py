@@ -13,20 +13,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.accuracy import effects, timing
-from rasterjit.accuracy import results as measures
-from rasterjit.accuracy.choice import INVISIBLE, choose_among, mark_dominated, pareto_front
-from rasterjit.accuracy.effects import Measured
+from rasterjit.accuracy import effects, results, timing
+from rasterjit.accuracy.choice import (
+    MAX_INVISIBLE_ERROR,
+    choose_among,
+    mark_dominated,
+    pareto_front,
+)
+from rasterjit.accuracy.effects import MeasuredEffect
 from rasterjit.accuracy.report.files import prepare_folder, write_report
 from rasterjit.accuracy.results import CPU, STANDARD, Errors, Study, Trial
 from rasterjit.accuracy.settings_to_try import (
     Attempt,
     check_knobs,
-    combined_attempts,
-    is_on_axis,
-    preset_attempts,
-    single_attempts,
-    without_effect,
+    find_idle_settings,
+    is_combined,
+    list_combined_attempts,
+    list_preset_attempts,
+    list_single_attempts,
 )
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.planning import choose_camera, settle_cameras
@@ -47,47 +51,47 @@ SIZE = (640, 480)
 BUDGET = 75.0
 """Default budget of a study, seconds."""
 
-LEVELS_SHARE = 0.5
-"""Share of the budget that is kept for levels, however long the reference took."""
+MIN_LEVELS_SHARE = 0.5
+"""Least share of the budget for levels, however long the reference took."""
 
-REFERENCE_SHARE = 0.3
-"""Share of them that the pictures of the reference may take, as far as their time can be told."""
+MAX_REFERENCE_SHARE = 0.3
+"""Largest share of the budget for the pictures of the reference, by an estimate of their time."""
 
-EFFECTS_SHARE = 0.2
+MAX_EFFECTS_SHARE = 0.2
 """Largest share of the budget for the references of the scene's effects."""
 
-MIN_PICTURES = 16
+MIN_REFERENCE_PICTURES = 16
 """Least number of reference pictures that a size must leave time for."""
 
-REFERENCE_FACTOR = 1.5
+REFERENCE_TIME_RATIO = 1.5
 """Estimated time of a reference picture over that of a standard frame."""
 
 MIN_SIDE = 96
 """Least side of a picture that is made smaller to save time, pixels."""
 
 MAX_SHRINK_RATIO = 0.7
-"""Share of its time that a frame of a quarter of the pixels may take at most: where faces take the
+"""Largest share of its time that a frame of a quarter of the pixels may take: where faces take the
 time, a smaller picture saves none."""
 
-FLIP_SHARE = 0.05
-"""Share of the seconds that must be left for the first FLIP, whose time nobody knows."""
+FIRST_FLIP_SHARE = 0.05
+"""Share of the budget that must be left for the first FLIP, whose time is not known."""
 
-PAGE_WORK, PAGE_SHARE = 3.0, 0.2
-"""Seconds that a processor works for a report, and the share of a budget kept for it at most."""
+REPORT_CPU_SECONDS, MAX_REPORT_SHARE = 3.0, 0.2
+"""Processor time of a report, seconds, and the largest share of the budget reserved for it."""
 
-SAMPLE_STEPS = (4, 16, 64, 256)
-"""Numbers of samples of the reference, in turn, while there is time."""
+REFERENCE_SAMPLE_COUNTS = (4, 16, 64, 256)
+"""Numbers of samples of the reference, drawn in this order while there is time."""
 
-USELESS = 0.9
-"""Share of the standard's time from which on a level that changes no error is in no combination."""
+MIN_USELESS_TIME_RATIO = 0.9
+"""Share of the standard's time above which a level that changes no error is not combined."""
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "flip-evaluator")
 
-COLOR_ONLY = ("color",)
+TIMED_OUTPUTS = ("color",)
 """Outputs of timed frames."""
 
-COMPILE = "compile"
-"""The stage that times leave out."""
+COMPILE_STAGE = "compile"
+"""Name of the stage that times leave out."""
 
 
 def study(
@@ -157,10 +161,10 @@ def study(
         On Ctrl-C before there is anything to compare.
     """
     options = check_options(size, knobs, budget, max_error, threads, output)
-    course = begin_study((what, camera), options, 1.0, lens, progress)
-    with course.studio:
-        course.run()
-    found = course.result(name, options.max_error)
+    study_run = begin_study((what, camera), options, 1.0, lens, progress)
+    with study_run.studio:
+        study_run.run()
+    found = study_run.result(name, options.max_error)
     if options.folder is not None:
         write_report(found, options.folder)
     return found
@@ -186,12 +190,12 @@ def check_options(
     output: str | Path | None,
 ) -> StudyOptions:
     """Check the arguments of a study, or raise ``ValueError``."""
-    chosen, size = check_knobs(knobs), image_size("size", size)
+    settings, size = check_knobs(knobs), image_size("size", size)
     seconds = BUDGET if budget is None else positive_number("budget", budget)
-    bound = None if max_error is None else positive_number("max_error", max_error)
+    max_error = None if max_error is None else positive_number("max_error", max_error)
     thread_count("threads", threads)
     folder = None if output is None else prepare_folder(output)
-    return StudyOptions(size, chosen, seconds, bound, threads, folder)
+    return StudyOptions(size, settings, seconds, max_error, threads, folder)
 
 
 def begin_study(
@@ -201,32 +205,32 @@ def begin_study(
     lens: Lens | None,
     progress: timing.Progress | None,
 ) -> StudyRun:
-    """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
+    """Return a run for a scene and its camera that takes a share of the budget."""
     scene, size = pose_input(what[0]), options.size
     camera = choose_camera(scene, what[1], size)
     (camera,) = settle_cameras(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)
     studio = Studio(scene, camera, size, options.threads, lens)
-    seconds, told = share * options.seconds, progress or _ignore_progress
-    return StudyRun(studio, seconds, told, plan, options.knobs, options.folder is not None)
+    seconds, notify = share * options.seconds, progress or _ignore_progress
+    return StudyRun(studio, seconds, notify, plan, options.knobs, options.folder is not None)
 
 
 class StudyRun:
     """
-    The way of one study: what is drawn first, and what is cut when time runs out.
+    The run of one study: draws the most important qualities first, within a budget.
 
     Parameters
     ----------
     studio : Studio
     seconds : float
-        That it may take.
+        Budget.
     progress : callable
     plan : RenderPlan
         Of the standard.
     knobs : sequence of str
         Settings to try.
-    writes : bool
-        Whether time is kept for a report.
+    writes_report : bool
+        Whether time is reserved for a report.
     """
 
     def __init__(
@@ -236,147 +240,153 @@ class StudyRun:
         progress: timing.Progress,
         plan: RenderPlan,
         knobs: Sequence[str],
-        writes: bool = False,
+        writes_report: bool = False,
     ) -> None:
         self.studio, self.seconds, self._progress, self.plan = studio, seconds, progress, plan
-        self._writes = writes
-        self.allowance = timing.Allowance(seconds)
-        self.idle = without_effect(plan, knobs)
+        self._writes_report = writes_report
+        self.budget = timing.TimeBudget(seconds)
+        self.idle = find_idle_settings(plan, knobs)
         self.knobs = [knob for knob in knobs if knob not in self.idle]
         self.asked_size = studio.size
         self.order: list[str] = []
-        """Labels of what was meant to be tried, in the order of results."""
+        """Labels of the planned attempts, in the order of results."""
         self.contestants: list[timing.Contestant] = []
-        self.effects: list[Measured] = []
+        self.effects: list[MeasuredEffect] = []
         self.impossible: dict[str, str] = {}
         self.interrupted = False
-        self.reference: measures.ReferenceFrame
+        self.reference: results.ReferenceFrame
         self.standard: timing.Contestant
 
-    def tell(self, text: str) -> None:
+    def _report_progress(self, text: str) -> None:
         """Report progress."""
-        self._progress(text, self.allowance.spent(), self.allowance.total)
+        self._progress(text, self.budget.spent(), self.budget.total)
 
     def run(self) -> None:
-        """Draw the reference and the standard; then, until interrupted, what there is time for."""
-        usual = Attempt(STANDARD, STANDARD, Quality.standard())
-        worked = time.process_time()
-        self.tell("drawing standard")
-        self.studio.shrink(usual, REFERENCE_SHARE * self.seconds)
-        self.tell("drawing the reference")
-        self.reference = self.studio.reference(REFERENCE_SHARE * self.seconds)
-        self.standard = self.studio.prepare(usual, self.reference)
-        # What is drawn in any case may take long to compile.
-        self.allowance.keep(LEVELS_SHARE * self.seconds)
-        if self._writes:
-            worked = max(time.process_time() - worked, 1e-3)
-            slower = max(1.0, self.allowance.spent() / worked)
-            self.allowance.take(min(PAGE_WORK * slower, PAGE_SHARE * self.seconds))
-        singles, presets = single_attempts(self.knobs), preset_attempts(self.knobs)
-        self.order = [one.label for one in (*singles, *presets)]
-        lone = [one for one in singles if one.passes == 1]
-        many = [one for one in singles if one.passes > 1]
+        """Draw the reference and the standard; then other qualities, in the time there is."""
+        standard = Attempt(STANDARD, STANDARD, Quality.standard())
+        cpu_start = time.process_time()
+        self._report_progress("drawing standard")
+        self.studio.shrink(standard, MAX_REFERENCE_SHARE * self.seconds)
+        self._report_progress("drawing the reference")
+        self.reference = self.studio.reference(MAX_REFERENCE_SHARE * self.seconds)
+        self.standard = self.studio.prepare(standard, self.reference)
+        # Reference and standard may have taken long to compile.
+        self.budget.ensure(MIN_LEVELS_SHARE * self.seconds)
+        if self._writes_report:
+            cpu_seconds = max(time.process_time() - cpu_start, 1e-3)
+            report_seconds = REPORT_CPU_SECONDS * max(1.0, self.budget.spent() / cpu_seconds)
+            self.budget.reserve(min(report_seconds, MAX_REPORT_SHARE * self.seconds))
+        singles, presets = list_single_attempts(self.knobs), list_preset_attempts(self.knobs)
+        self.order = [attempt.label for attempt in (*singles, *presets)]
+        single_pass = [attempt for attempt in singles if attempt.passes == 1]
+        combined = [attempt for attempt in single_pass if is_combined(attempt)]
+        uncombined = [attempt for attempt in single_pass if not is_combined(attempt)]
+        multi_pass = [a for a in singles if 1 < a.passes <= self.reference.samples]
         try:
-            self._prepare([*presets, *_interleave(one for one in lone if is_on_axis(one))])
-            combinations = combined_attempts(self.knobs, self._useless())
-            self.order += [one.label for one in combinations]
-            self._prepare(sorted(combinations, key=self._promise))
-            self._weigh_effects()
-            self._prepare(_interleave(one for one in lone if not is_on_axis(one)))
-            self._prepare([one for one in many if one.passes <= self.reference.samples])
-            present = [*self.contestants, *(one for each in self.effects for one in each.levels)]
-            timing.run_rounds(self.studio, self.standard, present, self.allowance, self.tell)
+            self._prepare([*presets, *_interleave_settings(combined)])
+            combinations = list_combined_attempts(self.knobs, self._find_useless_levels())
+            self.order += [attempt.label for attempt in combinations]
+            self._prepare(sorted(combinations, key=self._predict_price))
+            self._measure_effects()
+            self._prepare(_interleave_settings(uncombined))
+            self._prepare(multi_pass)
+            timing.run_rounds(
+                self.studio, self.standard, self._list_prepared(), self.budget,
+                self._report_progress,
+            )  # fmt: skip
         except KeyboardInterrupt:
             self.interrupted = True
 
     def _prepare(self, attempts: Sequence[Attempt]) -> None:
         """Add a contestant for each of the attempts that there is time for."""
         for attempt in attempts:
-            self.tell(self._so_far(f"drawing {attempt.label}"))
-            reason = self.studio.refusal(attempt)
-            if reason is None and not self._fits(attempt):
+            self._report_progress(self._append_best(f"drawing {attempt.label}"))
+            reason = self.studio.refusal_reason(attempt)
+            if reason is None and not self._has_time(attempt):
                 continue
             try:
                 if reason is None:
                     self.contestants.append(self.studio.prepare(attempt, self.reference))
             except (ValueError, MemoryError) as error:
-                # Some limits show only as the picture is drawn: of layers at many samples, of
-                # memory.
+                # Some limits are met only in drawing: of layers at many samples, of memory.
                 reason = str(error) or "there is not enough memory"
             if reason is not None:
                 self.impossible[attempt.label] = reason
 
-    def _fits(self, attempt: Attempt) -> bool:
-        """Tell whether there is time for one more."""
-        prepared = [*self.contestants, *(one for each in self.effects for one in each.levels)]
-        return timing.has_time(attempt, self.standard, prepared, self.allowance)
+    def _list_prepared(self) -> list[timing.Contestant]:
+        """Return the contestants, those of effects included."""
+        return [*self.contestants, *(one for effect in self.effects for one in effect.levels)]
 
-    def _weigh_effects(self) -> None:
+    def _has_time(self, attempt: Attempt) -> bool:
+        """Tell whether there is time for one more attempt."""
+        return timing.has_time(attempt, self.standard, self._list_prepared(), self.budget)
+
+    def _measure_effects(self) -> None:
         """Draw the scene without each effect, and the reference of each, if there is time."""
-        costs = effects.effect_trials(self.studio.scene, self.plan, self.studio.lens)
-        for number, cost in enumerate(costs):
-            self.tell(self._so_far(f"drawing {cost.effect}"))
-            share = EFFECTS_SHARE * self.seconds / (len(costs) - number)
-            if not all(self._fits(attempt) for attempt in cost.attempts):
-                continue
-            self.effects.append(effects.measure(self.studio, cost, self.standard, share))
+        trials = effects.list_effect_trials(self.studio.scene, self.plan, self.studio.lens)
+        for number, trial in enumerate(trials):
+            self._report_progress(self._append_best(f"drawing {trial.effect}"))
+            seconds = MAX_EFFECTS_SHARE * self.seconds / (len(trials) - number)
+            if all(self._has_time(attempt) for attempt in trial.attempts):
+                measured = effects.measure_effect(self.studio, trial, self.standard, seconds)
+                self.effects.append(measured)
 
-    def _useless(self) -> set[str]:
-        """Return labels of levels that change no error, and save no time to speak of."""
-        usual = self.standard
+    def _find_useless_levels(self) -> set[str]:
+        """Return labels of levels that change no error and save hardly any time."""
+        min_seconds = MIN_USELESS_TIME_RATIO * _frame_seconds(self.standard)
         return {
             one.attempt.label
             for one in self.contestants
-            if one.errors == usual.errors and _seconds_of(one) > USELESS * _seconds_of(usual)
+            if one.errors == self.standard.errors and _frame_seconds(one) > min_seconds
         }
 
-    def _promise(self, attempt: Attempt) -> float:
-        """Return time and error of a combination over the standard's, if factors multiply."""
-        known = {one.attempt.label: one for one in self.contestants}
-        usual, product = _time_error_product(self.standard), 1.0
+    def _predict_price(self, attempt: Attempt) -> float:
+        """Return time times error of a combination over the standard's, if factors multiply."""
+        by_label = {one.attempt.label: one for one in self.contestants}
+        standard_price, price = _time_error_product(self.standard), 1.0
         for name, level in differences(attempt.quality, self.standard.attempt.quality).items():
-            single = known.get(f"{name}={level}")
-            product *= 1.0 if single is None else _time_error_product(single) / usual
-        return product
+            single = by_label.get(f"{name}={level}")
+            price *= 1.0 if single is None else _time_error_product(single) / standard_price
+        return price
 
-    def _so_far(self, text: str) -> str:
-        """Add the best quality so far to what is being done."""
+    def _append_best(self, text: str) -> str:
+        """Append the best quality so far to a text of progress."""
         if not self.contestants:
             return text
         trials = [one.trial(self.standard, CPU) for one in self.contestants]
-        best = choose_among(timing.standard_trial(self.standard, CPU), trials).trial
+        best = choose_among(timing.make_standard_trial(self.standard, CPU), trials).trial
         return f"{text}; best so far: {best.label}"
 
-    def _with_flip(self, trials: Sequence[Trial], front: Sequence[str]) -> list[Trial]:
-        """Add FLIP to the standard and to what is worth choosing, as far as there is time."""
-        found, longest = list(trials), FLIP_SHARE * self.seconds
+    def _add_flip(self, trials: Sequence[Trial], front: Sequence[str]) -> list[Trial]:
+        """Add FLIP to the standard and the front, as far as there is time."""
+        trials_with_flip, longest = list(trials), FIRST_FLIP_SHARE * self.seconds
         for number, trial in enumerate(trials):
-            before = self.allowance.left()
+            before = self.budget.left()
             if trial.label not in (STANDARD, *front) or before < longest:
                 continue
-            errors = measures.with_flip(trial.errors, trial.color, self.reference)
-            found[number] = replace(trial, errors=errors)
-            longest = max(longest, before - self.allowance.left())
-        return found
+            errors = results.add_flip(trial.errors, trial.color, self.reference)
+            trials_with_flip[number] = replace(trial, errors=errors)
+            longest = max(longest, before - self.budget.left())
+        return trials_with_flip
 
     def result(self, name: str, max_error: float | None) -> Study:
         """Return the results of the study."""
-        clock = timing.best_clock(self.standard, self.contestants)
-        standard = timing.standard_trial(self.standard, clock)
+        clock = timing.choose_clock(self.standard, self.contestants)
+        standard = timing.make_standard_trial(self.standard, clock)
         contestants = sorted(self.contestants, key=lambda one: self.order.index(one.attempt.label))
         trials = mark_dominated([one.trial(self.standard, clock) for one in contestants], standard)
         front = pareto_front([standard, *trials])
-        standard, *trials = self._with_flip([standard, *trials], front)
+        standard, *trials = self._add_flip([standard, *trials], front)
         done = {trial.label for trial in trials} | set(self.impossible)
         size, asked = self.studio.size, self.asked_size
-        frames = [len(one.frames) for one in self.contestants]
+        frames = [len(one.frame_stages) for one in self.contestants]
         return Study(
             scene=name,
             size=size,
             threads=self.studio.threads,
-            rounds=max(frames, default=len(self.standard.frames)),
+            rounds=max(frames, default=len(self.standard.frame_stages)),
             machine=machine(),
-            versions=versions(),
+            list_versions=list_versions(),
             standard=standard,
             trials=tuple(trials),
             front=front,
@@ -415,12 +425,12 @@ class Studio:
     ) -> None:
         self.scene, self.camera, self.lens = scene, camera, lens
         self.threads = threads or available_processors()
-        self._buffers = measures.compared_buffers(scene)
+        self._buffers = results.list_compared_buffers(scene)
         if lens is not None:
             # Depth along the axis does not exist beside it.
             self._buffers = tuple(name for name in self._buffers if name != "depth")
-        self._outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
-        # One for all: what is prepared of the scene, and the memory, they have in common.
+        self._outputs = (*results.PICTURE_OUTPUTS, *self._buffers)
+        # One renderer, so that all qualities share the prepared scene and the memory.
         self._renderer = Renderer(size, threads=threads)
 
     def __enter__(self) -> Studio:
@@ -446,82 +456,84 @@ class Studio:
 
     def light(self, quality: Quality, scene: Scene | None = None) -> NDArray[np.float64]:
         """Draw a frame and return its linear light, (H, W, 3)."""
-        frame = self.draw(quality, measures.PICTURE_OUTPUTS, scene)
+        frame = self.draw(quality, results.PICTURE_OUTPUTS, scene)
         return light_of(frame)[:, :, :3].astype(np.float64)
 
     def seconds(self, attempt: Attempt) -> timing.Stages:
-        """Draw the colour alone, as most frames are, and return the seconds of each stage."""
-        return _without_compiling(self.draw(attempt.quality, COLOR_ONLY, attempt.scene))
+        """Draw only the colour, and return the seconds of each stage."""
+        return _without_compiling(self.draw(attempt.quality, TIMED_OUTPUTS, attempt.scene))
 
-    def refusal(self, attempt: Attempt) -> str | None:
-        """Return why an attempt cannot be rendered, if so."""
+    def refusal_reason(self, attempt: Attempt) -> str | None:
+        """Return why an attempt cannot be rendered; None if it can."""
         try:
             explain(attempt.scene or self.scene, self.camera, attempt.quality, size=self.size)
         except ValueError as error:
             return str(error)
         return None
 
-    def shrink(self, usual: Attempt, seconds: float) -> None:
+    def shrink(self, standard: Attempt, seconds: float) -> None:
         """
-        Halve the size as long as there is no time for sixteen pictures, and as it saves any.
+        Halve the size while sixteen reference pictures take longer, as long as that saves time.
 
-        The first frame compiles, the second tells the time.
+        The first frame compiles, the second is timed.
         """
-        self.seconds(usual)
-        took = timing.total(self.seconds(usual))
-        while REFERENCE_FACTOR * MIN_PICTURES * took > seconds and min(self.size) >= 2 * MIN_SIDE:
-            before = self.size
-            self._resize((before[0] // 2, before[1] // 2))
-            self.seconds(usual)
-            smaller = timing.total(self.seconds(usual))
-            if smaller > MAX_SHRINK_RATIO * took:
-                self._resize(before)
+        self.seconds(standard)
+        frame_seconds = timing.sum_stages(self.seconds(standard))
+        max_seconds = seconds / (REFERENCE_TIME_RATIO * MIN_REFERENCE_PICTURES)
+        while frame_seconds > max_seconds and min(self.size) >= 2 * MIN_SIDE:
+            size = self.size
+            self._resize((size[0] // 2, size[1] // 2))
+            self.seconds(standard)
+            smaller_seconds = timing.sum_stages(self.seconds(standard))
+            if smaller_seconds > MAX_SHRINK_RATIO * frame_seconds:
+                self._resize(size)
                 return
-            took = smaller
+            frame_seconds = smaller_seconds
 
     def _resize(self, size: tuple[int, int]) -> None:
-        """Draw pictures of another size from now on."""
+        """Set the size of pictures."""
         self._renderer.close()
         self._renderer = Renderer(size, threads=self.threads)
         if isinstance(self.camera, MatrixCamera):
             self.camera = replace(self.camera, size=None)
 
-    def reference(self, seconds: float) -> measures.ReferenceFrame:
-        """Return what errors are measured against: as many samples as so many seconds allow."""
+    def reference(self, seconds: float) -> results.ReferenceFrame:
+        """Return the frame that errors are measured against, of as many samples as time allows."""
         pictures = self._reference_pictures()
+        max_samples = REFERENCE_SAMPLE_COUNTS[-1]
         samples, frame = next(pictures)
-        took = spent = timing.total(_without_compiling(frame))
-        # Of four samples and one, both err by chance, one twice as much.
-        usual = light_of(self.draw(Quality.standard(), measures.PICTURE_OUTPUTS))
-        error = root_mean_square(light_of(frame) - usual) / math.sqrt(5.0)
-        # The next step draws four times as many pictures as the last one.
-        while samples < SAMPLE_STEPS[-1] and took + 4.0 * spent <= seconds:
-            before = light_of(frame)
+        total_seconds = step_seconds = timing.sum_stages(_without_compiling(frame))
+        # Estimate the error: one sample has twice the standard error of four.
+        standard_light = light_of(self.draw(Quality.standard(), results.PICTURE_OUTPUTS))
+        error = root_mean_square(light_of(frame) - standard_light) / math.sqrt(5.0)
+        # Each step draws four times as many pictures as the last one.
+        while samples < max_samples and total_seconds + 4.0 * step_seconds <= seconds:
+            quarter_light = light_of(frame)
             samples, frame = next(pictures)
-            spent = timing.total(_without_compiling(frame))
-            took += spent
-            # The first quarter of some samples errs twice as much as all of them, by chance.
-            error = root_mean_square(light_of(frame) - before) / math.sqrt(3.0)
-        # The samples are for colour: buffers come from the pixel centre.
+            step_seconds = timing.sum_stages(_without_compiling(frame))
+            total_seconds += step_seconds
+            # A quarter of the samples has twice the standard error of all.
+            error = root_mean_square(light_of(frame) - quarter_light) / math.sqrt(3.0)
+        # Only colour is sampled: buffers are those of the pixel centre.
         buffers = self.draw(replace(Quality.reference(), samples=1), self._buffers)
-        found = measures.reference_of(self.scene, frame, buffers)
-        error = 0.0 if samples == SAMPLE_STEPS[-1] else error
-        return found._replace(samples=samples, seconds=took, error=error)
+        reference = results.make_reference(self.scene, frame, buffers)
+        error = 0.0 if samples == max_samples else error
+        return reference._replace(samples=samples, seconds=total_seconds, error=error)
 
     def _reference_pictures(self) -> Iterator[tuple[int, Frame]]:
-        """Yield pictures of 4, 16, 64 and 256 samples, each with their number."""
-        outputs = measures.PICTURE_OUTPUTS
+        """Yield the number of samples and the picture of each step: 4, 16, 64 and 256 samples."""
+        outputs = results.PICTURE_OUTPUTS
         if self.lens is None:
             steps = self._renderer.refine(self.scene, self.camera, outputs=outputs, first=())
-            yield from zip(SAMPLE_STEPS, steps, strict=True)
+            yield from zip(REFERENCE_SAMPLE_COUNTS, steps, strict=True)
             return
-        for samples in SAMPLE_STEPS:
+        for samples in REFERENCE_SAMPLE_COUNTS:
             yield samples, self.draw(replace(Quality.reference(), samples=samples), outputs)
 
-    def prepare(self, attempt: Attempt, reference: measures.ReferenceFrame) -> timing.Contestant:
-        """Compile what a quality needs, measure its errors and see how long it takes, about."""
+    def prepare(self, attempt: Attempt, reference: results.ReferenceFrame) -> timing.Contestant:
+        """Compile what a quality needs, measure its errors, and time a first frame."""
         frame = self.draw(attempt.quality, self._outputs)
-        errors, error_map = measures.compare(frame, reference)
+        errors, error_map = results.compare(frame, reference)
         color = frame.color[:, :, :3].copy()
         return self.contestant(attempt, errors, color, error_map)
 
@@ -532,50 +544,50 @@ class Studio:
         color: NDArray[np.uint8],
         error_map: NDArray[np.float32],
     ) -> timing.Contestant:
-        """Return what is timed later, and how long it takes, about."""
-        before = time.process_time()
-        first = self.seconds(attempt)
-        worked = time.process_time() - before
-        return timing.Contestant(attempt, errors, color, error_map, first, worked)
+        """Return a contestant with the times of a first frame."""
+        cpu_start = time.process_time()
+        first_stages = self.seconds(attempt)
+        cpu_seconds = time.process_time() - cpu_start
+        return timing.Contestant(attempt, errors, color, error_map, first_stages, cpu_seconds)
 
 
 def _time_error_product(one: timing.Contestant) -> float:
-    """Return the product of time and error, as far as either is seen."""
-    return _seconds_of(one) * max(one.errors.rmse, INVISIBLE)
+    """Return time times error; invisible errors count as equal."""
+    return _frame_seconds(one) * max(one.errors.rmse, MAX_INVISIBLE_ERROR)
 
 
-def _seconds_of(one: timing.Contestant) -> float:
-    """Return the seconds that processors worked for a frame, or that it took."""
-    return one.least or one.cost
+def _frame_seconds(one: timing.Contestant) -> float:
+    """Return the processor time of a frame, or its elapsed time where that is not known."""
+    return one.min_cpu_seconds or one.estimated_seconds
 
 
-def _interleave(attempts: Iterable[Attempt]) -> list[Attempt]:
-    """Return a level of each setting first, then another of each."""
-    turns: dict[str, int] = {}
+def _interleave_settings(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """Return the first level of each setting, then the second of each, and so on."""
+    counts: dict[str, int] = {}
     order = {}
     for attempt in attempts:
-        turn = turns[attempt.setting] = turns.get(attempt.setting, 0) + 1
-        order[attempt] = turn
+        count = counts[attempt.setting] = counts.get(attempt.setting, 0) + 1
+        order[attempt] = count
     return sorted(order, key=order.__getitem__)
 
 
 def _without_compiling(frame: Frame) -> timing.Stages:
     """Return the seconds of each stage but compiling."""
     seconds = frame.stats.seconds.items()
-    return {stage: duration for stage, duration in seconds if stage != COMPILE}
+    return {stage: duration for stage, duration in seconds if stage != COMPILE_STAGE}
 
 
 def _ignore_progress(text: str, done: float, count: float) -> None:
     """Ignore progress."""
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of the packages that matter, as far as they are installed."""
-    found = {}
+def list_versions() -> dict[str, str]:
+    """Return the versions of the installed packages that results depend on."""
+    version_by_package = {}
     for package in PACKAGES:
         try:
-            found[package] = importlib.metadata.version(package)
+            version_by_package[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
-            # It runs from a folder of sources, or is an extra that is not there.
+            # Run from a folder of sources, or an extra that is not installed.
             continue
-    return found
+    return version_by_package

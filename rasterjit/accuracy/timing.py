@@ -1,4 +1,4 @@
-"""Time qualities against the standard: in rounds, by turns, within an allowance of seconds."""
+"""Time qualities against the standard: in rounds, by turns, within a budget of seconds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.accuracy.choice import noise
+from rasterjit.accuracy.choice import ratio_uncertainty
 from rasterjit.accuracy.results import CPU, STANDARD, WALL, Errors, Trial
 from rasterjit.accuracy.settings_to_try import Attempt
 
@@ -22,19 +22,19 @@ MIN_ROUNDS, MAX_ROUNDS = 3, 21
 """Least and most rounds of timing."""
 
 RESERVED_ROUNDS = 2
-"""Rounds that time is reserved for."""
+"""Rounds that must fit into the budget before one more quality is prepared."""
 
-SLOW_RATIO = 8.0
-"""Frames that take longer than so many of the standard's are drawn in fewer rounds: so often that
-on average they take no longer, but not so seldom that nothing is known of their times."""
+MIN_SLOW_RATIO = 8.0
+"""Ratio to the standard's time above which frames are drawn in fewer rounds: as if they took that
+long on average, but in at least three rounds."""
 
 STANDARDS_PER_ROUND = 3
-"""Frames of the standard in a round of many."""
+"""Frames of the standard in a round, if it has that many contestants."""
 
 WARMUP_FRAMES = 2
 """Frames of each quality that are drawn before the rounds."""
 
-MAX_WALL_NOISE = 0.1
+MAX_WALL_UNCERTAINTY = 0.1
 """Largest relative uncertainty of a typical time at which elapsed times are reported."""
 
 HOPELESS_RATIO = 1.3
@@ -47,15 +47,15 @@ Progress = Callable[[str, float, float], None]
 """Callback for progress: text, amount done, and total, in seconds or scenes."""
 
 
-class Allowance:
+class TimeBudget:
     """
-    Budget of seconds that runs out.
+    Budget of seconds that runs out as time passes.
 
     Parameters
     ----------
     seconds : float
     clock : callable
-        Returns seconds from any start.
+        Returns seconds since a fixed time.
     """
 
     def __init__(self, seconds: float, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -64,7 +64,7 @@ class Allowance:
 
     @property
     def total(self) -> float:
-        """All seconds, those that are spent and those that are left."""
+        """Seconds spent and left together."""
         return self._end - self._begin
 
     def spent(self) -> float:
@@ -75,12 +75,12 @@ class Allowance:
         """Return the seconds left; below zero if overspent."""
         return self._end - self._clock()
 
-    def take(self, seconds: float) -> None:
-        """Subtract seconds."""
+    def reserve(self, seconds: float) -> None:
+        """Take seconds away, for work after the budget has run out."""
         self._end -= seconds
 
-    def keep(self, seconds: float) -> None:
-        """Add what is missing from so many, if fewer are left."""
+    def ensure(self, seconds: float) -> None:
+        """Extend the budget until so many seconds are left, if there are fewer."""
         self._end += max(0.0, seconds - self.left())
 
 
@@ -95,195 +95,196 @@ class Contestant:
     errors : Errors
     color : (H, W, 3) uint8, sRGB
     error_map : (H, W) float32
-    first : dict of float
-        Seconds of its stages when it was first drawn: all that is known until a round is over.
-    first_worked : float
-        Seconds that processors worked for that frame.
+    first_stages : dict of float
+        Seconds of the stages of its first frame: all that is known until a round is over.
+    first_cpu_seconds : float
+        Processor time of its first frame.
     """
 
     attempt: Attempt
     errors: Errors
     color: NDArray[np.uint8]
     error_map: NDArray[np.float32]
-    first: Stages
-    first_worked: float = 0.0
-    frames: list[Stages] = field(default_factory=list)
-    usual: list[float] = field(default_factory=list)
-    """Seconds of the standard in the round of each of ``frames``."""
-    worked: list[float] = field(default_factory=list)
-    """Seconds that processors worked for each of ``frames``."""
+    first_stages: Stages
+    first_cpu_seconds: float = 0.0
+    frame_stages: list[Stages] = field(default_factory=list)
+    standard_seconds: list[float] = field(default_factory=list)
+    """Seconds of the standard in the round of each of ``frame_stages``."""
+    cpu_seconds: list[float] = field(default_factory=list)
+    """Processor time of each of ``frame_stages``."""
 
     @property
-    def cost(self) -> float:
-        """Seconds that a frame takes, about."""
-        return total(self.first)
+    def estimated_seconds(self) -> float:
+        """Estimated seconds of a frame."""
+        return sum_stages(self.first_stages)
 
     @property
-    def least(self) -> float:
-        """Least seconds that processors worked for a frame; 0 where nobody knows."""
-        return min([self.first_worked, *self.worked])
+    def min_cpu_seconds(self) -> float:
+        """Least processor time of a frame; 0 where it is not known."""
+        return min([self.first_cpu_seconds, *self.cpu_seconds])
+
+    def least_cpu_seconds(self) -> tuple[float, ...]:
+        """
+        Return the least half of the processor times, sorted; at least three of them.
+
+        Other processes on a core or in its cache make the work longer, never shorter.
+        """
+        seconds = sorted([self.first_cpu_seconds, *self.cpu_seconds])
+        return tuple(seconds[: max(MIN_ROUNDS, -(-len(seconds) // 2))])
 
     def trial(self, standard: Contestant, clock: str = WALL) -> Trial:
         """Return the trial measured by a clock."""
-        frames = self.frames or [self.first]
+        frame_stages = self.frame_stages or [self.first_stages]
         if clock == WALL:
-            seconds = tuple(total(frame) for frame in frames)
-            usual = self.usual or [total(standard.first)]
+            seconds = tuple(sum_stages(stages) for stages in frame_stages)
+            standard_seconds = self.standard_seconds or [sum_stages(standard.first_stages)]
         else:
-            seconds = least_half([self.first_worked, *self.worked])
-            other = statistics.median(least_half([standard.first_worked, *standard.worked]))
-            usual = [other] * len(seconds)
+            seconds = self.least_cpu_seconds()
+            standard_seconds = [statistics.median(standard.least_cpu_seconds())] * len(seconds)
         attempt = self.attempt
         return Trial(
             attempt.setting,
             attempt.level,
             attempt.quality,
             seconds,
-            tuple(mine / other for mine, other in zip(seconds, usual, strict=True)),
-            medians(frames),
+            tuple(own / base for own, base in zip(seconds, standard_seconds, strict=True)),
+            median_stages(frame_stages),
             self.errors,
             self.color,
             self.error_map,
         )
 
 
-def least_half(worked: Sequence[float]) -> tuple[float, ...]:
-    """
-    Return the least half of some processor times, sorted; at least three of them.
-
-    What shares a core or a cache makes the work longer, never shorter.
-    """
-    return tuple(sorted(worked)[: max(MIN_ROUNDS, -(-len(worked) // 2))])
-
-
-def best_clock(standard: Contestant, contestants: Sequence[Contestant]) -> str:
-    """Return which clock tells times best: the processors' where the machine is disturbed."""
-    if not contestants or any(one.least == 0.0 for one in (standard, *contestants)):
+def choose_clock(standard: Contestant, contestants: Sequence[Contestant]) -> str:
+    """Return the clock with the least uncertain times: the processors' on a busy machine."""
+    if not contestants or any(one.min_cpu_seconds == 0.0 for one in (standard, *contestants)):
         return WALL
-    unknown = {
-        clock: statistics.median(
-            noise(trial) / trial.ratio
-            for trial in (one.trial(standard, clock) for one in contestants)
+    wall, cpu = (
+        statistics.median(
+            ratio_uncertainty(trial) / trial.ratio
+            for trial in (contestant.trial(standard, clock) for contestant in contestants)
         )
         for clock in (WALL, CPU)
-    }
-    is_quiet = unknown[WALL] <= MAX_WALL_NOISE or unknown[WALL] < unknown[CPU]
-    return WALL if is_quiet else CPU
+    )
+    return WALL if wall <= MAX_WALL_UNCERTAINTY or wall < cpu else CPU
 
 
-def contenders(standard: Contestant, contestants: Sequence[Contestant]) -> list[Contestant]:
-    """Return those that may be worth choosing, however their times err; no scene but the own."""
-    own = [one for one in contestants if one.attempt.scene is None]
+def find_contenders(standard: Contestant, contestants: Sequence[Contestant]) -> list[Contestant]:
+    """Return the contestants of the studied scene that none as accurate beats by far."""
+    same_scene = [contestant for contestant in contestants if contestant.attempt.scene is None]
     return [
-        one
-        for one in own
+        contestant
+        for contestant in same_scene
         if not any(
-            other.errors.rmse <= one.errors.rmse and HOPELESS_RATIO * other.least < one.least
-            for other in (standard, *own)
+            rival.errors.rmse <= contestant.errors.rmse
+            and HOPELESS_RATIO * rival.min_cpu_seconds < contestant.min_cpu_seconds
+            for rival in (standard, *same_scene)
         )
     ]
 
 
-def total(stages: Stages) -> float:
+def sum_stages(stages: Stages) -> float:
     """Return the seconds of all stages together."""
-    seconds = 0.0
-    for duration in stages.values():
-        seconds += duration
-    return seconds
+    return sum(stages.values(), 0.0)
 
 
-def medians(frames: Sequence[Stages]) -> Stages:
-    """Return the median seconds of each stage, in order."""
+def median_stages(frame_stages: Sequence[Stages]) -> Stages:
+    """Return the median seconds of each stage of the last frame, in order."""
     return {
-        stage: statistics.median(frame.get(stage, 0.0) for frame in frames) for stage in frames[-1]
+        stage: statistics.median(stages.get(stage, 0.0) for stages in frame_stages)
+        for stage in frame_stages[-1]
     }
 
 
-def standard_trial(standard: Contestant, clock: str = WALL) -> Trial:
-    """Return what was measured of the standard, which is timed in every round."""
+def make_standard_trial(standard: Contestant, clock: str = WALL) -> Trial:
+    """Return the trial of the standard, whose ratios are 1."""
     trial = standard.trial(standard, clock)
     return replace(trial, setting=STANDARD, level=STANDARD, ratios=(1.0,) * len(trial.seconds))
 
 
 def has_time(
-    attempt: Attempt, standard: Contestant, prepared: Sequence[Contestant], allowance: Allowance
+    attempt: Attempt, standard: Contestant, prepared: Sequence[Contestant], budget: TimeBudget
 ) -> bool:
     """
-    Tell whether there is time to prepare one more quality, and for rounds of all of them after.
+    Tell whether there is time to prepare one more quality, and then for rounds of all.
 
-    Whether it has to be compiled nobody knows; after one that took too long none fits.
+    The time to compile it is not known, and not counted.
     """
-    cost = attempt.passes * standard.cost
-    round_seconds = 2.0 * (standard.cost + cost + sum(one.cost for one in prepared))
-    wanted = WARMUP_FRAMES * cost + RESERVED_ROUNDS * round_seconds
-    return wanted <= allowance.left()
+    frame_seconds = attempt.passes * standard.estimated_seconds
+    prepared_seconds = sum(one.estimated_seconds for one in prepared)
+    round_seconds = 2.0 * (standard.estimated_seconds + frame_seconds + prepared_seconds)
+    return WARMUP_FRAMES * frame_seconds + RESERVED_ROUNDS * round_seconds <= budget.left()
 
 
 def round_interval(contestant: Contestant, standard: Contestant) -> int:
-    """Return in every how many rounds a contestant takes part; three times, if all are drawn."""
-    wanted = round(contestant.cost / (SLOW_RATIO * max(standard.cost, 1e-9)))
-    return max(1, min(wanted, MAX_ROUNDS // MIN_ROUNDS))
+    """Return how many rounds lie between two frames of a contestant: 1 for every round."""
+    max_seconds = MIN_SLOW_RATIO * max(standard.estimated_seconds, 1e-9)
+    interval = round(contestant.estimated_seconds / max_seconds)
+    return max(1, min(interval, MAX_ROUNDS // MIN_ROUNDS))
 
 
 def run_rounds(
-    painter: Studio,
+    studio: Studio,
     standard: Contestant,
     contestants: Sequence[Contestant],
-    allowance: Allowance,
+    budget: TimeBudget,
     progress: Callable[[str], None],
-    processor: Callable[[], float] = time.process_time,
+    cpu_clock: Callable[[], float] = time.process_time,
 ) -> None:
     """
-    Draw all contestants once a round, until nothing is left of the allowance.
+    Draw all contestants once a round, until the budget is spent.
 
-    Three rounds are for all, if there is time; after that, those that take longer than something as
-    accurate, or that draw another scene, have no more.
+    All have three rounds, if there is time; then those that take longer than others as accurate, or
+    that draw another scene, have no more.
 
-    The standard is drawn up to three times, and the median counts: all are held against it. What
-    disturbs the machine so falls on all of them. They begin with another one every round.
-    A frame is drawn twice and the second counts, for another quality was drawn before: what is kept
-    from frame to frame is not as for the next of many. The first round is drawn in any case. One
-    that is interrupted is forgotten.
+    The standard is drawn up to three times a round, and times are relative to the median, so that
+    disturbances fall on all alike. Each round begins with another contestant. A frame is drawn
+    twice and the second counts, as caches hold the data of another quality before. The first round
+    is drawn in any case. An interrupted round is forgotten.
     """
     longest, count = 0.0, len(contestants)
     for number in range(MAX_ROUNDS):
         progress("timing")
-        before = allowance.left()
+        # After three rounds, or when time gets short, drop contestants.
+        before = budget.left()
         is_late = before < (MIN_ROUNDS - number) * longest
         if len(contestants) == count and (number == MIN_ROUNDS or is_late):
-            longest /= standard.cost + sum(one.cost for one in contestants)
-            contestants = contenders(standard, contestants)
-            longest *= standard.cost + sum(one.cost for one in contestants)
+            longest /= standard.estimated_seconds + sum(c.estimated_seconds for c in contestants)
+            contestants = find_contenders(standard, contestants)
+            longest *= standard.estimated_seconds + sum(c.estimated_seconds for c in contestants)
         if number > 0 and before < longest:
             break
-        present = [one for one in contestants if number % round_interval(one, standard) == 0]
+        # Time a frame of each that takes part in this round.
+        present = [c for c in contestants if number % round_interval(c, standard) == 0]
         first = number % max(len(present), 1)
-        drawn = [
-            (one, *_time_frame(painter, one.attempt, processor))
-            for one in insert_standards(present[first:] + present[:first], standard)
+        timed = [
+            (contestant, *_time_frame(studio, contestant.attempt, cpu_clock))
+            for contestant in order_round(present[first:] + present[:first], standard)
         ]
-        usual = statistics.median(total(frame) for one, frame, _ in drawn if one is standard)
-        for one, frame, worked in drawn:
-            one.frames.append(frame)
-            one.worked.append(worked)
-            one.usual.append(usual)
-        longest = max(longest, before - allowance.left())
+        standard_seconds = statistics.median(
+            sum_stages(stages) for contestant, stages, _ in timed if contestant is standard
+        )
+        for contestant, stages, cpu_seconds in timed:
+            contestant.frame_stages.append(stages)
+            contestant.cpu_seconds.append(cpu_seconds)
+            contestant.standard_seconds.append(standard_seconds)
+        longest = max(longest, before - budget.left())
 
 
-def insert_standards(turn: Sequence[Contestant], standard: Contestant) -> list[Contestant]:
-    """Return the order of a round: the standard before each third of the others."""
-    third = max(-(-len(turn) // STANDARDS_PER_ROUND), 1)
+def order_round(contestants: Sequence[Contestant], standard: Contestant) -> list[Contestant]:
+    """Return the order of a round: the standard before each third of the contestants."""
+    third = max(-(-len(contestants) // STANDARDS_PER_ROUND), 1)
     order: list[Contestant] = []
-    for start in range(0, max(len(turn), 1), third):
-        order += [standard, *turn[start : start + third]]
+    for start in range(0, max(len(contestants), 1), third):
+        order += [standard, *contestants[start : start + third]]
     return order
 
 
 def _time_frame(
-    painter: Studio, attempt: Attempt, processor: Callable[[], float]
+    studio: Studio, attempt: Attempt, cpu_clock: Callable[[], float]
 ) -> tuple[Stages, float]:
-    """Return the seconds of a frame that is not the first of its quality, and those worked."""
+    """Return the seconds of each stage of a second frame, and its processor time."""
     if attempt.passes == 1:
-        painter.seconds(attempt)
-    before = processor()
-    return painter.seconds(attempt), processor() - before
+        studio.seconds(attempt)
+    before = cpu_clock()
+    return studio.seconds(attempt), cpu_clock() - before

@@ -53,8 +53,8 @@ def weighed(made, lens=None):
     standard = Contestant(usual, errors(), None, None, {"shade": 1.0}, 1.0)
     with Studio(made, CAMERA, SIZE, 1, lens) as studio:
         return {
-            cost.effect: effects.measure(studio, cost, standard, 1e3)
-            for cost in effects.effect_trials(made, plan, lens)
+            cost.effect: effects.measure_effect(studio, cost, standard, 1e3)
+            for cost in effects.list_effect_trials(made, plan, lens)
         }
 
 
@@ -80,7 +80,7 @@ def test_soft_shadows_are_nearer_to_the_light_they_stand_for_than_hard_ones():
 
 def test_a_point_of_a_light_is_as_far_off_as_the_light_is_large():
     middle = np.zeros(3)
-    spread = references.disk(4000)
+    spread = references.spread_over_disk(4000)
     assert np.hypot(*spread.T).max() <= 1.0
     assert np.hypot(*spread.T).mean() == pytest.approx(2.0 / 3.0, abs=2e-3)
     sun = references._point_on_light(soft(10.0), 1.0, 0.0, middle)
@@ -100,9 +100,9 @@ def test_larger_maps_come_nearer_to_sharp_shadows():
 
 def test_lights_that_stand_for_a_sky_shed_its_light():
     sky = rj.Environment.gradient("#88aaff", "#ffffff", "#444422")
-    lights = references.dome_lights(sky)
+    lights = references.find_dome_lights(sky)
     assert len(lights) == references.MAX_DOME_LIGHTS
-    image, areas, _ = references.sky_arrays(sky)
+    image, _, areas = references.sample_sky(sky)
     power = (image * areas[:, None, None]).sum(axis=(0, 1))
     shed = np.pi * sum(np.multiply(light.intensity, light.color) for light in lights)
     assert shed == pytest.approx(power, rel=0.01)
@@ -119,7 +119,7 @@ def test_a_turned_sky_has_its_lights_where_it_is_seen():
     image = np.zeros((32, 64, 3), np.float32)
     image[10:12, 30:34] = 50.0
     scenes = [scene(lights=[], environment=rj.Environment(image, rotation=90.0))]
-    for light in references.dome_lights(scenes[0].environment):
+    for light in references.find_dome_lights(scenes[0].environment):
         # What lay towards +x comes from -z.
         assert light.direction[2] > 0.7
 
@@ -141,14 +141,16 @@ def test_half_spaces_are_blocked_as_closed_forms_say():
     up = np.array([(0.0, 1.0, 0.0)])
     corner.add(rj.Mesh(wall, GROUND[1]))
     # A wall at the foot of which one stands takes half.
-    assert references.occlusion(corner, np.array([(0.2, 0.0, 0.0)]), up, 20.0) == pytest.approx(
-        0.5, abs=0.03
-    )
+    assert references.measure_occlusion(
+        corner, np.array([(0.2, 0.0, 0.0)]), up, 20.0
+    ) == pytest.approx(0.5, abs=0.03)
     lid = rj.Scene()
     lid.add(rj.Mesh(ceiling, GROUND[1]))
     # Of a ceiling at height 1 a radius of 2 reaches 60 degrees off the normal: sin² of that.
-    assert references.occlusion(lid, np.zeros((1, 3)), up, 2.0) == pytest.approx(0.75, abs=0.02)
-    assert references.occlusion(lid, np.zeros((1, 3)), -up, 2.0) == pytest.approx(0.0)
+    assert references.measure_occlusion(lid, np.zeros((1, 3)), up, 2.0) == pytest.approx(
+        0.75, abs=0.02
+    )
+    assert references.measure_occlusion(lid, np.zeros((1, 3)), -up, 2.0) == pytest.approx(0.0)
 
 
 def test_ambient_occlusion_is_nearer_to_rays_than_none():
@@ -172,10 +174,13 @@ def test_lines_are_weighed_where_they_are_seen():
 
 def test_an_effect_without_a_row_is_left_out_and_has_no_error():
     found = weighed(scene(fog=rj.Fog(density=0.1)))["fog"]
-    assert (found.rmse, found.reference) == (None, effects.NO_REFERENCE)
+    assert (found.rmse, found.reference) == (None, effects.NO_REFERENCE_NAME)
     assert levels(found)["without"] > 0.0
 
 
 def test_every_row_of_the_table_is_an_effect():
     names = {one.name for one in rj.explain(scene(), CAMERA).effects}
-    assert {knob.effect for knob in effects.OPTIONS} <= names | {effects.LINES, effects.LENS}
+    assert {options.effect for options in effects.EFFECT_OPTIONS} <= names | {
+        effects.LINES_NAME,
+        effects.LENS_NAME,
+    }

@@ -5,7 +5,12 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.accuracy import results as errors_module
-from rasterjit.accuracy.results import PICTURE_OUTPUTS, compare, compared_buffers, reference_of
+from rasterjit.accuracy.results import (
+    PICTURE_OUTPUTS,
+    compare,
+    list_compared_buffers,
+    make_reference,
+)
 from rasterjit.rendering import quality_selection as measures
 
 SIZE = (40, 30)
@@ -32,7 +37,7 @@ CAMERA = rj.PerspectiveCamera((0, 0, 3), (0, 0, 0))
 def draw(made, camera=CAMERA, **quality):
     return rj.render(
         made, camera, size=SIZE, quality=rj.Quality(**quality), threads=1,
-        outputs=(*PICTURE_OUTPUTS, *compared_buffers(made)),
+        outputs=(*PICTURE_OUTPUTS, *list_compared_buffers(made)),
     )  # fmt: skip
 
 
@@ -46,7 +51,7 @@ def changed(frame, **arrays):
 
 
 def reference(frame, made=None):
-    return reference_of(made or scene(), frame, frame)
+    return make_reference(made or scene(), frame, frame)
 
 
 def test_the_errors_of_a_picture_against_itself_are_zero(frame):
@@ -127,7 +132,7 @@ def test_a_scene_without_texture_coordinates_has_no_error_of_them():
     made = scene()
     del made.nodes[1]
     frame = draw(made)
-    assert compared_buffers(made) == ("depth", "face_id")
+    assert list_compared_buffers(made) == ("depth", "face_id")
     assert compare(frame, reference(frame, made))[0].uv_texels is None
 
 
@@ -176,7 +181,7 @@ def test_flip_is_zero_for_the_same_and_grows_with_the_difference():
     rng = np.random.default_rng(3)
     picture = rng.integers(60, 200, (24, 32, 4), dtype=np.uint8)
     found = [
-        errors_module.mean_flip(picture, (picture + np.uint8(step)).astype(np.uint8))
+        errors_module.measure_flip(picture, (picture + np.uint8(step)).astype(np.uint8))
         for step in (0, 5, 20, 50)
     ]
     assert found[0] == 0.0
@@ -187,4 +192,4 @@ def test_flip_is_zero_for_the_same_and_grows_with_the_difference():
 def test_without_flip_there_is_none(monkeypatch):
     monkeypatch.setattr(errors_module, "has_flip", lambda: False)
     picture = np.zeros((4, 4, 3), np.uint8)
-    assert errors_module.mean_flip(picture, picture) is None
+    assert errors_module.measure_flip(picture, picture) is None

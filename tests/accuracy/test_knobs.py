@@ -7,10 +7,10 @@ import rasterjit as rj
 from rasterjit.accuracy import settings_to_try
 from rasterjit.accuracy.settings_to_try import (
     check_knobs,
-    combined_attempts,
-    preset_attempts,
-    single_attempts,
-    without_effect,
+    find_idle_settings,
+    list_combined_attempts,
+    list_preset_attempts,
+    list_single_attempts,
 )
 from rasterjit.accuracy.test_scenes import MADE_FOR, SCENES, make
 from rasterjit.scene.quality import LEVELS, differences
@@ -20,7 +20,7 @@ TRIANGLE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], float), [(0, 1, 2)]
 
 
 def idle(scene, camera=None):
-    return without_effect(rj.explain(scene, camera, size=(32, 24)), tuple(LEVELS))
+    return find_idle_settings(rj.explain(scene, camera, size=(32, 24)), tuple(LEVELS))
 
 
 def one(shading="phong", **material):
@@ -38,7 +38,7 @@ def colored(shading):
 
 
 def test_every_level_is_tried_one_at_a_time_from_the_standard():
-    attempts = single_attempts(tuple(LEVELS))
+    attempts = list_single_attempts(tuple(LEVELS))
     for attempt in attempts:
         changes = differences(attempt.quality, STANDARD)
         assert changes == {attempt.setting: getattr(attempt.quality, attempt.setting)}
@@ -51,9 +51,9 @@ def test_every_level_is_tried_one_at_a_time_from_the_standard():
 
 
 def test_combinations_change_several_settings_and_are_not_too_many():
-    presets = preset_attempts(tuple(LEVELS))
+    presets = list_preset_attempts(tuple(LEVELS))
     assert [attempt.level for attempt in presets] == ["draft", "high"]
-    attempts = presets + combined_attempts(tuple(LEVELS))
+    attempts = presets + list_combined_attempts(tuple(LEVELS))
     assert 10 < len(attempts) <= settings_to_try.MAX_COMBINATIONS + 2
     for attempt in attempts:
         assert len(differences(attempt.quality, STANDARD)) > 1
@@ -62,7 +62,7 @@ def test_combinations_change_several_settings_and_are_not_too_many():
 
 
 def test_a_label_of_a_combination_is_what_the_command_line_takes():
-    for attempt in combined_attempts(tuple(LEVELS)):
+    for attempt in list_combined_attempts(tuple(LEVELS)):
         changes = {}
         for text in attempt.level.split():
             changes |= rj.scene.quality.parse_setting(text)
@@ -70,14 +70,17 @@ def test_a_label_of_a_combination_is_what_the_command_line_takes():
 
 
 def test_only_what_was_asked_for_is_changed():
-    for attempt in [*single_attempts(("samples",)), *combined_attempts(("samples", "shading"))]:
+    for attempt in [
+        *list_single_attempts(("samples",)),
+        *list_combined_attempts(("samples", "shading")),
+    ]:
         assert set(differences(attempt.quality, STANDARD)) <= {"samples", "shading"}
-    assert combined_attempts(("samples",)) == []
+    assert list_combined_attempts(("samples",)) == []
 
 
 def test_a_level_that_is_useless_by_itself_is_in_no_combination():
     useless = {"transparency_layers=2", "samples=16"}
-    labels = [one.label for one in combined_attempts(tuple(LEVELS), useless)]
+    labels = [one.label for one in list_combined_attempts(tuple(LEVELS), useless)]
     assert labels
     assert not any(label in useless for text in labels for label in text.split())
 

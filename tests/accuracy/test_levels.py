@@ -9,7 +9,12 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.accuracy import test_scenes
-from rasterjit.accuracy.results import PICTURE_OUTPUTS, compare, compared_buffers, reference_of
+from rasterjit.accuracy.results import (
+    PICTURE_OUTPUTS,
+    compare,
+    list_compared_buffers,
+    make_reference,
+)
 from rasterjit.accuracy.test_scenes import MADE_FOR, make
 from rasterjit.scene.quality import LEVELS
 
@@ -41,8 +46,8 @@ def errors(setting):
 
         size = min(rj.Quality.reference().shadow_size, MAX_MAP)
         best = dataclasses.replace(rj.Quality.reference(), shadow_size=size)
-        buffers = compared_buffers(made.scene)
-        reference = reference_of(
+        buffers = list_compared_buffers(made.scene)
+        reference = make_reference(
             made.scene,
             draw(best, PICTURE_OUTPUTS),
             draw(dataclasses.replace(best, samples=1), buffers),

@@ -23,8 +23,8 @@ from rasterjit.accuracy.results import (
     CPU,
     STANDARD,
     EffectCost,
-    front_trials,
     insert_standard,
+    list_front_trials,
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
@@ -363,7 +363,7 @@ def test_how_much_times_varied_is_said(study, read):
 
 def test_the_front_is_listed_from_the_fastest_on(study, read):
     rows = [row for row in read.rows if row and len(row) == 5][1:]
-    trials = front_trials(study)
+    trials = list_front_trials(study)
     assert len(trials) == 7
     wanted = [f"{n} {trial.label}" for n, trial in enumerate(trials, 1)]
     listed = [re.sub("--.*", "", row[0]) for row in rows]

@@ -6,14 +6,14 @@ from hypothesis import strategies as st
 from made_trials import trial
 
 from rasterjit.accuracy.choice import (
-    MAX_ON_FRONT,
-    SAME_ERROR,
+    MAX_FRONT_POINTS,
+    MAX_SAME_ERROR_RATIO,
     dominates,
     is_measured,
     is_slower,
     mark_dominated,
-    noise,
     pareto_front,
+    ratio_uncertainty,
     thin_front,
 )
 
@@ -43,15 +43,16 @@ def test_each_on_the_front_is_told_faster_than_all_that_are_more_accurate(places
         for n, (ratio, rmse, shares) in enumerate(places)
     ]
     front = front_of(trials)
-    assert len(front) <= MAX_ON_FRONT
+    assert len(front) <= MAX_FRONT_POINTS
     for before, after in itertools.pairwise(front):
         assert is_slower(after, before)
-        assert before.errors.rmse > SAME_ERROR * after.errors.rmse
+        assert before.errors.rmse > MAX_SAME_ERROR_RATIO * after.errors.rmse
     for one in trials:
         stands_for_it = [
             other
             for other in front
-            if not is_slower(other, one) and other.errors.rmse <= SAME_ERROR * one.errors.rmse
+            if not is_slower(other, one)
+            and other.errors.rmse <= MAX_SAME_ERROR_RATIO * one.errors.rmse
         ]
         if is_measured(one):
             assert stands_for_it, "something as good is on the front"
@@ -89,7 +90,7 @@ def test_a_front_of_many_keeps_its_ends_the_standard_and_its_corners():
     ]
     kept = thin_front([trial(ratios=ratios(1.0), rmse=0.5), *steps])
     labels = [one.label for one in kept]
-    assert len(kept) == MAX_ON_FRONT
+    assert len(kept) == MAX_FRONT_POINTS
     assert labels[0] == "standard"
     assert labels[-1] == "samples=14"
     assert {"samples=8", "samples=9"} <= set(labels), "where it bends"
@@ -143,15 +144,15 @@ def test_a_level_that_is_better_in_another_measure_is_not_dominated(measure):
 def test_more_rounds_tell_smaller_differences():
     few = trial("samples=2", (0.98, 1.0, 1.02, 1.04, 1.06))
     many = trial("samples=2", few.ratios * 30)
-    assert noise(many) < noise(few)
+    assert ratio_uncertainty(many) < ratio_uncertainty(few)
     assert is_slower(many, trial())
     assert not is_slower(few, trial())
 
 
 def test_of_few_rounds_all_samples_say_how_far_a_time_is_known():
-    assert noise(trial("samples=2", (1.9, 2.0, 2.4))) == pytest.approx(0.5)
-    assert noise(trial("samples=2", (1.9, 1.9, 1.9, 1.9, 2.4))) == pytest.approx(0.5)
-    assert noise(trial("samples=2", (1.9,) * 5 + (2.4,))) < 0.05
+    assert ratio_uncertainty(trial("samples=2", (1.9, 2.0, 2.4))) == pytest.approx(0.5)
+    assert ratio_uncertainty(trial("samples=2", (1.9, 1.9, 1.9, 1.9, 2.4))) == pytest.approx(0.5)
+    assert ratio_uncertainty(trial("samples=2", (1.9,) * 5 + (2.4,))) < 0.05
 
 
 def test_times_of_too_few_rounds_are_told_apart_only_if_they_are_far_apart():

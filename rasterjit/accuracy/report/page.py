@@ -30,10 +30,10 @@ from rasterjit.accuracy.results import (
     WALL,
     Study,
     Trial,
-    front_trials,
+    find_standard_level,
     insert_standard,
-    settings_of,
-    standard_level,
+    list_front_trials,
+    list_settings,
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
@@ -169,7 +169,7 @@ def read_template(name: str) -> str:
 def _template_variables(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
     """Return the variables of the template, by name."""
     album, (columns, rows) = make_album(study), study.size
-    crop_width, front = album.size[0], front_trials(study)
+    crop_width, front = album.size[0], list_front_trials(study)
     result_columns, results = make_results_table(study)
     without = {name: f"changes nothing here: {why}." for name, why in study.without_effect.items()}
     return {
@@ -299,10 +299,10 @@ def make_results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
         Settings, each with its levels and the standard; dominated levels are grey and name what
         dominates them.
     """
-    by_setting = {setting: insert_standard(study, setting) for setting in settings_of(study)}
+    by_setting = {setting: insert_standard(study, setting) for setting in list_settings(study)}
     if study.of(COMBINATIONS):
         by_setting[COMBINATIONS] = [study.standard, *study.of(COMBINATIONS)]
-    front = [trial.label for trial in front_trials(study)]
+    front = [trial.label for trial in list_front_trials(study)]
     groups = []
     for setting, trials in by_setting.items():
         rows = []
@@ -336,7 +336,7 @@ def name_level(study: Study, trial: Trial, setting: str) -> str:
         return trial.level
     if setting == COMBINATIONS:
         return STANDARD
-    return f"{standard_level(study, setting)} (standard)"
+    return f"{find_standard_level(study, setting)} (standard)"
 
 
 def _result_cells(trial: Trial) -> list[Cell]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, settings_of
+from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, list_settings
 
 CROP_SIZES = ((160, 120), (128, 96), (96, 72), (64, 48), (48, 36))
 """Columns and rows of a crop: the first is taken that keeps a page small."""
@@ -207,7 +207,7 @@ def _group_trials(study: Study) -> Iterator[tuple[str, list[Trial]]]:
         "Worth choosing",
         [study.standard, *(trial for trial in study.trials if trial.label in front)],
     )
-    for setting in (*settings_of(study), COMBINATIONS):
+    for setting in (*list_settings(study), COMBINATIONS):
         rest = [trial for trial in study.of(setting) if trial.label not in front]
         if rest:
             yield setting, rest

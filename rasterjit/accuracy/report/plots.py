@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rasterjit.accuracy.choice import is_measured
-from rasterjit.accuracy.results import Study, Trial, front_trials
+from rasterjit.accuracy.results import Study, Trial, list_front_trials
 from rasterjit.accuracy.sentences import format_duration, format_number
 
 if TYPE_CHECKING:
@@ -252,7 +252,7 @@ def plot_front(study: Study, prefix: str) -> Plot:
 
 def make_plot_points(study: Study) -> list[PlotPoint]:
     """Return a point for each trial, the standard last; the label is the rank on the front."""
-    numbers = {id(trial): str(n) for n, trial in enumerate(front_trials(study), 1)}
+    numbers = {id(trial): str(n) for n, trial in enumerate(list_front_trials(study), 1)}
     points = []
     for trial in study.trials:
         label = numbers.get(id(trial), "")
@@ -331,15 +331,16 @@ def draw_points(axes: Axes, points: Sequence[PlotPoint], seconds: float) -> dict
 def _draw_point(axes: Axes, point: PlotPoint, height: float) -> None:
     """Draw one marker, and a bar from the lower to the upper quartile of its times."""
     style = MARKER_STYLES[point.kind]
+    edge, fill = LIGHT_COLORS[style.edge], LIGHT_COLORS[style.fill]
     order = 2.0 + 0.1 * list(MARKER_STYLES).index(point.kind)
     if style.bar_alpha > 0.0:
         axes.plot(
-            [point.low, point.high], [height, height], color=LIGHT_COLORS[style.edge], linewidth=1.0,
+            [point.low, point.high], [height, height], color=edge, linewidth=1.0,
             marker="|", markersize=style.diameter, zorder=order, alpha=style.bar_alpha,
         )  # fmt: skip
     axes.plot(
-        [point.time], [height], color=LIGHT_COLORS[style.edge], marker=style.marker, markersize=style.diameter,
-        markeredgecolor=LIGHT_COLORS[style.edge], markerfacecolor=LIGHT_COLORS[style.fill], zorder=order + 0.05,
+        [point.time], [height], color=edge, marker=style.marker, markersize=style.diameter,
+        markeredgecolor=edge, markerfacecolor=fill, zorder=order + 0.05,
     )  # fmt: skip
 
 
