@@ -27,7 +27,7 @@ from rasterjit.cli.option_types import background_type, color_type, size_type
 from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_idle
 from rasterjit.cli.report import let_streams_escape, say_error, warn
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
-from rasterjit.outputs.output_table import row_of
+from rasterjit.outputs.output_table import find_row
 from rasterjit.rendering.planning import CULL_MODES
 
 if TYPE_CHECKING:
@@ -362,16 +362,16 @@ def write_files(
 
 def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
     """Return scene units per code for a frame's depth, or raise ``ValueError``."""
-    from rasterjit.outputs.save import LIMIT, decimal_scale, nearest_code
+    from rasterjit.outputs.save import MAX_CODE, find_decimal_scale, find_nearest_code
 
     seen = depth[np.isfinite(depth)]
     if not seen.size:
         return DEPTH_SCALE
     nearest, farthest = float(seen.min()), float(seen.max())
-    low, high = nearest_code(nearest, DEPTH_SCALE), nearest_code(farthest, DEPTH_SCALE)
-    if low >= 1 and high <= LIMIT and high - low >= MIN_CODES - 1:
+    low, high = find_nearest_code(nearest, DEPTH_SCALE), find_nearest_code(farthest, DEPTH_SCALE)
+    if low >= 1 and high <= MAX_CODE and high - low >= MIN_CODES - 1:
         return DEPTH_SCALE
-    scale = decimal_scale(seen)
+    scale = find_decimal_scale(seen)
     if scale is None:
         raise ValueError(
             f"--depth: no scale takes depths from {nearest:g} to {farthest:g} to the 16-bit codes "
@@ -418,7 +418,7 @@ def codes_line(place: Path, content: tuple[str, ...] | str, scale: float | None)
     if scale is not None:
         return f"  16 bits, a code is {scale:g} units (--scale {scale:g}), 0 is nothing"
     names = (content,) if isinstance(content, str) else content
-    is_numbers = content != "picture" and all(row_of(name).dtype == "int32" for name in names)
+    is_numbers = content != "picture" and all(find_row(name).dtype == "int32" for name in names)
     if place.suffix.lower() == ".png" and is_numbers:
         return "  16 bits, numbers plus one, 0 is nothing"
     return ""
@@ -429,7 +429,7 @@ def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
     if place.suffix.lower() != ".png" or content in ("picture", "coverage"):
         return False
     names = (content,) if isinstance(content, str) else content
-    return any(row_of(name).dtype == "float32" for name in names)
+    return any(find_row(name).dtype == "float32" for name in names)
 
 
 def _spell_scale(found: re.Match[str]) -> str:

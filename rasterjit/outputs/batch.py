@@ -1,4 +1,4 @@
-"""The result of a batch of views: all outputs, one array each."""
+"""Hold the result of a batch of views: one array for each output."""
 
 from __future__ import annotations
 
@@ -67,15 +67,14 @@ class Batch(RenderedOutputs):
         if not -count <= index < count:
             views = "1 view" if count == 1 else f"{count} views"
             raise IndexError(f"this batch has {views}, got the number {brief(number)}")
-        at = index % count
-        return {name: array[at] for name, array in self._outputs.items()}
+        return {name: array[index] for name, array in self._outputs.items()}
 
     def __iter__(self) -> Iterator[dict[str, NDArray[Any]]]:
         return (self[number] for number in range(len(self)))
 
 
 def _index_message(key: Any, outputs: Iterable[str]) -> str:
-    """Return the message for an index that is no integer, naming what to write instead."""
+    """Return the message for an index that is no integer, with an expression to write instead."""
     names = [*outputs]
     name = key if isinstance(key, str) and key in names else names[0]
     expression = f"batch.attribute({name.removeprefix(ATTRIBUTE)!r})"

@@ -1,4 +1,4 @@
-"""Contact sheets: pictures side by side, with a line of text under each."""
+"""Draw contact sheets: pictures side by side, with a line of text under each."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from rasterjit.scene.validation import (
 if TYPE_CHECKING:
     from PIL import Image
 
-FONT_SIZE, LINE_HEIGHT = 13, 20
-"""Height of text, and of its line; pixels."""
+FONT_SIZE_PX, LINE_HEIGHT_PX = 13, 20
+"""Height of text, and of its line."""
 
-LIMIT = 1 << 16
-"""Upper bound, excluded, of numbers of pixels and columns."""
+ARGUMENT_LIMIT = 1 << 16
+"""Upper bound, excluded, of ``gap`` and ``columns``."""
 
-MIN_BRIGHTNESS = 128
-"""Mean of a background's codes from which on text is black."""
+MIN_LIGHT_PAPER = 128
+"""Least mean of a background's sRGB codes for black text."""
 
 
 def grid(
@@ -83,44 +83,48 @@ def grid(
 
     if isinstance(pictures, (Frame, Image.Image)):
         raise ValueError(f"pictures must be a sequence of pictures, got one, {brief(pictures)}")
-    images = [_image(picture, k) for k, picture in enumerate(sequence("pictures", pictures))]
+    images = [_to_rgba(picture, k) for k, picture in enumerate(sequence("pictures", pictures))]
     if not images:
         raise ValueError("pictures must hold at least one, got none")
     if labels is not None:
         labels = strings("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
-    gap = index_below("gap", gap, LIMIT)
+    gap = index_below("gap", gap, ARGUMENT_LIMIT)
     width, height = (max(image.size[axis] for image in images) for axis in (0, 1))
-    text = LINE_HEIGHT if labels is not None else 0
+    text_height = LINE_HEIGHT_PX if labels is not None else 0
     if columns is None:
-        columns = math.ceil(math.sqrt(len(images) * (height + text) / width))
+        columns = math.ceil(math.sqrt(len(images) * (height + text_height) / width))
         columns = min(max(columns, 1), len(images))
-    if index_below("columns", columns, LIMIT) == 0:
+    if index_below("columns", columns, ARGUMENT_LIMIT) == 0:
         raise ValueError("columns must be at least 1, got 0")
     rows = math.ceil(len(images) / columns)
-    paper = tuple(int(code) for code in opaque_codes(linear_color("background", background))[:3])
+    paper = linear_color("background", background)
+    paper_color = tuple(opaque_codes(paper)[:3].tolist())
     sheet = Image.new(
         "RGB",
-        (columns * (width + gap) + gap, rows * (height + text + gap) + gap),
-        paper,
+        (columns * (width + gap) + gap, rows * (height + text_height + gap) + gap),
+        paper_color,
     )
-    ink = (0, 0, 0) if sum(paper) / 3 >= MIN_BRIGHTNESS else (255, 255, 255)
+    text_color = (0, 0, 0) if sum(paper_color) / 3 >= MIN_LIGHT_PAPER else (255, 255, 255)
     for number, image in enumerate(images):
         row, column = divmod(number, columns)
-        left, top = gap + column * (width + gap), gap + row * (height + text + gap)
+        left, top = gap + column * (width + gap), gap + row * (height + text_height + gap)
         corner = left + (width - image.width) // 2, top + (height - image.height) // 2
         sheet.paste(image, corner, image)
         if labels is not None:
-            strip = np.full((LINE_HEIGHT, width, 3), paper, np.uint8)
-            middle = width / 2, LINE_HEIGHT / 2
-            draw_text(strip, labels[number], middle, FONT_SIZE, ink, anchor=(0.5, 0.5), font=font)
+            strip = np.full((LINE_HEIGHT_PX, width, 3), paper_color, np.uint8)
+            center = width / 2, LINE_HEIGHT_PX / 2
+            draw_text(
+                strip, labels[number], center, FONT_SIZE_PX, text_color, anchor=(0.5, 0.5),
+                font=font,
+            )  # fmt: skip
             sheet.paste(Image.fromarray(strip), (left, top + height))
     return sheet
 
 
-def _image(picture: Any, number: int) -> Image.Image:
-    """Return a picture with alpha."""
+def _to_rgba(picture: Any, number: int) -> Image.Image:
+    """Return a picture as RGBA; ``number`` is for messages."""
     from PIL import Image
 
     if isinstance(picture, Image.Image):

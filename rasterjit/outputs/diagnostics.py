@@ -1,4 +1,4 @@
-"""Exact counts of what happens to the faces of a frame, and error bounds of its values."""
+"""Count the faces of a frame by fate, and bound the errors of its values."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from rasterjit.outputs.ground_truth import metric_depth
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Objects
-from rasterjit.pipeline.visibility import tile_rasterizer as visibility
-from rasterjit.pipeline.visibility import visibility_pass
+from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.arrays import Int32, Int64
 from rasterjit.scene.camera import Camera
@@ -37,7 +36,7 @@ class Diagnostics(TextReport):
     visible: int
     """Visible at one pixel or more."""
     hidden: int
-    """Cover the centre of a pixel, but are seen at none."""
+    """Cover the centre of a pixel, but are visible at none."""
     sub_pixel: int
     """With area inside the image, but at no pixel's centre: too small or too thin."""
     culled: int
@@ -45,9 +44,9 @@ class Diagnostics(TextReport):
     degenerate: int
     """Without area once their vertices are snapped to the sub-pixel grid."""
     outside: int
-    """No part of them lies inside the view volume and the image."""
+    """Without a part inside the view volume and the image."""
     invalid: int
-    """With a vertex that is one of ``invalid_vertices``; dropped."""
+    """With one of ``invalid_vertices``; dropped."""
     invalid_vertices: int
     """Vertices that are NaN, infinite or beyond 1e150 in clip space, whether a face uses them or
     not."""
@@ -60,9 +59,9 @@ class Diagnostics(TextReport):
     tied_pixels: int
     """Pixels where a hidden face has exactly the stored depth of the visible one."""
     depth_range: tuple[float, float] | None
-    """Nearest and farthest depth seen, scene units along the viewing axis; None if no face is."""
+    """Nearest and farthest visible depth, scene units along the viewing axis; None without any."""
     stored_depth_range: tuple[float, float] | None
-    """Smallest and largest stored depth seen, no unit; greater is nearer. None if no face is."""
+    """Smallest and largest visible stored depth, no unit; greater is nearer. None without any."""
     interpolation_error: float
     """
     Bound of the error of an interpolated vertex value, before it is stored.
@@ -77,11 +76,11 @@ class Diagnostics(TextReport):
 
     @property
     def overdraw(self) -> float:
-        """Faces that cover a pixel which shows one, on average; 0 if none does."""
+        """Mean number of faces over a covered pixel; 0 without covered pixels."""
         return self.samples / self.pixels_covered if self.pixels_covered else 0.0
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return the rows of the table: names, with leading blanks for parts of a sum, values."""
+        """Return names and values of the table; names of parts of a sum are indented."""
         counts = [
             ("faces", self.faces),
             ("  visible", self.visible),
@@ -106,17 +105,17 @@ class Diagnostics(TextReport):
 
     def __str__(self) -> str:
         rows = self.rows()
-        widest = max(len(name) for name, _ in rows)
-        longest = max(len(text) for _, text in rows)
-        return "\n".join(f"{name:<{widest}}  {text:>{longest}}" for name, text in rows)
+        name_width = max(len(name) for name, _ in rows)
+        text_width = max(len(text) for _, text in rows)
+        return "\n".join(f"{name:<{name_width}}  {text:>{text_width}}" for name, text in rows)
 
 
 def kernels_of(depth_type: DTypeLike) -> Rows:
-    """Return the kernels that `diagnose` calls, as a plan tells them."""
+    """Return the kernels that `diagnose` calls, for a plan."""
     return [
         KernelRow(diagnostics_stage.find_fates),
         KernelRow(diagnostics_stage.count_samples, visibility_pass.depth_variant(depth_type)),
-        KernelRow(diagnostics_stage.largest_error),
+        KernelRow(diagnostics_stage.find_largest_error),
     ]
 
 
@@ -134,13 +133,13 @@ def diagnose(
     Parameters
     ----------
     coverage : Coverage
-        With its lists.
+        With the lists of its tiles.
     objects : Objects
     geometry : Geometry
     camera : Camera
     workers : Workers
     depth_format : DepthFormat, optional
-        What its depths are rounded to; default: the camera's reversed depth in float32.
+        Format of the depths; default: the camera's reversed depth in float32.
 
     Raises
     ------
@@ -157,10 +156,10 @@ def diagnose(
     fates = np.empty(len(faces.faces), np.uint8)
     view = coverage.screen, viewport, (samples, visible)
     diagnostics_stage.find_fates(faces, objects, *view, fates)
-    counts = np.bincount(fates, minlength=diagnostics_stage.FATES).tolist()
+    counts = np.bincount(fates, minlength=diagnostics_stage.FATE_COUNT).tolist()
     codes = coverage.screen.codes[: len(geometry.clip_positions)]
-    depths = _ranges(coverage, camera, depth_format)
-    error = _largest_error(face_id, geometry, workers)
+    depths = _find_depth_ranges(coverage, camera, depth_format)
+    error = _find_largest_error(face_id, geometry, workers)
     return Diagnostics(
         faces=len(fates),
         visible=counts[diagnostics_stage.VISIBLE],
@@ -178,7 +177,7 @@ def diagnose(
         depth_range=depths[0],
         stored_depth_range=depths[1],
         interpolation_error=error,
-        # What is rounded is the value with its error.
+        # Rounding acts on the value with its error.
         attribute_error=error + FLOAT32_ROUNDING * (1.0 + error) if error > 0.0 else 0.0,
     )
 
@@ -189,14 +188,14 @@ def _count_samples(
     geometry: Geometry,
     workers: Workers,
 ) -> tuple[Int64, int]:
-    """Return the samples of each triangle, faces before pieces, and the pixels with a tie."""
+    """Return the samples of each triangle, faces before pieces, and the number of tied pixels."""
     starts, binned, faces = lists.starts, lists.binned, lists.faces
     viewport = geometry.viewport
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
 
-    def count_some(tiles: Int32) -> None:
+    def count_in_tiles(tiles: Int32) -> None:
         size = setup.TILE_SIZE
-        drawer = visibility.tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
+        drawer = tile_rasterizer.tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
         frame, ties = (coverage.depth, coverage.face_id), np.zeros((size, size), np.uint8)
         diagnostics_stage.count_samples(
             tiles, starts, viewport, frame, drawer.scratch, drawer.drawing, ties, counts
@@ -204,16 +203,16 @@ def _count_samples(
 
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     step = visibility_pass.TILES_PER_TASK
-    workers.run(count_some, [(tiles[n : n + step],) for n in range(0, len(tiles), step)])
+    workers.run(count_in_tiles, [(tiles[n : n + step],) for n in range(0, len(tiles), step)])
     samples = np.zeros(len(faces.faces) + len(faces.pieces), np.int64)
     np.add.at(samples, binned, counts[0])
     return samples, int(counts[1].sum())
 
 
-def _ranges(
+def _find_depth_ranges(
     coverage: visibility_pass.Coverage, camera: Camera, depth_format: DepthFormat | None
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Return the range of the metric depth and that of the stored one, as outputs hold them."""
+    """Return the ranges of metric depth, as the output has it, and of stored depth."""
     covered = coverage.face_id >= 0
     stored = coverage.depth[covered]
     if not len(stored):
@@ -228,13 +227,13 @@ def _ranges(
     return (nearest, farthest), (float(ends[1]), float(ends[0]))
 
 
-def _largest_error(face_id: Int32, geometry: Geometry, workers: Workers) -> float:
+def _find_largest_error(face_id: Int32, geometry: Geometry, workers: Workers) -> float:
     """Return the largest error bound of a visible sample."""
     height, step = len(face_id), rows_per_task(face_id.shape, workers)
     firsts = range(0, height, step)
     largest = np.zeros((len(firsts), 1))
     workers.run(
-        diagnostics_stage.largest_error,
+        diagnostics_stage.find_largest_error,
         [
             (face_id, (first, min(first + step, height)), geometry, largest[n])
             for n, first in enumerate(firsts)
@@ -244,5 +243,4 @@ def _largest_error(face_id: Int32, geometry: Geometry, workers: Workers) -> floa
 
 
 def _format_range(ends: tuple[float, float] | None) -> str:
-    """Return a range as text."""
     return "none" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}"

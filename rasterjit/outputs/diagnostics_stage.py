@@ -1,9 +1,9 @@
 """
-Count what became of every face, sample by sample, and bound what interpolation lost.
+Find the fate of every face, count its samples, and bound the error of interpolation.
 
-Runs after visibility, only when asked, on the lists that visibility drew. Each triangle of a tile
-is drawn alone, by the code that drew the frame, so the samples that it covers and the depths that
-it has there are those of the frame bit for bit; then they are compared with what the frame kept.
+Runs after visibility, only when requested, on the tile lists of the frame. Each triangle of a tile
+is drawn alone, by the code that drew the frame, so its samples and depths are those of the frame
+bit for bit; then they are compared with the frame.
 
 Error bounds
 ------------
@@ -19,7 +19,7 @@ of each product and two of ``v0``, so with relative errors g(n) of the weights t
 float64 rounds once, as do (smallest w) / w and their product: 3. All three have one sign, so the
 sum of the three is off by two more: 5. The quotient of a term (3) and the sum (5) rounds once: n =
 9. With ``b1 + b2 <= 1`` the value is within ``M (2 + 26) u``, up to terms in u**2, for which
-``UNCLIPPED`` has a spare u.
+``UNCLIPPED_ERROR`` has a spare u.
 
 *A face that was clipped.* The sample's x is ``(2 i + 1) / W - 1``, off by 3 u: the quotient is
 below 2, the difference below 1. With ``p = |x_k| + |w_k|`` in clip space, ``x_k - x w_k`` is off by
@@ -28,18 +28,18 @@ below 2, the difference below 1. With ``p = |x_k| + |w_k|`` in clip space, ``x_k
 
 ``s_0 = u (5 (p_1 |v_2| + |u_1| q_2 + p_2 |v_1| + |u_2| q_1) + 2 (|u_1 v_2| + |u_2 v_1|))``,
 
-with q for y as p for x. Where terms cancel to nothing a product of two errors counts as well, and
-so does an error in the term it is measured by: ``3 (5 u)**2 p q``, within 5 u times 16 u p q.
+with q for y as p for x. Where terms cancel to zero a product of two errors counts as well, and so
+does an error in the term it is relative to: ``3 (5 u)**2 p q``, within 5 u times 16 u p q.
 Clamping the weights to zero from below brings them no farther from the exact
 ones clamped likewise. Let s be the sum of the three, T that of the computed weights. After the
 division ``|b'_k - b_k| <= (s_k + b'_k s) / (T - s) + 3 u b'_k``. The value is within
 
 ``2 M ((s_1 + s_2 + (b'_1 + b'_2) s) / (T - s) + 7 u) + 2 M u``,
 
-where 7 u are the three of the sum and the division and the four of ``interpolate``. ``HOMOGENEOUS``
-enlarges s by a part in 1024, and ``CLIPPED_SUM`` has two spare u, for the terms in u**2. If the sum
-of the weights before they are clamped is not above 2 s, even its sign may be wrong: the bound is
-infinite.
+where 7 u are the three of the sum and the division and the four of ``interpolate``.
+``WEIGHT_ROUNDING`` enlarges s by a part in 1024, and ``INTERPOLATION_ROUNDING`` has two spare u,
+for the terms in u**2. If the sum of the weights before they are clamped is not above 2 s, even its
+sign may be wrong: the bound is infinite.
 
 The bounds are for the worst of all roundings at once. Of random faces compared with exact
 arithmetic the worst sample reaches 0.15 of the bound where they are not clipped, however far apart
@@ -65,18 +65,20 @@ from rasterjit.runtime.state_block import float64, int32, int64, stored, uint8
 
 DROPPED, DEGENERATE, OUTSIDE, CULLED, SUB_PIXEL, HIDDEN, VISIBLE = 0, 1, 2, 3, 4, 5, 6
 """Fates of a face. Of the pieces that a face was cut into, the greatest fate is the face's."""
-FATES = 7
+FATE_COUNT = 7
 
 ROUNDING = 2.0**-53
 """u: the largest relative error of one float64 operation."""
-UNCLIPPED = 29.0 * ROUNDING
+UNCLIPPED_ERROR = 29.0 * ROUNDING
 """Error bound of a value on a face that was not clipped, in units of the largest vertex value."""
-HOMOGENEOUS = ROUNDING * (1.0 + 2.0**-10)
-CLIPPED_SUM = 18.0 * ROUNDING
+WEIGHT_ROUNDING = ROUNDING * (1.0 + 2.0**-10)
+"""u, enlarged for terms in u**2, in the error bound of a weight of a clipped face."""
+INTERPOLATION_ROUNDING = 18.0 * ROUNDING
+"""Part of the error bound on a clipped face that does not come from the weights."""
 
 
 @helper
-def corners_on_screen(corners, xy):
+def read_screen_corners(corners, xy):
     """Return x and y of each corner of a triangle, as int64."""
     a, b, c = corners
     return (
@@ -87,7 +89,7 @@ def corners_on_screen(corners, xy):
 
 @helper
 def count_triangle_samples(face, box, origin, tile, empty, frame, ties):
-    """Count and clear the samples of the one triangle in the tile; mark where it lost a tie."""
+    """Count and clear the samples of the only triangle in a tile; mark where it lost a tie."""
     depths, numbers = tile
     frame_depth, face_id = frame
     count = np.int32(0)
@@ -105,8 +107,8 @@ def count_triangle_samples(face, box, origin, tile, empty, frame, ties):
 
 
 @helper
-def count_and_clear(ties):
-    """Count the marked samples of a tile, and clear the marks."""
+def count_and_clear_ties(ties):
+    """Count the marked ties of a tile, and clear the marks."""
     count = np.int64(0)
     for row in range(ties.shape[0]):
         for column in range(ties.shape[1]):
@@ -159,7 +161,7 @@ def count_samples(
             samples[k] = count_triangle_samples(
                 bounds[FACE, 0], box, origin, (depths, numbers), empty, frame, ties
             )
-        tied[tile] = count_and_clear(ties)
+        tied[tile] = count_and_clear_ties(ties)
 
 
 @helper
@@ -171,9 +173,9 @@ def max_edge_value(ax, ay, bx, by, width, height):
 
 
 @helper
-def fate_of(corners, screen, viewport, winding, samples):
+def find_fate(corners, screen, viewport, winding, samples):
     """Return the fate of one triangle that was set up, visible or not."""
-    ax, ay, bx, by, cx, cy = corners_on_screen(corners, screen.xy)
+    ax, ay, bx, by, cx, cy = read_screen_corners(corners, screen.xy)
     area = setup.edge(ax, ay, bx, by, cx, cy)
     if area == 0:
         return DEGENERATE
@@ -185,7 +187,7 @@ def fate_of(corners, screen, viewport, winding, samples):
         bx, by, cx, cy = cx, cy, bx, by
     width = np.int64(viewport.width) << viewport.grid_bits
     height = np.int64(viewport.height) << viewport.grid_bits
-    # It has no area inside the image if a line separates the two.
+    # The triangle misses the image if a line separates the two.
     is_missed = (
         max(ax, max(bx, cx)) <= 0
         or min(ax, min(bx, cx)) >= width
@@ -233,33 +235,33 @@ def find_fates(
         elif code0 & code1 & code2 & setup.FRUSTUM:
             fate = OUTSIDE
         elif not any_code & setup.CLIPPED:
-            fate = fate_of(corners, screen, viewport, winding, samples[face])
+            fate = find_fate(corners, screen, viewport, winding, samples[face])
         else:
             has_pieces = piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face
             fate = DEGENERATE if has_pieces else OUTSIDE
             while piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face:
                 corners = setup.corners_of(faces.pieces, piece)
                 covered = samples[face_count + piece]
-                fate = max(fate, fate_of(corners, screen, viewport, winding, covered))
+                fate = max(fate, find_fate(corners, screen, viewport, winding, covered))
                 piece += 1
         fates[face] = VISIBLE if is_visible[face] else fate
 
 
 @helper
-def cross_error(p1, u1, q1, v1, p2, u2, q2, v2):
+def bound_weight_error(p1, u1, q1, v1, p2, u2, q2, v2):
     """Return the error bound of one weight of a clipped face."""
     operands = p1 * abs(v2) + abs(u1) * q2 + p2 * abs(v1) + abs(u2) * q1
     operands += 16.0 * ROUNDING * (p1 * q2 + p2 * q1)
-    return HOMOGENEOUS * (5.0 * operands + 2.0 * (abs(u1 * v2) + abs(u2 * v1)))
+    return WEIGHT_ROUNDING * (5.0 * operands + 2.0 * (abs(u1 * v2) + abs(u2 * v1)))
 
 
 @helper
-def segment_error(a, b, column, row, geometry):
+def bound_segment_error(a, b, column, row, geometry):
     """
     Return the error bound at a sample of a segment or a point.
 
-    Each of the two products that a weight is found from has terms of at most ``most``, and is off
-    by at most 16 units of rounding of them.
+    The terms of the two products behind a weight are at most ``max_x`` and ``max_y``; each
+    product is off by at most 16 units of rounding of them.
     """
     clip = geometry.clip_positions
     width, height = setup.whole_size(geometry.viewport)
@@ -269,38 +271,40 @@ def segment_error(a, b, column, row, geometry):
     w0, w1 = abs(clip[a, 3]), abs(clip[b, 3])
     x = width * (clip[b, 0] * clip[a, 3] - clip[a, 0] * clip[b, 3])
     y = height * (clip[b, 1] * clip[a, 3] - clip[a, 1] * clip[b, 3])
-    most_x = width * (abs(clip[b, 0]) * w0 + abs(clip[a, 0]) * w1)
-    most_y = height * (abs(clip[b, 1]) * w0 + abs(clip[a, 1]) * w1)
-    first = width * u0 * x + height * v0 * y
-    length = first - (width * u1 * x + height * v1 * y)
+    max_x = width * (abs(clip[b, 0]) * w0 + abs(clip[a, 0]) * w1)
+    max_y = height * (abs(clip[b, 1]) * w0 + abs(clip[a, 1]) * w1)
+    first_product = width * u0 * x + height * v0 * y
+    length = first_product - (width * u1 * x + height * v1 * y)
     if length == 0.0:
-        return CLIPPED_SUM
-    off = 16.0 * ROUNDING * (
-        width * (abs(clip[a, 0]) + w0) * most_x + height * (abs(clip[a, 1]) + w0) * most_y
+        return INTERPOLATION_ROUNDING
+    first_error = 16.0 * ROUNDING * (
+        width * (abs(clip[a, 0]) + w0) * max_x + height * (abs(clip[a, 1]) + w0) * max_y
     )  # fmt: skip
-    other = 16.0 * ROUNDING * (
-        width * (abs(clip[b, 0]) + w1) * most_x + height * (abs(clip[b, 1]) + w1) * most_y
+    second_error = 16.0 * ROUNDING * (
+        width * (abs(clip[b, 0]) + w1) * max_x + height * (abs(clip[b, 1]) + w1) * max_y
     )  # fmt: skip
-    if not abs(length) > 2.0 * (off + other):
+    length_error = first_error + second_error
+    if not abs(length) > 2.0 * length_error:
         return np.inf
-    error = 2.0 * (2.0 * off + other) / (abs(length) - (off + other)) + CLIPPED_SUM
+    error = 2.0 * (2.0 * first_error + second_error) / (abs(length) - length_error)
+    error += INTERPOLATION_ROUNDING
     return error if error == error else np.inf
 
 
 @helper
-def clipped_error(a, b, c, column, row, geometry):
+def bound_clipped_error(a, b, c, column, row, geometry):
     """Return the error bound at a sample of a face that was clipped."""
     if b == c:
-        return segment_error(a, b, column, row, geometry)
+        return bound_segment_error(a, b, column, row, geometry)
     clip = geometry.clip_positions
     w0, w1, w2 = abs(clip[a, 3]), abs(clip[b, 3]), abs(clip[c, 3])
     p0, p1, p2 = abs(clip[a, 0]) + w0, abs(clip[b, 0]) + w1, abs(clip[c, 0]) + w2
     q0, q1, q2 = abs(clip[a, 1]) + w0, abs(clip[b, 1]) + w1, abs(clip[c, 1]) + w2
     (u0, u1, u2), (v0, v1, v2) = relative_to_sample(a, b, c, column, row, clip, geometry.viewport)
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
-    s0 = cross_error(p1, u1, q1, v1, p2, u2, q2, v2)
-    s1 = cross_error(p2, u2, q2, v2, p0, u0, q0, v0)
-    s2 = cross_error(p0, u0, q0, v0, p1, u1, q1, v1)
+    s0 = bound_weight_error(p1, u1, q1, v1, p2, u2, q2, v2)
+    s1 = bound_weight_error(p2, u2, q2, v2, p0, u0, q0, v0)
+    s2 = bound_weight_error(p0, u0, q0, v0, p1, u1, q1, v1)
     s = s0 + s1 + s2
     total = b0 + b1 + b2
     if not abs(total) > 2.0 * s:
@@ -308,17 +312,17 @@ def clipped_error(a, b, c, column, row, geometry):
     winding = 1.0 if total > 0.0 else -1.0
     b0, b1, b2 = max(winding * b0, 0.0), max(winding * b1, 0.0), max(winding * b2, 0.0)
     total = b0 + b1 + b2
-    off = (s1 + s2 + (b1 + b2) / total * s) / (total - s)
-    error = 2.0 * off + CLIPPED_SUM
+    weight_error = (s1 + s2 + (b1 + b2) / total * s) / (total - s)
+    error = 2.0 * weight_error + INTERPOLATION_ROUNDING
     return error if error == error else np.inf
 
 
 @kernel
-def largest_error(
+def find_largest_error(
     face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, largest: float64[::1]
 ):  # fmt: skip
     """
-    Find the largest error bound of an interpolated value at some rows of samples.
+    Find the largest error bound of an interpolated value in some rows of pixels.
 
     Parameters
     ----------
@@ -327,9 +331,9 @@ def largest_error(
         First row, and one past the last.
     geometry : Geometry
     largest : (1,) float64
-        Raised to it if it is less. In units of the largest magnitude of a face's three vertex
-        values, in float64, before a value is stored; infinite if a face is seen exactly from its
-        side.
+        Read and written: the larger of it and the bounds. In units of the largest magnitude of a
+        face's three vertex values, in float64, before a value is stored; infinite if a face is seen
+        exactly from its side.
     """
     bound = largest[0]
     for row in range(rows[0], rows[1]):
@@ -339,7 +343,7 @@ def largest_error(
                 continue
             a, b, c = setup.corners_of(geometry.faces, face)
             if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & setup.CLIPPED:
-                bound = max(bound, clipped_error(a, b, c, column, row, geometry))
+                bound = max(bound, bound_clipped_error(a, b, c, column, row, geometry))
             else:
-                bound = max(bound, UNCLIPPED)
+                bound = max(bound, UNCLIPPED_ERROR)
     largest[0] = bound

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rasterjit.outputs.masks import ObjectMask
 
 
-Slices = tuple[slice, slice]
+RowsAndColumns = tuple[slice, slice]
 """Rows and columns of a picture."""
 
 
@@ -84,15 +84,15 @@ class FrameStats:
         """
         Pixels that show a face; counted when first asked for.
 
-        0 if the edges alone are drawn and no other output asks for the faces.
+        0 if only edges are drawn and no other output needs the faces.
         """
         covered = self.__dict__["_covered"]
         if not isinstance(covered, int):
             covered = self.__dict__["_covered"] = int(np.count_nonzero(covered >= 0))
         return covered
 
-    def cropped(self, slices: Slices, face_id: NDArray[np.int32] | None) -> FrameStats:
-        """Return the statistics of a crop, with the crop's own covered pixels."""
+    def crop(self, slices: RowsAndColumns, face_id: NDArray[np.int32] | None) -> FrameStats:
+        """Return the statistics with the covered pixels of a crop."""
         faces = self.__dict__["_covered"] if face_id is None else face_id
         return replace(self, face_id=faces if isinstance(faces, int) else faces[slices].copy())
 
@@ -106,12 +106,12 @@ class QualityChoice(notebook_preview.TextReport):
     ----------
     quality : Quality
     predicted_seconds : float or None
-        What the frame was expected to take; ``None`` where nobody knew.
+        Expected time of the frame; ``None`` if it was not known.
     seconds : float
-        What it took, without compiling.
+        Actual time, without compiling.
     predicted_error : float or None
-        The most that the root mean square difference from the reference in linear light is, where
-        it was asked for.
+        Expected largest root mean square difference from the reference in linear light, if an error
+        was requested.
     """
 
     quality: Quality
@@ -388,10 +388,10 @@ class Frame(RenderedOutputs):
         self._face_starts = face_starts
         self.plan = plan
         self.stats = stats
-        # Not None for a type checker: who asks for a choice knows that there is one.
+        # Any, so that type checkers let callers that requested a choice use it.
         self.choice: QualityChoice | Any = None
         self._white_share = 0.0
-        """Share of the visible lit surfaces that is burnt out, 0..1: see ``view_warnings``."""
+        """Share of the visible lit surfaces that is overexposed, 0..1: see ``view_warnings``."""
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
@@ -486,7 +486,7 @@ class Frame(RenderedOutputs):
         if outputs is None and is_image:
             self._output("color")
             outputs = "color"
-        arrays = saving.select_outputs(self._outputs, outputs)
+        arrays = saving.select_arrays(self._outputs, outputs)
         if not isinstance(colorbar, (bool, str)):
             raise ValueError(
                 f"colorbar must be True, False or a title, got {check.brief(colorbar)}"
@@ -550,9 +550,9 @@ class Frame(RenderedOutputs):
         """The drawn primitives in words: ``7,656 triangles``, ``90 triangles and points``."""
         contents, count = self.plan.facts.counts, self.stats.triangles_in
         kinds = {"segments": contents.lines, "points": contents.points}
-        others = contents.objects - sum(kinds.values())
-        kinds = {"triangles": others if any(kinds.values()) else 1} | kinds
-        names = [name.removesuffix("s" if count == 1 else "") for name, has in kinds.items() if has]
+        mesh_count = contents.objects - sum(kinds.values())
+        kinds = {"triangles": mesh_count if any(kinds.values()) else 1} | kinds
+        names = [name.removesuffix("s" if count == 1 else "") for name, n in kinds.items() if n]
         return f"{count:,} {' and '.join(', '.join(names).rsplit(', ', 1))}"
 
     def colorbar(
@@ -652,11 +652,11 @@ class Frame(RenderedOutputs):
             )
         face_id, weights, position = (self._outputs[name][layer] for name in PICK_OUTPUTS)
         height, width = face_id.shape
-        pixel = _pixel("y", y, height), _pixel("x", x, width)
+        pixel = _find_pixel("y", y, height), _find_pixel("x", x, width)
         face = int(face_id[pixel])
         if face < 0:
             return None
-        starts = self._first_faces()
+        starts = self._find_first_faces()
         node = int(np.searchsorted(starts, face, side="right")) - 1
         face_number = face - int(starts[node])
         if node == len(starts) - 1:
@@ -669,7 +669,7 @@ class Frame(RenderedOutputs):
             None if scalar is None else float(scalar[layer][pixel]),
         )  # fmt: skip
 
-    def _first_faces(self) -> NDArray[np.int64]:
+    def _find_first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
         if self._face_starts is None:
             raise ValueError("pick needs a frame that was rendered, got one made of arrays")
@@ -695,26 +695,26 @@ class Frame(RenderedOutputs):
 
 
 def get_output(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> NDArray[Any]:
-    """Return an output of a frame, or of what else holds some; raise if it was not asked for."""
-    if name not in outputs:
-        available = f"this {holder} has {', '.join(outputs)}"
-        if name not in OUTPUTS and not is_attribute(name):
-            hint = check.suggest(name, (*OUTPUTS, *outputs))
-            raise OutputNotRequestedError(
-                f"{check.brief(name)} is the name of no output; {available}{hint}"
-            )
-        hint = ""
-        if is_attribute(name):
-            # All begin alike.
-            attributes = [one.removeprefix(ATTRIBUTE) for one in outputs if is_attribute(one)]
-            hint = check.suggest(name.removeprefix(ATTRIBUTE), attributes)
+    """Return an output of a frame or batch; raise ``OutputNotRequestedError`` if it is missing."""
+    if name in outputs:
+        return outputs[name]
+    available = f"this {holder} has {', '.join(outputs)}"
+    if name not in OUTPUTS and not is_attribute(name):
+        hint = check.suggest(name, (*OUTPUTS, *outputs))
         raise OutputNotRequestedError(
-            f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {available}{hint}"
+            f"{check.brief(name)} is the name of no output; {available}{hint}"
         )
-    return outputs[name]
+    hint = ""
+    if is_attribute(name):
+        # Compare without the common prefix.
+        attributes = [other.removeprefix(ATTRIBUTE) for other in outputs if is_attribute(other)]
+        hint = check.suggest(name.removeprefix(ATTRIBUTE), attributes)
+    raise OutputNotRequestedError(
+        f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {available}{hint}"
+    )
 
 
-def _pixel(name: str, value: Any, count: int) -> int:
+def _find_pixel(name: str, value: Any, count: int) -> int:
     """Return the column or row that holds a point, or raise ``ValueError``."""
     if isinstance(value, (float, np.floating)):
         if not 0.0 <= value < count:
@@ -783,7 +783,7 @@ class LayeredFrame(Frame):
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         if colorbar is not False:
             raise ValueError(f"colorbar must be False for layers, got {check.brief(colorbar)}")
-        saving.save_layers(path, saving.select_outputs(self._outputs, outputs))
+        saving.save_layers(path, saving.select_arrays(self._outputs, outputs))
 
     def pick(self, x: float, y: float, layer: int = 0) -> PickedPixel | None:
         """
@@ -813,15 +813,15 @@ class LayeredFrame(Frame):
         )
 
 
-def crop_frame(frame: Frame, slices: Slices, plan: RenderPlan) -> Frame:
-    """Return a part of a frame, with its own plan."""
+def crop_frame(frame: Frame, slices: RowsAndColumns, plan: RenderPlan) -> Frame:
+    """Return a crop of a frame, with the crop's plan."""
     arrays = {name: array[slices].copy() for name, array in frame.arrays().items()}
-    stats = frame.stats.cropped(slices, frame.arrays().get("face_id"))
+    stats = frame.stats.crop(slices, frame.arrays().get("face_id"))
     return Frame(arrays, plan, stats, None, frame._face_starts)
 
 
 def select_outputs(frame: Frame, outputs: tuple[str, ...]) -> Frame:
-    """Return a frame with these of its outputs alone."""
+    """Return a frame with only the named outputs."""
     arrays = frame.arrays()
     plan = frame.plan.for_picture(facts=replace(frame.plan.facts, outputs=outputs))
     selected = Frame(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import motion
 from rasterjit.outputs.motion import MomentPair
-from rasterjit.outputs.output_table import row_of
+from rasterjit.outputs.output_table import find_row
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Placement
@@ -183,7 +183,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that fill the requested buffers."""
     attributes = plan.facts.attributes
     by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
-    kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
+    kernels = dict.fromkeys(find_row(name).kernel for name in plan.outputs if name not in by_numpy)
     rows = [KernelRow(kernel, _weights_note(plan)) for kernel in kernels if kernel]
     if plan.facts.visible.spheres and barycentric.fill_positions in kernels:
         rows.append(KernelRow(point_normals.fill_sphere_positions))

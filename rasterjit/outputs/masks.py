@@ -1,11 +1,10 @@
 """
-Masks of objects, their boxes and areas, and COCO annotations of them.
+Find the masks of objects, their boxes and areas, and write COCO annotations of them.
 
-COCO codes a mask as the lengths of its runs: the pixels are taken column by column, from the top,
-and the first run is of pixels outside, of length 0 if the first pixel is inside. Compressed, each
-length but the first three is what it differs by from the one two before, in groups of five bits
-from the lowest, each in a printable character from ``"0"`` on, with the sixth bit set where more
-follow.
+COCO codes a mask as the lengths of its runs: pixels run column by column, from the top, and the
+first run is outside, of length 0 if the first pixel is inside. Compressed, each length but the
+first three is the difference to the one two before, in groups of five bits from the lowest, each a
+printable character from ``"0"`` on, with the sixth bit set where more groups follow.
 
 References
 ----------
@@ -33,16 +32,16 @@ from rasterjit.scene.validation import (
     unmasked_array,
 )
 
-_GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
+_GROUP_BITS, _GROUP_MASK, _SIGN_BIT, _CONTINUATION_BIT, _FIRST_CHARACTER = 5, 0x1F, 0x10, 0x20, 48
 """Compressed lengths: bits of a character, their mask, sign bit, continuation bit, code of "0"."""
-_MAX_SHORT = 65535
+_MAX_UINT16 = 65535
 """Largest uint16."""
 _MAX_GROUPS = 13
-"""Characters that a 64-bit number takes at most."""
+"""Most characters of a 64-bit number."""
 _MAX_LISTED = 8
-"""Objects that a message names."""
-_LENGTH_LIMIT = 1 << 63
-"""First length that 64 bits do not hold."""
+"""Most objects that a message names."""
+_INT64_LIMIT = 1 << 63
+"""First number above int64."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +52,15 @@ class ObjectMask:
     Attributes
     ----------
     id : int
-        Its number in the image that it was found in.
+        Number of the object in the image.
     size : (int, int)
         Height and width of the image, pixels: COCO's order.
     counts : (N,) int64
         Lengths of the runs, column by column: outside, inside, outside ...
     box : (int, int, int, int)
-        Left column, top row, width and height of what is seen of it, pixels.
+        Left column, top row, width and height of the visible part, pixels.
     area : int
-        Pixels that show it.
+        Number of pixels inside.
     """
 
     id: int
@@ -103,23 +102,23 @@ def find(ids: ArrayLike, name: str = "ids") -> tuple[ObjectMask, ...]:
     ValueError
         If ``ids`` is not such an array.
     """
-    numbers = unmasked_array(name, ids)
-    if numbers.ndim != 2 or numbers.dtype.kind not in "iu" or numbers.size == 0:
-        raise ValueError(f"{name} must be (H, W) whole numbers, not empty; got {brief(numbers)}")
-    columns = np.ascontiguousarray(numbers.T).ravel()
+    id_image = unmasked_array(name, ids)
+    if id_image.ndim != 2 or id_image.dtype.kind not in "iu" or id_image.size == 0:
+        raise ValueError(f"{name} must be (H, W) whole numbers, not empty; got {brief(id_image)}")
+    columns = np.ascontiguousarray(id_image.T).ravel()
     positions = np.flatnonzero(columns >= 0)
     if not len(positions):
         return ()
-    keys = columns[positions]
-    if keys.max() <= _MAX_SHORT:
+    ids_inside = columns[positions]
+    if ids_inside.max() <= _MAX_UINT16:
         # NumPy sorts 16 bits by their digits, in half the time.
-        keys = keys.astype(np.uint16)
-    # Column by column inside each number.
-    order = np.argsort(keys, kind="stable")
-    positions, keys = positions[order], keys[order]
-    starts = np.flatnonzero(np.diff(keys.astype(np.int64), prepend=-1))
+        ids_inside = ids_inside.astype(np.uint16)
+    # Group the pixels by id; inside each, they stay column by column.
+    order = np.argsort(ids_inside, kind="stable")
+    positions, ids_inside = positions[order], ids_inside[order]
+    starts = np.flatnonzero(np.diff(ids_inside.astype(np.int64), prepend=-1))
     return tuple(
-        _mask(int(keys[start]), pixels, numbers.shape)
+        _make_mask(int(ids_inside[start]), pixels, id_image.shape)
         for start, pixels in zip(starts, np.split(positions, starts[1:]), strict=True)
     )
 
@@ -141,7 +140,7 @@ def encode(mask: ArrayLike) -> ObjectMask:
     inside = unmasked_array("mask", mask)
     if inside.ndim != 2 or inside.dtype != bool or inside.size == 0:
         raise ValueError(f"mask must be (H, W) bool, not empty; got {brief(inside)}")
-    return _mask(1, np.flatnonzero(np.ascontiguousarray(inside.T)), inside.shape)
+    return _make_mask(1, np.flatnonzero(np.ascontiguousarray(inside.T)), inside.shape)
 
 
 def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
@@ -193,22 +192,22 @@ def compress(counts: ArrayLike) -> str:
     lengths = unmasked_array("counts", counts)
     if lengths.ndim != 1 or lengths.dtype.kind not in "iu" or (lengths < 0).any():
         raise ValueError(f"counts must be whole numbers from 0, got {brief(counts)}")
-    rest = lengths.astype(np.int64)
-    rest[3:] -= lengths[1:-2].astype(np.int64)
-    codes = np.zeros((len(rest), _MAX_GROUPS), np.uint8)
-    used = np.zeros(codes.shape, bool)
-    active = np.ones(len(rest), bool)
+    remaining = lengths.astype(np.int64)
+    remaining[3:] -= lengths[1:-2].astype(np.int64)
+    codes = np.zeros((len(remaining), _MAX_GROUPS), np.uint8)
+    is_used = np.zeros(codes.shape, bool)
+    is_active = np.ones(len(remaining), bool)
     for group in range(_MAX_GROUPS):
-        used[:, group] = active
-        bits = rest & _GROUP
-        rest >>= _GROUP_BITS
-        # What is left must be nothing but the sign of what is written.
-        more = rest != np.where(bits & _SIGN, -1, 0)
-        codes[:, group] = bits + np.where(more, _MORE, 0) + _ZERO
-        active = active & more
-        if not active.any():
+        is_used[:, group] = is_active
+        bits = remaining & _GROUP_MASK
+        remaining >>= _GROUP_BITS
+        # The last group's sign bit stands for all higher bits.
+        has_more = remaining != np.where(bits & _SIGN_BIT, -1, 0)
+        codes[:, group] = bits + np.where(has_more, _CONTINUATION_BIT, 0) + _FIRST_CHARACTER
+        is_active = is_active & has_more
+        if not is_active.any():
             break
-    return codes[used].tobytes().decode("ascii")
+    return codes[is_used].tobytes().decode("ascii")
 
 
 def decompress(text: str | bytes) -> NDArray[np.int64]:
@@ -226,18 +225,18 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
     lengths: list[int] = []
     value = shift = 0
     for byte in data:
-        code = byte - _ZERO
-        if not 0 <= code < 2 * _MORE or shift >= _MAX_GROUPS * _GROUP_BITS:
+        code = byte - _FIRST_CHARACTER
+        if not 0 <= code < 2 * _CONTINUATION_BIT or shift >= _MAX_GROUPS * _GROUP_BITS:
             raise ValueError(f"text must be a compressed mask, got {brief(text)}")
-        value |= (code & _GROUP) << shift
+        value |= (code & _GROUP_MASK) << shift
         shift += _GROUP_BITS
-        if code & _MORE:
+        if code & _CONTINUATION_BIT:
             continue
-        if code & _SIGN:
+        if code & _SIGN_BIT:
             value -= 1 << shift
         lengths.append(value + (lengths[-2] if len(lengths) > 2 else 0))
         value = shift = 0
-        if not -_LENGTH_LIMIT <= lengths[-1] < _LENGTH_LIMIT:
+        if not -_INT64_LIMIT <= lengths[-1] < _INT64_LIMIT:
             raise ValueError(f"text must be a compressed mask, got {brief(text)}")
     if shift:
         raise ValueError(f"text must be a whole compressed mask, got {brief(text)}")
@@ -276,20 +275,20 @@ def coco(
         If ``images`` or ``categories`` are no such things, or an image shows an object of which
         ``categories`` says nothing.
     """
-    # Categories, numbered as they come.
+    # Number the categories by first use.
     info = {} if info is None else info
     if not isinstance(info, Mapping):
         raise ValueError(f"info must be a mapping or None, got {brief(info)}")
-    category_of = _categories(categories)
-    kinds = dict.fromkeys(name for name in category_of.values() if name is not None)
-    numbered = {name: number for number, name in enumerate(kinds, 1)}
+    category_of = _check_categories(categories)
+    names = dict.fromkeys(name for name in category_of.values() if name is not None)
+    category_ids = {name: number for number, name in enumerate(names, 1)}
     document: dict[str, Any] = {
         "info": dict(info),
         "images": [],
         "annotations": [],
-        "categories": [{"id": number, "name": name} for name, number in numbered.items()],
+        "categories": [{"id": number, "name": name} for name, number in category_ids.items()],
     }
-    # Each image and the masks in it.
+    # Add each image and the masks in it.
     for image_id, image in enumerate(sequence("images", images), 1):
         try:
             file_name, ids = image
@@ -304,28 +303,29 @@ def coco(
         height, width = np.shape(ids)
         missing = [str(mask.id) for mask in masks if mask.id not in category_of]
         if missing:
-            listed = ", ".join(missing[:_MAX_LISTED]) + (" ..." if missing[_MAX_LISTED:] else "")
+            more = " ..." if missing[_MAX_LISTED:] else ""
             raise ValueError(
                 f"categories must have an entry for each object that {file_name!r} shows, its "
-                f"name, or None to leave it out; got none for {listed}"
+                f"name, or None to leave it out; got none for "
+                f"{', '.join(missing[:_MAX_LISTED])}{more}"
             )
         document["images"].append(
             {"id": image_id, "file_name": file_name, "width": width, "height": height}
         )
         pairs = ((mask, category_of[mask.id]) for mask in masks)
-        annotated = ((mask, category) for mask, category in pairs if category is not None)
+        annotated_masks = ((mask, category) for mask, category in pairs if category is not None)
         document["annotations"] += [
             {
                 "id": len(document["annotations"]) + number,
                 "image_id": image_id,
-                "category_id": numbered[category],
+                "category_id": category_ids[category],
                 "object_id": mask.id,
                 "segmentation": mask.compressed_rle(),
                 "bbox": list(mask.box),
                 "area": mask.area,
                 "iscrowd": 0,
             }
-            for number, (mask, category) in enumerate(annotated, 1)
+            for number, (mask, category) in enumerate(annotated_masks, 1)
         ]
     return document
 
@@ -353,7 +353,7 @@ def save_coco(
         temporary.write_text(text, encoding="utf-8")
 
 
-def _categories(categories: Any) -> dict[int, str | None]:
+def _check_categories(categories: Any) -> dict[int, str | None]:
     """Return the category of each object by its number, or raise ``ValueError``."""
     if isinstance(categories, Mapping):
         category_of = dict(categories)
@@ -370,14 +370,14 @@ def _categories(categories: Any) -> dict[int, str | None]:
     return {int(number): name for number, name in category_of.items()}
 
 
-def _mask(number: int, positions: NDArray[np.int64], shape: tuple[int, ...]) -> ObjectMask:
-    """Return the mask of ascending places, counted column by column."""
+def _make_mask(number: int, positions: NDArray[np.int64], shape: tuple[int, ...]) -> ObjectMask:
+    """Return the mask of ascending positions, counted column by column."""
     height, width = shape
-    # Split where the next place is not the next pixel.
-    first = np.flatnonzero(np.diff(positions, prepend=-2) != 1)
-    ends = np.append(first[1:], len(positions))[: len(first)] - 1
-    bounds = np.stack([positions[first], positions[ends] + 1], axis=1).ravel()
-    edges = np.concatenate([[0], bounds, [height * width]])
+    # Split runs where the next position is not the next pixel.
+    run_starts = np.flatnonzero(np.diff(positions, prepend=-2) != 1)
+    run_ends = np.append(run_starts[1:], len(positions))[: len(run_starts)] - 1
+    run_bounds = np.stack([positions[run_starts], positions[run_ends] + 1], axis=1).ravel()
+    edges = np.concatenate([[0], run_bounds, [height * width]])
     counts = np.diff(edges)
     if len(counts) > 1 and counts[-1] == 0:
         counts = counts[:-1]

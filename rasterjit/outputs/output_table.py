@@ -1,11 +1,11 @@
 """
-The outputs that a frame can hold: one row each.
+Define the outputs that a frame can hold: one row of a table each.
 
-To add one, add its row here, fill it in ``outputs/ground_truth.py``, and give `Frame` a property
-that says what it holds. Those with ``is_mixed`` are made elsewhere: colours by shading,
-``coverage`` in ``rendering/supersample.py``.
+To add one, add its row here, fill it in ``outputs/ground_truth.py``, and give `Frame` a property.
+Those with ``is_mixed`` are filled elsewhere: colours by shading, ``coverage`` in
+``rendering/supersample.py``.
 
-Attributes of meshes are outputs too, named ``attribute:NAME``: `row_of` has one row for all.
+Attributes of meshes are outputs too, named ``attribute:NAME``; all share a row.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ OutputName: TypeAlias = Literal[
 
 AttributeName = NewType("AttributeName", str)
 """
-An output whose name comes from a mesh, for type checkers: ``AttributeName("attribute:heat")``.
+Name of an output of a mesh's attribute, for type checkers: ``AttributeName("attribute:heat")``.
 
-They know no pattern of names; at run time it is a plain string.
+At run time it is a plain string.
 """
 
 AnyOutput: TypeAlias = OutputName | AttributeName
@@ -41,33 +41,33 @@ Outputs: TypeAlias = AnyOutput | Sequence[AnyOutput] | Set[AnyOutput]
 """The outputs argument of a render: one output, or several."""
 
 IdOutput: TypeAlias = Literal["face_id", "object_id", "material_id", "instance_id"]
-"""Outputs of whole numbers that tell things apart."""
+"""Outputs of ids: whole numbers."""
 
 
 class Output(NamedTuple):
-    """A row of the table: content of an output, and its form in files."""
+    """A row of the table: the content of an output, and its form in files."""
 
     channels: int
-    """Number of channels; 0: as many as the attribute has columns."""
+    """Number of channels; 0 for the number of columns of an attribute."""
     dtype: str
     empty: float
-    """Value of the background; colours show the background instead."""
+    """Value of the background, except in colours."""
     unit: str = ""
-    """Unit and space of its values; empty for colours and numbers of things."""
+    """Unit and space of the values; empty for colours and ids."""
     exr: tuple[str, ...] = ()
-    """Channel names in an EXR file; () -> its name, with .X, .Y and .Z, or .R to
-    .A, if there are several."""
+    """Channel names in an EXR file; (): the name of the output, with .X, .Y and .Z, or .R to .A, if
+    there are several channels."""
     codes: str = "fitted"
     """
     Encoding in a 16-bit PNG: ``fitted`` to its values, or by its known range: ``vector`` (-1..1),
     ``cube`` (0..1), ``share`` (0..1, with 0 in it), ``flow``.
     """
     is_mixed: bool = False
-    """Whether it is of the pixel, mixed from all its surfaces; else of one face."""
+    """Whether it mixes all surfaces of a pixel; else it is of one face."""
     needs_previous: bool = False
-    """Whether it compares what is seen with an earlier view."""
+    """Whether it compares the frame with an earlier view."""
     kernel: Kernel | None = None
-    """The kernel that fills it; None: NumPy fills it."""
+    """The kernel that fills it; None if NumPy does."""
 
 
 TABLE: dict[str, Output] = {
@@ -128,8 +128,8 @@ TABLE: dict[str, Output] = {
 }  # fmt: skip
 """All outputs of a frame, by name."""
 
-_ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel=barycentric.fill_attribute)
-"""That of any attribute."""
+ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel=barycentric.fill_attribute)
+"""Row of every attribute."""
 
 UNKNOWN_ROW = Output(1, "float32", 0)
 """Row of an unknown output."""
@@ -147,9 +147,9 @@ LAYER_OUTPUTS = tuple(name for name in OUTPUTS if not TABLE[name].is_mixed)
 """Outputs that a layer of surfaces can hold."""
 
 
-def row_of(name: str) -> Output:
+def find_row(name: str) -> Output:
     """Return the row of an output, an attribute or an unknown name."""
-    return _ATTRIBUTE_ROW if is_attribute(name) else TABLE.get(name, UNKNOWN_ROW)
+    return ATTRIBUTE_ROW if is_attribute(name) else TABLE.get(name, UNKNOWN_ROW)
 
 
 def is_attribute(name: object) -> bool:
@@ -181,11 +181,11 @@ def _is_output(name: object) -> TypeGuard[AnyOutput]:
     return name in OUTPUTS or is_attribute(name)
 
 
-def shape_of(
+def find_array_spec(
     name: str, size: tuple[int, int], attributes: Mapping[str, Attribute]
 ) -> tuple[tuple[int, ...], str]:
     """Return the shape, (H, W) or (H, W, C), and the dtype of an output, given its attribute."""
-    row, (width, height) = row_of(name), size
+    row, (width, height) = find_row(name), size
     channels = attributes[name].columns if is_attribute(name) else row.channels
     has_axis = channels > 1 or is_attribute(name)
     return (height, width, *([channels] if has_axis else [])), row.dtype

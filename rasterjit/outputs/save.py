@@ -1,8 +1,8 @@
 """
 Write a frame's outputs to files that other programs read.
 
-A 16-bit PNG holds whole numbers from 0 to 65535. What they mean is written into its text: the
-value is ``code * scale + offset``, in ``unit``, and ``zero`` says what code 0 stands for.
+A 16-bit PNG holds whole numbers from 0 to 65535. Text entries have their meaning: the value is
+``code * scale + offset``, in ``unit``, and ``zero`` is the meaning of code 0.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import images
 from rasterjit.io.atomic_write import atomic_file
-from rasterjit.outputs.output_table import is_attribute, row_of
+from rasterjit.outputs.output_table import find_row, is_attribute
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import Bool, Float64
 
@@ -28,10 +28,11 @@ FORMATS = (".npz", ".npy", ".exr", ".png")
 LAYER_FORMATS = (".npz", ".npy", ".exr")
 """Extensions that ``save_layers`` writes."""
 
-LIMIT = 65535
+MAX_CODE = 65535
 """Largest 16-bit code."""
 
-EMPTY_TEXT = "nothing is there"
+BACKGROUND_NOTE = "nothing is there"
+"""Meaning of code 0 in files."""
 
 _CHANNEL_NAMES = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z"), 4: ("R", "G", "B", "A")}
 """Endings of an output's channel names in an EXR file, by their number."""
@@ -52,16 +53,16 @@ class Codes:
         A value is ``code * scale + offset``.
     unit : str
     zero : str
-        What code 0 stands for; of several channels, all of them 0, or ``blue`` where two are used.
+        Meaning of code 0: of several channels, all of them 0, or ``blue`` where two are used.
     """
 
     pixels: NDArray[np.uint16]
     scale: float
     offset: float
     unit: str
-    zero: str = EMPTY_TEXT
+    zero: str = BACKGROUND_NOTE
 
-    def texts(self, name: str) -> dict[str, str]:
+    def png_texts(self, name: str) -> dict[str, str]:
         """Return the text entries of the file."""
         return {
             "Title": name,
@@ -84,7 +85,7 @@ def save_outputs(
     path : str or Path
         ``.npz`` and ``.exr`` hold any number of outputs, ``.npy`` and ``.png`` one.
     arrays : mapping of str to (H, W) or (H, W, C) array
-        Outputs by name; what is not known by its name is known by its type and shape.
+        Outputs by name; unknown names are written by their type and shape.
     scale : float, optional
         PNG of floats only: units a code; see `encode_output`.
 
@@ -109,7 +110,7 @@ def save_outputs(
     if suffix == ".npz":
         images.save_arrays(target, **arrays)
     elif suffix == ".exr":
-        images.write_exr(target, exr_channels(arrays), _attributes(arrays))
+        images.write_exr(target, make_exr_channels(arrays), _describe_outputs(arrays))
     else:
         ((name, array),) = arrays.items()
         if suffix == ".npy":
@@ -157,10 +158,10 @@ def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         channels: dict[str, NDArray[Any]] = {}
         count = len(next(iter(arrays.values())))
         for n in range(count):
-            layer = exr_channels({name: array[n] for name, array in arrays.items()})
+            layer = make_exr_channels({name: array[n] for name, array in arrays.items()})
             channels |= {f"layer{n}.{channel}": plane for channel, plane in layer.items()}
         images.write_exr(
-            target, channels, _attributes({name: array[0] for name, array in arrays.items()})
+            target, channels, _describe_outputs({name: array[0] for name, array in arrays.items()})
         )
 
 
@@ -182,7 +183,7 @@ def _save_array(path: Path, array: NDArray[Any]) -> None:
 
 
 def _save_png(path: Path, name: str, array: NDArray[Any], scale: float | None) -> None:
-    """Write one output: pictures and yes-or-no as they are, all else in 16-bit codes."""
+    """Write one output: uint8 pictures and masks in 8 bits, all else in 16-bit codes."""
     is_mask = array.dtype == bool
     if scale is not None and (is_mask or array.dtype.kind != "f"):
         raise ValueError(f"scale must be None for {name}, which is {array.dtype}, got {scale!r}")
@@ -192,7 +193,7 @@ def _save_png(path: Path, name: str, array: NDArray[Any], scale: float | None) -
         images.save_image(path, array)
     else:
         codes = encode_output(name, array, scale)
-        data = images.encode_png(codes.pixels, codes.texts(name))
+        data = images.encode_png(codes.pixels, codes.png_texts(name))
         with atomic_file(path) as temporary:
             temporary.write_bytes(data)
 
@@ -207,10 +208,10 @@ def encode_output(name: str, array: NDArray[Any], scale: float | None = None) ->
     array : (H, W), (H, W, 1), (H, W, 2) or (H, W, 3) array
         Whole numbers of at least -1, or floats; what is infinite or NaN is nothing.
     scale : float, optional
-        Units a code, of floats: then the offset is 0, so that pictures of several frames can be
-        compared. By default both come from the values of this picture: the offset is 0 and the
-        largest value 65535 if all are positive and the smallest is not lost, else the smallest
-        value is 1 and the largest 65535.
+        Units per code of floats, with offset 0, so that pictures of several frames can be compared.
+        By default both come from the values of this picture: the offset is 0 and the largest value
+        65535 if all are positive and the smallest is not lost, else the smallest value is 1 and
+        the largest 65535.
 
     Returns
     -------
@@ -244,41 +245,38 @@ def encode_output(name: str, array: NDArray[Any], scale: float | None = None) ->
         )
     values = array.astype(np.float64)
     valid = np.isfinite(values) if channels == 1 else np.all(np.isfinite(values), axis=2)
-    row = row_of(name)
+    row = find_row(name)
     unit, codes = row.unit, row.codes if row.channels == channels else "fitted"
     if codes == "vector":
         _refuse_scale(name, scale)
         valid &= np.any(values, axis=2)
-        return _encode_unit(values, valid, 1.0 / 32767, -32768.0 / 32767, unit)
-    if codes == "cube":
-        _refuse_scale(name, scale)
-        # Where nothing is, all are NaN or all are 0.
-        valid = valid & np.any(values, axis=2) if row.empty == 0 else valid
-        return _encode_unit(values, valid, 1.0 / (LIMIT - 1), -1.0 / (LIMIT - 1), unit)
+        step = 1.0 / (MAX_CODE - 1)
+        return _quantize_unit(values, valid, step, -step, unit)
     if codes == "share":
         _refuse_scale(name, scale)
-        return Codes(_encode(name, values, valid, 1.0 / LIMIT, 0.0, 0), 1.0 / LIMIT, 0.0, unit)
+        step = 1.0 / MAX_CODE
+        return Codes(_quantize(name, values, valid, step, 0.0, 0), step, 0.0, unit)
     if codes == "flow" and scale is None:
-        scale, offset, mark = _FLOW_SCALE, _FLOW_OFFSET, 1
+        scale, offset, valid_blue = _FLOW_SCALE, _FLOW_OFFSET, 1
     else:
         scale, offset = _fit_range(values[valid], scale)
-        mark = LIMIT
-    pixels = _encode(name, values, valid, scale, offset, 1)
+        valid_blue = MAX_CODE
+    pixels = _quantize(name, values, valid, scale, offset, 1)
     if channels == 2:
-        blue = np.where(valid, np.uint16(mark), np.uint16(0))
+        blue = np.where(valid, np.uint16(valid_blue), np.uint16(0))
         pixels = np.dstack([pixels, blue])
-        return Codes(pixels, scale, offset, unit, f"{EMPTY_TEXT}, where blue is 0")
+        return Codes(pixels, scale, offset, unit, f"{BACKGROUND_NOTE}, where blue is 0")
     return Codes(pixels, scale, offset, unit)
 
 
-def decimal_scale(values: NDArray[Any]) -> float | None:
+def find_decimal_scale(values: NDArray[Any]) -> float | None:
     """
     Return the smallest power of ten that scales values to codes in 1..65535.
 
     Parameters
     ----------
     values : array
-        Any shape; what is infinite or NaN is nothing, and gets code 0.
+        Any shape; infinities and NaN are left out.
 
     Returns
     -------
@@ -289,20 +287,20 @@ def decimal_scale(values: NDArray[Any]) -> float | None:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     if low <= 0.0:
         return None
-    power = int(f"{high / LIMIT:e}".partition("e")[2])
+    power = int(f"{high / MAX_CODE:e}".partition("e")[2])
     # The quotient may be rounded past a power of ten.
-    tries = (float(f"1e{power + step}") for step in range(-1, 3))
-    fitting = (scale for scale in tries if scale > 0.0 and nearest_code(high, scale) <= LIMIT)
+    scales = (float(f"1e{power + step}") for step in range(-1, 3))
+    fitting = (s for s in scales if s > 0.0 and find_nearest_code(high, s) <= MAX_CODE)
     scale = next(fitting, math.inf)
-    return scale if nearest_code(low, scale) >= 1.0 else None
+    return scale if find_nearest_code(low, scale) >= 1.0 else None
 
 
-def nearest_code(value: float, scale: float) -> float:
-    """Return the code of a value by a scale, half up, be it in range or not."""
+def find_nearest_code(value: float, scale: float) -> float:
+    """Return the nearest code of a value by a scale, half up; it may be out of range."""
     return math.floor(value / scale + 0.5)
 
 
-def channel_names(name: str, count: int) -> tuple[str, ...]:
+def name_channels(name: str, count: int) -> tuple[str, ...]:
     """
     Return the names of an output's channels in an EXR file.
 
@@ -320,7 +318,7 @@ def channel_names(name: str, count: int) -> tuple[str, ...]:
     ValueError
         If there are more.
     """
-    names = row_of(name).exr
+    names = find_row(name).exr
     if len(names) == count:
         return names
     if count not in _CHANNEL_NAMES and not is_attribute(name):
@@ -329,7 +327,7 @@ def channel_names(name: str, count: int) -> tuple[str, ...]:
     return tuple(f"{name}.{part}" if part else name for part in endings)
 
 
-def exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def make_exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """
     Return outputs as the channels of an EXR file.
 
@@ -346,14 +344,14 @@ def exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """
     channels: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
-        planes = np.moveaxis(_planes(name, array), 2, 0)
+        planes = np.moveaxis(_encode_exr_planes(name, array), 2, 0)
         layer = "linear" if name == "color" and "linear" not in arrays else name
-        channels.update(zip(channel_names(layer, len(planes)), planes, strict=True))
+        channels.update(zip(name_channels(layer, len(planes)), planes, strict=True))
     return channels
 
 
-def _planes(name: str, array: NDArray[Any]) -> NDArray[Any]:
-    """Return an output, (H, W, C), as an EXR holds it."""
+def _encode_exr_planes(name: str, array: NDArray[Any]) -> NDArray[Any]:
+    """Return the channels of an output for an EXR file, (H, W, C)."""
     if array.dtype == np.uint8 and array.shape[2:] == (4,):
         from rasterjit.scene.color import srgb_to_linear
 
@@ -370,24 +368,24 @@ def _planes(name: str, array: NDArray[Any]) -> NDArray[Any]:
     return numbers.astype(np.uint32)
 
 
-def _attributes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
-    """Return the header entries that describe each output."""
-    attributes = {"software": "RasterJIT"}
+def _describe_outputs(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+    """Return the header entries of an EXR file that describe each output."""
+    entries = {"software": "RasterJIT"}
     for name, array in arrays.items():
         if array.dtype.kind in "iu" and array.ndim == 2:
-            attributes[f"rasterjit.{name}"] = f"number + 1; 0 where {EMPTY_TEXT}"
+            entries[f"rasterjit.{name}"] = f"number + 1; 0 where {BACKGROUND_NOTE}"
         elif name in ("color", "linear"):
-            attributes[f"rasterjit.{name}"] = "linear light, sRGB primaries, multiplied by alpha"
-        elif row_of(name).unit:
-            attributes[f"rasterjit.{name}"] = row_of(name).unit
-    return attributes
+            entries[f"rasterjit.{name}"] = "linear light, sRGB primaries, multiplied by alpha"
+        elif find_row(name).unit:
+            entries[f"rasterjit.{name}"] = find_row(name).unit
+    return entries
 
 
-def select_outputs(
+def select_arrays(
     arrays: Mapping[str, NDArray[Any]], names: str | Iterable[str] | None
 ) -> dict[str, NDArray[Any]]:
     """
-    Return some of a frame's outputs, in the order in which they are named.
+    Return the named outputs of a frame, in the order of the names.
 
     Parameters
     ----------
@@ -415,21 +413,21 @@ def select_outputs(
 
 
 def _encode_integers(name: str, array: NDArray[Any]) -> Codes:
-    """Encode integers as themselves plus one."""
+    """Encode integers of at least -1, each plus one."""
     numbers = array.astype(np.int64) + 1
     low, high = int(numbers.min()), int(numbers.max())
-    if low < 0 or high > LIMIT:
+    if low < 0 or high > MAX_CODE:
         raise ValueError(
-            f"outputs must lie in -1..{LIMIT - 1} for a 16-bit .png, {name} has {low - 1}.."
+            f"outputs must lie in -1..{MAX_CODE - 1} for a 16-bit .png, {name} has {low - 1}.."
             f"{high - 1}: choose .exr or .npz"
         )
     return Codes(numbers.astype(np.uint16), 1.0, -1.0, "number")
 
 
-def _encode_unit(values: Float64, valid: Bool, scale: float, offset: float, unit: str) -> Codes:
-    """Return vectors in codes from 1, those a rounding beyond their range at its end."""
+def _quantize_unit(values: Float64, valid: Bool, scale: float, offset: float, unit: str) -> Codes:
+    """Encode vectors of a known range in codes from 1, clamped against rounding."""
     codes = np.floor((np.where(valid[..., None], values, 0.0) - offset) / scale + 0.5)
-    pixels = np.where(valid[..., None], np.clip(codes, 1, LIMIT), 0).astype(np.uint16)
+    pixels = np.where(valid[..., None], np.clip(codes, 1, MAX_CODE), 0).astype(np.uint16)
     return Codes(pixels, scale, offset, unit)
 
 
@@ -440,25 +438,25 @@ def _fit_range(values: Float64, scale: float | None) -> tuple[float, float]:
     if not values.size:
         return 1.0, 0.0
     low, high = float(values.min()), float(values.max())
-    step = high / LIMIT
-    if low >= step > 0.0:
-        return step, 0.0
-    step = (high - low) / (LIMIT - 1)
-    if step <= 0.0:
-        step = 1.0
-    return step, low - step
+    scale = high / MAX_CODE
+    if low >= scale > 0.0:
+        return scale, 0.0
+    scale = (high - low) / (MAX_CODE - 1)
+    if scale <= 0.0:
+        scale = 1.0
+    return scale, low - scale
 
 
-def _encode(
-    name: str, values: Float64, valid: Bool, scale: float, offset: float, least: int
+def _quantize(
+    name: str, values: Float64, valid: Bool, scale: float, offset: float, min_code: int
 ) -> NDArray[np.uint16]:
-    """Return the nearest codes, half up, and 0 where nothing is; raise if they do not fit."""
+    """Return the nearest codes, half up, and 0 for invalid values; raise if they do not fit."""
     rounded = np.floor((values[valid] - offset) / scale + 0.5)
-    if rounded.size and not (least <= rounded.min() and rounded.max() <= LIMIT):
-        fitting = decimal_scale(values[valid])
+    if rounded.size and not (min_code <= rounded.min() and rounded.max() <= MAX_CODE):
+        fitting = find_decimal_scale(values[valid])
         choices = ".exr or .npz" if fitting is None else f"{fitting:g}, .exr or .npz"
         raise ValueError(
-            f"scale must take {name} to codes in {least}..{LIMIT} of a 16-bit .png, got "
+            f"scale must take {name} to codes in {min_code}..{MAX_CODE} of a 16-bit .png, got "
             f"{rounded.min():.0f}..{rounded.max():.0f} with scale={scale!r}; choose {choices}"
         )
     codes = np.zeros(values.shape, np.uint16)
@@ -467,6 +465,6 @@ def _encode(
 
 
 def _refuse_scale(name: str, scale: float | None) -> None:
-    """Raise ``ValueError`` if an output with a range of its own is given a scale."""
+    """Raise ``ValueError`` if an output of a known range is given a scale."""
     if scale is not None:
         raise ValueError(f"scale must be None for {name}, whose range is known, got {scale!r}")

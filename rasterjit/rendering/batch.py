@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.outputs import output_table
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.outputs.output_table import Outputs, is_attribute, shape_of
+from rasterjit.outputs.output_table import Outputs, find_array_spec, is_attribute
 from rasterjit.rendering import batch_scheduler, planning, view_warnings
 from rasterjit.rendering.batch_scheduler import (
     BATCH_CACHES,
@@ -264,7 +264,7 @@ def shapes_of(
         for name in options.outputs
         if is_attribute(name)
     }
-    shapes = {name: shape_of(name, options.size, attributes) for name in options.outputs}
+    shapes = {name: find_array_spec(name, options.size, attributes) for name in options.outputs}
     return {name: ((count, *shape), dtype) for name, (shape, dtype) in shapes.items()}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.outputs.output_table import shape_of
+from rasterjit.outputs.output_table import find_array_spec
 from rasterjit.pipeline.batch_driver import COVERED, CUT, LIT, LIT_WHITE
 from rasterjit.rendering.batch_scheduler import (
     KNOWN_CAMERAS,
@@ -89,7 +89,7 @@ class BoundFrames:
             return None
         memory.next_frame()
         for name in planned.plan.outputs:
-            shape, dtype = shape_of(name, planned.plan.size, planned.plan.facts.attributes)
+            shape, dtype = find_array_spec(name, planned.plan.size, planned.plan.facts.attributes)
             outputs[name] = memory.empty(shape, np.dtype(dtype))
         commands.write_to(outputs)
         totals = commands.draw_one(dict(fields_of(planned)))

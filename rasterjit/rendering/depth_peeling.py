@@ -91,7 +91,7 @@ def render_layers(
     if not 1 <= k <= fragment_bands.MAX_LAYERS:
         raise ValueError(f"k must be in 1..{fragment_bands.MAX_LAYERS}, got {k!r}")
     refused = [
-        name for name in output_table.check_outputs(outputs) if output_table.row_of(name).is_mixed
+        name for name in output_table.check_outputs(outputs) if output_table.find_row(name).is_mixed
     ]
     if refused:
         raise ValueError(

@@ -368,7 +368,7 @@ def _take(
 
 def _empty(name: str) -> float:
     """Return what an output that is not mixed holds where nothing is."""
-    return math.nan if name in POINTS else output_table.row_of(name).empty
+    return math.nan if name in POINTS else output_table.find_row(name).empty
 
 
 def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:

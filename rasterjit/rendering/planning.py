@@ -20,7 +20,7 @@ from rasterjit.outputs.output_table import (
     AnyOutput,
     Outputs,
     check_outputs,
-    row_of,
+    find_row,
 )
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments.fragment_bands import peeling_kernels
@@ -379,7 +379,7 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
         if name in plan.facts.attributes:
             rows.append((f"output {name}", plan.facts.attributes[name].columns, "float32"))
         elif name != "face_id":
-            rows.append((f"output {name}", row_of(name).channels, row_of(name).dtype))
+            rows.append((f"output {name}", find_row(name).channels, find_row(name).dtype))
     maps = [Buffer(*row) for row in own if row[3] != plan.size]
     return (*(Buffer(*row, plan.size) for row in rows), *maps)
 

@@ -275,9 +275,9 @@ def test_exr_without_openexr_says_what_to_install(tmp_path, monkeypatch):
 
 
 def test_channels_are_named_by_their_number():
-    assert save.channel_names("coverage", 1) == ("coverage",)
-    assert save.channel_names("nocs", 3) == ("nocs.X", "nocs.Y", "nocs.Z")
-    assert save.channel_names("color", 4) == ("color.R", "color.G", "color.B", "color.A")
+    assert save.name_channels("coverage", 1) == ("coverage",)
+    assert save.name_channels("nocs", 3) == ("nocs.X", "nocs.Y", "nocs.Z")
+    assert save.name_channels("color", 4) == ("color.R", "color.G", "color.B", "color.A")
 
 
 FULL = """
@@ -340,7 +340,7 @@ def test_what_openexr_says_in_words_names_the_file_that_was_asked_for(
 def test_a_decimal_scale_is_the_smallest_that_holds_the_values(power, most):
     scale = float(f"1e{power}")
     values = np.array([[most * scale, np.inf], [np.nan, 300.0 * scale]])
-    assert save.decimal_scale(values) == scale
+    assert save.find_decimal_scale(values) == scale
     codes = save.encode_output("depth", values, scale)
     assert (codes.pixels == [[np.floor(most + 0.5), 0], [0, 300]]).all()
     with pytest.raises(ValueError, match=re.escape(f"; choose {scale:g}, .exr or .npz")):
@@ -350,7 +350,7 @@ def test_a_decimal_scale_is_the_smallest_that_holds_the_values(power, most):
 @pytest.mark.parametrize("values", [(0.0, 5.0), (-1.0, 5.0), (1.0, 1e6), (5e-324, 5e-324), ()])
 def test_no_decimal_scale_holds_both_small_and_large_values(values):
     values = np.array([[*values, np.inf]])
-    assert save.decimal_scale(values) is None
+    assert save.find_decimal_scale(values) is None
     if values.size > 1:
         with pytest.raises(ValueError, match=r"; choose \.exr or \.npz"):
             save.encode_output("depth", values, 1e-2)

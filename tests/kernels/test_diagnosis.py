@@ -96,9 +96,9 @@ def test_values_are_interpolated_so_and_rounded():
     assert (unrounded[shown].astype(np.float32) == filled[shown]).all()
 
 
-def largest_error(face_id, rows, geometry):
+def find_largest_error(face_id, rows, geometry):
     bound = np.zeros(1)
-    diagnostics_stage.largest_error(face_id, rows, geometry, bound)
+    diagnostics_stage.find_largest_error(face_id, rows, geometry, bound)
     return bound[0]
 
 
@@ -304,7 +304,7 @@ def shares_of_bound(clip, values):
     for row, column in np.argwhere(coverage.face_id == 0).tolist():
         alone = np.full_like(coverage.face_id, -1)
         alone[row, column] = 0
-        bounds.append(largest_error(alone, (row, row + 1), geometry))
+        bounds.append(find_largest_error(alone, (row, row + 1), geometry))
         if bounds[-1] == np.inf:
             continue
         weights = exact_weights(geometry, column, row, SIZE)
@@ -331,19 +331,19 @@ def test_no_value_is_off_by_more_than_the_bound_and_some_come_near(kind, faces):
     assert max(shares) <= 1.0
     assert max(shares) > 1.0 / LOOSEST
     if kind is edge_on:
-        assert max(bounds) > 100.0 * diagnostics_stage.UNCLIPPED
+        assert max(bounds) > 100.0 * diagnostics_stage.UNCLIPPED_ERROR
     elif kind in (plain, grazing):
-        assert set(bounds) == {diagnostics_stage.UNCLIPPED}
+        assert set(bounds) == {diagnostics_stage.UNCLIPPED_ERROR}
 
 
 def test_a_clipped_face_seen_exactly_from_its_side_has_no_bound():
     clip = np.array([(1.0, 1.0, 0.8, 1.0), (2.0, 2.0, 1.8, 2.0), (-1.0, -1.0, -1.2, -1.0)])
     coverage, geometry, _ = draw(clip)
     face_id = np.zeros_like(coverage.face_id)
-    assert largest_error(face_id, (0, 1), geometry) == np.inf
+    assert find_largest_error(face_id, (0, 1), geometry) == np.inf
 
 
 def test_nothing_in_view_is_off_by_nothing():
     coverage, geometry, _ = draw(naive.clip_from_screen([(2, 2), (30, 3), (4, 14)], (32, 16)))
     nothing = np.full_like(coverage.face_id, -1)
-    assert largest_error(nothing, (0, len(nothing)), geometry) == 0.0
+    assert find_largest_error(nothing, (0, len(nothing)), geometry) == 0.0

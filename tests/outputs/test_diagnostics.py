@@ -69,7 +69,7 @@ def test_without_diagnose_no_kernel_runs_and_no_list_is_kept(cube, camera, monke
     def forbidden(*arguments):
         raise AssertionError
 
-    for name in ("count_samples", "find_fates", "largest_error"):
+    for name in ("count_samples", "find_fates", "find_largest_error"):
         monkeypatch.setattr(diagnostics_stage, name, forbidden)
     kept = []
     run_visibility = visibility_pass.run_visibility

@@ -148,7 +148,7 @@ def test_threads_that_share_a_renderer_have_frames_of_their_own(draws):
     assert draws
 
 
-@pytest.mark.parametrize("place", ["shape_of", "CommandBuffer"])
+@pytest.mark.parametrize("place", ["find_array_spec", "CommandBuffer"])
 def test_a_renderer_that_is_closed_while_it_draws_keeps_nothing(monkeypatch, place):
     renderer, scene = rj.Renderer(SIZE, threads=1), ways.mixed_scene()
     original = getattr(bound_frames, place)
@@ -160,7 +160,7 @@ def test_a_renderer_that_is_closed_while_it_draws_keeps_nothing(monkeypatch, pla
     renderer.render(scene, ways.CAMERA)
     monkeypatch.setattr(bound_frames, place, closing)
     frames = [renderer.render(scene, ways.CAMERA) for _ in range(2)]
-    assert renderer._bound._commands is None or place == "shape_of"
+    assert renderer._bound._commands is None or place == "find_array_spec"
     monkeypatch.undo()
     assert all(same(frame, renderer.render(scene, ways.CAMERA)) for frame in frames)
 
