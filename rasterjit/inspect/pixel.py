@@ -1,8 +1,8 @@
 """
-Explain one pixel: which faces cover it, which of them is seen, and how its colour came about.
+Explain one pixel: the faces that cover it, the visible one, and the terms of its colour.
 
-The numbers are the engine's own: the same stages transform, clip, snap, bin, draw and shade, asked
-for one pixel. Where the engine rounds, the exact value is shown beside it, from the oracle.
+The numbers are those of a frame: the same stages transform, clip, snap, bin, draw and shade the
+pixel. Where they round, the oracle adds the exact value.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_color import (
     VisibleScene,
-    color_parts,
+    find_color_parts,
+    find_light_terms,
+    find_object,
     find_surface,
-    light_terms,
-    object_of,
 )
 from rasterjit.inspect.pixel_report import (
     NOT_DRAWN,
@@ -61,7 +61,7 @@ from rasterjit.survey.plan import RenderPlan
 if TYPE_CHECKING:
     from fractions import Fraction
 
-OUTCODE_WORDS = {
+OUTCODE_NAMES = {
     setup.LEFT: "left", setup.RIGHT: "right", setup.BOTTOM: "bottom", setup.TOP: "top",
     setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
 }  # fmt: skip
@@ -84,7 +84,7 @@ def explain_pixel(
     background: Background = None,
 ) -> PixelExplanation:
     """
-    Say what happened at one pixel, stage by stage.
+    Explain the faces and the colour of one pixel, stage by stage.
 
     Parameters
     ----------
@@ -120,46 +120,51 @@ def explain_pixel(
 
 
 def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) -> PixelExplanation:
-    """Draw a planned frame as far as visibility, and explain one pixel."""
-    drawn = _draw(scene, plan)
+    """Draw a planned frame up to visibility, and explain one pixel."""
+    drawn = _draw_visibility(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
-    light, linear, look, parts = None, plan.background, None, ()
-    if drawn.seen.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
-        look = find_surface(drawn)
-        light, linear = light_terms(drawn, *look, x, y)
-    plain = seen = np.array([srgb_encoding.code_of(linear, plan.facts.encoding)], np.uint32).view(
-        np.uint8
-    )
+    has_face = drawn.seen.coverage.face_id[y, x] >= 0
+    # Shade the visible face.
+    terms, linear, surface_and_light, parts = None, plan.background, None, ()
+    if has_face and plan.facts.draws_faces:
+        surface_and_light = find_surface(drawn)
+        terms, linear = find_light_terms(drawn, *surface_and_light, x, y)
+    codes = np.array([srgb_encoding.code_of(linear, plan.facts.encoding)], np.uint32)
+    color_without_edges = color = codes.view(np.uint8)
+    # Render what one face does not explain: blending, samples, effects on the picture.
     if not all(planned.effect.is_explained for planned in plan.planned):
-        plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
-        if plan.facts.draws_faces and (light is not None or plan.layers is not None):
-            look = look or find_surface(drawn)
-            parts = color_parts(drawn, *look, linear, seen_linear, x, y)
-            faces = tuple(_mark(faces, parts))
-        seen, linear = plain, seen_linear
-    if any(one.effect.is_explained for one in plan.effects_at("overlay")):
+        color, pixel_linear = _render_without_edges(scene, plan, background, x, y)
+        color_without_edges = color
+        if plan.facts.draws_faces and (terms is not None or plan.layers is not None):
+            surface_and_light = surface_and_light or find_surface(drawn)
+            parts = find_color_parts(drawn, *surface_and_light, linear, pixel_linear, x, y)
+            faces = tuple(_mark_visible_faces(faces, parts))
+        linear = pixel_linear
+    if any(overlay.effect.is_explained for overlay in plan.effects_at("overlay")):
         frame = render(
             scene, plan.camera, size=plan.size, quality=plan.quality, background=background,
             cull=plan.cull, threads=1,
         )  # fmt: skip
-        seen = frame.color[y, x]
-    faces, parts = _unsplit(drawn, faces), _unsplit_parts(drawn, parts)
-    reasons = () if drawn.seen.coverage.face_id[y, x] >= 0 else _why_empty(drawn, faces, x, y)
-    return PixelExplanation(
-        x, y, plan.size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
-    )
+        color = frame.color[y, x]
+    # Number the faces as in the scene before a section cut it.
+    faces, parts = _renumber_uncut_faces(drawn, faces), _renumber_uncut_parts(drawn, parts)
+    reasons = () if has_face else _explain_background(drawn, faces, x, y)
+    has_edge = not np.array_equal(color_without_edges, color)
+    return PixelExplanation(x, y, plan.size, faces, reasons, terms, parts, linear, color, has_edge)
 
 
-def _unsplit(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
+def _renumber_uncut_faces(
+    drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]
+) -> tuple[FaceAtPixel, ...]:
     """Return faces renumbered to the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
         return faces
-    found = []
+    renumbered = []
     for face in faces:
         number, owner = cut.original_numbers(face.face, face.object_number)
         is_cap = number >= cut.face_starts[-1]
-        found.append(
+        renumbered.append(
             replace(
                 face,
                 face=number,
@@ -168,10 +173,12 @@ def _unsplit(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceA
                 mesh_vertices=cut.vertices_of(face.object_number, face.mesh_vertices),
             )
         )
-    return tuple(found)
+    return tuple(renumbered)
 
 
-def _unsplit_parts(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
+def _renumber_uncut_parts(
+    drawn: VisibleScene, parts: tuple[ColorPart, ...]
+) -> tuple[ColorPart, ...]:
     """Return the parts of a colour renumbered to the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
@@ -182,25 +189,27 @@ def _unsplit_parts(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[C
     )
 
 
-def _mark(faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]) -> Iterator[FaceAtPixel]:
+def _mark_visible_faces(
+    faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]
+) -> Iterator[FaceAtPixel]:
     """Yield the faces, marking those that are visible through or beside the first."""
     alphas = {part.face: part.alpha for part in parts if part.share > 0.0}
-    is_open = True
+    is_see_through = True
     for face in faces:
         if face.standing in NOT_DRAWN:
             yield face
             continue
         standing = face.standing
         if standing != "visible" and face.face in alphas:
-            standing = SEEN_THROUGH if is_open else SEEN_BESIDE
-        is_open &= alphas.get(face.face, 1.0) < 1.0
+            standing = SEEN_THROUGH if is_see_through else SEEN_BESIDE
+        is_see_through &= alphas.get(face.face, 1.0) < 1.0
         yield replace(face, standing=standing, alpha=alphas.get(face.face))
 
 
-def _seen_without_edges(
+def _render_without_edges(
     scene: Scene, plan: RenderPlan, background: Any, x: int, y: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the colour of one pixel, as codes (4,) and linear (4,), before edges are drawn."""
+    """Return the colour of one pixel without edges, as sRGB codes, (4,), and linear, (4,)."""
     for overlay in plan.effects_at("overlay"):
         if overlay.effect.is_explained:
             scene = overlay.effect.without(scene)
@@ -213,7 +222,7 @@ def _seen_without_edges(
     return frame.color[y, x], frame.linear[y, x]
 
 
-def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
+def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
     """Run the stages of `render` up to visibility."""
     workers = Workers(1)
     cache = update_cache(scene.nodes, None, plan.quality, scene.environment is not None)
@@ -237,121 +246,128 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=alpha_tests, primitives=primitives, is_affine=plan.is_affine,
     )  # fmt: skip
-    wanted = visibility_pass.VisibilityOptions(
+    options = visibility_pass.VisibilityOptions(
         lists=True, clip_positions=True, depth_type=plan.depth_format.kind
     )
-    coverage = visibility_pass.run_visibility(drawable, wanted, workers, lambda _: None)
+    coverage = visibility_pass.run_visibility(drawable, options, workers, lambda _: None)
     lists = coverage.lists
     if objects.culled_windings.any():
         # List the culled faces as well.
-        everything = Objects(objects.face_starts, np.zeros_like(objects.culled_windings))
+        unculled_objects = Objects(objects.face_starts, np.zeros_like(objects.culled_windings))
         starts, binned, _, _ = visibility_pass.set_up_and_bin(
-            lists.faces, everything, coverage.screen, viewport, workers
+            lists.faces, unculled_objects, coverage.screen, viewport, workers
         )
         lists = visibility_pass.TileLists(starts, binned, lists.faces)
-    # Colours are those of one sample of many; what is seen at the centres is that of any quality.
+    # Colours are those of one sample of many; visibility at the centres is the same.
     if plan.pictures > 1:
         viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.supersamples))
     geometry = visibility_pass.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
-    placed = make_placement(arrays, views)
+    placement = make_placement(arrays, views)
     coverage = add_reversed_depth(
-        plan.depth_format, plan.camera, geometry, coverage, workers, placed
+        plan.depth_format, plan.camera, geometry, coverage, workers, placement
     )
-    placement = frame_shading.placement_to_light(plan, placed)
+    placement = frame_shading.placement_to_light(plan, placement)
     seen = visibility_pass.Seen(
         objects, plan.depth_format.coefficients, geometry, placement, coverage
     )
     return VisibleScene(scene, cache, plan, arrays, seen, lists, primitives)
 
 
-def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
-    """Return the vertex numbers, (N, 3), of faces and pieces as the lists number them."""
+def _find_corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the vertex numbers, (N, 3), of triangles of the lists: faces, then pieces."""
     count = len(faces.faces)
-    own = faces.faces[np.minimum(triangles, count - 1)]
+    whole = faces.faces[np.minimum(triangles, count - 1)]
     if not len(faces.pieces):
-        return own
+        return whole
     pieces = faces.pieces[np.maximum(triangles - count, 0)]
-    return np.where((triangles < count)[:, np.newaxis], own, pieces)
+    return np.where((triangles < count)[:, np.newaxis], whole, pieces)
 
 
-def _faces_of(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
-    """Return the face that each triangle of the lists was cut from, or is."""
+def _find_source_faces(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the face of each triangle of the lists: itself, or the one that it is a piece of."""
     count = len(faces.faces)
     numbers = np.append(np.arange(count, dtype=np.int32), faces.piece_faces)
     return numbers[triangles]
 
 
-def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
-    """Return a pixel's centre in steps of the grid."""
+def _snap_center(x: int, y: int, grid_bits: int) -> tuple[int, int]:
+    """Return a pixel's centre in steps of the sub-pixel grid."""
     half = 1 << (grid_bits - 1)
     return (x << grid_bits) + half, (y << grid_bits) + half
 
 
 def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
-    """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
+    """Return the faces that cover a pixel's centre: visible, hidden, culled, cut out."""
     lists = drawn.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
     coverage, viewport = drawn.seen.coverage, drawn.seen.geometry.viewport._replace(spacing=1.0)
     columns = -(-viewport.width // setup.TILE_SIZE)
     tile = (y // setup.TILE_SIZE) * columns + x // setup.TILE_SIZE
     listed = binned[starts[tile] : starts[tile + 1]]
-    # Keep those that the centre may be in: on the inner side of all edges, or on one.
-    a, b, c = np.moveaxis(coverage.screen.xy[_corners(listed, faces)].astype(np.int64), 1, 0)
-    point = np.array(_centre(x, y, viewport.grid_bits))
-    sides = np.stack([_edges(b, c, point), _edges(c, a, point), _edges(a, b, point)])
-    near = listed[(sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)]
-    # Draw each alone: what it covers, and how deep it is there, is the engine's word.
+    # Keep triangles with the centre on one side of all edges, or on an edge.
+    a, b, c = np.moveaxis(coverage.screen.xy[_find_corners(listed, faces)].astype(np.int64), 1, 0)
+    point = np.array(_snap_center(x, y, viewport.grid_bits))
+    sides = np.stack(
+        [_evaluate_edges(b, c, point), _evaluate_edges(c, a, point), _evaluate_edges(a, b, point)]
+    )
+    candidates = listed[(sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)]
+    # Draw each alone, so that coverage and depth are those of a frame.
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
-    one = np.empty(1, np.int32)
+    single = np.empty(1, np.int32)
     drawer = tile_rasterizer.tile_drawer(
-        one, faces, coverage.screen, depth.dtype, coverage.alpha_tests
+        single, faces, coverage.screen, depth.dtype, coverage.alpha_tests
     )
-    bottomless = np.full(len(starts) - 1, tile_rasterizer.empty_depth(depth.dtype))
-    alone = np.zeros(len(starts), np.int64)
-    alone[tile + 1 :] = 1
-    kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
+    no_depth_bounds = np.full(len(starts) - 1, tile_rasterizer.empty_depth(depth.dtype))
+    single_starts = np.zeros(len(starts), np.int64)
+    single_starts[tile + 1 :] = 1
+    unculled = coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]]
+    unculled = set(unculled)
     arguments = (
-        np.array([tile], np.int32), tile_rasterizer.ALL, alone, bottomless, viewport,
+        np.array([tile], np.int32), tile_rasterizer.ALL, single_starts, no_depth_bounds, viewport,
         (depth, face_id), *drawer[:2],
     )  # fmt: skip
-    found = []
-    for triangle in near:
-        one[0] = triangle
+    entries = []
+    for triangle in candidates:
+        single[0] = triangle
         tile_rasterizer.draw_tiles(*arguments, no_holes(depth.dtype))
         if face_id[y, x] < 0:
             continue
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
-        lost = "" if triangle in kept else "culled"
-        if not lost and coverage.alpha_tests is not None:
+        fate = "" if triangle in unculled else "culled"
+        if not fate and coverage.alpha_tests is not None:
             tile_rasterizer.draw_tiles(*arguments, drawer.holes)
-            lost = "" if face_id[y, x] >= 0 else "cut out"
-        found.append((lost, *entry))
+            fate = "" if face_id[y, x] >= 0 else "cut out"
+        entries.append((fate, *entry))
     points = None if coverage.points is None else coverage.points.picture
     if points is not None and points[1][y, x] >= 0:
-        # Of discs and spheres the nearest is known.
-        found.append(("", -float(points[0][y, x]), int(points[1][y, x]), points[1][y, x]))
-    return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]
+        # Only the nearest disc or sphere is known.
+        entries.append(("", -float(points[0][y, x]), int(points[1][y, x]), points[1][y, x]))
+    return [_describe_face(drawn, x, y, *entry) for entry in sorted(entries)]
 
 
-def _edges(
+def _evaluate_edges(
     a: NDArray[np.int64], b: NDArray[np.int64], point: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return the edge functions of many edges at one point."""
-    along, away = b - a, point - a
-    return along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]
+    edge, offset = b - a, point - a
+    return edge[:, 0] * offset[:, 1] - edge[:, 1] * offset[:, 0]
 
 
-def _face_at(
-    drawn: VisibleScene, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
+def _describe_face(
+    drawn: VisibleScene, x: int, y: int, fate: str, nearness: float, face: int, triangle: np.int32
 ) -> FaceAtPixel:
-    """Collect all numbers of one face at one pixel."""
+    """
+    Collect all numbers of one face at one pixel.
+
+    ``fate`` is "culled", "cut out" or ""; ``nearness`` the negated stored depth.
+    """
     arrays, geometry, coverage = drawn.arrays, drawn.seen.geometry, drawn.seen.coverage
-    owner = object_of(drawn, face)
+    owner = find_object(drawn, face)
     node, first = drawn.scene.nodes[owner], int(drawn.cache.shapes.corner_offsets[face])
-    # As the mesh lists them, like the weights of a frame.
+    # Order the vertices as in the mesh, like the weights of a frame.
     vertices = np.roll(arrays.faces[face], first)
     model = arrays.positions[vertices]
     world = transform_points(node.world_from_model, model)[:, :3]
@@ -364,23 +380,23 @@ def _face_at(
     codes = [int(code) for code in geometry.codes[vertices]]
     clipped = any(code & setup.CLIPPED for code in codes)
     if vertices[1] == vertices[2]:
-        # What its vertices are outside of says nothing of a segment or a point.
+        # The outcodes of vertices have no meaning for a segment or a point.
         codes = [0, 0, 0]
-    corners = _corners(np.array([triangle]), drawn.lists.faces)[0]
+    corners = _find_corners(np.array([triangle]), drawn.lists.faces)[0]
     if triangle == face:
         corners = vertices
     snapped = coverage.screen.xy[corners].astype(np.int64)
-    point = _centre(x, y, geometry.viewport.grid_bits)
-    edges, biases = _edge_functions(snapped.tolist(), point)
-    affine, weights = _weights(
+    point = _snap_center(x, y, geometry.viewport.grid_bits)
+    edges, biases = _exact_edge_functions(snapped.tolist(), point)
+    affine, weights = _exact_weights(
         snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size, vertices[1] == vertices[2]
     )
     stored = coverage.depth.dtype.type(-nearness)
     if drawn.plan.is_affine and not clipped:
         weights = affine
     standing = "hidden"
-    if lost:
-        standing = lost
+    if fate:
+        standing = fate
     elif face == coverage.face_id[y, x]:
         standing = "visible"
     elif stored == coverage.depth[y, x]:
@@ -403,7 +419,7 @@ def _face_at(
         ndc=ndc,
         screen=screen,
         outcodes=tuple(
-            tuple(word for bit, word in OUTCODE_WORDS.items() if code & bit) for code in codes
+            tuple(word for bit, word in OUTCODE_NAMES.items() if code & bit) for code in codes
         ),
         clipped=clipped,
         snapped=snapped,
@@ -414,11 +430,11 @@ def _face_at(
         weights=weights,
         stored_depth=float(stored),
         depth=depth,
-        primitive=_primitive_at(drawn, owner, face, clip, weights, (x, y)),
+        primitive=_describe_primitive(drawn, owner, face, clip, weights, (x, y)),
     )
 
 
-def _primitive_at(
+def _describe_primitive(
     drawn: VisibleScene,
     owner: int,
     face: int,
@@ -426,48 +442,48 @@ def _primitive_at(
     weights: Weights,
     pixel: tuple[int, int],
 ) -> PrimitiveAtPixel | None:
-    """Describe the position of a point or a segment in the picture; None for a triangle."""
+    """Return position and size of a point or a segment in the picture; None for a triangle."""
     primitives = drawn.primitives
-    found = None if primitives is None else primitives.find(owner)
-    if primitives is None or found is None:
+    group = None if primitives is None else primitives.find(owner)
+    if primitives is None or group is None:
         return None
-    own = found.sizes[(face - found.faces[0]) % len(found.sizes)]
+    size = group.sizes[(face - group.faces[0]) % len(group.sizes)]
     with np.errstate(over="ignore", invalid="ignore"):
-        place = np.array([float(share) for share in weights]) @ clip
-    size = np.array(drawn.plan.size, np.float64)
-    # What lies behind the eye is nowhere in the picture, and has no size there.
-    w = place[3] if place[3] > 0.0 else np.nan
-    centre = (place[:2] / w * (1.0, -1.0) + 1.0) * (size / 2.0)
-    across = np.ones(2)
-    if found.is_world:
-        is_point = isinstance(found.rule, PointRule)
+        position = np.array([float(weight) for weight in weights]) @ clip
+    picture_size = np.array(drawn.plan.size, np.float64)
+    # Behind the eye there is no position and no size in the picture.
+    w = position[3] if position[3] > 0.0 else np.nan
+    centre = (position[:2] / w * (1.0, -1.0) + 1.0) * (picture_size / 2.0)
+    is_point = isinstance(group.rule, PointRule)
+    pixels_per_unit = np.ones(2)
+    if group.is_world:
         units = primitives.lengths if is_point else (primitives.units,) * 2
-        across = np.array(units) * primitives.scales[owner] / w
+        pixels_per_unit = np.array(units) * primitives.scales[owner] / w
     return PrimitiveAtPixel(
-        kind=found.rule.shape if isinstance(found.rule, PointRule) else "segment",
+        kind=group.rule.shape if is_point else "segment",
         place=centre,
-        size=own * across,
+        size=size * pixels_per_unit,
         offset=np.array(pixel) + 0.5 - centre,
     )
 
 
-def _edge_functions(
+def _exact_edge_functions(
     triangle: list[list[int]], point: tuple[int, int]
 ) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
     """Return the exact edge functions opposite the vertices, positive inside, and their biases."""
     from rasterjit.inspect import oracle
 
     a, b, c = triangle
-    turn = 1 if oracle.edge(a, b, c) > 0 else -1
+    winding = 1 if oracle.edge(a, b, c) > 0 else -1
     edges, biases = [], []
     for start, end in ((b, c), (c, a), (a, b)):
-        edges.append(turn * oracle.edge(start, end, point))
-        dx, dy = turn * (end[0] - start[0]), turn * (end[1] - start[1])
+        edges.append(winding * oracle.edge(start, end, point))
+        dx, dy = winding * (end[0] - start[0]), winding * (end[1] - start[1])
         biases.append(0 if dy < 0 or (dy == 0 and dx > 0) else -1)
     return tuple(edges), tuple(biases)
 
 
-def _weights(
+def _exact_weights(
     triangle: list[list[int]],
     clip: NDArray[np.float64],
     clipped: bool,
@@ -476,7 +492,7 @@ def _weights(
     size: tuple[int, int],
     is_segment: bool,
 ) -> tuple[Weights, Weights]:
-    """Return the exact weights on the triangle drawn, and those of the face's own vertices."""
+    """Return the exact affine weights on the triangle drawn, and those of the face's vertices."""
     from fractions import Fraction
 
     from rasterjit.inspect import oracle
@@ -489,24 +505,24 @@ def _weights(
         return affine, oracle.perspective_weights(triangle, clip[:, 3].tolist(), point)
     centre = (Fraction(2 * pixel[0] + 1, 2), Fraction(2 * pixel[1] + 1, 2))
     if is_segment:
-        return affine, _segment_weights(clip.tolist(), centre, size)
+        return affine, _exact_segment_weights(clip.tolist(), centre, size)
     try:
-        shares = oracle.clip_weights(clip.tolist(), centre, size)
+        weights = oracle.clip_weights(clip.tolist(), centre, size)
     except ValueError:
-        # Seen exactly from its side: the engine takes the first vertex.
+        # Seen exactly from its side: frames take the first vertex.
         return affine, (Fraction(1), Fraction(0), Fraction(0))
-    # Snapping may put a sample on a piece that lies beside the face: held as the engine does.
-    held = [max(share, Fraction(0)) for share in shares]
-    return affine, tuple(share / sum(held) for share in held)
+    # Snapping may put a sample on a piece that lies beside the face: clamp as frames do.
+    clamped = [max(weight, Fraction(0)) for weight in weights]
+    return affine, tuple(weight / sum(clamped) for weight in clamped)
 
 
-def _segment_weights(
+def _exact_segment_weights(
     clip: list[list[float]], point: tuple[Fraction, Fraction], size: tuple[int, int]
 ) -> Weights:
     """Return the weights of a segment, or of a point, at the foot of the perpendicular on it."""
     from fractions import Fraction
 
-    # How far each end lies from the sample, pixels times twice its w.
+    # Offset of each end from the sample, in pixels times twice its w.
     (x0, y0, w0), (x1, y1, w1) = (
         (
             (Fraction(x) + Fraction(w)) * size[0] - 2 * point[0] * Fraction(w),
@@ -515,77 +531,78 @@ def _segment_weights(
         )
         for x, y, _, w in clip[:2]
     )
-    along, down = x1 * w0 - x0 * w1, y1 * w0 - y0 * w1
-    first, second = x0 * along + y0 * down, x1 * along + y1 * down
+    dx, dy = x1 * w0 - x0 * w1, y1 * w0 - y0 * w1
+    first, second = x0 * dx + y0 * dy, x1 * dx + y1 * dy
     if first == second or (first >= 0 and w0 > 0):
         return Fraction(1), Fraction(0), Fraction(0)
-    is_behind = second <= 0 and w1 > 0
-    share = min(max(first / (first - second), Fraction(0)), Fraction(1))
-    share = Fraction(1) if is_behind else share
-    return 1 - share, share, Fraction(0)
+    is_beyond_end = second <= 0 and w1 > 0
+    weight = min(max(first / (first - second), Fraction(0)), Fraction(1))
+    weight = Fraction(1) if is_beyond_end else weight
+    return 1 - weight, weight, Fraction(0)
 
 
-def _why_empty(
+def _explain_background(
     drawn: VisibleScene, faces: tuple[FaceAtPixel, ...], x: int, y: int
 ) -> tuple[str, ...]:
-    """Say why no face is visible at a pixel."""
+    """Return why no face is visible at a pixel, in words."""
     reasons = []
     if faces:
-        for lost in dict.fromkeys(face.standing for face in faces):
-            names = ", ".join(str(face.face) for face in faces if face.standing == lost)
-            reasons.append(f"{lost} faces cover it: {names}")
+        for standing in dict.fromkeys(face.standing for face in faces):
+            numbers = ", ".join(str(face.face) for face in faces if face.standing == standing)
+            reasons.append(f"{standing} faces cover it: {numbers}")
     else:
         reasons.append("no face covers the pixel's centre")
     totals = drawn.seen.coverage.totals
-    nearest_drawn = _nearest_face(drawn, x, y)
-    if nearest_drawn:
-        face, distance = nearest_drawn
+    nearest = _find_nearest_face(drawn, x, y)
+    if nearest:
+        face, distance = nearest
         reasons.append(f"the nearest face drawn is {face}, {distance:.3g} pixels away")
     fates = [
         (totals.outside, "outside the view"), (totals.culled, "turned away"),
         (totals.degenerate, "without area"), (totals.unsampled, "between pixel centres"),
         (totals.invalid, "invalid"), (totals.drawn, "drawn elsewhere"),
     ]  # fmt: skip
-    shares = ", ".join(f"{count:,} {fate}" for count, fate in fates if count)
-    reasons.append(f"of {totals.faces_in:,} faces: {shares}")
+    counts = ", ".join(f"{count:,} {fate}" for count, fate in fates if count)
+    reasons.append(f"of {totals.faces_in:,} faces: {counts}")
     return tuple(reasons)
 
 
-def _nearest_face(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
+def _find_nearest_face(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
     """
     Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels.
 
-    That of discs and spheres is how far the nearest pixel is that shows one. None: none is drawn.
+    The distance of a disc or sphere is that of the nearest pixel that shows it. None without faces.
     """
-    found = [*_nearest_triangle(drawn, x, y), *_nearest_point(drawn, x, y)]
-    return min(found, key=lambda one: one[1], default=None)
+    candidates = [*_find_nearest_triangle(drawn, x, y), *_find_nearest_point(drawn, x, y)]
+    return min(candidates, key=lambda candidate: candidate[1], default=None)
 
 
-def _nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
+def _find_nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
     """Yield the disc or sphere at the nearest covered pixel, and its distance."""
     points = drawn.seen.coverage.points
     if points is not None and points.picture is not None:
         rows, columns = np.nonzero(points.picture[1] >= 0)
         if len(rows):
-            gaps = np.hypot(rows - y, columns - x)
-            n = int(gaps.argmin())
-            yield int(points.picture[1][rows[n], columns[n]]), float(gaps[n])
+            distances = np.hypot(rows - y, columns - x)
+            n = int(distances.argmin())
+            yield int(points.picture[1][rows[n], columns[n]]), float(distances[n])
 
 
-def _nearest_triangle(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
+def _find_nearest_triangle(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
     """Yield the nearest face drawn as triangles, and its distance."""
     triangles = np.unique(drawn.seen.coverage.lists.binned)
     if not len(triangles):
         return
-    unit = float(1 << drawn.seen.geometry.viewport.grid_bits)
-    corners = drawn.seen.coverage.screen.xy[_corners(triangles, drawn.lists.faces)] / unit
+    steps_per_pixel = float(1 << drawn.seen.geometry.viewport.grid_bits)
+    numbers = _find_corners(triangles, drawn.lists.faces)
+    corners = drawn.seen.coverage.screen.xy[numbers] / steps_per_pixel
     point = np.array([x + 0.5, y + 0.5])
-    best = np.full(len(triangles), np.inf)
+    distances = np.full(len(triangles), np.inf)
     for k in range(3):
-        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        squared = np.maximum((along * along).sum(axis=1), 1.0 / unit**2)
-        share = np.clip(((point - start) * along).sum(axis=1) / squared, 0.0, 1.0)
-        gap = start + share[:, np.newaxis] * along - point
-        best = np.minimum(best, np.hypot(gap[:, 0], gap[:, 1]))
-    n = int(best.argmin())
-    yield int(_faces_of(triangles, drawn.lists.faces)[n]), float(best[n])
+        start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        squared = np.maximum((edge * edge).sum(axis=1), 1.0 / steps_per_pixel**2)
+        parameter = np.clip(((point - start) * edge).sum(axis=1) / squared, 0.0, 1.0)
+        offset = start + parameter[:, np.newaxis] * edge - point
+        distances = np.minimum(distances, np.hypot(offset[:, 0], offset[:, 1]))
+    n = int(distances.argmin())
+    yield int(_find_source_faces(triangles, drawn.lists.faces)[n]), float(distances[n])

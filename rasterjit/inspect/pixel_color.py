@@ -33,46 +33,46 @@ from rasterjit.survey.effect import ActiveEffect, FrameContext
 from rasterjit.survey.packed_scene import SceneArrays
 from rasterjit.survey.plan import RenderPlan
 
-COLOR = slice(4, 7)
+LIGHT_COLOR = slice(4, 7)
 """Columns of ``Lighting.lights``."""
 
-AFTER_LIGHT_PLACES = {"seen", "sample"}
+POST_LIGHT_PLACES = {"seen", "sample"}
 """Places of effects that act after the sum of all light."""
 
-CODE_DIFFERENCE = ", and what mixing 8-bit codes differs by"
-"""Name of the part that makes up for blending codes, which do not add up as light does."""
+CODE_BLENDING_NOTE = ", and what mixing 8-bit codes differs by"
+"""Name of the part that blending 8-bit codes adds, which do not add up as light does."""
 
-Shares = dict[int, float]
-"""How much of a pixel each face makes up, from 0 to 1; the visible one comes first."""
+FaceShares = dict[int, float]
+"""Share of a pixel that each face makes up, from 0 to 1; the visible one comes first."""
 
 
-class Lit(NamedTuple):
-    """Lighting of the objects: lights and effects."""
+class SceneLight(NamedTuple):
+    """Lights and effects that a surface is shaded with."""
 
     lighting: Lighting | None
     effects: tuple[ActiveEffect, ...]
 
-    def without(self, *places: str) -> Lit:
+    def without_effects(self, *places: str) -> SceneLight:
         """Return a copy in which effects at some places change nothing."""
         return self._replace(
             effects=tuple(
-                one if set(places).isdisjoint(one.effect.places) else _neutralize(one)
-                for one in self.effects
+                active if set(places).isdisjoint(active.effect.places) else _neutralize(active)
+                for active in self.effects
             )
         )
 
-    def by(self, **fields: Any) -> Lit:
+    def with_lighting(self, **fields: Any) -> SceneLight:
         """Return a copy with other fields of the lighting."""
         return self._replace(lighting=self.lighting._replace(**fields))
 
 
-def _neutralize(one: ActiveEffect) -> ActiveEffect:
-    """Return an effect that changes nothing, as data: no other stage is compiled."""
-    return one._replace(record=one.effect.neutral(one.record))
+def _neutralize(active: ActiveEffect) -> ActiveEffect:
+    """Return an effect with data that changes nothing, so that its stages stay compiled."""
+    return active._replace(record=active.effect.neutral(active.record))
 
 
 class VisibleScene(NamedTuple):
-    """A scene drawn as far as visibility."""
+    """A scene, drawn up to visibility."""
 
     scene: Scene
     cache: SceneCache
@@ -80,119 +80,126 @@ class VisibleScene(NamedTuple):
     arrays: SceneArrays
     seen: visibility_pass.Seen
     lists: visibility_pass.TileLists
-    """Lists of triangles, with culled faces."""
+    """Lists of the tiles' triangles, those of culled faces included."""
     primitives: Primitives | None
-    """Its lines and points."""
+    """Lines and points."""
 
 
-def object_of(drawn: VisibleScene, face: int) -> int:
+def find_object(drawn: VisibleScene, face: int) -> int:
     """Return the number of the object that has a face."""
     return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
 
 
-def find_surface(drawn: VisibleScene) -> tuple[Surface, Lit]:
-    """Return surface and lighting of the objects; vertices are not lit yet."""
+def find_surface(drawn: VisibleScene) -> tuple[Surface, SceneLight]:
+    """Return surface and light of the objects; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.seen.placement, workers, drawn.seen)
     find = partial(find_visible, cache=cache, workers=workers, clock=lambda _: None)
-    lit = Lit(plan.lighting, prepare_effects(look_behind(context, find)))
+    light = SceneLight(plan.lighting, prepare_effects(look_behind(context, find)))
     surface = shading.find_surface(plan, cache.tables)
     points = drawn.seen.coverage.points
     if plan.facts.shades_points and points is not None:
         surface = surface._replace(points=points.read)
-    return surface, lit
+    return surface, light
 
 
-def light_terms(
-    drawn: VisibleScene, whole: Surface, lit: Lit, x: int, y: int
+def find_light_terms(
+    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
 ) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of the visible face's colour, and the colour, (4,) float32, linear."""
     face = int(drawn.seen.coverage.face_id[y, x])
-    owner = object_of(drawn, face)
-    material = drawn.cache.tables.meshes[owner].material
-    linear = shade(drawn, whole, lit, x, y)
-    # Fog and the like lie over the sum of all light.
-    clear = lit.without(*AFTER_LIGHT_PLACES)
-    surface, zero = _without_emission(whole), np.zeros(3, np.float32)
+    material = drawn.cache.tables.meshes[find_object(drawn, face)].material
+    linear = shade_pixel(drawn, surface, light, x, y)
+    # Leave out effects on the sum of all light, such as fog.
+    clear = light.without_effects(*POST_LIGHT_PLACES)
+    unemissive, black = _remove_emission(surface), np.zeros(3, np.float32)
+    # Texture, emission and post-light effects.
     texture, uv = None, np.full(2, np.nan, np.float32)
-    if whole.textures is not None and material.base_color_texture is not None:
-        texture = shade(drawn, _white_unlit(surface), clear, x, y)[:3]
-        uv = _interpolate(drawn, whole.textures.uv, x, y)
-    emission = zero
+    if surface.textures is not None and material.base_color_texture is not None:
+        texture = shade_pixel(drawn, _make_white_unlit(unemissive), clear, x, y)[:3]
+        uv = _interpolate(drawn, surface.textures.uv, x, y)
+    emission = black
     if material.emits:
-        emission = shade(drawn, _scaled_unlit(whole, 0.0), clear, x, y)[:3]
-    over = tuple(_effect_terms(drawn, whole, lit, clear, x, y))
-    own = material.shading, texture, uv, emission
-    shown_for = scalar_at(drawn, surface, clear, x, y)
-    if lit.lighting is None or material.shading == "unlit":
-        base = shade(drawn, surface, clear, x, y)[:3]
-        return LightTerms(own[0], base, *own[1:3], zero, over, emission, *shown_for), linear
-    dark = clear.by(lights=lit.lighting.lights[:0], ambient=zero)
-    ambient = dark.without("around").by(ambient=lit.lighting.ambient)
-    white = dark.without("around", "rows").by(ambient=np.ones(3, np.float32))
-    shown = surface
-    if material.shading == "pbr":
-        # The base colour lies below varnish.
-        shown = _scaled_unlit(surface, 1.0)._replace(layers=None)
-    base = shade(drawn, shown, white, x, y)[:3]
-    terms = tuple(_light_terms(drawn, surface, clear, x, y))
-    for one in lit.effects:
-        if "around" in one.effect.places:
-            terms += (_effect_term(one, shade(drawn, surface, dark, x, y)[:3]),)
-    shed = shade(drawn, surface, ambient, x, y)[:3]
-    return LightTerms(own[0], base, *own[1:3], shed, terms + over, emission, *shown_for), linear
+        emission = shade_pixel(drawn, _make_scaled_unlit(surface, 0.0), clear, x, y)[:3]
+    post_light = tuple(_find_effect_terms(drawn, surface, light, clear, x, y))
+    # Base colour, ambient light and lights.
+    base_surface, base_light, ambient = unemissive, clear, black
+    terms: tuple[LightTerm, ...] = ()
+    if light.lighting is not None and material.shading != "unlit":
+        dark = clear.with_lighting(lights=light.lighting.lights[:0], ambient=black)
+        base_light = dark.without_effects("around", "rows")
+        base_light = base_light.with_lighting(ambient=np.ones(3, np.float32))
+        if material.shading == "pbr":
+            # The base colour lies below the clearcoat.
+            base_surface = _make_scaled_unlit(unemissive, 1.0)._replace(layers=None)
+        terms = tuple(_find_terms_by_light(drawn, unemissive, clear, x, y))
+        for active in light.effects:
+            if "around" in active.effect.places:
+                added = shade_pixel(drawn, unemissive, dark, x, y)[:3]
+                terms += (_make_effect_term(active, added),)
+        ambient_light = dark.without_effects("around")
+        ambient_light = ambient_light.with_lighting(ambient=light.lighting.ambient)
+        ambient = shade_pixel(drawn, unemissive, ambient_light, x, y)[:3]
+    base_color = shade_pixel(drawn, base_surface, base_light, x, y)[:3]
+    return (
+        LightTerms(
+            material.shading, base_color, texture, uv, ambient, terms + post_light, emission,
+            *find_scalar(drawn, unemissive, clear, x, y),
+        ),
+        linear,
+    )  # fmt: skip
 
 
-def scalar_at(
-    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
+def find_scalar(
+    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
 ) -> tuple[float | None, NDArray[np.float32] | None]:
     """Return the scalar of the visible face, and its colour, (3,) linear; None if it has none."""
     face_id, shapes = drawn.seen.coverage.face_id, drawn.cache.shapes
     face = int(face_id[y, x])
-    field = drawn.cache.tables.meshes[object_of(drawn, face)].field
+    field = drawn.cache.tables.meshes[find_object(drawn, face)].field
     if field is None:
         return None, None
-    of_vertices, of_faces = shapes.scalars
-    if field.of_faces and of_faces is not None and surface.face_colors is not None:
-        return float(of_faces[face]), surface.face_colors[face, :3].copy()
+    vertex_scalars, face_scalars = shapes.scalars
+    if field.of_faces and face_scalars is not None and surface.face_colors is not None:
+        return float(face_scalars[face]), surface.face_colors[face, :3].copy()
     scalar = np.empty(face_id.shape, np.float32)
-    scalar_colors.fill_scalars(face_id, (y, y + 1), drawn.seen.geometry, of_vertices, scalar)
-    plain = _white_unlit(surface)._replace(fields=surface.fields, textures=None)
-    return float(scalar[y, x]), shade(drawn, plain, lit, x, y)[:3]
+    scalar_colors.fill_scalars(face_id, (y, y + 1), drawn.seen.geometry, vertex_scalars, scalar)
+    plain = _make_white_unlit(surface)._replace(fields=surface.fields, textures=None)
+    return float(scalar[y, x]), shade_pixel(drawn, plain, light, x, y)[:3]
 
 
-def _effect_terms(
-    drawn: VisibleScene, surface: Surface, lit: Lit, clear: Lit, x: int, y: int
+def _find_effect_terms(
+    drawn: VisibleScene, surface: Surface, light: SceneLight, clear: SceneLight, x: int, y: int
 ) -> Iterator[LightTerm]:
     """Yield the change by each effect that acts on lit samples, in order."""
     before = clear.effects
-    for n, one in enumerate(lit.effects):
-        if not AFTER_LIGHT_PLACES.isdisjoint(one.effect.places):
-            after = (*before[:n], one, *before[n + 1 :])
-            with_it, without = (
-                shade(drawn, surface, lit._replace(effects=some), x, y)[:3]
+    for n, active in enumerate(light.effects):
+        if not POST_LIGHT_PLACES.isdisjoint(active.effect.places):
+            after = (*before[:n], active, *before[n + 1 :])
+            with_it, without_effects = (
+                shade_pixel(drawn, surface, light._replace(effects=some), x, y)[:3]
                 for some in (after, before)
             )
             before = after
-            yield _effect_term(one, with_it - without)
+            yield _make_effect_term(active, with_it - without_effects)
 
 
-def _effect_term(one: ActiveEffect, added: NDArray[np.float32]) -> LightTerm:
+def _make_effect_term(active: ActiveEffect, added: NDArray[np.float32]) -> LightTerm:
     """Return the light that an effect adds to a colour, (3,) float32, as a term."""
-    effect = one.effect
+    effect = active.effect
     return LightTerm(
         effect.term or effect.name, added, np.zeros(3, np.float32), is_of_effect=True,
         is_told_apart=False,
     )  # fmt: skip
 
 
-def _light_terms(
-    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
+def _find_terms_by_light(
+    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
 ) -> Iterator[LightTerm]:
-    """Shade with each light alone: diffuse and specular apart."""
+    """Yield the diffuse and specular light of each light alone."""
     diffuse, black = surface.materials.copy(), surface.materials.copy()
     diffuse[:, records.MATERIAL_SPECULAR] = 0.0
-    # Microfacets have their highlights from the base colour: they are told what to show.
+    # Microfacets take highlights from the base colour: ``lobes`` selects diffuse or specular.
     black[black[:, records.MATERIAL_MODEL] != records.PBR, :3] = 0.0
     kinds = []
     for n, materials in enumerate((diffuse, black)):
@@ -201,20 +208,22 @@ def _light_terms(
             facets = facets._replace(lobes=np.eye(2, dtype=np.float32)[n])
         kinds.append(surface._replace(materials=materials, microfacets=facets))
     dark = np.zeros(3, np.float32)
-    for n, name in enumerate(_light_names(drawn)):
-        # The others stay, without light: shadow maps are numbered by light.
-        lights = lit.lighting.lights.copy()
-        lights[:n, COLOR], lights[n + 1 :, COLOR] = 0.0, 0.0
-        alone = lit.without("around").by(lights=lights, ambient=dark)
-        if lit.lighting.pyrender is not None:
-            yield LightTerm(name, shade(drawn, surface, alone, x, y)[:3], dark, is_told_apart=False)
+    for n, name in enumerate(_name_lights(drawn)):
+        # Keep the others as black lights, as shadow maps are numbered by light.
+        lights = light.lighting.lights.copy()
+        lights[:n, LIGHT_COLOR], lights[n + 1 :, LIGHT_COLOR] = 0.0, 0.0
+        alone = light.without_effects("around").with_lighting(lights=lights, ambient=dark)
+        if light.lighting.pyrender is not None:
+            yield LightTerm(
+                name, shade_pixel(drawn, surface, alone, x, y)[:3], dark, is_told_apart=False
+            )
             continue
-        diffuse, specular = (shade(drawn, part, alone, x, y)[:3] for part in kinds)
+        diffuse, specular = (shade_pixel(drawn, part, alone, x, y)[:3] for part in kinds)
         yield LightTerm(name, diffuse, specular)
 
 
-def _without_emission(surface: Surface) -> Surface:
-    """Return a surface that sends out no light."""
+def _remove_emission(surface: Surface) -> Surface:
+    """Return a surface without emission."""
     if surface.maps is None:
         return surface
     factors = surface.maps.factors.copy()
@@ -222,16 +231,16 @@ def _without_emission(surface: Surface) -> Surface:
     return surface._replace(maps=surface.maps._replace(factors=factors))
 
 
-def _scaled_unlit(surface: Surface, share: float) -> Surface:
-    """Return an unlit surface that shows its base colour times a factor."""
+def _make_scaled_unlit(surface: Surface, share: float) -> Surface:
+    """Return an unlit surface with its base colour times a factor."""
     materials = surface.materials.copy()
     materials[:, :3] *= np.float32(share)
     materials[:, records.MATERIAL_MODEL] = records.UNLIT
     return surface._replace(materials=materials)
 
 
-def _white_unlit(surface: Surface) -> Surface:
-    """Return an unlit surface with white colours, which shows its texture alone."""
+def _make_white_unlit(surface: Surface) -> Surface:
+    """Return an unlit surface with white colours, which shows only its texture."""
     materials = surface.materials.copy()
     materials[:, :4] = 1.0
     materials[:, records.MATERIAL_MODEL] = records.UNLIT
@@ -254,8 +263,8 @@ def _interpolate(
     return attribute[y, x].copy()
 
 
-def _light_names(drawn: VisibleScene) -> list[str]:
-    """Name the lights that are not ambient, in the order the plan has them."""
+def _name_lights(drawn: VisibleScene) -> list[str]:
+    """Return names of the lights that are not ambient, in the order of the plan."""
     scene, planned = drawn.scene, drawn.plan.facts.lights
     if not scene.lights:
         return ["headlight"] if scene.environment is None else []
@@ -266,90 +275,96 @@ def _light_names(drawn: VisibleScene) -> list[str]:
     ]
 
 
-def shade(
-    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int, face: int | None = None
+def shade_pixel(
+    drawn: VisibleScene,
+    surface: Surface,
+    light: SceneLight,
+    x: int,
+    y: int,
+    face: int | None = None,
 ) -> NDArray[np.float32]:
     """
     Shade one pixel with the stages of a frame; return its linear colour, (4,) float32.
 
-    ``face`` is the one to shade; default the visible one.
+    ``face`` defaults to the visible one.
     """
     geometry, placement, plan = drawn.seen.geometry, drawn.seen.placement, drawn.plan
     face = int(drawn.seen.coverage.face_id[y, x]) if face is None else face
-    needs = plan.shading.of(surface, lit.lighting)
+    needs = plan.shading.of(surface, light.lighting)
 
-    def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
-        return _lit_vertices(drawn, needs, surface, Lit(lighting, lit.effects), face)
+    def light_vertices_of_face(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
+        vertex_light = SceneLight(lighting, light.effects)
+        return _light_face_vertices(drawn, needs, surface, vertex_light, face)
 
-    surface = shading.light_surface(plan, surface, lit.lighting, light)
+    surface = shading.light_surface(plan, surface, light.lighting, light_vertices_of_face)
     row = np.full((1, plan.size[0]), tile_rasterizer.NOTHING, np.int32)
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
     stages = Shading(
-        needs, geometry, placement, surface, lit.lighting, lit.effects, plan.facts.encoding,
+        needs, geometry, placement, surface, light.lighting, light.effects, plan.facts.encoding,
         plan.background,
     )  # fmt: skip
     stages.shade(row, y, linear, no_color)
     return linear[0, x].copy()
 
 
-def _lit_vertices(
-    drawn: VisibleScene, needs: ShadingNeeds, surface: Surface, lit: Lit, face: int
+def _light_face_vertices(
+    drawn: VisibleScene, needs: ShadingNeeds, surface: Surface, light: SceneLight, face: int
 ) -> NDArray[np.float32]:
     """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
     vertices = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
     for vertex in drawn.arrays.faces[face].tolist():
         light_vertices(
             needs, (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.seen.placement, surface,
-            lit.lighting, lit.effects, vertices,
+            light.lighting, light.effects, vertices,
         )  # fmt: skip
     return vertices
 
 
-def color_parts(
+def find_color_parts(
     drawn: VisibleScene,
     surface: Surface,
-    lit: Lit,
-    own: NDArray[np.float32],
+    light: SceneLight,
+    face_color: NDArray[np.float32],
     linear: NDArray[np.float32],
     x: int,
     y: int,
 ) -> tuple[ColorPart, ...]:
     """
-    Return the parts of a pixel's colour, the visible face first; none if nothing else is seen.
+    Return the parts of a pixel's colour, the visible face first; none if it shows one face only.
 
     Parameters
     ----------
     drawn : VisibleScene
     surface : Surface
-    lit : Lit
-    own : (4,) float32, linear
-        The colour of the visible face, or what is behind all, where its centre shows none.
+    light : SceneLight
+    face_color : (4,) float32, linear
+        Colour of the visible face; of the background where the pixel's centre shows none.
     linear : (4,) float32, linear
-        The pixel's, which the parts add up to.
+        Colour of the pixel, which the parts add up to.
     x, y : int
     """
-    # What one face alone shows has no parts.
+    # A supersampled pixel has two parts, one of a single face none.
     winner, quality = int(drawn.seen.coverage.face_id[y, x]), drawn.plan.quality
     samples = drawn.plan.facts.supersamples
     if samples is not None and winner >= 0:
         mean = f"what the mean of {samples} samples, each shaded by itself, differs by"
         return (
-            ColorPart(_face_name(drawn, winner), winner, 1.0, 1.0, own[:3]),
-            ColorPart(mean, None, 1.0, 1.0, linear[:3] - own[:3]),
+            ColorPart(_name_face(drawn, winner), winner, 1.0, 1.0, face_color[:3]),
+            ColorPart(mean, None, 1.0, 1.0, linear[:3] - face_color[:3]),
         )
     if drawn.plan.layers is None or samples is not None:
         return ()
-    # Each face's share of the samples, through those before it.
+    # Find each face's share of the samples, through the faces before it.
     drawn = _sample_viewport(drawn)
-    colors = {winner: own} if winner >= 0 else {}
-    shares: Shares = dict.fromkeys(colors, 0.0)
+    colors = {winner: face_color} if winner >= 0 else {}
+    shares: FaceShares = dict.fromkeys(colors, 0.0)
     behind = 0.0
-    for faces, weight in _find_samples(drawn, surface, lit, x, y):
+    for faces, weight in _find_visible_layers(drawn, surface, light, x, y):
         through = weight
         for face in faces:
             if face not in colors:
-                colors[face] = shade(drawn, surface, lit, x, y, face)
+                colors[face] = shade_pixel(drawn, surface, light, x, y, face)
             alpha = _face_alpha(drawn, face, colors[face])
             shares[face] = shares.get(face, 0.0) + through * alpha
             through *= 1.0 - alpha
@@ -357,31 +372,33 @@ def color_parts(
     shares = {face: share for face, share in shares.items() if share > 0.0 or face == winner}
     if shares in ({winner: 1.0}, {}):
         return ()
-    # The faces, and what is behind them.
+    # List the faces and the background.
     opacity = float(linear[3]) or 1.0
     parts = [
         ColorPart(
-            _face_name(drawn, face), face, _face_alpha(drawn, face, colors[face]), share / opacity,
+            _name_face(drawn, face), face, _face_alpha(drawn, face, colors[face]), share / opacity,
             _scale(share / opacity, colors[face][:3]),
         )
         for face, share in shares.items()
     ]  # fmt: skip
-    rest = linear[:3] - sum(part.color for part in parts)
+    remainder = linear[:3] - sum(part.color for part in parts)
     has_sky, image = drawn.plan.facts.shows_environment, drawn.plan.facts.background_image
     alpha = 1.0 if has_sky else float(drawn.plan.background[3])
     if image is not None:
         alpha = image.alpha_at(x, y)
     if behind * alpha > 0.0:
         name = "environment" if has_sky else "background"
-        name += CODE_DIFFERENCE if quality.blending == "srgb8" else ""
-        parts.append(ColorPart(name, None, alpha, behind * alpha / opacity, rest))
+        name += CODE_BLENDING_NOTE if quality.blending == "srgb8" else ""
+        parts.append(ColorPart(name, None, alpha, behind * alpha / opacity, remainder))
     elif quality.blending == "srgb8":
-        parts.append(ColorPart(CODE_DIFFERENCE.removeprefix(", and "), None, 1.0, 1.0, rest))
+        parts.append(
+            ColorPart(CODE_BLENDING_NOTE.removeprefix(", and "), None, 1.0, 1.0, remainder)
+        )
     return tuple(parts)
 
 
 def _sample_viewport(drawn: VisibleScene) -> VisibleScene:
-    """Return the drawn scene with a viewport for samples anywhere in their pixels."""
+    """Return the scene with a viewport for samples anywhere in their pixels."""
     viewport = fragment_bands.sampled_viewport(
         drawn.seen.geometry.viewport, drawn.plan.layers.samples
     )
@@ -389,10 +406,10 @@ def _sample_viewport(drawn: VisibleScene) -> VisibleScene:
     return drawn._replace(seen=drawn.seen._replace(geometry=geometry))
 
 
-def _find_samples(
-    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
+def _find_visible_layers(
+    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
 ) -> Iterator[tuple[list[int], float]]:
-    """Yield the faces visible through each other, nearest first, with their shares."""
+    """Yield the faces of each sample or area, nearest first, and its share of the pixel."""
     plan, geometry, workers = drawn.plan, drawn.seen.geometry, Workers(1)
     alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
     if alpha_tests is not None:
@@ -411,8 +428,10 @@ def _find_samples(
         yield [], float(rest[y - first, x])
         return
     samples = int(plan.layers.samples)
-    most = plan.layers.most
-    for band in fragment_bands.find_layers(rows, lists, samples, finder, workers.memory, most):
+    max_layers = plan.layers.most
+    for band in fragment_bands.find_layers(
+        rows, lists, samples, finder, workers.memory, max_layers
+    ):
         row = y - band.first_row
         if not 0 <= row < band.opaque.shape[1]:
             continue
@@ -424,19 +443,19 @@ def _find_samples(
 
 def _face_alpha(drawn: VisibleScene, face: int, color: NDArray[np.float32]) -> float:
     """Return the alpha of a face at the pixel."""
-    if not drawn.plan.layers.is_blended[object_of(drawn, face)]:
+    if not drawn.plan.layers.is_blended[find_object(drawn, face)]:
         return 1.0
     return float(min(max(color[3], 0.0), 1.0))
 
 
-def _face_name(drawn: VisibleScene, face: int) -> str:
-    """Name a face by its number and its object."""
-    owner = object_of(drawn, face)
+def _name_face(drawn: VisibleScene, face: int) -> str:
+    """Return the number of a face and its object, in words."""
+    owner = find_object(drawn, face)
     name = drawn.scene.nodes[owner].name
     if drawn.cache.cut is not None:
         face, owner = drawn.cache.cut.original_numbers(face, owner)
-    place = f"object {owner}"
-    return f"face {face} of {place if name == place else f'{place} {name}'}"
+    numbered = f"object {owner}"
+    return f"face {face} of {numbered if name == numbered else f'{numbered} {name}'}"
 
 
 def _scale(share: float, color: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 PAGE_WIDTH = 160
-"""Largest width of the tables, columns; they need fewer than 100 but for very long names."""
+"""Largest width of the tables, columns; most need fewer than 100."""
 
 MAX_FACES = 12
-"""Most faces that the table lists; ``PixelExplanation.faces`` holds all."""
+"""Most faces that the table lists."""
 
-FIGURES = 6
-"""Decimal figures of the largest coordinate in a table."""
+SIGNIFICANT_DIGITS = 6
+"""Significant digits of the largest coordinate in a table."""
 
-SNAP_DECIMALS = 4
-"""Least decimals of pixels: a step of the finest grid, 1/4096 pixel, is seen."""
+MIN_PIXEL_DECIMALS = 4
+"""Least decimals of pixels, to show a step of the finest grid, 1/4096 pixel."""
 
-STORED_DECIMALS = 9
-"""Least decimals of stored depth: neighbouring float32 numbers in 0.03..1 differ in them."""
+MIN_DEPTH_DECIMALS = 9
+"""Least decimals of stored depth, to tell neighbouring float32 numbers in 0.03..1 apart."""
 
 MIN_FIXED, MAX_FIXED = 1e-3, 1e6
 """Limits of the largest coordinate that is printed without a power of ten."""
@@ -42,12 +42,12 @@ NOT_DRAWN = ("culled", "cut out")
 SEEN_THROUGH, SEEN_BESIDE = "seen through the above", "seen beside the above"
 """Standings of further visible faces."""
 
-MIN_HIGHLIGHT = 5e-6
-"""Least highlight in the table: smaller ones would print as zero."""
+MIN_LISTED_LIGHT = 5e-6
+"""Least light in the table: less would print as zero."""
 
 
-NEAREST_ONLY = ("disc", "sphere")
-"""Kinds of points of which those behind the nearest are not found."""
+NEAREST_ONLY_KINDS = ("disc", "sphere")
+"""Kinds of points of which only the nearest is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class PrimitiveAtPixel:
 
 @dataclass(frozen=True, eq=False)
 class FaceAtPixel:
-    """One face whose samples include the pixel's centre, and every number on its way there."""
+    """One face that covers the pixel's centre, with its numbers in every space."""
 
     standing: str
     """``"visible"``, ``"seen through the above"`` (all faces before it are transparent),
@@ -147,20 +147,20 @@ class FaceAtPixel:
 
 @dataclass(frozen=True, eq=False)
 class LightTerm:
-    """What one light adds to the colour of the visible face, or an effect."""
+    """Light that one light, or an effect, adds to the colour of the visible face."""
 
     name: str
     """Kind of light and its number in ``Scene.lights``, ``"headlight"``, or of an effect, such as
     ``"environment"`` or ``"fog"`` (which takes light away as well)."""
     diffuse: NDArray[np.float32]
-    """(3,), linear red, green, blue; all that is added where it is not told apart."""
+    """(3,), linear red, green, blue; the sum with specular where they are not told apart."""
     specular: NDArray[np.float32]
     """(3,), linear red, green, blue."""
     is_of_effect: bool = False
     """Whether an effect adds it."""
     is_told_apart: bool = True
-    """Whether diffuse and specular are told apart: not of effects, nor of lights in the way of
-    pyrender's shader."""
+    """Whether diffuse and specular are told apart: not for effects, nor for lights of pyrender's
+    shader."""
 
     @property
     def label(self) -> str:
@@ -170,32 +170,32 @@ class LightTerm:
 
 @dataclass(frozen=True, eq=False)
 class LightTerms:
-    """How the colour of the visible face came about, which its terms add up to."""
+    """Terms that add up to the colour of the visible face."""
 
     shading: str
     """Shading model of the object's material."""
     base_color: NDArray[np.float32]
     """(3,), linear: material times vertex or face colour times texture."""
     texture: NDArray[np.float32] | None
-    """(3,), linear: what the texture shows here; None if the material has none."""
+    """(3,), linear: colour of the texture here; None if the material has none."""
     uv: NDArray[np.float32]
-    """(2,): where on the texture; NaN if the material has none."""
+    """(2,): texture coordinates; NaN if the material has no texture."""
     ambient: NDArray[np.float32]
     """(3,), linear: ambient light on the base colour; zero if the material is unlit."""
     lights: tuple[LightTerm, ...]
-    """Empty if the material is unlit: the base colour is what is seen."""
+    """Empty if the material is unlit."""
     emission: NDArray[np.float32]
-    """(3,), linear: what the surface sends out by itself."""
+    """(3,), linear: light that the surface emits."""
     scalar: float | None = None
     """The mesh's scalar here, as ``Frame.scalar`` has it: NaN where a corner of the face is; None
     if the mesh has none."""
     scalar_color: NDArray[np.float32] | None = None
-    """(3,), linear: what the colour map shows for it, or the contour that lies there."""
+    """(3,), linear: its colour in the colour map, or that of the contour here."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColorPart:
-    """What one face, or what lies behind all, adds to a pixel that shows several."""
+    """Colour that one face, or the background, adds to a pixel that shows several."""
 
     name: str
     """The face and its object, ``"background"`` or ``"environment"``; or what else the colour
@@ -213,7 +213,7 @@ class ColorPart:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PixelExplanation(TextReport):
-    """What happened at one pixel, stage by stage; prints as tables."""
+    """Faces and colour of one pixel, stage by stage; prints as tables."""
 
     x: int
     """Column, from the left."""
@@ -244,20 +244,20 @@ class PixelExplanation(TextReport):
         return self.faces[0] if self.faces and self.faces[0].standing not in NOT_DRAWN else None
 
     def __str__(self) -> str:
-        tables: list[Any] = [_heading(self)]
+        tables: list[Any] = [_format_heading(self)]
         if self.faces:
-            tables.append(_face_table(self))
+            tables.append(_make_face_table(self))
         if self.winner is not None:
-            tables.append(_position_table(self.winner))
+            tables.append(_make_position_table(self.winner))
             if self.winner.primitive is None:
-                tables.append(_edge_table(self.winner))
-                tables += [_weight_table(self.winner)] if self.winner.clipped else []
-        tables.append(_color_table(self))
-        return _as_text(tables)
+                tables.append(_make_edge_table(self.winner))
+                tables += [_make_weight_table(self.winner)] if self.winner.clipped else []
+        tables.append(_make_color_table(self))
+        return _print_as_text(tables)
 
 
-def _heading(pixel: PixelExplanation) -> str:
-    """Describe the pixel and what it shows."""
+def _format_heading(pixel: PixelExplanation) -> str:
+    """Return lines on the pixel and its visible face."""
     width, height = pixel.size
     lines = [
         f"pixel ({pixel.x}, {pixel.y}) of {width} x {height}, sampled at its centre "
@@ -275,58 +275,61 @@ def _heading(pixel: PixelExplanation) -> str:
         f'"{face.object_name}"), {face.depth:.6g} scene units away'
     )  # fmt: skip
     if face.primitive is not None:
-        lines += _primitive_lines(face, face.primitive)
+        lines += _format_primitive(face, face.primitive)
     elif face.clipped:
         lines.append("the face was clipped; the pixel lies in a piece of it")
-    if any(one.kind in NEAREST_ONLY for one in pixel.faces):
+    if any(other.kind in NEAREST_ONLY_KINDS for other in pixel.faces):
         lines.append("of discs and spheres the nearest alone is known; others may lie behind it")
     return "\n".join(lines)
 
 
-def _primitive_lines(face: FaceAtPixel, primitive: PrimitiveAtPixel) -> list[str]:
-    """Say where a point or a segment is on the screen, its size, and where the pixel lies."""
-    wide, high = (f"{side:.4g}" for side in primitive.size.tolist())
+def _format_primitive(face: FaceAtPixel, primitive: PrimitiveAtPixel) -> list[str]:
+    """Return lines on the position and size of a point or a segment, and on the pixel in it."""
+    width, height = (f"{side:.4g}" for side in primitive.size.tolist())
     right, down = primitive.offset.tolist()
     if primitive.kind == "segment":
-        ends = " to ".join(_point(end) for end in face.screen[:2])
+        ends = " to ".join(_format_point(end) for end in face.screen[:2])
         first, last = (float(weight) for weight in face.weights[:2])
         return [
-            f"a segment from {ends} on the screen, {wide} pixels wide here",
+            f"a segment from {ends} on the screen, {width} pixels wide here",
             f"the pixel's centre lies {math.hypot(right, down):.4f} pixels from its middle line,",
             f"at {first:.6f} of vertex {face.mesh_vertices[0]} and {last:.6f} of vertex "
             f"{face.mesh_vertices[1]}",
         ]
     if math.isnan(right):
         return [f"a {primitive.kind}, its centre not in front of the eye"]
-    size = f"{wide} x {high} pixels"
+    size = f"{width} x {height} pixels"
     if primitive.kind != "square":
-        size = f"{wide if wide == high else f'{wide} x {high}'} pixels across"
+        size = f"{width if width == height else f'{width} x {height}'} pixels across"
         size += " at that depth" if primitive.kind == "sphere" else ""
-    across, along = "right" if right >= 0.0 else "left", "below" if down >= 0.0 else "above"
+    side, level = "right" if right >= 0.0 else "left", "below" if down >= 0.0 else "above"
+    centre = _format_point(primitive.place)
     return [
-        f"a {primitive.kind} with its centre at {_point(primitive.place)} on the screen, {size}",
-        f"the pixel's centre lies {abs(right):.4f} pixels {across} of that and {abs(down):.4f} "
-        f"{along} it",
+        f"a {primitive.kind} with its centre at {centre} on the screen, {size}",
+        f"the pixel's centre lies {abs(right):.4f} pixels {side} of that and {abs(down):.4f} "
+        f"{level} it",
     ]
 
 
-def _point(place: NDArray[np.float64]) -> str:
-    """Return a place on the screen as text."""
-    if np.isnan(place).any():
+def _format_point(point: NDArray[np.float64]) -> str:
+    """Return a point on the screen, pixels, as text."""
+    if np.isnan(point).any():
         return "behind the eye"
-    return f"({place[0]:.4f}, {place[1]:.4f})"
+    return f"({point[0]:.4f}, {point[1]:.4f})"
 
 
-def _face_table(pixel: PixelExplanation) -> Table:
+def _make_face_table(pixel: PixelExplanation) -> Table:
     """Return the faces at the pixel, nearest first."""
     faces = pixel.faces
-    table = _table(
+    table = _make_table(
         "faces that cover the centre, nearest first", ("face", "object"),
         ("depth (scene units)", "stored depth"),
     )  # fmt: skip
     table.add_column("")
-    depths = _coordinates(np.array([[face.depth] for face in faces]))
-    stored = _coordinates(np.array([[face.stored_depth] for face in faces]), STORED_DECIMALS)
+    depths = _format_coordinates(np.array([[face.depth] for face in faces]))
+    stored = _format_coordinates(
+        np.array([[face.stored_depth] for face in faces]), MIN_DEPTH_DECIMALS
+    )
     listed = list(zip(faces, depths, stored, strict=True))
     for face, (depth,), (near,) in listed[:MAX_FACES]:
         owner = f"{face.object_number} {face.object_name}"
@@ -339,12 +342,12 @@ def _face_table(pixel: PixelExplanation) -> Table:
     return table
 
 
-def _position_table(face: FaceAtPixel) -> Table:
+def _make_position_table(face: FaceAtPixel) -> Table:
     """Return the vertices in every space."""
     count = face.distinct
-    whose = {1: "centre", 2: "ends", 3: "vertices"}[count]
-    title = f"the {whose} of {face.kind} {face.face}"
-    table = _table(title, ("space", "vertex"), ("x", "y", "z", "w"))
+    points = {1: "centre", 2: "ends", 3: "vertices"}[count]
+    title = f"the {points} of {face.kind} {face.face}"
+    table = _make_table(title, ("space", "vertex"), ("x", "y", "z", "w"))
     table.add_column("outside of")
     outside = [", ".join(words) for words in face.outcodes]
     names = [str(vertex) for vertex in face.mesh_vertices]
@@ -360,11 +363,11 @@ def _position_table(face: FaceAtPixel) -> Table:
         (f"snapped, 1/{1 << face.grid_bits} pixel", drawn, face.snapped),
     ]
     if face.primitive is not None:
-        # What is snapped is its pieces.
+        # Only its pieces are snapped.
         del spaces[-2:]
     for space, vertices, rows in spaces:
-        decimals = SNAP_DECIMALS if "pixels" in space else 0
-        for n, row in enumerate(_coordinates(rows[:count], decimals)):
+        decimals = MIN_PIXEL_DECIMALS if "pixels" in space else 0
+        for n, row in enumerate(_format_coordinates(rows[:count], decimals)):
             cells = row + [""] * (4 - len(row))
             codes = outside[n] if space == "clip" else ""
             table.add_row(
@@ -373,10 +376,10 @@ def _position_table(face: FaceAtPixel) -> Table:
     return table
 
 
-def _edge_table(face: FaceAtPixel) -> Table:
+def _make_edge_table(face: FaceAtPixel) -> Table:
     """Return the edge functions and the weights of the triangle that was drawn."""
     step = f"1/{1 << face.grid_bits} pixel"
-    table = _table(
+    table = _make_table(
         f"at the pixel's centre, edge functions in squares of {step}\n"
         "(covered where each, plus its bias, is 0 or more)",
         ("vertex",), ("edge opposite it", "bias"),
@@ -388,49 +391,54 @@ def _edge_table(face: FaceAtPixel) -> Table:
     for n in range(3):
         name = "cut" if face.clipped else str(face.mesh_vertices[n])
         side = "inside" if face.edges[n] else "on it, a top or left edge"
-        cells = [str(face.edges[n]), str(face.biases[n]), side, _weight(face.affine_weights[n])]
-        table.add_row(name, *cells, *([] if face.clipped else [_weight(face.weights[n])]))
+        cells = [
+            str(face.edges[n]),
+            str(face.biases[n]),
+            side,
+            _format_weight(face.affine_weights[n]),
+        ]
+        table.add_row(name, *cells, *([] if face.clipped else [_format_weight(face.weights[n])]))
     return table
 
 
-def _weight_table(face: FaceAtPixel) -> Table:
-    """Return the weights of a clipped face's own vertices: its piece has others."""
-    table = _table("the weights of the whole face", ("vertex",), ("with perspective",))
+def _make_weight_table(face: FaceAtPixel) -> Table:
+    """Return the weights of a clipped face's vertices."""
+    table = _make_table("the weights of the whole face", ("vertex",), ("with perspective",))
     for vertex, weight in zip(face.mesh_vertices, face.weights, strict=True):
-        table.add_row(str(vertex), _weight(weight))
+        table.add_row(str(vertex), _format_weight(weight))
     return table
 
 
-def _color_table(pixel: PixelExplanation) -> Table:
+def _make_color_table(pixel: PixelExplanation) -> Table:
     """Return the terms of the colour."""
-    table = _table("colour, linear light", ("term",), ("red", "green", "blue"))
+    table = _make_table("colour, linear light", ("term",), ("red", "green", "blue"))
     light = pixel.light
     if light is not None:
         if light.texture is not None:
             u, v = light.uv
-            table.add_row(f"texture at uv ({u:.6g}, {v:.6g})", *_levels(light.texture))
+            table.add_row(f"texture at uv ({u:.6g}, {v:.6g})", *_format_color(light.texture))
         if light.scalar is not None and light.scalar_color is not None:
-            table.add_row(f"scalar {light.scalar:.7g}", *_levels(light.scalar_color))
-        table.add_row(f"base colour ({light.shading})", *_levels(light.base_color))
+            table.add_row(f"scalar {light.scalar:.7g}", *_format_color(light.scalar_color))
+        table.add_row(f"base colour ({light.shading})", *_format_color(light.base_color))
         table.add_section()
         if light.shading != "unlit":
-            table.add_row("ambient", *_levels(light.ambient))
+            table.add_row("ambient", *_format_color(light.ambient))
         for term in light.lights:
-            if term.is_of_effect and abs(term.diffuse).max() < MIN_HIGHLIGHT:
+            if term.is_of_effect and abs(term.diffuse).max() < MIN_LISTED_LIGHT:
                 continue
-            table.add_row(term.label, *_levels(term.diffuse))
-            if term.specular.max() >= MIN_HIGHLIGHT:
-                table.add_row(f"{term.name}, specular", *_levels(term.specular))
-        if light.emission.max() >= MIN_HIGHLIGHT:
-            table.add_row("emission", *_levels(light.emission))
+            table.add_row(term.label, *_format_color(term.diffuse))
+            if term.specular.max() >= MIN_LISTED_LIGHT:
+                table.add_row(f"{term.name}, specular", *_format_color(term.specular))
+        if light.emission.max() >= MIN_LISTED_LIGHT:
+            table.add_row("emission", *_format_color(light.emission))
         table.add_section()
-    for name, color in _mixture_rows(pixel):
-        table.add_row(name, *_levels(color))
+    for name, color in _list_mixture_rows(pixel):
+        table.add_row(name, *_format_color(color))
     if pixel.parts:
         table.add_section()
     summed = pixel.parts or (light is not None and light.lights)
     name = "sum" if summed else "background" if light is None else "seen"
-    table.add_row(name, *_levels(pixel.linear[:3]))
+    table.add_row(name, *_format_color(pixel.linear[:3]))
     if pixel.under_wireframe:
         table.add_row("a line of the wireframe covers it", "", "", "")
     codes = [str(code) for code in pixel.color[:3].tolist()]
@@ -439,8 +447,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
     return table
 
 
-def _mixture_rows(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]]]:
-    """Yield what a pixel's colour is mixed from: how it is called, and its linear colour."""
+def _list_mixture_rows(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]]]:
+    """Yield name and linear colour of each part of a pixel's colour."""
     through = {face.face for face in pixel.faces if face.standing == SEEN_THROUGH}
     parts = pixel.parts
     for n, part in enumerate(parts[:MAX_FACES]):
@@ -452,13 +460,13 @@ def _mixture_rows(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.flo
         alpha = "" if part.alpha == 1.0 else f", alpha {part.alpha:.4g}"
         yield f"{name}{alpha}: x {part.share:.4f}", part.color
     if len(parts) > MAX_FACES:
-        others = parts[MAX_FACES:]
-        share = sum(part.share for part in others)
-        name = f"and {len(others):,} more: x {share:.4f}"
-        yield name, np.sum([part.color for part in others], axis=0)
+        unlisted = parts[MAX_FACES:]
+        share = sum(part.share for part in unlisted)
+        name = f"and {len(unlisted):,} more: x {share:.4f}"
+        yield name, np.sum([part.color for part in unlisted], axis=0)
 
 
-def _table(title: str, left: Iterable[str], right: Iterable[str]) -> Table:
+def _make_table(title: str, left: Iterable[str], right: Iterable[str]) -> Table:
     """Return a table that prints without colour, with columns on the left and on the right."""
     from rich import box
     from rich.table import Table
@@ -471,21 +479,21 @@ def _table(title: str, left: Iterable[str], right: Iterable[str]) -> Table:
     return table
 
 
-def _weight(share: Fraction) -> str:
+def _format_weight(share: Fraction) -> str:
     """Return an exact weight as a decimal."""
     return f"{float(share):.6f}"
 
 
-def _levels(values: NDArray[np.float32]) -> list[str]:
+def _format_color(values: NDArray[np.float32]) -> list[str]:
     """Return linear colour as text."""
     return [f"{value:.5f}" for value in values.tolist()]
 
 
-def _coordinates(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
+def _format_coordinates(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
     """
-    Return coordinates as text, all with as many decimals as give the largest six figures.
+    Return coordinates as text, with decimals for six significant digits of the largest.
 
-    ``decimals`` is the least number of them.
+    ``decimals`` is their least number.
     """
     if rows.dtype.kind == "i":
         return [[str(value) for value in row] for row in rows.tolist()]
@@ -493,16 +501,16 @@ def _coordinates(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
     largest = float(known.max()) if len(known) else 0.0
     if MIN_FIXED <= largest < MAX_FIXED or largest == 0.0:
         whole = len(str(int(largest)))
-        form = f".{max(FIGURES - whole, decimals)}f"
+        form = f".{max(SIGNIFICANT_DIGITS - whole, decimals)}f"
     else:
-        form = f".{FIGURES - 1}e"
+        form = f".{SIGNIFICANT_DIGITS - 1}e"
     return [
         ["-" if math.isnan(value) else format(value + 0.0, form) for value in row]
         for row in rows.tolist()
     ]
 
 
-def _as_text(parts: Iterable[Any]) -> str:
+def _print_as_text(parts: Iterable[Any]) -> str:
     """Return headings and tables as plain text."""
     from rich.console import Console
 
@@ -512,7 +520,7 @@ def _as_text(parts: Iterable[Any]) -> str:
     )
     for part in parts:
         if not isinstance(part, str):
-            # As a line of its own: a table folds its title to its width.
+            # Print the title as a line: a table would fold it to its width.
             console.print(part.title)
             part.title = None
         console.print(part)

@@ -1,4 +1,4 @@
-"""Measure the time of a frame: of its stages, its effects, and some it could have."""
+"""Measure the time of a frame: of its stages, of its effects, and of effects it could have."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rasterjit.survey.effect import QualityEffect
 from rasterjit.survey.plan import RenderPlan
 
 ROUNDS, MAX_ROUNDS = 7, 1_000_000
-"""Default and largest number of frames of each kind, of which the median counts."""
+"""Default and largest number of frames of each kind whose median time is taken."""
 
 
 class Change(NamedTuple):
@@ -34,11 +34,11 @@ class Change(NamedTuple):
 
     name: str
     what: str
-    """``"off"``, or in words what was tried."""
+    """``"off"``, or the change in words."""
     seconds: float
-    """Median time of such a frame."""
+    """Median time of the frame with the change."""
     difference: float
-    """By how much it is slower than the frame as it is; below 0 if it is faster."""
+    """This time less that of the unchanged frame."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,11 +51,11 @@ class FrameProfile(TextReport):
     plan : RenderPlan
     threads : int
     rounds : int
-        How many frames each time is the median of.
+        Number of frames whose median each time is.
     stages : dict of float
-        Seconds of each stage, in order; compiling is no part of them.
+        Seconds of each stage, in order, without compiling.
     changes : tuple of Change
-        The same frame without each effect that is in, and with what it could have besides.
+        The frame without each effect that it uses, and with each that it could use.
     """
 
     plan: RenderPlan
@@ -72,8 +72,8 @@ class FrameProfile(TextReport):
             (f"{change.name}: {change.what}", f"{1e3 * change.difference:+9.2f} ms")
             for change in self.changes
         ]
-        widest = max(len(name) for name, _ in rows)
-        times = "\n".join(f"  {name:<{widest}}  {text}" for name, text in rows)
+        name_width = max(len(name) for name, _ in rows)
+        times = "\n".join(f"  {name:<{name_width}}  {text}" for name, text in rows)
         heading = f"times (median of {self.rounds} frames, {self.threads} threads)"
         return f"{planning.describe(self.plan)}\n\n{heading}\n{times}"
 
@@ -91,11 +91,11 @@ def profile(
     rounds: int = ROUNDS,
 ) -> FrameProfile:
     """
-    Render a frame some times, without each effect that it uses, and with what it could use besides.
+    Time a frame, also without each effect that it uses, and with each that it could use.
 
-    What it could use is what needs no more than the scene has: samples, mip levels, shadows of its
-    lights, ambient occlusion, an outline, a tone curve, a vignette. The frames take turns, so that
-    a machine that slows down slows all of them. Whatever has to be compiled is compiled before.
+    It could use what needs no more than the scene has: samples, mip levels, shadows of its lights,
+    ambient occlusion, an outline, a tone curve, a vignette. The frames take turns, so that a
+    machine that slows down slows all of them. Kernels are compiled before.
 
     Parameters
     ----------
@@ -121,60 +121,57 @@ def profile(
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     options = {"outputs": outputs, "background": background, "cull": cull}
-    first = Subject("", "as it is", scene, quality, Renderer.timed(size, quality, threads))
-    with first.renderer:
-        plan = first.draw(camera, options).plan
-        subjects = [first]
+    unchanged = FrameKind("", "as it is", scene, quality, Renderer.timed(size, quality, threads))
+    with unchanged.renderer:
+        plan = unchanged.draw(camera, options).plan
+        kinds = [unchanged]
         try:
-            for name, label, changed, other in variations(plan, scene, quality):
-                renderer = Renderer.timed(size, other, threads)
-                # The first one has told it.
+            for name, change, changed, changed_quality in list_variations(plan, scene, quality):
+                renderer = Renderer.timed(size, changed_quality, threads)
+                # The unchanged frame has warned already.
                 renderer.warned = None
-                subjects.append(Subject(name, label, changed, other, renderer))
-            frames = _run_rounds(subjects, camera, options, rounds)
+                kinds.append(FrameKind(name, change, changed, changed_quality, renderer))
+            frames = _draw_rounds(kinds, camera, options, rounds)
         finally:
-            for subject in subjects[1:]:
-                subject.renderer.close()
-    names = [frame.stats.seconds for frame in frames[0]]
+            for kind in kinds[1:]:
+                kind.renderer.close()
+    stage_seconds = [frame.stats.seconds for frame in frames[0]]
     stages = {
-        stage: statistics.median(seconds[stage] for seconds in names)
-        for stage in names[0]
+        stage: statistics.median(seconds[stage] for seconds in stage_seconds)
+        for stage in stage_seconds[0]
         if stage != "compile"
     }
-    times = [statistics.median(seconds_of(frame) for frame in some) for some in frames]
+    times = [statistics.median(map(seconds_of, frames_of_kind)) for frames_of_kind in frames]
     changes = tuple(
-        Change(subject.name, subject.what, time, time - times[0])
-        for subject, time in zip(subjects[1:], times[1:], strict=True)
+        Change(kind.name, kind.change, time, time - times[0])
+        for kind, time in zip(kinds[1:], times[1:], strict=True)
     )
-    effects = available_processors() if threads is None else threads
-    return FrameProfile(plan, effects, rounds, stages, times[0], changes)
+    threads = available_processors() if threads is None else threads
+    return FrameProfile(plan, threads, rounds, stages, times[0], changes)
 
 
-class Subject(NamedTuple):
-    """One kind of frame that is measured."""
+class FrameKind(NamedTuple):
+    """One kind of frame to time."""
 
     name: str
-    what: str
+    change: str
     scene: Scene
     quality: Quality
     renderer: Renderer
 
     def draw(self, camera: Camera, options: dict[str, Any]) -> Frame:
-        """Render it once."""
+        """Render one frame of this kind."""
         return self.renderer.render(self.scene, camera, **options)
 
 
-def _run_rounds(
-    subjects: Sequence[Subject], camera: Camera, options: dict[str, Any], rounds: int
+def _draw_rounds(
+    kinds: Sequence[FrameKind], camera: Camera, options: dict[str, Any], rounds: int
 ) -> list[list[Frame]]:
-    """Draw every kind of frame in turn, round by round, after one of each to compile."""
-    for subject in subjects:
-        subject.draw(camera, options)
-    frames: list[list[Frame]] = [[] for _ in subjects]
-    for _ in range(rounds):
-        for subject, taken in zip(subjects, frames, strict=True):
-            taken.append(subject.draw(camera, options))
-    return frames
+    """Return the frames of each kind, drawn in turns, after one of each to compile."""
+    for kind in kinds:
+        kind.draw(camera, options)
+    by_round = [[kind.draw(camera, options) for kind in kinds] for _ in range(rounds)]
+    return [list(frames) for frames in zip(*by_round, strict=True)]
 
 
 Variation = tuple[str, str, Scene, Quality]
@@ -183,31 +180,31 @@ Variation = tuple[str, str, Scene, Quality]
 OFF = "off"
 
 
-def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
-    """Return the scene without each effect that is in, and with each that it could have."""
-    result: list[Variation] = []
+def list_variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
+    """Return the scene without each effect that is used, and with each that could be."""
+    variations: list[Variation] = []
     for planned in plan.planned:
         changed = planned.effect.without(scene)
         if changed is not None:
-            result.append((planned.name, OFF, changed, quality))
+            variations.append((planned.name, OFF, changed, quality))
     for effect in EFFECTS:
         description, changed = effect.add(scene, quality)
         if changed is not None and _is_used(effect.name, plan, changed, quality):
-            result.append((effect.name, description, changed, quality))
+            variations.append((effect.name, description, changed, quality))
     for planned in plan.planned:
         if isinstance(planned.effect, QualityEffect):
-            result.append((planned.name, OFF, scene, planned.effect.quality_without(quality)))
+            variations.append((planned.name, OFF, scene, planned.effect.quality_without(quality)))
     for effect in EFFECTS:
         if not isinstance(effect, QualityEffect):
             continue
-        description, other = effect.quality_with(quality)
-        if other is not None and _is_used(effect.name, plan, scene, other):
-            result.append((effect.name, description, scene, other))
-    return result
+        description, changed_quality = effect.quality_with(quality)
+        if changed_quality is not None and _is_used(effect.name, plan, scene, changed_quality):
+            variations.append((effect.name, description, scene, changed_quality))
+    return variations
 
 
 def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> bool:
-    """Tell whether another scene or quality would have an effect in a frame that is else alike."""
+    """Tell whether an effect is used in a frame with another scene or quality."""
     background = plan.background if plan.facts.has_background else None
     if plan.facts.background_image is not None:
         background = plan.facts.background_image

@@ -366,7 +366,7 @@ def test_measuring_offers_what_the_quality_leaves_open(scene):
     def found(**settings):
         quality = rj.Quality(**settings)
         plan = rj.explain(scene, CAMERA, quality, size=SIZE)
-        return {what for _, what, _, _ in profile.variations(plan, scene, quality)}
+        return {what for _, what, _, _ in profile.list_variations(plan, scene, quality)}
 
     levels = "mip levels for 2 of them"
     assert levels in found()
