@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from rasterjit.accuracy.choice import (
-    MAX_INVISIBLE_ERROR,
-    MAX_SAME_ERROR_RATIO,
+    INVISIBLE_ERROR,
+    SAME_ERROR_RATIO,
     Choice,
     choose,
     choose_among,
@@ -167,7 +167,7 @@ def study_folder(
     }
     # Choose the quality that suits all.
     max_error = options.max_error
-    error_floor = max(MAX_INVISIBLE_ERROR, *(study.reference_error for study in studies.values()))
+    error_floor = max(INVISIBLE_ERROR, *(study.reference_error for study in studies.values()))
     totals = {
         label: _merge_trials(
             label, qualities[label], trials, candidates[STANDARD], max_error, error_floor
@@ -274,8 +274,7 @@ def _is_never_worse(total: Trial, candidates: Mapping[str, Sequence[Trial]]) -> 
     """Tell whether a quality is at least as accurate as the standard on every scene."""
     pairs = zip(candidates[total.label], candidates[STANDARD], strict=True)
     return all(
-        trial.errors.rmse <= MAX_SAME_ERROR_RATIO * standard.errors.rmse
-        for trial, standard in pairs
+        trial.errors.rmse <= SAME_ERROR_RATIO * standard.errors.rmse for trial, standard in pairs
     )
 
 

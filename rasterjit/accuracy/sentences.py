@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from rasterjit.accuracy.choice import (
-    MAX_SAME_ERROR_RATIO,
+    SAME_ERROR_RATIO,
     Choice,
     choose,
     is_measured,
@@ -209,8 +209,7 @@ def _rough_front(study: Study) -> list[Trial]:
         trial
         for trial in study.trials
         if not any(
-            other.ratio <= trial.ratio
-            and other.errors.rmse <= trial.errors.rmse * MAX_SAME_ERROR_RATIO
+            other.ratio <= trial.ratio and other.errors.rmse <= trial.errors.rmse * SAME_ERROR_RATIO
             for other in (study.standard, *study.trials)
             if other is not trial
         )
@@ -297,7 +296,7 @@ def find_key_level(trials: list[Trial], standard: Trial) -> Trial:
     single = [trial for trial in trials if trial.quality.samples not in SUPERSAMPLED] or trials
     undominated = [trial for trial in single if trial.dominated_by is None]
     better = [
-        trial for trial in undominated if trial.errors.rmse * MAX_SAME_ERROR_RATIO < standard_error
+        trial for trial in undominated if trial.errors.rmse * SAME_ERROR_RATIO < standard_error
     ]
     candidates = better or undominated or single
     return max(candidates, key=lambda trial: _error_gain(trial, standard_error))
@@ -367,7 +366,7 @@ def _describe_error_change(trial: Trial, standard: Trial) -> str:
 def _is_same_error(error: float, other: float) -> bool:
     """Tell whether two errors differ by too little to be reported."""
     low, high = sorted((error, other))
-    return high <= low * MAX_SAME_ERROR_RATIO
+    return high <= low * SAME_ERROR_RATIO
 
 
 def format_number(value: float) -> str:

@@ -14,12 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy import effects, results, timing
-from rasterjit.accuracy.choice import (
-    MAX_INVISIBLE_ERROR,
-    choose_among,
-    mark_dominated,
-    pareto_front,
-)
+from rasterjit.accuracy.choice import INVISIBLE_ERROR, choose_among, mark_dominated, pareto_front
 from rasterjit.accuracy.effects import MeasuredEffect
 from rasterjit.accuracy.report.files import prepare_folder, write_report
 from rasterjit.accuracy.results import CPU, STANDARD, Errors, Study, Trial
@@ -553,7 +548,7 @@ class Studio:
 
 def _time_error_product(one: timing.Contestant) -> float:
     """Return time times error; invisible errors count as equal."""
-    return _frame_seconds(one) * max(one.errors.rmse, MAX_INVISIBLE_ERROR)
+    return _frame_seconds(one) * max(one.errors.rmse, INVISIBLE_ERROR)
 
 
 def _frame_seconds(one: timing.Contestant) -> float:

@@ -28,6 +28,9 @@ QUAD = np.array([(0, 1, 2), (0, 2, 3)])
 OPPOSITE_QUAD = np.array([(0, 1, 3), (1, 2, 3)])
 """Faces of four corners, cut along the other diagonal."""
 
+RING_PARTS = 90
+"""Number of parts of a ring."""
+
 Points = NDArray[np.float64]
 
 
@@ -84,11 +87,8 @@ def make_wires() -> MadeScene:
     dark = Material(shading="unlit", base_color=(0.02, 0.03, 0.08))
     for number in range(48):
         sine, cosine = transforms.sine_cosine(7.5 * number + 1.3)
-        direction = np.array([cosine, sine, 0.0])
-        scene.add(
-            Mesh(*_make_strip(0.25 * direction, 1.4 * direction, 0.0022), material=dark),
-            name="spoke",
-        )
+        ray = np.array([cosine, sine, 0.0])
+        scene.add(Mesh(*_make_strip(0.25 * ray, 1.4 * ray, 0.0022), material=dark), name="spoke")
     red = Material(shading="unlit", base_color=(0.5, 0.03, 0.02))
     for radius in (0.25, 0.55, 0.85, 1.15):
         scene.add(Mesh(*_make_ring(radius, 0.002), material=red), name="ring")
@@ -157,12 +157,8 @@ def make_coplanar() -> MadeScene:
     for number in range(8):
         hue = _wave(number / 8.0 + np.array([0.0, 0.33, 0.66]))
         material = Material(shading="unlit", base_color=tuple(hue.tolist()))
-        rotation = transforms.rotate_z(11.0 * number)
-        sheet = transforms.apply(rotation, corners * (3.4 - 0.35 * number)) + (
-            0.0,
-            0.0,
-            1e-5 * number,
-        )
+        spin = transforms.rotate_z(11.0 * number)
+        sheet = transforms.apply(spin, corners * (3.4 - 0.35 * number)) + (0.0, 0.0, 1e-5 * number)
         faces = QUAD if number % 2 else OPPOSITE_QUAD
         scene.add(Mesh(transforms.apply(tilt, sheet), faces, material=material), name="sheet")
     eye, target = (0.0, 0.0, 10.0), (0.0, 0.0, 0.0)
@@ -290,12 +286,10 @@ def _make_bumps(squares: int, side: float, height: float) -> tuple[Points, NDArr
     return vertices, _make_grid_faces(squares, squares)
 
 
-def _make_plate(
-    center: tuple[float, float, float], half_width: float, half_height: float
-) -> Points:
+def _make_plate(center: tuple[float, float, float], half_x: float, half_y: float) -> Points:
     """Return the corners of a rectangle that faces +z."""
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
-    return corners * (half_width, half_height, 0.0) + center
+    return corners * (half_x, half_y, 0.0) + center
 
 
 def _make_box(
@@ -316,12 +310,9 @@ def _make_strip(start: Points, end: Points, half_width: float) -> tuple[Points, 
     return np.array([start - side, end - side, end + side, start + side]), QUAD
 
 
-def _make_ring(
-    radius: float, half_width: float, parts: int = 90
-) -> tuple[Points, NDArray[np.int64]]:
+def _make_ring(radius: float, half_width: float) -> tuple[Points, NDArray[np.int64]]:
     """Return vertices and faces of a flat ring around the z axis."""
-    sines_cosines = [transforms.sine_cosine(360.0 * number / parts) for number in range(parts + 1)]
-    rim = np.array([(cosine, sine, 0.0) for sine, cosine in sines_cosines])
-    return np.concatenate(
-        [rim * (radius + half_width), rim * (radius - half_width)]
-    ), _make_grid_faces(1, parts)
+    angles = [360.0 * n / RING_PARTS for n in range(RING_PARTS + 1)]
+    circle = np.array([(*transforms.sine_cosine(angle)[::-1], 0.0) for angle in angles])
+    vertices = np.concatenate([circle * (radius + half_width), circle * (radius - half_width)])
+    return vertices, _make_grid_faces(1, RING_PARTS)

@@ -24,11 +24,7 @@ from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import (
-    boolean,
-    brief,
-    finite_number,
-)
+from rasterjit.scene.validation import boolean, brief, finite_number
 from rasterjit.survey.clip_planes import NO_PLANE_NEEDS, PlaneNeeds
 
 CameraAt = Callable[[float], Camera]
@@ -37,8 +33,8 @@ MeshAt = Callable[[float], Mesh]
 AnimationsLike: TypeAlias = str | int | Animation | Sequence[str | int | Animation]
 
 
-MAX_SURVEYED = 10_000
-"""Most times that are surveyed before the first frame, for automatic near and far planes."""
+MAX_SURVEYED_TIMES = 10_000
+"""Most times that are surveyed for automatic near and far planes before the first frame."""
 
 
 def frames(
@@ -56,7 +52,7 @@ def frames(
     cull: Cull = "none",
 ) -> Iterator[Frame]:
     """
-    Render one frame for each time, when it is asked for.
+    Render one frame for each time, as frames are taken.
 
     The nodes are restored when the last frame has been taken, or the iterator is closed.
 
@@ -108,15 +104,15 @@ def frames(
     for name, tracks in (("transforms", transform_tracks), ("meshes", mesh_tracks)):
         if not isinstance(tracks, Mapping):
             raise ValueError(f"{name} must be functions by node, got {brief(tracks)}")
-        every = set(map(id, scene.every_node()))
+        scene_nodes = set(map(id, scene.every_node()))
         for node, track in tracks.items():
-            if id(node) not in every:
+            if id(node) not in scene_nodes:
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {brief(track)}")
     clips = () if animation is None else scene._chosen_animations(animation)
-    loop_duration = max((one.duration for one in clips), default=0.0) if repeats else math.inf
-    channels = [channel for one in clips for channel in one.channels]
+    loop_duration = max((clip.duration for clip in clips), default=0.0) if repeats else math.inf
+    channels = [channel for clip in clips for channel in clip.channels]
     options = {"outputs": outputs, "background": background, "cull": cull}
     motion = _Motion(channels, loop_duration, dict(transform_tracks), dict(mesh_tracks))
     return _play(renderer, scene, times, camera, motion, options)
@@ -132,12 +128,12 @@ class _Motion(NamedTuple):
     meshes: Mapping[Node, MeshAt]
 
     def move(self, time: float) -> None:
-        """Put the nodes where they are at a time."""
-        when = time % self.loop_duration if 0.0 < self.loop_duration < math.inf else time
-        parts: dict[Node, dict[str, Any]] = {}
+        """Set the nodes to their states at a time, seconds."""
+        clip_time = time % self.loop_duration if 0.0 < self.loop_duration < math.inf else time
+        values_by_node: dict[Node, dict[str, Any]] = {}
         for channel in self.channels:
-            parts.setdefault(channel.node, {})[channel.path] = channel.at(when)
-        for node, values in parts.items():
+            values_by_node.setdefault(channel.node, {})[channel.path] = channel.at(clip_time)
+        for node, values in values_by_node.items():
             if "weights" in values:
                 node.weights = values.pop("weights")
             if values:
@@ -162,19 +158,19 @@ class _NodeState(NamedTuple):
 
     transform: NDArray[np.float64]
     trs: TRS | None
-    """None where nothing changes these parts alone."""
+    """None if no channel changes translation, rotation or scale."""
     mesh: Mesh | None
     weights: NDArray[np.float64] | None
 
     def restore(self, node: Node) -> None:
-        """Give a node its state back."""
+        """Restore the state of a node."""
         if node.mesh is not self.mesh:
             node.mesh = self.mesh  # type: ignore[assignment]
         node.weights = self.weights
         if self.trs is not None:
             node.set_trs(*self.trs)
         if self.trs is None or not np.array_equal(node.transform, self.transform):
-            # It was no product of these parts.
+            # The transform was no product of translation, rotation and scale.
             node.transform = self.transform
 
 
@@ -187,42 +183,44 @@ def _play(
     options: dict[str, Any],
 ) -> Iterator[Frame]:
     """Move the nodes and render each time; restore the nodes at the end."""
-    before = motion.save_states()
+    states = motion.save_states()
 
     def camera_at(time: float) -> Camera | None:
         """Return the camera at a time; None if one fits the scene."""
         view_camera = camera(time) if callable(camera) else camera
         return scene.camera if view_camera is None else view_camera
 
-    def depths_beside_planes(view_camera: Camera) -> PlaneNeeds:
-        """Return what lies before and behind the planes of a camera, of the nodes as they are."""
+    def find_plane_needs(view_camera: Camera) -> PlaneNeeds:
+        """Return what the nodes in their current states need of automatic planes."""
         return look_from(scene, view_camera, renderer.size, renderer.quality)
 
     try:
-        depths, is_known = NO_PLANE_NEEDS, isinstance(camera, CameraTrack) or not callable(camera)
-        is_short = isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_SURVEYED
-        ahead = is_known and is_short
-        if ahead:
+        plane_needs = NO_PLANE_NEEDS
+        is_known = isinstance(camera, CameraTrack) or not callable(camera)
+        is_short = isinstance(times, (Sequence, np.ndarray)) and len(times) <= MAX_SURVEYED_TIMES
+        is_surveyed = is_known and is_short
+        if is_surveyed:
             # Automatic planes are the same for all frames.
             for raw_time in times:
                 time = finite_number("times", raw_time)
                 if needs_settling(view_camera := camera_at(time)):
                     motion.move(time)
-                    depths = depths.merge(depths_beside_planes(view_camera))
+                    plane_needs = plane_needs.merge(find_plane_needs(view_camera))
         for raw_time in times:
             time = finite_number("times", raw_time)
             motion.move(time)
             view_camera = camera_at(time)
             if needs_settling(view_camera):
-                # Without a survey ahead, planes never move away again.
-                depths = depths if ahead else depths.merge(depths_beside_planes(view_camera))
-                view_camera = move_planes(view_camera, *depths.steps)
+                if not is_surveyed:
+                    # Without a survey, planes only move nearer from frame to frame.
+                    plane_needs = plane_needs.merge(find_plane_needs(view_camera))
+                view_camera = move_planes(view_camera, *plane_needs.steps)
             if view_camera is None:
-                # What turns keeps its size.
+                # Fit the bounding sphere, so that a turning scene keeps its size.
                 view_camera = default_camera(scene, renderer.size, steady=True)
             yield renderer.render(scene, view_camera, **options)
     finally:
-        for node, state in before:
+        for node, state in states:
             state.restore(node)
 
 
@@ -268,6 +266,6 @@ def save(
     try:
         save_animation(path, pictures, fps)
     finally:
-        # What is played puts the nodes back when it is closed, not when the last frame is shown.
+        # `frames` restores the nodes when it is closed.
         if isinstance(frames, Iterator) and hasattr(frames, "close"):
             frames.close()

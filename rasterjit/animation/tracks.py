@@ -1,10 +1,10 @@
 """
 Animate cameras, transforms and morph weights: by key frames, or around a scene.
 
-SciPy draws the curves. ``"linear"`` joins the keys by straight lines and turns at a constant speed
-(spherical linear interpolation of quaternions); ``"smooth"`` goes through the same keys without a
-jolt: natural cubic splines, and splines of rotations with a continuous angular acceleration. Before
-the first key and after the last a track stands still.
+SciPy makes the curves. ``"linear"`` joins the keys by straight lines and rotates at a constant
+speed (spherical linear interpolation of quaternions); ``"smooth"`` uses natural cubic splines, and
+splines of rotations with a continuous angular acceleration. Before the first key and after the last
+a track is constant.
 
 References
 ----------
@@ -41,20 +41,19 @@ Interpolation: TypeAlias = Literal["linear", "smooth"]
 INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
 Curve = Callable[[float], Any]
 
-FULL_TURN = 360.0
-"""Degrees."""
+DEGREES_PER_TURN = 360.0
 
-MEASURED_TIMES = 33
-"""Of an animation, from its beginning to its end."""
+MEASURED_TIME_COUNT = 33
+"""Number of times of an animation at which a scene is measured."""
 
 
 class _Track(Guarded):
-    """Keys at times, and what is common to all that goes between them."""
+    """Keys at times: the base of all tracks."""
 
     _FIELDS = ("times", "keys", "interpolation", "mesh")
 
     def __init__(self, times: ArrayLike, keys: Sequence[Any], interpolation: Interpolation) -> None:
-        self.times = _key_times(times)
+        self.times = _check_key_times(times)
         self.keys = tuple(keys)
         self.interpolation = one_of("interpolation", interpolation, INTERPOLATIONS)
         if len(self.keys) != len(self.times):
@@ -70,11 +69,11 @@ class _Track(Guarded):
         )
 
     def _key_at(self, time: float) -> tuple[float, Any]:
-        """Return the time, and the key if it is that of one, or is before or after all."""
+        """Return the time, clamped to those of the keys, and the key at that time or None."""
         time = finite_number("time", time)
         time = min(max(time, float(self.times[0])), float(self.times[-1]))
-        nearest = int(np.searchsorted(self.times, time))
-        return time, self.keys[nearest] if self.times[nearest] == time else None
+        number = int(np.searchsorted(self.times, time))
+        return time, self.keys[number] if self.times[number] == time else None
 
 
 class CameraTrack(_Track):
@@ -126,36 +125,36 @@ class CameraTrack(_Track):
         targets = np.array([camera.target for camera in self.keys])
         eyes = np.array([camera.eye for camera in self.keys])
         distances = np.sqrt(np.square(eyes - targets).sum(axis=1))
-        self._target = _curve(self.times, targets, interpolation)
-        self._turn = _turning(self.times, views.transpose(0, 2, 1), interpolation)
-        self._log_distance = _monotone(self.times, np.log(distances), interpolation)
+        self._target = _make_curve(self.times, targets, interpolation)
+        self._rotation = _make_rotation_curve(self.times, views.transpose(0, 2, 1), interpolation)
+        self._log_distance = _make_monotone_curve(self.times, np.log(distances), interpolation)
         names = {field.name for field in dataclasses.fields(kind)} - {"eye", "target", "up"}
-        self._numbers = {name: self._number(name) for name in sorted(names)}
+        self._numbers = {name: self._make_number_curve(name) for name in sorted(names)}
 
     def __call__(self, time: float) -> PerspectiveCamera | OrthographicCamera:
-        """Return the camera at a time, seconds; at the time of a key, that key."""
+        """Return the camera at a time, seconds: a key at its own time."""
         time, key = self._key_at(time)
         if key is not None:
             return key
-        axes = self._turn(time)
+        axes = self._rotation(time)
         target = self._target(time)
         numbers = {name: curve(time) for name, curve in self._numbers.items()}
         eye = target + np.exp(self._log_distance(time)) * axes[:, 2]
         return type(self.keys[0])(eye, target, axes[:, 1], **numbers)
 
-    def _number(self, name: str) -> Curve:
-        """Return the curve of one of the cameras' numbers, or of what none of them gives."""
-        given = [getattr(camera, name) for camera in self.keys]
-        if all(value is None for value in given):
+    def _make_number_curve(self, name: str) -> Curve:
+        """Return the curve of a field of the cameras; of None if no camera sets the field."""
+        fields = [getattr(camera, name) for camera in self.keys]
+        if all(value is None for value in fields):
             return lambda time: None
-        if any(value is None for value in given):
-            raise ValueError(f"cameras must all have a {name}, or none, got {given}")
-        values = np.array(given)
+        if any(value is None for value in fields):
+            raise ValueError(f"cameras must all have a {name}, or none, got {fields}")
+        values = np.array(fields)
         if (values == values[0]).all():
             return lambda time: float(values[0])
         if not np.isfinite(values).all():
             raise ValueError(f"cameras must all have a finite {name}, or none, got {values}")
-        curve = _monotone(self.times, values, self.interpolation)
+        curve = _make_monotone_curve(self.times, values, self.interpolation)
         return lambda time: float(curve(time))
 
 
@@ -191,25 +190,25 @@ class TransformTrack(_Track):
         super().__init__(times, matrices, interpolation)
         if not (matrices[:, 3] == (0.0, 0.0, 0.0, 1.0)).all():
             raise ValueError("transforms must have last rows (0, 0, 0, 1)")
-        polar = _scipy("linalg").polar
+        polar = _import_scipy("linalg").polar
         rotations, stretches = [], []
         for matrix in matrices:
             rotation, stretch = polar(matrix[:3, :3])
-            # What mirrors goes into the stretch.
+            # A reflection goes into the stretch.
             sign = np.sign(_determinant(rotation))
             rotations.append(sign * rotation)
             stretches.append(sign * stretch)
-        self._turn = _turning(self.times, np.array(rotations), interpolation)
-        self._stretch = _curve(self.times, np.array(stretches), interpolation)
-        self._offset = _curve(self.times, matrices[:, :3, 3], interpolation)
+        self._rotation = _make_rotation_curve(self.times, np.array(rotations), interpolation)
+        self._stretch = _make_curve(self.times, np.array(stretches), interpolation)
+        self._offset = _make_curve(self.times, matrices[:, :3, 3], interpolation)
 
     def __call__(self, time: float) -> Float64:
-        """Return the transform, (4, 4) float64, at a time; at that of a key, that key."""
+        """Return the transform, (4, 4) float64, at a time: a key at its own time."""
         time, key = self._key_at(time)
         if key is not None:
             return key.copy()
         matrix = np.eye(4)
-        matrix[:3, :3] = self._turn(time) @ self._stretch(time)
+        matrix[:3, :3] = self._rotation(time) @ self._stretch(time)
         matrix[:3, 3] = self._offset(time)
         return matrix
 
@@ -252,13 +251,13 @@ class MorphTrack(_Track):
         shapes = finite_array("vertices", vertices, (None, len(mesh.vertices), 3))
         super().__init__(times, shapes, interpolation)
         self.mesh = mesh
-        self._curve = _curve(self.times, shapes, interpolation)
+        self._curve = _make_curve(self.times, shapes, interpolation)
 
     def __call__(self, time: float) -> Mesh:
-        """Return the mesh at a time, seconds; at the time of a key, its vertices."""
+        """Return the mesh at a time, seconds, with the vertices of a key at its own time."""
         time, key = self._key_at(time)
         mesh = self.mesh
-        moved = Mesh(
+        morphed = Mesh(
             self._curve(time) if key is None else key,
             mesh.faces,
             colors=mesh.vertex_colors,
@@ -267,43 +266,43 @@ class MorphTrack(_Track):
             attributes=mesh.vertex_attributes,
             material=mesh.material,
         )
-        copy_field(moved, mesh)
-        return set_face_values(moved, mesh.face_colors, mesh.face_attributes)
+        copy_field(morphed, mesh)
+        return set_face_values(morphed, mesh.face_colors, mesh.face_attributes)
 
 
-def _key_times(times: ArrayLike) -> Float64:
+def _check_key_times(times: ArrayLike) -> Float64:
     """Return the times of keys, (K,) float64, or raise ``ValueError``."""
-    found = finite_array("times", times, (None,)).copy()
-    if not len(found) or not (np.diff(found) > 0.0).all():
-        raise ValueError(f"times must be one or more growing numbers, got {found.tolist()}")
-    return found
+    key_times = finite_array("times", times, (None,)).copy()
+    if not len(key_times) or not (np.diff(key_times) > 0.0).all():
+        raise ValueError(f"times must be one or more growing numbers, got {key_times.tolist()}")
+    return key_times
 
 
-def _curve(times: Float64, values: Float64, interpolation: Interpolation) -> Curve:
-    """Return a curve through rows of values: straight, or a natural cubic spline."""
+def _make_curve(times: Float64, values: Float64, interpolation: Interpolation) -> Curve:
+    """Return a curve through rows of values: linear, or a natural cubic spline."""
     if len(times) == 1:
         return lambda time: values[0]
-    interpolate = _scipy("interpolate")
+    interpolate = _import_scipy("interpolate")
     if interpolation == "linear":
         return interpolate.make_interp_spline(times, values, k=1)
     return interpolate.CubicSpline(times, values, bc_type="natural")
 
 
-def _monotone(times: Float64, values: Float64, interpolation: Interpolation) -> Curve:
-    """Return a curve through values that stays between each two neighbours."""
+def _make_monotone_curve(times: Float64, values: Float64, interpolation: Interpolation) -> Curve:
+    """Return a curve through values that is monotone between neighbours."""
     if len(times) == 1 or interpolation == "linear":
-        return _curve(times, values, "linear")
-    return _scipy("interpolate").PchipInterpolator(times, values)
+        return _make_curve(times, values, "linear")
+    return _import_scipy("interpolate").PchipInterpolator(times, values)
 
 
-def _turning(times: Float64, rotations: Float64, interpolation: Interpolation) -> Curve:
-    """Return the rotations, (3, 3), between those given, (K, 3, 3)."""
+def _make_rotation_curve(times: Float64, rotations: Float64, interpolation: Interpolation) -> Curve:
+    """Return a curve of rotations, (3, 3), through keys, (K, 3, 3)."""
     if len(times) == 1:
         return lambda time: rotations[0]
-    spatial = _scipy("spatial.transform")
-    kind = spatial.Slerp if interpolation == "linear" else spatial.RotationSpline
-    turn = kind(times, spatial.Rotation.from_matrix(rotations))
-    return lambda time: turn(time).as_matrix()
+    spatial = _import_scipy("spatial.transform")
+    curve_type = spatial.Slerp if interpolation == "linear" else spatial.RotationSpline
+    curve = curve_type(times, spatial.Rotation.from_matrix(rotations))
+    return lambda time: curve(time).as_matrix()
 
 
 def _determinant(matrix: Float64) -> float:
@@ -311,8 +310,8 @@ def _determinant(matrix: Float64) -> float:
     return float(np.cross(matrix[0], matrix[1]) @ matrix[2])
 
 
-def _scipy(name: str) -> Any:
-    """Import a part of SciPy, or say what brings it."""
+def _import_scipy(name: str) -> Any:
+    """Import a module of SciPy, or raise ``ImportError`` naming what to install."""
     from importlib import import_module
 
     try:
@@ -368,32 +367,29 @@ def turntable(
     """
     period = positive_number("seconds", seconds)
     start = finite_number("azimuth", azimuth)
-    height = bounded_number("elevation", elevation, -90.0, 90.0)
-    frame = camera_fitting.up_rotation(up)
-    sphere = measured(scene) if animation is None else _measured_moving(scene, animation)
+    elevation = bounded_number("elevation", elevation, -90.0, 90.0)
+    rotation = camera_fitting.up_rotation(up)
+    sphere = measure_sphere(scene) if animation is None else _measure_animation(scene, animation)
+
+    def direction(azimuth: float, elevation: float) -> Float64:
+        return transforms.apply(rotation, camera_fitting.orbit_direction(azimuth, elevation))
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
         """Return the camera at a time, seconds."""
-        turned = start + FULL_TURN * (finite_number("time", time) / period)
-        # Ninety degrees above the camera is up for it, at the poles as well.
+        azimuth = start + DEGREES_PER_TURN * (finite_number("time", time) / period)
+        # The direction ninety degrees above the camera's is up, at the poles as well.
         return camera_fitting.fit_camera(
-            sphere,
-            transforms.apply(frame, camera_fitting.orbit_direction(turned, height)),
-            fov_y,
-            up=transforms.apply(
-                frame, camera_fitting.orbit_direction(turned, height + FULL_TURN / 4.0)
-            ),
-            zoom=zoom,
-            projection=projection,
-            aspect=aspect,
-        )
+            sphere, direction(azimuth, elevation), fov_y,
+            up=direction(azimuth, elevation + DEGREES_PER_TURN / 4.0),
+            zoom=zoom, projection=projection, aspect=aspect,
+        )  # fmt: skip
 
     camera_at(0.0)
     return camera_at
 
 
-class _Sphere(NamedTuple):
-    """What a scene measured."""
+class _BoundingSphere(NamedTuple):
+    """A bounding sphere that was measured once."""
 
     center: NDArray[np.float64]
     radius: float
@@ -403,22 +399,23 @@ class _Sphere(NamedTuple):
         return self.center, self.radius
 
 
-def _measured_moving(scene: Bounded, animation: Any) -> Bounded:
-    """Return a sphere around all that a scene's animations show, measured at some times."""
+def _measure_animation(scene: Bounded, animation: Any) -> Bounded:
+    """Return a sphere around a scene at all times of an animation, measured at some of them."""
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene to play an animation, got {brief(scene)}")
-    length = max((one.duration for one in scene._chosen_animations(animation)), default=0.0)
-    times = np.linspace(0.0, length, MEASURED_TIMES).tolist()
+    clips = scene._chosen_animations(animation)
+    duration = max((clip.duration for clip in clips), default=0.0)
+    times = np.linspace(0.0, duration, MEASURED_TIME_COUNT).tolist()
     spheres = [scene.at(time, animation).bounding_sphere() for time in times]
     lows = np.array([center - radius for center, radius in spheres])
     highs = np.array([center + radius for center, radius in spheres])
     middle = (lows.min(axis=0) + highs.max(axis=0)) / 2.0
-    reach = max(
+    radius = max(
         float(np.sqrt(np.square(center - middle).sum())) + radius for center, radius in spheres
     )
-    return _Sphere(middle, reach)
+    return _BoundingSphere(middle, radius)
 
 
-def measured(scene: Bounded) -> Bounded:
-    """Return the sphere around a scene, or another thing to draw, measured once."""
-    return _Sphere(*camera_fitting.as_bounded(scene).bounding_sphere())
+def measure_sphere(scene: Bounded) -> Bounded:
+    """Measure the bounding sphere of a scene, or of anything else to draw, once."""
+    return _BoundingSphere(*camera_fitting.as_bounded(scene).bounding_sphere())

@@ -1,10 +1,9 @@
 """
-Write animations, whole or not at all, one frame at a time.
+Write animations atomically, one frame at a time.
 
-No frame is kept longer than it takes to encode it, so that the length of an animation is bounded by
-the disk and not by memory. Pillow encodes the frames of a GIF one by one; what it has for animated
-WebP and PNG holds all frames until the last is there, so those and MP4 are encoded by the ffmpeg
-that the extra ``rasterjit[video]`` brings.
+No frame is held longer than it takes to encode it, so that the length of an animation is bounded by
+the disk and not by memory. Pillow encodes the frames of a GIF one by one. Its writers of animated
+WebP and PNG hold all frames, so the ffmpeg of the extra ``rasterjit[video]`` encodes those and MP4.
 """
 
 from __future__ import annotations
@@ -32,25 +31,25 @@ Pictures = Iterator[NDArray[np.uint8]]
 ANIMATION_FORMATS = (".gif", ".mp4", ".webp", ".apng")
 """Extensions that ``save_animation`` writes."""
 
-FASTEST = {".gif": 50, ".mp4": 120, ".webp": 120, ".apng": 120}
-"""Most frames a second: players slow a GIF down whose frames last less than 1/50 s."""
+MAX_FPS = {".gif": 50, ".mp4": 120, ".webp": 120, ".apng": 120}
+"""Most frames a second: players slow GIFs down whose frames last less than 1/50 s."""
 
 GIF_COLORS = 255
-"""Colours of one frame: the palette's last place is left to transparency."""
+"""Colours of one frame; the last entry of the palette is transparency."""
 
-GIF_TICKS = 100
-"""A GIF's frames last whole hundredths of a second."""
+GIF_TICKS_PER_SECOND = 100
+"""Resolution of the durations of a GIF's frames."""
 
-CLEAR_BEFORE_NEXT = 2
-"""A GIF's disposal method: a frame is cleared away before the next one is shown."""
+GIF_DISPOSAL_CLEAR = 2
+"""A GIF's disposal method: clear a frame before the next one."""
 
-SHORTEST_BOX, LONG_BOX = 8, 1
-"""Bytes of the smallest box of an MP4, and the size that stands for one of 64 bits."""
+MIN_MP4_BOX, MP4_SIZE_IS_64_BITS = 8, 1
+"""Bytes of the smallest box of an MP4, and the size field of boxes with a size of 64 bits."""
 
-PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
+PNG_LAST_CHUNK = b"\0\0\0\0IEND\xaeB`\x82"
 """The last chunk of a PNG."""
 
-FFMPEG: dict[str, dict[str, Any]] = {
+FFMPEG_OPTIONS: dict[str, dict[str, Any]] = {
     # H.264 at no visible blocks around edges, about a tenth of the GIF's size.
     ".mp4": {"quality": 8, "codec": "libx264", "macro_block_size": 2},
     ".webp": {
@@ -62,12 +61,12 @@ FFMPEG: dict[str, dict[str, Any]] = {
         "output_params": ["-plays", "0", "-f", "apng"],
     },
 }  # fmt: skip
-"""What ffmpeg is asked for. WebP and PNG keep every bit; 0 loops or plays are without end."""
+"""Options of ffmpeg by format: WebP and PNG are lossless; 0 loops or plays repeat for ever."""
 
 
 def check_animation(path: str | Path, size: tuple[int, int], fps: float, opaque: bool) -> Path:
     """
-    Check what `save_animation` needs, before anything is rendered.
+    Check the arguments of `save_animation` before anything is rendered; return the path.
 
     Parameters
     ----------
@@ -85,10 +84,10 @@ def check_animation(path: str | Path, size: tuple[int, int], fps: float, opaque:
     ImportError
         If the format needs ffmpeg and the extra ``rasterjit[video]`` is not installed.
     """
-    place = checked_path(path, ANIMATION_FORMATS)
-    suffix = place.suffix.lower()
-    check_speed(fps, suffix)
-    if suffix in FFMPEG and importlib.util.find_spec("imageio_ffmpeg") is None:
+    target = checked_path(path, ANIMATION_FORMATS)
+    suffix = target.suffix.lower()
+    check_fps(fps, suffix)
+    if suffix in FFMPEG_OPTIONS and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ImportError(f'{suffix} needs imageio-ffmpeg; pip install "rasterjit[video]"')
     if suffix == ".mp4":
         if size[0] % 2 or size[1] % 2:
@@ -97,14 +96,14 @@ def check_animation(path: str | Path, size: tuple[int, int], fps: float, opaque:
             raise ValueError(
                 ".mp4 cannot be transparent: choose another background, .gif, .webp or .apng"
             )
-    return place
+    return target
 
 
-def check_speed(fps: float, suffix: str) -> None:
+def check_fps(fps: float, suffix: str) -> None:
     """Raise ``ValueError`` if a format cannot show that many frames a second."""
     is_number = isinstance(fps, (int, float, np.number)) and not isinstance(fps, bool)
-    if not is_number or not 1 <= fps <= FASTEST[suffix]:
-        raise ValueError(f"fps must be in 1..{FASTEST[suffix]} for {suffix}, got {fps!r}")
+    if not is_number or not 1 <= fps <= MAX_FPS[suffix]:
+        raise ValueError(f"fps must be in 1..{MAX_FPS[suffix]} for {suffix}, got {fps!r}")
 
 
 def save_animation(
@@ -137,28 +136,28 @@ def save_animation(
         If the file cannot be written. Whatever is raised, by ``pictures`` as well, an existing file
         is left as it was, and no other remains.
     """
-    place = checked_path(path, ANIMATION_FORMATS)
-    suffix = place.suffix.lower()
-    check_speed(fps, suffix)
+    target = checked_path(path, ANIMATION_FORMATS)
+    suffix = target.suffix.lower()
+    check_fps(fps, suffix)
     if not isinstance(pictures, Iterable):
         raise ValueError(f"pictures must be an iterable of pictures, got {brief(pictures)}")
     pictures = iter(pictures)
-    nothing = object()
-    first = next(pictures, nothing)
-    if first is nothing:
+    missing = object()
+    first = next(pictures, missing)
+    if first is missing:
         raise ValueError("pictures must hold at least one picture, got none")
     shape = np.shape(first)
-    check_animation(place, (*shape[1::-1], 0, 0)[:2], fps, opaque=True)
-    checked = _checked(itertools.chain([first], pictures), shape, suffix)
-    with atomic_file(place) as temporary:
+    check_animation(target, (*shape[1::-1], 0, 0)[:2], fps, opaque=True)
+    checked_pictures = _check_pictures(itertools.chain([first], pictures), shape, suffix)
+    with atomic_file(target) as temporary:
         if suffix == ".gif":
-            _write_gif(temporary, checked, fps)
+            _write_gif(temporary, checked_pictures, fps)
         else:
-            _write_with_ffmpeg(temporary, checked, fps, (shape[1], shape[0]))
+            _write_with_ffmpeg(temporary, checked_pictures, fps, (shape[1], shape[0]))
 
 
-def _checked(pictures: Iterable[Any], shape: tuple[int, ...], suffix: str) -> Pictures:
-    """Yield pictures that are fit to be encoded, or raise ``ValueError``."""
+def _check_pictures(pictures: Iterable[Any], shape: tuple[int, ...], suffix: str) -> Pictures:
+    """Yield pictures as RGBA, or raise ``ValueError`` if one cannot be encoded."""
     for number, picture in enumerate(pictures):
         pixels = np.asarray(picture)
         is_picture = pixels.ndim == 3 and pixels.shape[2] in (3, 4) and pixels.size > 0
@@ -180,33 +179,33 @@ def _checked(pictures: Iterable[Any], shape: tuple[int, ...], suffix: str) -> Pi
 
 
 def _write_gif(path: Path, pictures: Pictures, fps: float) -> None:
-    """Encode each frame with Pillow as it comes; its writer of whole files would keep them all."""
+    """Encode each frame with Pillow as it comes; its writer of whole files would hold all."""
     from PIL.GifImagePlugin import getdata, getheader
 
     with path.open("wb") as file:
         for number, pixels in enumerate(pictures):
-            picture = _indexed(pixels)
-            start, end = (round(GIF_TICKS * n / fps) for n in (number, number + 1))
-            options = {"duration": 1000 // GIF_TICKS * (end - start)}
+            picture = _make_palette_image(pixels)
+            start, end = (round(GIF_TICKS_PER_SECOND * n / fps) for n in (number, number + 1))
+            options = {"duration": 1000 // GIF_TICKS_PER_SECOND * (end - start)}
             if "transparency" in picture.info:
                 options["transparency"] = picture.info["transparency"]
             if number == 0:
                 file.writelines(getheader(picture, info={"loop": 0})[0])
             file.writelines(
-                getdata(picture, disposal=CLEAR_BEFORE_NEXT, include_color_table=True, **options)
+                getdata(picture, disposal=GIF_DISPOSAL_CLEAR, include_color_table=True, **options)
             )
         file.write(b";")
 
 
-def _indexed(frame: NDArray[np.uint8]) -> Image.Image:
-    """Return a frame with a palette of its own, and one place for transparency if it has any."""
+def _make_palette_image(frame: NDArray[np.uint8]) -> Image.Image:
+    """Return a frame as indices into its own palette, with transparency if it has any."""
     from PIL import Image
 
     clear = frame[:, :, 3] < 128
     picture = Image.fromarray(np.ascontiguousarray(frame[:, :, :3])).quantize(
         GIF_COLORS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
     )
-    # A palette of few colours has no last place.
+    # Extend palettes of fewer colours to the entry of transparency.
     palette = (picture.getpalette() or [])[: 3 * GIF_COLORS]
     picture.putpalette([*palette, *[0] * (3 * (GIF_COLORS + 1) - len(palette))])
     if clear.any():
@@ -216,16 +215,16 @@ def _indexed(frame: NDArray[np.uint8]) -> Image.Image:
 
 
 def _write_with_ffmpeg(path: Path, pictures: Pictures, fps: float, size: tuple[int, int]) -> None:
-    """Send each frame to ffmpeg as it comes, and see that all have arrived."""
+    """Send each frame to ffmpeg as it comes, and check that all were written."""
     import imageio_ffmpeg
 
-    options = {"macro_block_size": 1, **FFMPEG[path.suffix.lower()]}
-    # What ffmpeg warns of is not for the user; what fails is found below.
+    options = {"macro_block_size": 1, **FFMPEG_OPTIONS[path.suffix.lower()]}
+    # Hide warnings of ffmpeg; failures are found below.
     writer = imageio_ffmpeg.write_frames(
         str(path), size, pix_fmt_in="rgba", fps=fps, ffmpeg_log_level="fatal", **options
     )
     count = 0
-    # Closing it waits for ffmpeg to end, after an error as well: only then can the file be removed.
+    # Closing waits for ffmpeg to end, after an error as well: only then can the file be removed.
     with closing(writer):
         writer.send(None)
         for count, pixels in enumerate(pictures, start=1):  # noqa: B007
@@ -234,22 +233,22 @@ def _write_with_ffmpeg(path: Path, pictures: Pictures, fps: float, size: tuple[i
             except OSError as error:
                 reason = str(error).splitlines()[0]
                 raise OSError(f"ffmpeg ended early ({reason}); the disk may be full") from None
-    if not _is_whole(path, count):
+    if not _is_complete(path, count):
         raise OSError(f"ffmpeg wrote fewer than {count} frames; the disk may be full")
 
 
-def _is_whole(path: Path, count: int) -> bool:
-    """Tell whether ffmpeg came to the end of a file, where it notes how much there is."""
+def _is_complete(path: Path, count: int) -> bool:
+    """Tell whether ffmpeg finished a file of ``count`` frames."""
     suffix = path.suffix.lower()
     try:
         if suffix == ".mp4":
             import imageio_ffmpeg
 
-            if not _boxes_fill(path):
+            if not _ends_with_box(path):
                 return False
             return imageio_ffmpeg.count_frames_and_secs(str(path))[0] == count
         if suffix == ".webp":
-            # Pillow would read all of it into memory; a RIFF begins with its size.
+            # Pillow would read the whole file; a RIFF begins with its size.
             with path.open("rb") as file:
                 head = file.read(len(b"RIFF") + 4)
             size = int.from_bytes(head[len(b"RIFF") :], "little")
@@ -258,8 +257,8 @@ def _is_whole(path: Path, count: int) -> bool:
 
         # The number of frames stands at the beginning, the last chunk at the end.
         with path.open("rb") as file:
-            file.seek(-len(PNG_END), os.SEEK_END)
-            if file.read() != PNG_END:
+            file.seek(-len(PNG_LAST_CHUNK), os.SEEK_END)
+            if file.read() != PNG_LAST_CHUNK:
                 return False
         with Image.open(path) as picture:
             return getattr(picture, "n_frames", 1) == count
@@ -267,17 +266,17 @@ def _is_whole(path: Path, count: int) -> bool:
         return False
 
 
-def _boxes_fill(path: Path) -> bool:
-    """Tell whether the last box of an MP4 ends where the file does."""
-    at, end = 0, path.stat().st_size
+def _ends_with_box(path: Path) -> bool:
+    """Tell whether the last box of an MP4 ends at the end of the file."""
+    position, end = 0, path.stat().st_size
     with path.open("rb") as file:
-        while at < end:
-            file.seek(at)
+        while position < end:
+            file.seek(position)
             size = int.from_bytes(file.read(4), "big")
-            if size == LONG_BOX:
-                # The real size follows the name, of four letters.
+            if size == MP4_SIZE_IS_64_BITS:
+                # The size of 64 bits follows the name, of four letters.
                 size = int.from_bytes(file.read(12)[4:], "big")
-            if size < SHORTEST_BOX:
+            if size < MIN_MP4_BOX:
                 return False
-            at += size
-    return at == end
+            position += size
+    return position == end

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import multiprocessing
 import os
@@ -20,24 +21,25 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.dataset.recipe import (
-    MANIFEST,
-    PARTIAL,
+    MANIFEST_NAME,
+    PARTIAL_PREFIX,
     Cancelled,
     MeshResult,
     Recipe,
     render_mesh_file,
     write_json,
 )
+from rasterjit.distributed.clusters import require_dask
 from rasterjit.io.meshes import mesh_files
 from rasterjit.runtime.locks import Lock, lock, machine
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.validation import brief, existing_folder, whole_number
 
-LOCK = ".lock"
+LOCK_NAME = ".lock"
 """Name of the lock file in the folder."""
 
-MAX_ATTEMPTS = 10
-"""Attempts to create and lock the file, while other runs remove it."""
+MAX_LOCK_ATTEMPTS = 10
+"""Most attempts to create and lock the file, while other runs remove it."""
 
 
 @contextmanager
@@ -57,50 +59,50 @@ def lock_folder(folder: Path) -> Iterator[None]:
     OSError
         If the lock file cannot be written.
     """
-    file = folder / LOCK
+    file = folder / LOCK_NAME
     try:
-        with _acquire_lock(file) as held:
+        with _acquire_lock(file) as file_lock:
             try:
-                held.write(_lock_content().encode())
+                file_lock.write(_lock_content().encode())
                 yield
             finally:
-                if held.is_of(file):
-                    held.remove(file)
+                if file_lock.is_of(file):
+                    file_lock.remove(file)
     except KeyboardInterrupt:
-        # It may have come after the file was made, and before that was known.
-        _remove_empty(file)
+        # Ctrl-C may have come between creating the file and locking it.
+        _remove_empty_lock(file)
         raise
 
 
 def _acquire_lock(file: Path) -> Lock:
     """Create and lock the lock file, or take over a stale one, or raise ``ValueError``."""
-    for _ in range(MAX_ATTEMPTS):
+    for _ in range(MAX_LOCK_ATTEMPTS):
         is_created = _create_lock_file(file)
         try:
-            held = lock(file)
+            file_lock = lock(file)
         except FileNotFoundError:
             continue
-        if held is None:
+        if file_lock is None:
             break
-        # Whoever had it may have removed it meanwhile.
-        if not held.is_of(file):
-            held.close()
-        elif is_created or (held.is_sure and _is_lock_visible(_parse(held.read()))):
-            return held
+        # The run that had the lock may have removed the file meanwhile.
+        if not file_lock.is_of(file):
+            file_lock.close()
+        elif is_created or (file_lock.is_sure and _is_lock_visible(_parse_lock(file_lock.read()))):
+            return file_lock
         else:
-            held.close()
+            file_lock.close()
             break
     raise _locked_error(file)
 
 
-def _remove_empty(file: Path) -> None:
-    """Remove a lock file that nobody has locked or written to."""
+def _remove_empty_lock(file: Path) -> None:
+    """Remove a lock file that is neither locked nor written to."""
     with suppress(OSError):
-        held = lock(file)
-        if held is not None:
-            if held.is_of(file) and not held.read():
-                held.remove(file)
-            held.close()
+        file_lock = lock(file)
+        if file_lock is not None:
+            if file_lock.is_of(file) and not file_lock.read():
+                file_lock.remove(file)
+            file_lock.close()
 
 
 def _create_lock_file(file: Path) -> bool:
@@ -113,14 +115,15 @@ def _create_lock_file(file: Path) -> bool:
 
 
 def _locked_error(file: Path) -> ValueError:
-    """Return the error that says who has the folder."""
-    owner = {}
-    # Where locks are mandatory, nobody else can read it.
+    """Return the error that names the run that has the folder."""
+    owner, process = {}, ""
+    # Where locks are mandatory, other processes cannot read the file.
     with suppress(OSError):
-        owner = _parse(file.read_bytes())
-    who = f", process {owner['pid']} on {owner['host']}" if {"pid", "host"} <= owner.keys() else ""
+        owner = _parse_lock(file.read_bytes())
+    if {"pid", "host"} <= owner.keys():
+        process = f", process {owner['pid']} on {owner['host']}"
     return ValueError(
-        f"output is being written by another run{who}: wait until it ends; "
+        f"output is being written by another run{process}: wait until it ends; "
         f"if there is none, remove {str(file)!r}"
     )
 
@@ -132,13 +135,13 @@ def _lock_content() -> str:
 
 def _is_lock_visible(owner: dict[str, Any]) -> bool:
     """Tell whether the lock of a live run would be visible from this machine."""
-    names = owner.get("machine")
-    return not isinstance(names, list) or any(
-        own == other for own, other in zip(machine(), names, strict=False)
+    ids = owner.get("machine")
+    return not isinstance(ids, list) or any(
+        own == other for own, other in zip(machine(), ids, strict=False)
     )
 
 
-def _parse(content: bytes) -> dict[str, Any]:
+def _parse_lock(content: bytes) -> dict[str, Any]:
     """Return the content of a lock file; {} if it is damaged."""
     try:
         owner = json.loads(content.decode("utf-8", "replace"))
@@ -150,14 +153,14 @@ def _parse(content: bytes) -> dict[str, Any]:
 Job = tuple[Any, ...]
 Task = Callable[..., Any]
 
-JOBS_EACH = 2
-"""Jobs for each worker that are handed out ahead."""
+JOBS_PER_WORKER = 2
+"""Most jobs submitted at a time, for each worker."""
 
 CONNECT_TIMEOUT = 10.0
 """Seconds within which a scheduler must answer."""
 
 _cancel_event: Any = None
-"""In a worker process: the event that cancels the work."""
+"""The event that cancels the work, in a worker process."""
 
 
 class LostWorkersError(ConnectionError):
@@ -165,7 +168,7 @@ class LostWorkersError(ConnectionError):
 
 
 def run_serially(task: Task, jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
-    """Run jobs one after the other; yield each with its result."""
+    """Run jobs in this process; yield each with its result."""
     for job in jobs:
         yield job, task(*job, None)
 
@@ -174,7 +177,7 @@ def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tu
     """
     Share jobs among processes; yield each with its result, in the order they finish.
 
-    When the iterator is closed, or anything is raised, the processes end after the view at hand.
+    When the iterator is closed, or anything is raised, the processes end after their current view.
     """
     count = min(count, len(jobs))
     if count == 0:
@@ -182,15 +185,15 @@ def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tu
     context = multiprocessing.get_context("spawn")
     cancel_event = context.Event()
     threads = max(1, available_processors() // count)
-    waiting, running = iter(jobs), {}
+    pending, running = iter(jobs), {}
     pool = futures.ProcessPoolExecutor(
         count, mp_context=context, initializer=_init_worker, initargs=(cancel_event,)
     )
     try:
         while True:
             with _block_interrupts():
-                while len(running) < JOBS_EACH * count and (job := next(waiting, None)) is not None:
-                    running[pool.submit(_call, task, (*job, threads))] = job
+                for job in itertools.islice(pending, JOBS_PER_WORKER * count - len(running)):
+                    running[pool.submit(_run_job, task, (*job, threads))] = job
             if not running:
                 return
             done, _ = futures.wait(running, return_when=futures.FIRST_COMPLETED)
@@ -206,22 +209,11 @@ def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tu
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def require_dask() -> Any:
-    """Return ``dask.distributed``, or raise ``ImportError`` naming what to install."""
-    try:
-        from dask import distributed
-    except ImportError:
-        raise ImportError(
-            'a scheduler\'s workers need Dask; pip install "rasterjit[distributed]"'
-        ) from None
-    return distributed
-
-
 def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple[Job, Any]]:
     """
-    Share jobs among the workers of a Dask cluster, which see the same files under the same paths.
+    Share jobs among the workers of a Dask cluster; yield each with its result as they finish.
 
-    Yields each job with its result, in the order in which they are done.
+    The workers must see the same files under the same paths.
     """
     distributed = require_dask()
     try:
@@ -232,7 +224,7 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
             f"no scheduler answers at {address}" + (f": {message[0]}" if message else "")
         ) from None
     with client:
-        # Whatever has been done before is not kept: the files are what counts.
+        # Jobs are not pure: they write files.
         submitted = {client.submit(task, *job, 1, pure=False): job for job in jobs}
         try:
             for future in distributed.as_completed(list(submitted)):
@@ -253,7 +245,7 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
 
 
 def _init_worker(cancel_event: Any) -> None:
-    """Prepare a process of a crew: Ctrl-C is for the one who gave it its work."""
+    """Prepare a worker process: only its parent handles Ctrl-C."""
     global _cancel_event
     _cancel_event = cancel_event
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -261,20 +253,20 @@ def _init_worker(cancel_event: Any) -> None:
 
 
 def _end_with_parent() -> None:
-    """Exit when the parent process ends, however it ended."""
+    """Exit when the parent process ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
 
 
-def _call(task: Task, arguments: Job) -> Any:
+def _run_job(task: Task, arguments: Job) -> Any:
     """Run one job in a worker process, unless the work is cancelled."""
     return task(*arguments, _check_cancelled)
 
 
 def _check_cancelled() -> None:
-    """Raise `Cancelled` if the work has been called off."""
+    """Raise `Cancelled` if the work is cancelled."""
     if _cancel_event is not None and _cancel_event.is_set():
         raise Cancelled
 
@@ -285,20 +277,21 @@ def _block_interrupts() -> Iterator[None]:
     if sys.platform == "win32":
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
-SETTINGS = "dataset.json"
+SETTINGS_NAME = "dataset.json"
 """File with the recipe of a data set."""
 
-FAILURES = "failures.json"
+FAILURES_NAME = "failures.json"
 """File with the meshes that could not be rendered, and the reasons."""
 
 MAX_WORKERS = 256
+"""Most processes."""
 
 
 @dataclass(frozen=True)
@@ -309,11 +302,11 @@ class Outcome:
     Attributes
     ----------
     name : str
-        Of its file, below the folder of meshes, with ``/``.
+        Path of the file below the folder of meshes, with ``/``.
     failure : str or None
-        Why it could not be read or rendered.
+        Why the mesh could not be read or rendered.
     warnings : tuple of str
-        What reading and rendering it warned of, a line each; of a view with its number.
+        Warnings of reading and rendering, a line each; those of a view have its number.
     """
 
     name: str
@@ -329,13 +322,13 @@ class Summary:
     Attributes
     ----------
     made : int
-        Meshes rendered now.
+        Number of meshes rendered now.
     present : int
-        Meshes that were done before.
+        Number of meshes that were done before.
     failures : dict of str to str
-        Why some could not be, by name, in order.
+        Why meshes could not be rendered, by name, in order.
     warnings : dict of str to tuple of str
-        What there was to warn of, by name, in order; nothing of meshes that were done before.
+        Warnings by name, in order; none of meshes that were done before.
     """
 
     made: int
@@ -400,7 +393,7 @@ def make(
     recipe = Recipe() if recipe is None else recipe
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
-    runner = _job_runner(workers)
+    runner = _choose_runner(workers)
     source = existing_folder("folder", folder).resolve()
     target = _check_output(output, source)
     names = {file.relative_to(source).as_posix(): file for file in mesh_files(source)}
@@ -413,34 +406,34 @@ def make(
     target.mkdir(parents=True, exist_ok=True)
     with lock_folder(target):
         _prepare_output(target, recipe)
-        return _make_all(names, target, recipe, runner, report)
+        return _render_meshes(names, target, recipe, runner, report)
 
 
-def _make_all(
+def _render_meshes(
     names: dict[str, Path],
     target: Path,
     recipe: Recipe,
     runner: Callable[..., Iterator[tuple[Any, MeshResult]]],
     report: Callable[[Outcome, int, int], None] | None,
 ) -> Summary:
-    """Render the meshes that are not done, and list those that fail."""
-    pending = [name for name in names if not (target / name / MANIFEST).is_file()]
+    """Render the meshes that are not done, and write the file of failures."""
+    pending = [name for name in names if not (target / name / MANIFEST_NAME).is_file()]
     jobs = [(names[name], name, target, recipe) for name in pending]
     results: dict[str, MeshResult] = {}
-    # Closing it lets the workers go, whatever happens here.
-    with closing(runner(render_mesh_file, jobs)) as results_of_jobs:
-        for number, (job, result) in enumerate(results_of_jobs, start=1):
-            results[job[1]] = result
+    # Closing the runner releases the workers, also after an error.
+    with closing(runner(render_mesh_file, jobs)) as finished_jobs:
+        for number, ((_, name, *_), result) in enumerate(finished_jobs, start=1):
+            results[name] = result
             if report is not None:
-                report(Outcome(job[1], *result), number, len(pending))
-    in_order = {name: results[name] for name in pending if name in results}
-    failures = {name: job.failure for name, job in in_order.items() if job.failure is not None}
-    warnings = {name: job.warnings for name, job in in_order.items() if job.warnings}
-    _list_failures(target, failures)
+                report(Outcome(name, *result), number, len(pending))
+    ordered = {name: results[name] for name in pending if name in results}
+    failures = {name: job.failure for name, job in ordered.items() if job.failure is not None}
+    warnings = {name: job.warnings for name, job in ordered.items() if job.warnings}
+    _write_failures(target, failures)
     return Summary(len(pending) - len(failures), len(names) - len(pending), failures, warnings)
 
 
-def _job_runner(workers: Any) -> Callable[..., Iterator[tuple[Any, MeshResult]]]:
+def _choose_runner(workers: Any) -> Callable[..., Iterator[tuple[Any, MeshResult]]]:
     """Return the function that runs jobs, or raise ``ValueError``."""
     if isinstance(workers, str):
         if "://" not in workers:
@@ -464,8 +457,10 @@ def _check_output(output: Any, source: Path) -> Path:
         raise ValueError(f"output must not hold the meshes, got {str(output)!r}")
     if target.exists() and not target.is_dir():
         raise ValueError(f"output must be a folder, but {str(output)!r} is a file")
-    is_full = target.is_dir() and any(not one.name.startswith(LOCK) for one in target.iterdir())
-    if is_full and not (target / SETTINGS).is_file():
+    has_files = target.is_dir() and any(
+        not entry.name.startswith(LOCK_NAME) for entry in target.iterdir()
+    )
+    if has_files and not (target / SETTINGS_NAME).is_file():
         raise ValueError(f"output must be empty or a data set, but {str(output)!r} holds files")
     return target
 
@@ -473,34 +468,34 @@ def _check_output(output: Any, source: Path) -> Path:
 def _prepare_output(target: Path, recipe: Recipe) -> None:
     """Write or compare the settings of the data set; remove unfinished folders."""
     settings = _check_settings(target, recipe)
-    if not (target / SETTINGS).is_file():
-        write_json(target / SETTINGS, settings)
-    for leftover in target.glob(f"{PARTIAL}*"):
+    if not (target / SETTINGS_NAME).is_file():
+        write_json(target / SETTINGS_NAME, settings)
+    for leftover in target.glob(f"{PARTIAL_PREFIX}*"):
         shutil.rmtree(leftover, ignore_errors=True)
 
 
 def _check_settings(target: Path, recipe: Recipe) -> dict[str, Any]:
     """Return the settings of the data set; raise ``ValueError`` if it has others."""
-    # Importing the package by name would make all of it something that this module needs.
+    # Not imported by name, which would make the whole package a dependency of this module.
     version = sys.modules["rasterjit"].__version__
     expected = {"rasterjit": version, **recipe.describe()}
-    settings = target / SETTINGS
+    settings = target / SETTINGS_NAME
     if settings.is_file():
         try:
             stored = json.loads(settings.read_text(encoding="utf-8"))
             changed = sorted(k for k in {*stored, *expected} if stored.get(k) != expected.get(k))
         except (ValueError, TypeError) as error:
-            raise ValueError(f"output has a {SETTINGS} that cannot be read: {error}") from None
+            raise ValueError(f"output has a {SETTINGS_NAME} that cannot be read: {error}") from None
         if changed:
             changes = ", ".join(f"{k} {stored.get(k)!r}, not {expected.get(k)!r}" for k in changed)
             raise ValueError(f"output holds a data set made otherwise: {changes}")
     return expected
 
 
-def _list_failures(target: Path, failures: dict[str, str]) -> None:
-    """Write why meshes failed; no file if none did."""
+def _write_failures(target: Path, failures: dict[str, str]) -> None:
+    """Write the file of failures, or remove it if there are none."""
     if not failures:
-        (target / FAILURES).unlink(missing_ok=True)
+        (target / FAILURES_NAME).unlink(missing_ok=True)
         return
     listed = [{"file": name, "reason": reason} for name, reason in failures.items()]
-    write_json(target / FAILURES, listed)
+    write_json(target / FAILURES_NAME, listed)

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.animation.tracks import FULL_TURN, measured
+from rasterjit.animation.tracks import DEGREES_PER_TURN, measure_sphere
 from rasterjit.io import images
 from rasterjit.io.atomic_write import atomic_file, write_text
 from rasterjit.io.meshes import ON_DAMAGE, OnDamage, load
@@ -50,28 +50,28 @@ from rasterjit.scene.validation import (
 
 Layout: TypeAlias = Literal["sphere", "random", "ring"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
-"""How cameras are placed."""
+"""Layouts of the cameras."""
 
 MAX_VIEWS = 10_000
-"""Views of one mesh: their names have four digits."""
+"""Most views of one mesh: their file names have four digits."""
 
 RecipeOutput: TypeAlias = OutputName | Literal["mask", "coco"]
 RecipeOutputs: TypeAlias = RecipeOutput | Sequence[RecipeOutput] | Set[RecipeOutput]
 
 DERIVED_FROM: dict[str, OutputName] = {"mask": "object_id", "coco": "object_id"}
-"""Outputs of a data set that no frame has, each with the output that it is derived from."""
+"""Outputs of a data set that no frame has, each with the frame's output that it is made from."""
 
 OUTPUT_CHOICES = tuple(
     name
     for name in dict.fromkeys(("color", "depth", "normal", "mask", "coco", *OUTPUTS))
     if name not in MOTION_OUTPUTS
 )
-"""Outputs that a data set can hold; motion needs an earlier view, which a mesh at rest has not."""
+"""Outputs that a data set can hold: all but motion, which needs an earlier view."""
 
 Direction = tuple[float, float, float]
 
-GOLDEN_ANGLE = FULL_TURN / 2.0 * (3.0 - math.sqrt(5.0))
-"""Degrees from one point of the lattice to the next: no two lie above each other."""
+GOLDEN_ANGLE = DEGREES_PER_TURN / 2.0 * (3.0 - math.sqrt(5.0))
+"""Angle from one point of the lattice to the next, degrees."""
 
 
 @suggests_replace
@@ -148,14 +148,14 @@ class Recipe:
             raise ValueError(f"isolate must be True or False, got {brief(self.isolate)}")
         checked = {
             "views": whole_number("views", self.views, 1, MAX_VIEWS),
-            "outputs": _outputs(self.outputs),
+            "outputs": _check_outputs(self.outputs),
             "size": image_size("size", self.size),
             "layout": one_of("layout", self.layout, LAYOUTS),
             "seed": whole_number("seed", self.seed, 0, 2**63 - 1),
             "elevation": bounded_number("elevation", self.elevation, -90.0, 90.0),
             "fov_y": float(self.fov_y),
             "up": triple("up", self.up),
-            "background": _color(self.background),
+            "background": _check_color(self.background),
             "quality": check_quality(self.quality),
             "on_invalid": one_of("on_invalid", self.on_invalid, ON_INVALID),
             "on_damage": one_of("on_damage", self.on_damage, ON_DAMAGE),
@@ -168,7 +168,7 @@ class Recipe:
         return tuple(dict.fromkeys(DERIVED_FROM.get(name, name) for name in self.outputs))
 
     def describe(self) -> dict[str, Any]:
-        """Return all that the pictures depend on in types of JSON: equal for equal recipes."""
+        """Return the options that the pictures depend on as JSON values."""
         return {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in dataclasses.asdict(self).items()
@@ -176,7 +176,7 @@ class Recipe:
         }
 
 
-def _outputs(names: Any) -> tuple[str, ...]:
+def _check_outputs(names: Any) -> tuple[str, ...]:
     """Return names of outputs without repeats, or raise ``ValueError``."""
     choices = (names,) if isinstance(names, str) else names
     if not isinstance(choices, (list, tuple, set, frozenset)) or not choices:
@@ -188,12 +188,12 @@ def _outputs(names: Any) -> tuple[str, ...]:
             "outputs must name color with coco, which annotates the pictures; got "
             + ", ".join(choices)
         )
-    # One order, whatever that of a set is.
+    # Sets have no order.
     return tuple(name for name in OUTPUT_CHOICES if name in choices)
 
 
-def _color(value: Any) -> Any:
-    """Return a colour as it can be compared and written: a text, or a tuple of floats."""
+def _check_color(value: Any) -> Any:
+    """Return a colour as a JSON value: a text, or a tuple of linear floats."""
     linear = linear_color("background", value)
     return value if isinstance(value, str) else tuple(linear.tolist())
 
@@ -202,14 +202,14 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
     """
     Return the cameras of a mesh, all at one distance from the middle of its bounding box.
 
-    The distance fits the bounding sphere into the picture; the units are those of the mesh.
+    The distance fits the bounding sphere into the picture, in the units of the mesh.
 
     Parameters
     ----------
     scene : Scene
     recipe : Recipe
     name : str
-        Of the mesh: with the recipe's seed it decides about views at random.
+        Name of the mesh: random views depend on it and the recipe's seed.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
         raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
     rotation = up_rotation(recipe.up)
     upward = transforms.apply(rotation, (0.0, 1.0, 0.0))
-    sphere = measured(scene)
+    sphere = measure_sphere(scene)
     return [
         fit_camera(
             sphere,
@@ -229,45 +229,45 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
             up=upward,
             aspect=recipe.size[0] / recipe.size[1],
         )
-        for direction in _directions(recipe, name)
+        for direction in _list_directions(recipe, name)
     ]
 
 
-def _directions(recipe: Recipe, name: str) -> Iterator[Direction]:
+def _list_directions(recipe: Recipe, name: str) -> Iterator[Direction]:
     """Yield unit directions from the mesh to the cameras, y up."""
     count = recipe.views
     if recipe.layout == "ring":
         for number in range(count):
-            yield orbit_direction(FULL_TURN * number / count, recipe.elevation)
+            yield orbit_direction(DEGREES_PER_TURN * number / count, recipe.elevation)
     elif recipe.layout == "sphere":
         for number in range(count):
-            yield _on_sphere(1.0 - (2 * number + 1) / count, GOLDEN_ANGLE * number)
+            yield _point_on_sphere(1.0 - (2 * number + 1) / count, GOLDEN_ANGLE * number)
     else:
-        # Python promises the same numbers for the same text on every machine.
-        source = random.Random(f"{recipe.seed}/{name}")
+        # Python guarantees the same numbers for the same text on every machine.
+        generator = random.Random(f"{recipe.seed}/{name}")
         for _ in range(count):
-            height = 2.0 * source.random() - 1.0
-            yield _on_sphere(height, FULL_TURN * source.random())
+            height = 2.0 * generator.random() - 1.0
+            yield _point_on_sphere(height, DEGREES_PER_TURN * generator.random())
 
 
-def _on_sphere(height: float, azimuth: float) -> Direction:
+def _point_on_sphere(height: float, azimuth: float) -> Direction:
     """Return a point of the unit sphere; equal steps of height have equal areas (Archimedes)."""
     sine, cosine = transforms.sine_cosine(azimuth)
     radius = math.sqrt(1.0 - height * height)
     return radius * sine, height, radius * cosine
 
 
-MANIFEST = "transforms.json"
-"""File that is written last: a mesh with it is done."""
+MANIFEST_NAME = "transforms.json"
+"""Name of the file that is written last: a mesh with it is done."""
 
-PARTIAL = ".partial-"
+PARTIAL_PREFIX = ".partial-"
 """Prefix of the names of unfinished folders."""
 
 MAX_DEPTH_CODE = 65535
 """Largest code of a 16-bit PNG: that of the far plane."""
 
-FOLDERS = {"color": "images"}
-"""Folders whose names are not those of their outputs."""
+OUTPUT_FOLDERS = {"color": "images"}
+"""Folders of outputs, where they differ from the output's name."""
 
 PATH_KEYS = {
     "color": ("file_path",),
@@ -276,11 +276,14 @@ PATH_KEYS = {
 }
 """Keys of the files in the manifest; others are ``<output>_path``."""
 
+BLACK, WHITE = np.uint8(0), np.uint8(255)
+"""Codes of masks."""
+
 MAX_REASON_LENGTH = 300
 """Most characters of the reason why a mesh has failed."""
 
 JSON_DIGITS = 12
-"""Significant digits of numbers in JSON that only readers use."""
+"""Significant digits of JSON numbers that no picture depends on."""
 
 
 class MeshError(Exception):
@@ -291,8 +294,8 @@ class Cancelled(Exception):  # noqa: N818
     """The work was cancelled between two views."""
 
 
-def _never_cancelled() -> None:
-    """Do nothing: the work is never cancelled."""
+def _ignore_cancel() -> None:
+    """Never cancel the work."""
 
 
 class MeshResult(NamedTuple):
@@ -310,7 +313,7 @@ def render_mesh_file(
     output: Path,
     recipe: Recipe,
     threads: int | None,
-    check: Callable[[], None] = _never_cancelled,
+    check: Callable[[], None] = _ignore_cancel,
 ) -> MeshResult:
     """
     Render all views of a mesh file into ``output / name``, whole or not at all.
@@ -320,7 +323,7 @@ def render_mesh_file(
     source : Path
         The mesh file.
     name : str
-        Of its folder.
+        Name of its folder.
     output : Path
         Folder of the data set.
     recipe : Recipe
@@ -351,8 +354,8 @@ def render_mesh_file(
                 render_views(scene, folder, recipe, name=name, threads=threads, check=check)
         except MeshError as error:
             failure = str(error)
-    # The same words wherever the meshes are.
-    messages = (_one_line(one.message).replace(str(source), name) for one in caught)
+    # Replace the path, so that messages do not depend on where the meshes are.
+    messages = (_one_line(warning.message).replace(str(source), name) for warning in caught)
     return MeshResult(failure, tuple(dict.fromkeys(messages)))
 
 
@@ -363,7 +366,7 @@ def render_views(
     *,
     name: str = "",
     threads: int | None = None,
-    check: Callable[[], None] = _never_cancelled,
+    check: Callable[[], None] = _ignore_cancel,
 ) -> None:
     """
     Render all views of a scene into a folder, and write ``transforms.json`` last.
@@ -375,7 +378,7 @@ def render_views(
         An existing folder; files of the same names are replaced.
     recipe : Recipe
     name : str
-        Of the mesh, for views at random.
+        Name of the mesh, for random views.
     threads : int, optional
         Default: all processors. The files are the same for any number.
     check : callable
@@ -390,34 +393,34 @@ def render_views(
     OSError
         If a file cannot be written.
     """
-    target = _check_folder(scene, folder, recipe, name, check)
+    target = _check_arguments(scene, folder, recipe, name, check)
     count, _ = share_threads(threads, None)
     with _as_mesh_error(target, name):
         cameras = view_cameras(scene, recipe, name)
         depth_scale = max(camera.far for camera in cameras) / MAX_DEPTH_CODE
-    frames: list[dict[str, Any]] = []
+    views: list[dict[str, Any]] = []
     annotation: dict[str, Any] = {}
     for output in recipe.outputs:
         if output != "coco":
-            (target / _folder(output)).mkdir(exist_ok=True)
+            (target / _output_folder(output)).mkdir(exist_ok=True)
     with _as_mesh_error(target, name):
         checked_scene, options = check_arguments(
             scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
         )
-    with closing(draw_in_turns(checked_scene, cameras, options, count)) as frames_drawn:
+    with closing(draw_in_turns(checked_scene, cameras, options, count)) as drawn_frames:
         for number, camera in enumerate(cameras):
             check()
             with _as_mesh_error(target, name):
-                frame = _next(frames_drawn, number)
+                frame = _take_frame(drawn_frames, number)
             try:
-                paths = _write(frame, target, number, recipe, depth_scale)
+                paths = _write_view(frame, target, number, recipe, depth_scale)
             except ValueError as error:
-                # A depth that has no code, or the like.
+                # For example, a depth that no code stands for.
                 raise MeshError(_one_line(error)) from error
-            frames.append({**paths, "transform_matrix": _pose(camera)})
+            views.append({**paths, "transform_matrix": _camera_pose(camera)})
             if "coco" in recipe.outputs:
                 with _as_mesh_error(target, name):
-                    _annotate(annotation, paths["file_path"], frame.object_id, scene)
+                    _add_annotation(annotation, paths["file_path"], frame.object_id, scene)
     if annotation:
         with atomic_file(target / "coco.json") as temporary:
             temporary.write_text(json.dumps(annotation), encoding="utf-8")
@@ -425,18 +428,18 @@ def render_views(
         document = _intrinsics(cameras[0], recipe.size) | _unit_cube_transform(scene)
     if "depth" in recipe.outputs:
         document |= {"enable_depth_loading": True, "integer_depth_scale": depth_scale}
-    write_json(target / MANIFEST, {**document, "frames": frames})
+    write_json(target / MANIFEST_NAME, {**document, "frames": views})
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write JSON, whole or not at all."""
+    """Write a JSON file atomically."""
     write_text(path, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
 @contextmanager
 def atomic_folder(output: Path, name: str) -> Iterator[Path]:
     """Yield a folder to build in; move it to ``output / name`` on success, else remove it."""
-    partial = output / f"{PARTIAL}{uuid.uuid4().hex}"
+    partial = output / f"{PARTIAL_PREFIX}{uuid.uuid4().hex}"
     partial.mkdir()
     try:
         yield partial
@@ -446,9 +449,9 @@ def atomic_folder(output: Path, name: str) -> Iterator[Path]:
             shutil.rmtree(target)
         os.replace(partial, target)
     except OSError as error:
-        # Name what was to be written, not where it was built.
-        message_path = str(error.filename or "").replace(str(partial), str(output / name))
-        error.filename = message_path or str(output / name)
+        # Name the final path, not that of the unfinished folder.
+        final_path = str(error.filename or "").replace(str(partial), str(output / name))
+        error.filename = final_path or str(output / name)
         raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -462,11 +465,11 @@ def _as_mesh_error(source: Path, name: str) -> Iterator[None]:
     except MemoryError:
         raise MeshError("not enough memory") from None
     except Exception as error:
-        # The same words wherever the meshes are.
+        # Replace the path, so that messages do not depend on where the meshes are.
         raise MeshError(_one_line(error).replace(str(source), name)[:MAX_REASON_LENGTH]) from error
 
 
-def _check_folder(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
+def _check_arguments(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
     """Check all arguments; return the folder to render into, or raise ``ValueError``."""
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene, got {brief(scene)}")
@@ -480,14 +483,14 @@ def _check_folder(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -
     return target
 
 
-def _next(frames: Iterator[Frame], view: int) -> Frame:
-    """Return the next frame; warnings about its view begin with the number of the view."""
+def _take_frame(frames: Iterator[Frame], view: int) -> Frame:
+    """Return the next frame; put the number of the view in front of its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         frame = next(frames)
-    for one in caught:
-        view_of = f"view {view}: " if issubclass(one.category, ViewWarning) else ""
-        warnings.warn(f"{view_of}{one.message}", one.category, stacklevel=3)
+    for warning in caught:
+        prefix = f"view {view}: " if issubclass(warning.category, ViewWarning) else ""
+        warnings.warn(f"{prefix}{warning.message}", warning.category, stacklevel=3)
     return frame
 
 
@@ -496,12 +499,12 @@ def _one_line(error: Exception | Warning | str) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _folder(output: str) -> str:
+def _output_folder(output: str) -> str:
     """Return the name of the folder of an output."""
-    return FOLDERS.get(output, output)
+    return OUTPUT_FOLDERS.get(output, output)
 
 
-def _write(
+def _write_view(
     frame: Frame, target: Path, number: int, recipe: Recipe, depth_scale: float
 ) -> dict[str, str]:
     """Write the files of one view; return their paths by `PATH_KEYS`."""
@@ -510,9 +513,9 @@ def _write(
         if output == "coco":
             continue
         is_picture = output in ("color", "depth", "normal", "mask")
-        path = f"{_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
+        path = f"{_output_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
         if output == "mask":
-            images.save_image(target / path, _mask(frame))
+            images.save_image(target / path, np.where(frame.object_id >= 0, WHITE, BLACK))
         else:
             scale = depth_scale if output == "depth" else None
             frame.save(target / path, output, scale=scale)
@@ -520,26 +523,23 @@ def _write(
     return paths
 
 
-def _mask(frame: Frame) -> NDArray[np.uint8]:
-    """Return 255 where an object is, (H, W) uint8."""
-    return np.where(frame.object_id >= 0, np.uint8(255), np.uint8(0))
-
-
-def _annotate(annotation: dict[str, Any], path: str, ids: NDArray[np.int32], scene: Scene) -> None:
-    """Add one view to a COCO annotation, which is empty at first."""
+def _add_annotation(
+    annotation: dict[str, Any], path: str, ids: NDArray[np.int32], scene: Scene
+) -> None:
+    """Add one view to a COCO annotation, which may be empty."""
     names = [str(node.name) or f"object {number}" for number, node in enumerate(scene.nodes)]
     view = masks.coco([(path, ids)], names)
     if not annotation:
         annotation.update(view)
         return
-    image_id, before = len(annotation["images"]) + 1, len(annotation["annotations"])
+    image_id, count = len(annotation["images"]) + 1, len(annotation["annotations"])
     annotation["images"] += [image | {"id": image_id} for image in view["images"]]
     annotation["annotations"] += [
-        one | {"id": before + one["id"], "image_id": image_id} for one in view["annotations"]
+        mask | {"id": count + mask["id"], "image_id": image_id} for mask in view["annotations"]
     ]
 
 
-def _pose(camera: PerspectiveCamera) -> list[list[float]]:
+def _camera_pose(camera: PerspectiveCamera) -> list[list[float]]:
     """Return the pose of the camera, ``world_from_view``: x right, y up, z backwards."""
     return transforms.inverse(camera.view_matrix()).tolist()
 
@@ -563,13 +563,13 @@ def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, A
 
 
 def _unit_cube_transform(scene: Scene) -> dict[str, Any]:
-    """Return instant-ngp's map of the scene into its unit cube: ``scale * x + offset``."""
+    """Return instant-ngp's transform of the scene to its unit cube: ``scale * x + offset``."""
     center, radius = scene.bounding_sphere()
-    scale = _rounded(0.5 / radius) if radius > 0.0 else 1.0
-    offset = [_rounded(0.5 - scale * x) for x in center.tolist()]
+    scale = _round_for_json(0.5 / radius) if radius > 0.0 else 1.0
+    offset = [_round_for_json(0.5 - scale * x) for x in center.tolist()]
     return {"aabb_scale": 1, "scale": scale, "offset": offset}
 
 
-def _rounded(value: float) -> float:
+def _round_for_json(value: float) -> float:
     """Return a number rounded to `JSON_DIGITS`."""
     return float(f"{value:.{JSON_DIGITS}g}")

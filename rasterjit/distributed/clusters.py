@@ -1,4 +1,4 @@
-"""Reach a Dask cluster, or make one; wait for results, and say clearly when it is lost."""
+"""Connect to a Dask cluster, or make one; wait for results, and report when it is lost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rasterjit.runtime.threads import available_processors
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-T = TypeVar("T")
+Result = TypeVar("Result")
 
 LOGGER = logging.getLogger("rasterjit.distributed")
 
@@ -35,10 +35,10 @@ START_TIMEOUT = 60.0
 """Seconds within which a cluster must start its first worker."""
 
 CLOSED_STATUSES = "closing", "closed"
-"""Status of a client that will not be connected any more."""
+"""Statuses of a client that will not connect again."""
 
 MAX_ATTEMPTS = 5
-"""Times that something is tried because data that it needs is lost with the workers that had it."""
+"""Most attempts at a task whose data is lost with the workers that held it."""
 
 
 def require_dask() -> Any:
@@ -48,7 +48,7 @@ def require_dask() -> Any:
     Raises
     ------
     ImportError
-        If it is not installed, saying how to.
+        If it is not installed.
     """
     try:
         import distributed
@@ -61,12 +61,12 @@ def require_dask() -> Any:
 
 def check_client(client: Any) -> Client:
     """
-    Return a client that is connected.
+    Return a client if it is connected.
 
     Raises
     ------
     ValueError
-        If it is none, or closed.
+        If it is no client, asynchronous or closed.
     ConnectionError
         If its scheduler is lost.
     """
@@ -128,14 +128,14 @@ def wait_for_result(future: Future, client: Client) -> Any:
                 f"little memory (see the workers' memory limit): {error}"
             ) from None
         except CancelledError:
-            # Of a scheduler that is lost, too: say that.
+            # The cause may be a lost scheduler, which this reports.
             check_connected(client)
             raise
         except OSError:
             if future.status == "error":
-                # It is the task's own.
+                # The task raised it.
                 raise
-            # A connection broke; soon the client knows whether it was that to the scheduler.
+            # A connection broke; the client soon notices if it was that to the scheduler.
             deadline = deadline or time.monotonic() + RECONNECT_TIMEOUT
             if time.monotonic() > deadline:
                 raise _lost_error(client) from None
@@ -143,7 +143,7 @@ def wait_for_result(future: Future, client: Client) -> Any:
 
 
 def _wait(future: Future, client: Client) -> None:
-    """Return when a task is done, or raise ``ConnectionError`` if its scheduler is lost."""
+    """Wait until a task is done, or raise ``ConnectionError`` if its scheduler is lost."""
     is_done = threading.Event()
     future.add_done_callback(lambda _: is_done.set())
     while True:
@@ -155,7 +155,7 @@ def _wait(future: Future, client: Client) -> None:
 
 def check_connected(client: Client) -> None:
     """
-    Return when a client is connected; wait a while for one that lost its scheduler.
+    Check that a client is connected; wait a while for one that lost its scheduler.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def check_connected(client: Client) -> None:
 
 
 def _lost_error(client: Client) -> ConnectionError:
-    """Return the error that says that a scheduler is lost."""
+    """Return the error of a lost scheduler."""
     return ConnectionError(
         f"the Dask scheduler at {address_of(client)} is lost, and what it held with it: start it "
         "again, connect a new client, and render again"
@@ -185,13 +185,13 @@ def report_lost_scheduler(client: Client) -> Iterator[None]:
     Raises
     ------
     ConnectionError
-        If it is lost, whatever Dask says of that.
+        If the scheduler is lost, whatever error Dask raises.
     """
     check_connected(client)
     try:
         yield
     except TimeoutError:
-        # It is there, and has waited for something.
+        # The scheduler is connected, and has waited for something.
         raise
     except Exception as error:
         if isinstance(error, OSError) or client.status != "running":
@@ -214,7 +214,7 @@ def submit(function: Callable[..., Any], *arguments: Any, client: Client, **opti
 
 def count_threads(client: Client) -> int:
     """
-    Return how many threads all workers of a cluster have, at least 1.
+    Return the number of threads of all workers of a cluster, at least 1.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def cancel(futures: Sequence[Future | None], client: Client) -> None:
     """Cancel tasks and release data, if the scheduler is connected."""
     if client.status == "running":
         with suppress(OSError):
-            client.cancel([one for one in futures if one is not None], force=True)
+            client.cancel([future for future in futures if future is not None], force=True)
 
 
 def send(data: Any, client: Client) -> Future:
@@ -245,7 +245,7 @@ def send(data: Any, client: Client) -> Future:
 
 
 def scatter(data: list[Any], client: Client, *, broadcast: bool = False) -> list[Future]:
-    """Send each of some data to a worker, or to every one; see `send`."""
+    """Send each item of data to a worker, or to all workers; see `send`."""
     if not data:
         return []
     try:
@@ -260,35 +260,38 @@ def scatter(data: list[Any], client: Client, *, broadcast: bool = False) -> list
         ) from None
 
 
-def retry(take: Callable[[], T], what: str, resend: Callable[[], bool] | None = None) -> T:
+def retry(
+    fetch: Callable[[], Result], data_name: str, resend: Callable[[], bool] | None = None
+) -> Result:
     """
-    Return the result of ``take``, called again where data is lost with its workers.
+    Return the result of ``fetch``, called again if data is lost with its workers.
 
     Parameters
     ----------
-    take : callable
+    fetch : callable
         Raises ``CancelledError`` where data is lost.
-    what : str
-        What a message calls the data.
+    data_name : str
+        Name of the data in messages.
     resend : callable, optional
-        Called before another attempt: it sends what is lost, and tells whether nobody else had.
+        Called before another attempt to send the lost data; returns False if another task had
+        sent it already.
 
     Raises
     ------
     RuntimeError
-        If it is lost `MAX_ATTEMPTS` times.
+        If data is lost `MAX_ATTEMPTS` times.
     """
     for attempt in range(1, MAX_ATTEMPTS + 1):
         try:
-            return take()
+            return fetch()
         except CancelledError:
             pass
-        # Of tasks that lost the same data one says so.
+        # Of tasks that lost the same data, one logs it.
         if attempt < MAX_ATTEMPTS and (resend is None or resend()):
-            LOGGER.warning("all workers that held %s were lost: it is sent again", what)
+            LOGGER.warning("all workers that held %s were lost: it is sent again", data_name)
     raise RuntimeError(
-        f"all workers that held {what} were lost, {MAX_ATTEMPTS} times: see their logs, and their "
-        "memory limit"
+        f"all workers that held {data_name} were lost, {MAX_ATTEMPTS} times: see their logs, and "
+        "their memory limit"
     )
 
 
@@ -327,7 +330,7 @@ class TaskFarm:
         """Return the result of a task, submitted again where the scene was lost."""
 
         def resend() -> bool:
-            # An earlier task may have seen to it already.
+            # An earlier task may have sent it already.
             is_lost = self._sent is not None and self._sent.status != "finished"
             self._sent = None if is_lost else self._sent
             self.begin(task)
@@ -345,22 +348,22 @@ class SharedScene:
     """
     The arguments that all tasks share; on a worker, also the renderers made of them.
 
-    They are kept for later tasks, one for each thread, and go when the worker lets the data go.
+    Renderers are cached for later tasks, one for each thread, as long as the worker has the data.
 
     Parameters
     ----------
-    make : callable
-        Makes a renderer of the arguments.
+    make_renderer : callable
+        Takes the arguments.
     *arguments
     """
 
-    def __init__(self, make: Callable[..., Any], *arguments: Any) -> None:
-        self.make, self.arguments = make, arguments
+    def __init__(self, make_renderer: Callable[..., Any], *arguments: Any) -> None:
+        self.make_renderer, self.arguments = make_renderer, arguments
         self._idle: list[Any] = []
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Renderers stay where they are.
-        return SharedScene, (self.make, *self.arguments)
+        # Renderers are not sent.
+        return SharedScene, (self.make_renderer, *self.arguments)
 
     @contextmanager
     def renderer(self) -> Iterator[Any]:
@@ -368,7 +371,7 @@ class SharedScene:
         try:
             renderer = self._idle.pop()
         except IndexError:
-            renderer = self.make(*self.arguments)
+            renderer = self.make_renderer(*self.arguments)
         yield renderer
         self._idle.append(renderer)
 

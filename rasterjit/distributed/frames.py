@@ -135,25 +135,25 @@ def render_many(
         return _render_on_cluster(scene, cameras, options, threads, prefetch, progress, client)
     count, threads_each = batch.share_threads(threads, workers)
     pace = GrowingPace(
-        scene, options, count, threads_each, batch.check_prefetch(prefetch), camera_count(cameras)
+        scene, options, count, threads_each, batch.check_prefetch(prefetch), count_cameras(cameras)
     )
     pool = RendererPool(scene, options, count, threads_each, pace)
     settled = batch.settle_all(scene, cameras, options)
     return batch.with_bar(batch.draw_all(pool, settled), cameras, progress)
 
 
-def camera_count(cameras: Iterable[Camera]) -> int | None:
+def count_cameras(cameras: Iterable[Camera]) -> int | None:
     """Return the number of cameras; ``None`` if they are no sequence."""
     return len(cameras) if isinstance(cameras, Sequence) else None
 
 
 class RemoteFrame(LazyFrame):
-    """A frame that a worker drew; its plan is made here, on first use."""
+    """A frame that a worker drew; its plan is made by this process, on first use."""
 
     def __init__(self, raw: FrameData, scene: Scene, camera: Camera, options: FrameRequest) -> None:
         self._scene = scene
-        make_plan = partial(planning.plan_frame, options, scene, camera)
-        super().__init__(raw[0], make_plan, raw[1])
+        outputs, stats, _ = raw
+        super().__init__(outputs, partial(planning.plan_frame, options, scene, camera), stats)
 
     def _first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
@@ -161,7 +161,7 @@ class RemoteFrame(LazyFrame):
 
 
 def share_scene(scene: Scene, options: FrameRequest, threads: int) -> SharedScene:
-    """Return the arguments that all frames share; ``threads`` are those of each task."""
+    """Return the arguments that all frames share; ``threads`` is the number for each task."""
     return SharedScene(PoolWorker, scene, options, threads)
 
 
@@ -169,36 +169,36 @@ def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[FrameDat
     """
     Draw frames on a worker, which caches what frames of one scene share.
 
-    What there is to warn of goes to the caller; an error of another view than the first, too, in
-    its place at the end.
+    Warnings are returned with the frames; so is an error of a view after the first, as the last
+    item.
     """
     with shared.renderer() as worker:
         results = worker.draw(cameras)
     if isinstance(results[0].result, Exception):
         raise results[0].result
-    return [pack_frame(one) for one in results]
+    return [pack_frame(view) for view in results]
 
 
-def pack_frame(one: ViewResult) -> FrameData | Exception:
+def pack_frame(view: ViewResult) -> FrameData | Exception:
     """Convert a view's result to `FrameData`, or return its exception."""
-    if isinstance(one.result, Exception):
-        return one.result
-    # Counted where the faces are: they do not travel for it.
-    _ = one.result.stats.pixels_covered
-    return one.result.arrays(), one.result.stats, one.notices
+    if isinstance(view.result, Exception):
+        return view.result
+    # Counted here, so that faces need not be sent for it.
+    _ = view.result.stats.pixels_covered
+    return view.result.arrays(), view.result.stats, view.notices
 
 
 class FrameTask(NamedTuple):
-    """Frames that a worker draws in one go."""
+    """Frames that a worker draws as one task."""
 
     task: SentTask
     cameras: list[Camera]
     """Cameras of the frames that are not yet taken."""
     drawn: deque[FrameData | Exception]
-    """Frames that came back and are not yet taken."""
+    """Frames that are drawn and not yet taken."""
 
 
-class Farm:
+class FrameFarm:
     """
     Draws the frames of one scene on a cluster.
 
@@ -208,7 +208,7 @@ class Farm:
     scene : Scene
     options : FrameRequest
     threads : int
-        Of each task.
+        Number for each task.
     pace : GrowingPace
     """
 
@@ -222,7 +222,7 @@ class Farm:
         self._count = 0
         self._warned: set[str] = set()
 
-    def __enter__(self) -> Farm:
+    def __enter__(self) -> FrameFarm:
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -237,16 +237,16 @@ class Farm:
         return FrameTask(task, cameras, deque())
 
     def take(self, frame_task: FrameTask) -> Frame:
-        """Return the next frame of a task when it is done, wherever that is."""
+        """Return the next frame of a task when the task is done."""
         task, cameras, drawn = frame_task
         if task in self._tasks:
             drawn += self._farm.result(task)
             self._tasks.remove(task)
-        one = drawn.popleft()
-        if isinstance(one, Exception):
-            raise one
-        view_warnings.warn(one[2], self._warned)
-        frame = RemoteFrame(one, self._scene, cameras.pop(0), self._options)
+        drawn_frame = drawn.popleft()
+        if isinstance(drawn_frame, Exception):
+            raise drawn_frame
+        view_warnings.warn(drawn_frame[2], self._warned)
+        frame = RemoteFrame(drawn_frame, self._scene, cameras.pop(0), self._options)
         self.pace.see(frame, None)
         return frame
 
@@ -264,18 +264,17 @@ def _render_on_cluster(
     client = check_client(client)
     threads_each = thread_count("threads", threads) or 1
     workers = count_threads(client)
-    pace = GrowingPace(
-        scene, options, workers, threads_each, batch.check_prefetch(prefetch), camera_count(cameras)
-    )
-    farm = Farm(client, scene, options, threads_each, pace)
+    prefetch = batch.check_prefetch(prefetch)
+    pace = GrowingPace(scene, options, workers, threads_each, prefetch, count_cameras(cameras))
+    farm = FrameFarm(client, scene, options, threads_each, pace)
     cameras_settled = batch.settle_all(scene, cameras, options)
     return batch.with_bar(batch.draw_all(farm, cameras_settled), cameras, progress)
 
 
-FORMATS = (".tif", ".tiff", ".zarr")
+PICTURE_FORMATS = (".tif", ".tiff", ".zarr")
 
 TILES_PER_THREAD = 2
-"""Tiles under way for each thread of a cluster."""
+"""Most tiles that are drawn or waiting, for each thread of a cluster."""
 
 Tiles = Generator[tuple[Region, NDArray[np.uint8]], None, None]
 
@@ -334,23 +333,24 @@ def render_large(
     """
     target = _check_path(path)
     regions_of((1, 1), tile)
-    write = _writer(target)
+    write = _make_writer(target)
     arguments = {
         "camera": camera, "size": size, "quality": quality, "background": background, "cull": cull,
     }  # fmt: skip
-    count = thread_count("threads", threads)
-    dask = None if client is None else check_client(client)
-    renderer = RegionRenderer(what, threads=count, **arguments)
+    threads = thread_count("threads", threads)
+    client = None if client is None else check_client(client)
+    renderer = RegionRenderer(what, threads=threads, **arguments)
     view_warnings.warn(view_warnings.warnings_of(renderer.plan), set())
     with renderer:
         picture_size = renderer.size
-        if dask is None:
+        if client is None:
             tiles = _draw_locally(renderer, tile)
         else:
             arguments["camera"] = renderer.plan.camera
-            # A picture's file may be out of the workers' reach.
+            # Workers may not be able to read the file of a background.
             arguments["background"] = renderer.plan.facts.background_image or background
-            tiles = _draw_on_cluster(TileFarm(dask, what, arguments, count or 1), renderer, tile)
+            farm = TileFarm(client, what, arguments, threads or 1)
+            tiles = _draw_on_cluster(farm, renderer, tile)
         with closing(tiles):
             write(tiles, picture_size, tile)
 
@@ -359,7 +359,7 @@ def _draw_locally(renderer: RegionRenderer, tile: int) -> Tiles:
     """Yield the tiles, row by row."""
     for region, frame in renderer.render_regions(tile):
         yield region, frame.color
-        # Not held while the next one is drawn.
+        # Release the frame before the next one is drawn.
         del frame
 
 
@@ -374,24 +374,24 @@ class TileFarm:
     arguments : dict
         Of `RegionRenderer`.
     threads : int
-        Of each task.
+        Number for each task.
     """
 
     def __init__(self, client: Client, what: Any, arguments: dict[str, Any], threads: int) -> None:
         self._client = client
         self._task: tuple[Any, ...] = what, arguments, threads
 
-    def run(
-        self, function: Callable[..., Any], regions: Sequence[Region], *more: Any
+    def map_regions(
+        self, function: Callable[..., Any], regions: Sequence[Region], *surveys: Any
     ) -> Iterator[tuple[Region, Any]]:
-        """Yield what a function gives of each region on a worker, in order, few ahead."""
-        limit = TILES_PER_THREAD * count_threads(self._client)
-        farm = TaskFarm(self._client, SharedScene(_region_renderer, *self._task, *more))
+        """Yield each region and a function's result for it from a worker, in order, few ahead."""
+        max_tasks = TILES_PER_THREAD * count_threads(self._client)
+        farm = TaskFarm(self._client, SharedScene(_make_region_renderer, *self._task, *surveys))
         tasks: deque[tuple[Region, SentTask]] = deque()
         pending = iter(regions)
         try:
             while True:
-                while len(tasks) < limit and (region := next(pending, None)) is not None:
+                while len(tasks) < max_tasks and (region := next(pending, None)) is not None:
                     tasks.append((region, farm.begin(SentTask(function, region))))
                 if not tasks:
                     return
@@ -403,19 +403,19 @@ class TileFarm:
 
 
 def _draw_on_cluster(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
-    """Yield the tiles that a cluster draws, row by row; survey first where shadows need it."""
+    """Yield the tiles that a cluster draws, row by row; survey them first if shadows need it."""
     regions = regions_of(renderer.size, tile)
     if not renderer.needs_surveys:
-        yield from farm.run(_draw_tile, regions)
+        yield from farm.map_regions(_draw_tile, regions)
         return
-    surveys = dict(farm.run(_survey_tile, regions))
-    yield from farm.run(_draw_tile, regions, surveys)
+    surveys = dict(farm.map_regions(_survey_tile, regions))
+    yield from farm.map_regions(_draw_tile, regions, surveys)
 
 
-def _region_renderer(
+def _make_region_renderer(
     what: Any, arguments: dict[str, Any], threads: int, *surveys: dict[Region, Survey]
 ) -> RegionRenderer:
-    """Return a renderer on a worker."""
+    """Return a renderer of tiles on a worker, with the surveys of all tiles if given."""
     renderer = RegionRenderer(what, threads=threads, **arguments)
     if surveys:
         renderer.take_surveys(surveys[0])
@@ -435,13 +435,14 @@ def _draw_tile(shared: SharedScene, region: Region) -> NDArray[np.uint8]:
 
 
 def _check_path(path: Any) -> Path:
-    """Return the path of the picture, or raise ``ValueError``; a Zarr array may be replaced."""
+    """Return the path to write to, or raise ``ValueError``; only a Zarr array may be replaced."""
     if isinstance(path, (str, os.PathLike)) and str(path).lower().endswith(".zarr"):
         target = Path(path)
         if os.path.lexists(target) and not _is_zarr_array(target):
             raise ValueError(f"path {str(target)!r} is there, but is no Zarr array to be replaced")
-        return checked_path(target.with_name(f"{target.name}.zarr"), FORMATS).with_name(target.name)
-    return checked_path(path, FORMATS)
+        absent = target.with_name(f"{target.name}.zarr")
+        return checked_path(absent, PICTURE_FORMATS).with_name(target.name)
+    return checked_path(path, PICTURE_FORMATS)
 
 
 def _is_zarr_array(target: Path) -> bool:
@@ -453,7 +454,7 @@ def _is_zarr_array(target: Path) -> bool:
     return isinstance(metadata, dict) and metadata.get("node_type") == "array"
 
 
-def _writer(target: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
+def _make_writer(target: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
     """Return a function that writes tiles to a path, by the library for its format."""
     try:
         if target.suffix.lower() == ".zarr":
@@ -473,15 +474,15 @@ def _write_tiff(tifffile: Any, path: Path, tiles: Tiles, size: tuple[int, int], 
     """Write tiles to a BigTIFF."""
     width, height = size
 
-    def padded() -> Iterator[NDArray[np.uint8]]:
+    def pad_tiles() -> Iterator[NDArray[np.uint8]]:
         for _, color in tiles:
             yield _pad_tile(color, tile)
-            # Not held while the next one is drawn.
+            # Release the tile before the next one is drawn.
             del color
 
     with atomic_file(path) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
         file.write(
-            padded(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
+            pad_tiles(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
             photometric="rgb", extrasamples=["unassalpha"], compression="zlib",
             software="RasterJIT",
             # With more workers it reads tiles ahead, up to 512 MiB of them.
@@ -490,7 +491,7 @@ def _write_tiff(tifffile: Any, path: Path, tiles: Tiles, size: tuple[int, int], 
 
 
 def _pad_tile(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
-    """Return a whole tile, as those of a TIFF are; what lies beyond the picture is not shown."""
+    """Return a tile padded to its full size, as a TIFF needs it."""
     height, width, _ = color.shape
     if height == width == tile:
         return color
@@ -515,7 +516,7 @@ def _write_zarr(zarr: Any, target: Path, tiles: Tiles, size: tuple[int, int], ti
 
 @contextmanager
 def _name_picture_in_errors(target: Path) -> Iterator[None]:
-    """Let an error of the system name the picture, not one of the files it is made of."""
+    """Name the picture in errors of the system, instead of one of its files."""
     try:
         yield
     except OSError as error:

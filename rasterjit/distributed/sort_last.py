@@ -1,8 +1,10 @@
 """
-Sort-last rendering: draw the parts of a mesh where they are, and keep the nearest faces.
+Render sort-last: draw the parts of a mesh on the machines that hold them, then merge by depth.
 
-S. Molnar, M. Cox, D. Ellsworth and H. Fuchs, "A Sorting Classification of Parallel Rendering", IEEE
-Computer Graphics and Applications 14(4), 1994, name it so.
+References
+----------
+.. [1] S. Molnar, M. Cox, D. Ellsworth, H. Fuchs, "A Sorting Classification of Parallel Rendering",
+   IEEE Computer Graphics and Applications 14(4), 1994: the name.
 """
 
 from __future__ import annotations
@@ -42,40 +44,40 @@ if TYPE_CHECKING:
     from distributed import Client
 
 MAX_FACES = 2**31 - 1
-"""Most faces of all parts together: their numbers are int32."""
+"""Most faces of all parts together, as face numbers are int32."""
 
-COUNTS = (
+SUMMED_STATS = (
     "triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn", "clipped",
 )  # fmt: skip
-"""Statistics that add up."""
+"""Fields of `FrameStats` that are summed over parts."""
 
 
 @dataclass
 class PartialImage:
     """The image of some neighbouring parts of a mesh."""
 
-    faces: int
-    """Number of their faces."""
+    face_count: int
+    """Number of faces of the parts."""
     depth: NDArray[Any]
-    """(H, W), as stored: greater is nearer."""
+    """(H, W), stored depth: greater is nearer."""
     outputs: dict[str, NDArray[Any]]
-    """(H, W, ...) each; ``face_id`` counts from the first of these faces."""
+    """(H, W, ...) each; ``face_id`` counts from the first face of the parts."""
     counts: dict[str, int]
     seconds: dict[str, float]
     plan: RenderPlan
     plane_needs: PlaneNeeds
-    """View summary of all these parts, beside the near and the far plane."""
+    """What all parts need of automatic near and far planes."""
 
     def frame(self) -> Frame:
-        """Return the picture of all parts, which are one object."""
+        """Return the frame of all parts, which are one object."""
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
         stats = FrameStats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
         plan = self.plan.for_picture(plane_needs=self.plane_needs)
-        return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))
+        return Frame(outputs, plan, stats, face_starts=np.array([0, self.face_count]))
 
 
-def mesh_of_part(part: Any, material: Material | None) -> Mesh | None:
+def make_part_mesh(part: Any, material: Material | None) -> Mesh | None:
     """
     Convert a part to a `Mesh`; ``None`` if it has no face.
 
@@ -84,12 +86,12 @@ def mesh_of_part(part: Any, material: Material | None) -> Mesh | None:
     part : Mesh, (vertices, faces), a list of such pairs, or a callable that returns one of them
         Vertices (V, 3), world space, and faces (F, 3), vertex numbers.
     material : Material or None
-        For what comes without one.
+        Material of parts that are no ``Mesh``.
 
     Raises
     ------
     ValueError
-        If it is none of these.
+        If ``part`` is something else.
     """
     if callable(part):
         part = part()
@@ -110,7 +112,7 @@ def mesh_of_part(part: Any, material: Material | None) -> Mesh | None:
     ]
     if not sum(map(len, faces)):
         return None
-    vertices = np.concatenate([np.asarray(indices, np.float64) for indices, _ in pairs])
+    vertices = np.concatenate([np.asarray(positions, np.float64) for positions, _ in pairs])
     return Mesh(vertices, np.concatenate(faces), material=material or Material(shading="flat"))
 
 
@@ -124,42 +126,43 @@ def draw_part(
     steps: tuple[int, int] = (0, 0),
 ) -> PartialImage | None:
     """
-    Draw one part with the lights of the whole; ``None`` if it has no face.
+    Draw one part with the lights and effects of ``setting``; ``None`` if it has no face.
 
-    ``steps`` say where planes are that the camera leaves open, as `move_planes` takes them.
+    ``steps`` place automatic planes, as `move_planes` takes them.
     """
-    checked_part = plan_part(mesh_of_part(part, material), setting, camera, options)
-    if checked_part is None:
+    planned_part = plan_part(make_part_mesh(part, material), setting, camera, options)
+    if planned_part is None:
         return None
-    scene, plan = checked_part
+    scene, plan = planned_part
     outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
     clock, workers = StageClock(), Workers(threads)
     try:
         request = options._replace(outputs=outputs)
-        planned = plan_views(request, scene, move_planes(camera, *steps))
-        options_kept = {"depth": True, "draws": True}
-        frame, drawing = draw_frame(planned, workers, clock=clock, **options_kept)
+        planned_frame = plan_views(request, scene, move_planes(camera, *steps))
+        frame, drawing = draw_frame(planned_frame, workers, clock=clock, depth=True, draws=True)
     finally:
         workers.close()
-    counts = {name: getattr(frame.stats, name) for name in COUNTS}
+    counts = {name: getattr(frame.stats, name) for name in SUMMED_STATS}
     (node,) = scene.nodes
-    faces = len(node.mesh.faces)
-    plan, seconds = plan.for_picture(camera=planned.plan.camera), frame.stats.seconds
+    plan = plan.for_picture(camera=planned_frame.plan.camera)
     return PartialImage(
-        faces, drawing.coverage.depth, frame.arrays(), counts, seconds, plan, plan.plane_needs
-    )
+        len(node.mesh.faces), drawing.coverage.depth, frame.arrays(), counts, frame.stats.seconds,
+        plan, plan.plane_needs,
+    )  # fmt: skip
 
 
 def plan_part(
     mesh: Mesh | None, setting: Scene, camera: Camera, options: FrameRequest
 ) -> tuple[Scene, RenderPlan] | None:
     """
-    Return a part as a scene with the lights of the whole, and its plan; ``None`` for no face.
+    Return a scene of a part with the lights and effects of ``setting``, and its plan.
+
+    ``None`` if the part has no face.
 
     Raises
     ------
     ValueError
-        If it shows what cannot be told from one part alone.
+        If the part has features that depend on other parts.
     """
     if mesh is None or not len(mesh.faces):
         return None
@@ -175,7 +178,7 @@ def plan_part(
 
 
 def _check_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
-    """Raise ``ValueError`` for what faces of other parts have a share in."""
+    """Raise ``ValueError`` for features that depend on faces of other parts."""
     material = mesh.material
     output = next((name for name in NORMAL_OUTPUTS if name in outputs), None)
     if output is not None and mesh.normals is None:
@@ -198,8 +201,8 @@ def _check_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
 
 
 def _check_opaque(plan: RenderPlan) -> None:
-    """Raise ``ValueError`` if a pixel shows more than its nearest face."""
-    sees_through = any(isinstance(one.effect, OpaquePassEffect) for one in plan.planned)
+    """Raise ``ValueError`` if pixels may show more than the nearest face."""
+    sees_through = any(isinstance(planned.effect, OpaquePassEffect) for planned in plan.planned)
     if plan.layers is not None or plan.pictures > 1 or sees_through:
         raise ValueError(
             "partitions must be opaque: what is seen through a face, or mixed at its edges, may "
@@ -219,9 +222,9 @@ def merge_images(first: PartialImage | None, second: PartialImage | None) -> Par
     """
     if first is None or second is None:
         return first if second is None else second
-    faces = first.faces + second.faces
-    if faces > MAX_FACES:
-        raise ValueError(f"partitions must have at most {MAX_FACES} faces together, got {faces}")
+    count = first.face_count + second.face_count
+    if count > MAX_FACES:
+        raise ValueError(f"partitions must have at most {MAX_FACES} faces together, got {count}")
     is_nearer = second.depth > first.depth
     outputs = {}
     for name, array in first.outputs.items():
@@ -232,14 +235,14 @@ def merge_images(first: PartialImage | None, second: PartialImage | None) -> Par
                 f"{array.shape[-1]} and {other.shape[-1]}"
             )
         if name == "face_id":
-            other = np.where(other >= 0, other + np.int32(first.faces), other)
+            other = np.where(other >= 0, other + np.int32(first.face_count), other)
         mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (array.ndim - 2))
         outputs[name] = np.where(mask, other, array)
     return PartialImage(
-        faces,
+        count,
         np.where(is_nearer, second.depth, first.depth),
         outputs,
-        {name: first.counts[name] + second.counts[name] for name in COUNTS},
+        {name: first.counts[name] + second.counts[name] for name in SUMMED_STATS},
         {
             name: first.seconds.get(name, 0.0) + second.seconds.get(name, 0.0)
             for name in dict.fromkeys((*first.seconds, *second.seconds))
@@ -249,12 +252,12 @@ def merge_images(first: PartialImage | None, second: PartialImage | None) -> Par
     )
 
 
-def merge_tree(layers: Sequence[Any], merge: Callable[[Any, Any], Any]) -> Any:
-    """Merge neighbours, then neighbours of those, until one is left."""
-    while len(layers) > 1:
-        pairs = [merge(*layers[n : n + 2]) for n in range(0, len(layers) - 1, 2)]
-        layers = [*pairs, *layers[len(pairs) * 2 :]]
-    return layers[0]
+def merge_pairwise(images: Sequence[Any], merge: Callable[[Any, Any], Any]) -> Any:
+    """Merge neighbouring images pairwise until one is left."""
+    while len(images) > 1:
+        pairs = [merge(*images[n : n + 2]) for n in range(0, len(images) - 1, 2)]
+        images = [*pairs, *images[len(pairs) * 2 :]]
+    return images[0]
 
 
 def render_partitions(
@@ -336,35 +339,35 @@ def render_partitions(
     if material is not None and not isinstance(material, Material):
         raise ValueError(f"material must be a Material or None, got {brief(material)}")
     camera = check_camera("camera", camera)
-    parts = _parts_of(partitions)
+    parts = _list_parts(partitions)
     for name in options.outputs:
         if name in ("uv", "scalar") or is_attribute(name):
             _check_meshes(name, partitions, parts)
-    # What is here is looked at here, before anything is sent.
-    planned = [
-        plan_part(mesh_of_part(part, material), setting, camera, options)
+    # Check the parts that this process holds before anything is sent.
+    planned_parts = [
+        plan_part(make_part_mesh(part, material), setting, camera, options)
         for part in filter(_is_local, parts)
     ]
-    steps = merge_needs([one[1].plane_needs for one in planned if one is not None]).steps
+    steps = merge_needs([part[1].plane_needs for part in planned_parts if part]).steps
     threads_each = thread_count("threads", threads) or 1
     with clusters.use_client(client) as dask_client:
 
         def draw(steps: tuple[int, int]) -> PartialImage:
-            one = clusters.retry(
+            image = clusters.retry(
                 lambda: _render_once(
                     parts, setting, material, camera, options, threads_each, steps, dask_client
                 ),
                 "the partitions",
             )
-            if one is None:
+            if image is None:
                 raise ValueError("partitions must have at least one face together, got none")
-            return one
+            return image
 
-        layer = draw(steps)
-        if layer.plane_needs.steps != steps:
-            # Parts that are not here show what planes that are left open would cut.
-            layer = draw(layer.plane_needs.steps)
-    frame = layer.frame()
+        image = draw(steps)
+        if image.plane_needs.steps != steps:
+            # Parts that only workers hold need other automatic planes.
+            image = draw(image.plane_needs.steps)
+    frame = image.frame()
     view_warnings.warn(view_warnings.warnings_of(frame.plan, frame.stats), set())
     return frame
 
@@ -379,7 +382,7 @@ def _render_once(
     steps: tuple[int, int],
     client: Client,
 ) -> PartialImage | None:
-    """Send what is here, draw and merge."""
+    """Send the parts that this process holds, draw all parts and merge their images."""
     import dask
 
     shared = clusters.send(setting, client)
@@ -392,14 +395,14 @@ def _render_once(
         for n, part in enumerate(parts)
     ]
     with clusters.report_lost_scheduler(client):
-        future = client.compute(merge_tree(images, merge), optimize_graph=False)
+        future = client.compute(merge_pairwise(images, merge), optimize_graph=False)
     try:
         return clusters.wait_for_result(future, client)
     finally:
         clusters.cancel([future], client)
 
 
-def _parts_of(partitions: Any) -> list[Any]:
+def _list_parts(partitions: Any) -> list[Any]:
     """Return the parts: meshes, pairs, callables or delayed ones; or raise ``ValueError``."""
     from dask.bag import Bag
     from dask.delayed import Delayed
@@ -432,19 +435,19 @@ def _is_local(part: Any) -> bool:
 
 
 def _check_meshes(output: str, partitions: Any, parts: Sequence[Any]) -> None:
-    """Raise ``ValueError`` if an output is asked of parts that only a `Mesh` can have."""
+    """Raise ``ValueError`` if parts are no `Mesh`, which an output needs."""
     from dask.bag import Bag
 
     if isinstance(partitions, Bag) or any(isinstance(part, (tuple, list)) for part in parts):
         raise ValueError(f"outputs has {output!r}, but partitions of (vertices, faces) have none")
 
 
-JOINING_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, ScreenEffect) and one.joins_faces)
-"""Effects that no part of a scene has alone."""
+JOINING_EFFECTS = tuple(e for e in EFFECTS if isinstance(e, ScreenEffect) and e.joins_faces)
+"""Effects that depend on faces of several parts."""
 
 
 def _check_setting(setting: Any) -> Scene:
-    """Return the light of the whole, or raise ``ValueError`` for what parts cannot show alone."""
+    """Return the setting, or raise ``ValueError`` for effects that depend on several parts."""
     if setting is None:
         return Scene()
     if not isinstance(setting, Scene):

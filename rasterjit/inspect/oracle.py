@@ -79,7 +79,7 @@ GUARD_PIXELS = 8192
 # --- taking numbers at their exact value ----------------------------------------------------------
 
 
-def _check_number(name: str, value: Number) -> Exact:
+def _to_exact(name: str, value: Number) -> Exact:
     """Return a number at its exact value, or raise ``ValueError``."""
     try:
         return value if isinstance(value, Fraction) else operator.index(value)
@@ -93,7 +93,7 @@ def _check_number(name: str, value: Number) -> Exact:
         raise ValueError(f"{name} must be finite, got {value!r}") from None
 
 
-def _check_rows(name: str, rows: Iterable, length: int | None = None) -> list:
+def _to_rows(name: str, rows: Iterable, length: int | None = None) -> list:
     """Return rows, of a given number if any, as a list, or raise ``ValueError``."""
     try:
         entries = list(rows)
@@ -104,21 +104,21 @@ def _check_rows(name: str, rows: Iterable, length: int | None = None) -> list:
     return entries
 
 
-def _check_vector(name: str, values: Iterable[Number], length: int | None) -> tuple[Exact, ...]:
+def _to_vector(name: str, values: Iterable[Number], length: int | None) -> tuple[Exact, ...]:
     """Return numbers at their exact values, or raise ``ValueError``."""
-    numbers = _check_rows(name, values, length)
-    return tuple(_check_number(f"{name}[{n}]", value) for n, value in enumerate(numbers))
+    numbers = _to_rows(name, values, length)
+    return tuple(_to_exact(f"{name}[{n}]", value) for n, value in enumerate(numbers))
 
 
-def _check_points(
+def _to_points(
     name: str, rows: Iterable[Iterable[Number]], length: int, count: int | None = None
 ) -> tuple[tuple[Exact, ...], ...]:
     """Return points at their exact values, or raise ``ValueError``."""
-    points = _check_rows(name, rows, count)
-    return tuple(_check_vector(f"{name}[{n}]", row, length) for n, row in enumerate(points))
+    points = _to_rows(name, rows, count)
+    return tuple(_to_vector(f"{name}[{n}]", row, length) for n, row in enumerate(points))
 
 
-def _check_int(name: str, value: int, minimum: int | None = None) -> int:
+def _to_int(name: str, value: int, minimum: int | None = None) -> int:
     """Return an int that is not below ``least``, or raise ``ValueError``."""
     try:
         number = operator.index(value)
@@ -129,15 +129,15 @@ def _check_int(name: str, value: int, minimum: int | None = None) -> int:
     return number
 
 
-def _check_int_pair(name: str, pair: Sequence[int], minimum: int | None = None) -> tuple[int, int]:
+def _to_int_pair(name: str, pair: Sequence[int], minimum: int | None = None) -> tuple[int, int]:
     """Return two ints that are not below ``least``, or raise ``ValueError``."""
-    first, second = _check_rows(name, pair, 2)
-    return _check_int(f"{name}[0]", first, minimum), _check_int(f"{name}[1]", second, minimum)
+    first, second = _to_rows(name, pair, 2)
+    return _to_int(f"{name}[0]", first, minimum), _to_int(f"{name}[1]", second, minimum)
 
 
 def _check_bits(subpixel_bits: int) -> int:
     """Return the bits of a sub-pixel grid, or raise ``ValueError``."""
-    bits = _check_int("subpixel_bits", subpixel_bits, 0)
+    bits = _to_int("subpixel_bits", subpixel_bits, 0)
     if bits > MAX_SUBPIXEL_BITS:
         raise ValueError(f"subpixel_bits must be at most {MAX_SUBPIXEL_BITS}, got {bits}")
     return bits
@@ -160,7 +160,7 @@ def round_half_up(value: Number) -> int:
     ValueError
         If the value is NaN, infinite or no number.
     """
-    return math.floor(_check_number("value", value) + Fraction(1, 2))
+    return math.floor(_to_exact("value", value) + Fraction(1, 2))
 
 
 # --- the sub-pixel grid ---------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def snap(value: Number, subpixel_bits: int = 8) -> int:
     ValueError
         If the value is not finite or the number of bits is not in 0 to 1074.
     """
-    return round(_check_number("value", value) * (1 << _check_bits(subpixel_bits)))
+    return round(_to_exact("value", value) * (1 << _check_bits(subpixel_bits)))
 
 
 def snap_triangle(
@@ -217,8 +217,7 @@ def snap_triangle(
 def _snap_points(name, points, subpixel_bits) -> tuple[Pixel, Pixel, Pixel]:
     """Return three points on the grid, or raise ``ValueError`` naming the argument."""
     first, second, third = (
-        (snap(x, subpixel_bits), snap(y, subpixel_bits))
-        for x, y in _check_points(name, points, 2, 3)
+        (snap(x, subpixel_bits), snap(y, subpixel_bits)) for x, y in _to_points(name, points, 2, 3)
     )
     return first, second, third
 
@@ -226,7 +225,7 @@ def _snap_points(name, points, subpixel_bits) -> tuple[Pixel, Pixel, Pixel]:
 # --- coverage -------------------------------------------------------------------------------------
 
 
-def _evaluate_edge(a, b, p):
+def _edge_value(a, b, p):
     """Return the edge function of exact points."""
     return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 
@@ -234,13 +233,13 @@ def _evaluate_edge(a, b, p):
 def _covers_point(triangle, point) -> bool:
     """Tell whether a triangle of exact points owns an exact point."""
     a, b, c = triangle
-    area = _evaluate_edge(a, b, c)
+    area = _edge_value(a, b, c)
     if area == 0:
         return False
     if area < 0:
         b, c = c, b
     for start, end in ((a, b), (b, c), (c, a)):
-        value = _evaluate_edge(start, end, point)
+        value = _edge_value(start, end, point)
         is_left, is_top = end[1] < start[1], end[1] == start[1] and end[0] > start[0]
         if value < 0 or (value == 0 and not (is_left or is_top)):
             return False
@@ -268,9 +267,7 @@ def edge(a: Numbers, b: Numbers, p: Numbers) -> Exact:
     ValueError
         If a point is not two finite numbers.
     """
-    return _evaluate_edge(
-        _check_vector("a", a, 2), _check_vector("b", b, 2), _check_vector("p", p, 2)
-    )
+    return _edge_value(_to_vector("a", a, 2), _to_vector("b", b, 2), _to_vector("p", p, 2))
 
 
 def covers(triangle: Points, point: Numbers) -> bool:
@@ -294,9 +291,7 @@ def covers(triangle: Points, point: Numbers) -> bool:
     ValueError
         If there are not three points, or one is not two finite numbers.
     """
-    return _covers_point(
-        _check_points("triangle", triangle, 2, 3), _check_vector("point", point, 2)
-    )
+    return _covers_point(_to_points("triangle", triangle, 2, 3), _to_vector("point", point, 2))
 
 
 def covered_pixels(
@@ -333,21 +328,18 @@ def covered_pixels(
     ValueError
         If an argument has a wrong length or value, or a number is not finite.
     """
-    width, height = _check_int_pair("size", size, 1)
+    width, height = _to_int_pair("size", size, 1)
     left, top, right, bottom = 0, 0, width, height
     if window is not None:
         left, top, right, bottom = (
-            _check_int(f"window[{n}]", side)
-            for n, side in enumerate(_check_vector("window", window, 4))
+            _to_int(f"window[{n}]", side) for n, side in enumerate(_to_vector("window", window, 4))
         )
     corners = _snap_points("triangle", triangle, subpixel_bits)
-    sample_position = _check_vector("sample", sample, 2)
-    return set(
-        _find_covered_pixels(corners, (left, top, right, bottom), subpixel_bits, sample_position)
-    )
+    offset = _to_vector("sample", sample, 2)
+    return set(_list_covered(corners, (left, top, right, bottom), subpixel_bits, offset))
 
 
-def _find_covered_pixels(corners, window, subpixel_bits, sample=CENTRE):
+def _list_covered(corners, window, subpixel_bits, sample=CENTRE):
     """Yield the pixels of a window, row by row, whose sample a snapped triangle covers."""
     left, top, right, bottom = window
     scale = 1 << subpixel_bits
@@ -395,16 +387,12 @@ def affine_weights(triangle: Points, point: Numbers) -> Weights:
     ValueError
         If the triangle has no area, or an argument is not of finite numbers.
     """
-    a, b, c = _check_points("triangle", triangle, 2, 3)
-    p = _check_vector("point", point, 2)
-    area = Fraction(_evaluate_edge(a, b, c))
+    a, b, c = _to_points("triangle", triangle, 2, 3)
+    p = _to_vector("point", point, 2)
+    area = Fraction(_edge_value(a, b, c))
     if area == 0:
         raise ValueError(f"triangle must have an area, got {triangle!r}")
-    return (
-        _evaluate_edge(b, c, p) / area,
-        _evaluate_edge(c, a, p) / area,
-        _evaluate_edge(a, b, p) / area,
-    )
+    return (_edge_value(b, c, p) / area, _edge_value(c, a, p) / area, _edge_value(a, b, p) / area)
 
 
 def perspective_weights(triangle: Points, ws: Numbers, point: Numbers) -> Weights:
@@ -431,7 +419,7 @@ def perspective_weights(triangle: Points, ws: Numbers, point: Numbers) -> Weight
         finite numbers, or the point, outside the triangle, is on the horizon of its plane.
     """
     weights = affine_weights(triangle, point)
-    w = _check_vector("ws", ws, 3)
+    w = _to_vector("ws", ws, 3)
     if min(w) <= 0:
         raise ValueError(f"ws must be above zero, got {ws!r}")
     return _normalize([weight / at for weight, at in zip(weights, w, strict=True)], point)
@@ -462,9 +450,9 @@ def clip_weights(clip_positions: Points, point: Numbers, size: tuple[int, int]) 
         If the face is seen edge-on, the point is on the horizon of its plane, or an argument is
         not of finite numbers.
     """
-    corners = [(x, y, w) for x, y, _, w in _check_points("clip_positions", clip_positions, 4, 3)]
-    width, height = _check_int_pair("size", size, 1)
-    x, y = _check_vector("point", point, 2)
+    corners = [(x, y, w) for x, y, _, w in _to_points("clip_positions", clip_positions, 4, 3)]
+    width, height = _to_int_pair("size", size, 1)
+    x, y = _to_vector("point", point, 2)
     ray = (2 * Fraction(x) / width - 1, 1 - 2 * Fraction(y) / height, Fraction(1))
     a, b, c = corners
     return _normalize([_determinant(ray, *pair) for pair in ((b, c), (c, a), (a, b))], point)
@@ -508,12 +496,12 @@ def interpolate(
     ValueError
         If the lengths differ or a number is not finite.
     """
-    exact_weights = _check_vector("weights", weights, None)
-    values = _check_rows("values", values, len(exact_weights))
+    exact_weights = _to_vector("weights", weights, None)
+    values = _to_rows("values", values, len(exact_weights))
     if values and hasattr(values[0], "__len__"):
-        rows = _check_points("values", values, len(values[0]))
+        rows = _to_points("values", values, len(values[0]))
         return tuple(_sum_weighted(exact_weights, column) for column in zip(*rows, strict=True))
-    return _sum_weighted(exact_weights, _check_vector("values", values, None))
+    return _sum_weighted(exact_weights, _to_vector("values", values, None))
 
 
 def _sum_weighted(weights, values) -> Fraction:
@@ -544,16 +532,15 @@ def colormap_entry(value: Number, low: Number, high: Number, count: int) -> int:
     ValueError
         If a number is not finite, the range goes down, or there is no entry.
     """
-    exact_value, start, end = (
-        _check_number(name, given)
-        for name, given in (("value", value), ("low", low), ("high", high))
+    number, start, end = (
+        _to_exact(name, given) for name, given in (("value", value), ("low", low), ("high", high))
     )
-    count = _check_int("count", count, 1)
+    count = _to_int("count", count, 1)
     if start > end:
         raise ValueError(f"low must not be above high, got {low!r} and {high!r}")
     if start == end:
         return 0
-    entry = math.floor(Fraction(count * (exact_value - start)) / (end - start))
+    entry = math.floor(Fraction(count * (number - start)) / (end - start))
     return min(max(entry, 0), count - 1)
 
 
@@ -578,7 +565,7 @@ def depth_at(triangle: Points, depths: Numbers, point: Numbers) -> Fraction:
     ValueError
         If the triangle has no area, or an argument is not of finite numbers.
     """
-    return _sum_weighted(affine_weights(triangle, point), _check_vector("depths", depths, 3))
+    return _sum_weighted(affine_weights(triangle, point), _to_vector("depths", depths, 3))
 
 
 # --- visibility -----------------------------------------------------------------------------------
@@ -615,13 +602,13 @@ def visible_faces(
     ValueError
         If an argument has a wrong length or value, or a number is not finite.
     """
-    image_window = (0, 0, *_check_int_pair("size", size, 1))
-    triangles = _check_rows("triangles", triangles)
-    depths = _check_rows("depths", depths, len(triangles))
+    image_window = (0, 0, *_to_int_pair("size", size, 1))
+    triangles = _to_rows("triangles", triangles)
+    depths = _to_rows("depths", depths, len(triangles))
     visible: dict[Pixel, tuple[int, Fraction]] = {}
     for face, triangle in enumerate(triangles):
         corners = _snap_points(f"triangles[{face}]", triangle, subpixel_bits)
-        corner_depths = _check_vector(f"depths[{face}]", depths[face], 3)
+        corner_depths = _to_vector(f"depths[{face}]", depths[face], 3)
         _draw_triangle(visible, face, (corners, corner_depths), image_window, subpixel_bits)
     return visible
 
@@ -630,7 +617,7 @@ def _draw_triangle(visible, face, snapped, window, subpixel_bits) -> None:
     """Enter the pixels where a snapped triangle is nearer than what is shown."""
     corners, depths = snapped
     scale = 1 << subpixel_bits
-    for column, row in _find_covered_pixels(corners, window, subpixel_bits):
+    for column, row in _list_covered(corners, window, subpixel_bits):
         centre = ((column + CENTRE[0]) * scale, (row + CENTRE[1]) * scale)
         depth = depth_at(corners, depths, centre)
         if (column, row) not in visible or depth < visible[column, row][1]:
@@ -657,8 +644,8 @@ def screen_position(clip_position: Numbers, size: tuple[int, int]) -> tuple[Frac
     ValueError
         If w is not above zero (clip first), or a number is not finite.
     """
-    x, y, _, w = _check_vector("clip_position", clip_position, 4)
-    width, height = _check_int_pair("size", size, 1)
+    x, y, _, w = _to_vector("clip_position", clip_position, 4)
+    width, height = _to_int_pair("size", size, 1)
     if w <= 0:
         raise ValueError(f"clip_position must have w above zero, got {clip_position!r}")
     return (Fraction(x) / w + 1) * width / 2, (1 - Fraction(y) / w) * height / 2
@@ -713,15 +700,13 @@ def render_faces(
         If an argument has a wrong length or value, a face points outside the vertices, or a number
         is not finite.
     """
-    positions = _check_points("clip_positions", clip_positions, 4)
+    positions = _to_points("clip_positions", clip_positions, 4)
     bits = _check_bits(subpixel_bits)
-    image_window = (0, 0, *_check_int_pair("size", size, 1))
+    image_window = (0, 0, *_to_int_pair("size", size, 1))
     planes = guard_band(size)
     visible: dict[Pixel, tuple[int, Fraction]] = {}
-    for face, numbers in enumerate(_check_rows("faces", faces)):
-        corners = [
-            _check_int(f"faces[{face}]", n, 0) for n in _check_rows(f"faces[{face}]", numbers)
-        ]
+    for face, numbers in enumerate(_to_rows("faces", faces)):
+        corners = [_to_int(f"faces[{face}]", n, 0) for n in _to_rows(f"faces[{face}]", numbers)]
         if len(corners) != 3 or max(corners) >= len(positions):
             raise ValueError(
                 f"faces[{face}] must be three vertices below {len(positions)}, got {numbers!r}"
@@ -767,7 +752,7 @@ def view_planes(guard_x: Number = 1, guard_y: Number = 1) -> tuple[Plane, ...]:
     ValueError
         If a number is not finite.
     """
-    gx, gy = _check_number("guard_x", guard_x), _check_number("guard_y", guard_y)
+    gx, gy = _to_exact("guard_x", guard_x), _to_exact("guard_y", guard_y)
     return (
         (0, 0, 1, 1), (0, 0, -1, 1),
         (1, 0, 0, gx), (-1, 0, 0, gx),
@@ -794,7 +779,7 @@ def guard_band(size: tuple[int, int]) -> tuple[Plane, ...]:
     ValueError
         If the size is not two whole numbers above zero.
     """
-    width, height = _check_int_pair("size", size, 1)
+    width, height = _to_int_pair("size", size, 1)
     return view_planes(
         1 + Fraction(2 * GUARD_PIXELS, width), 1 + Fraction(2 * GUARD_PIXELS, height)
     )
@@ -804,7 +789,7 @@ VIEW_VOLUME = view_planes()
 """OpenGL's view volume ``-w <= x, y, z <= w``: near, far, left, right, bottom, top."""
 
 
-def _evaluate_plane(plane, vertex):
+def _plane_value(plane, vertex):
     """Return the value of a plane at an exact vertex, of any dimension."""
     return sum(a * x for a, x in zip(plane, vertex, strict=True))
 
@@ -815,10 +800,7 @@ def _clip_polygon(polygon, planes):
         clipped = []
         for n, start in enumerate(polygon):
             end = polygon[(n + 1) % len(polygon)]
-            start_distance, end_distance = (
-                _evaluate_plane(plane, start),
-                _evaluate_plane(plane, end),
-            )
+            start_distance, end_distance = (_plane_value(plane, start), _plane_value(plane, end))
             if start_distance >= 0:
                 clipped.append(start)
             if start_distance * end_distance < 0:
@@ -847,8 +829,8 @@ def plane_distance(plane: Numbers, clip_position: Numbers) -> Exact:
     ValueError
         If an argument is not four finite numbers.
     """
-    return _evaluate_plane(
-        _check_vector("plane", plane, 4), _check_vector("clip_position", clip_position, 4)
+    return _plane_value(
+        _to_vector("plane", plane, 4), _to_vector("clip_position", clip_position, 4)
     )
 
 
@@ -878,9 +860,9 @@ def clip_polygon(
         If a number is not finite, or what is left reaches infinity, or beyond it behind the eye:
         more planes are needed. Never with the planes of `VIEW_VOLUME`.
     """
-    vertices = [tuple(map(Fraction, vertex)) for vertex in _check_points("polygon", polygon, 4)]
+    vertices = [tuple(map(Fraction, vertex)) for vertex in _to_points("polygon", polygon, 4)]
     # What is behind the eye is never seen; the view volume implies this plane.
-    clipped = _clip_polygon(vertices, (*_check_points("planes", planes, 4), (0, 0, 0, 1)))
+    clipped = _clip_polygon(vertices, (*_to_points("planes", planes, 4), (0, 0, 0, 1)))
     at_the_eye = any(x == y == w == 0 for x, y, _, w in clipped)
     if len(clipped) < 3 or at_the_eye or all(w == 0 for *_, w in clipped):
         return []
@@ -932,7 +914,7 @@ def polygon_area(polygon: Points) -> Fraction:
     ValueError
         If a point is not two finite numbers.
     """
-    points = _check_points("polygon", polygon, 2)
+    points = _to_points("polygon", polygon, 2)
     following = points[1:] + points[:1]
     doubled = sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(points, following, strict=True))
     return Fraction(abs(doubled), 2)
@@ -958,9 +940,9 @@ def pixel_area(polygon: Points, column: int, row: int) -> Fraction:
     ValueError
         If a point is not two finite numbers, or the pixel not two whole ones.
     """
-    i, j = _check_int("column", column), _check_int("row", row)
+    i, j = _to_int("column", column), _to_int("row", row)
     square = (1, 0, -i), (-1, 0, i + 1), (0, 1, -j), (0, -1, j + 1)
-    inside = _clip_polygon([(x, y, 1) for x, y in _check_points("polygon", polygon, 2)], square)
+    inside = _clip_polygon([(x, y, 1) for x, y in _to_points("polygon", polygon, 2)], square)
     return polygon_area([(x, y) for x, y, _ in inside])
 
 
@@ -993,7 +975,7 @@ def line_pixels(
     ValueError
         If a coordinate is not a whole number, or a step is not one of the line's.
     """
-    (x0, y0), (x1, y1) = _check_int_pair("start", start), _check_int_pair("end", end)
+    (x0, y0), (x1, y1) = _to_int_pair("start", start), _to_int_pair("end", end)
     return [
         (round_half_up(x0 + t * (x1 - x0)), round_half_up(y0 + t * (y1 - y0)))
         for t in _line_parameters(x1 - x0, y1 - y0, steps)
@@ -1031,9 +1013,9 @@ def line_colors(
         If a coordinate is not a whole number, a step is not one of the line's, a channel is not
         finite, or the colours have different lengths.
     """
-    (x0, y0), (x1, y1) = _check_int_pair("start", start), _check_int_pair("end", end)
-    first = _check_vector("start_color", start_color, None)
-    last = _check_vector("end_color", end_color, len(first))
+    (x0, y0), (x1, y1) = _to_int_pair("start", start), _to_int_pair("end", end)
+    first = _to_vector("start_color", start_color, None)
+    last = _to_vector("end_color", end_color, len(first))
     return [
         tuple(round_half_up(a + t * (b - a)) for a, b in zip(first, last, strict=True))
         for t in _line_parameters(x1 - x0, y1 - y0, steps)
@@ -1043,8 +1025,8 @@ def line_colors(
 def _line_parameters(dx: int, dy: int, steps: Iterable[int] | None) -> Iterable[Fraction]:
     """Yield the parameters of a line's steps, from 0 to 1."""
     count = max(abs(dx), abs(dy))
-    for step in range(count + 1) if steps is None else _check_rows("steps", steps):
-        if not 0 <= _check_int("steps", step) <= count:
+    for step in range(count + 1) if steps is None else _to_rows("steps", steps):
+        if not 0 <= _to_int("steps", step) <= count:
             raise ValueError(f"steps must be from 0 to {count}, got {step!r}")
         yield Fraction(step, count) if count else Fraction(0)
 
@@ -1076,15 +1058,14 @@ def composite(
     ValueError
         If an alpha is not from 0 to 1, a number is not finite, or the numbers of channels differ.
     """
-    result = tuple(map(Fraction, _check_vector("background", background, None)))
-    for n, layer in reversed(list(enumerate(_check_rows("layers", layers)))):
-        color, alpha = _check_rows(f"layers[{n}]", layer, 2)
-        layer_color = _check_vector(f"layers[{n}] color", color, len(result))
-        exact_alpha = _check_number(f"layers[{n}] alpha", alpha)
-        if not 0 <= exact_alpha <= 1:
+    result = tuple(map(Fraction, _to_vector("background", background, None)))
+    for n, layer in reversed(list(enumerate(_to_rows("layers", layers)))):
+        color, alpha = _to_rows(f"layers[{n}]", layer, 2)
+        layer_color = _to_vector(f"layers[{n}] color", color, len(result))
+        opacity = _to_exact(f"layers[{n}] alpha", alpha)
+        if not 0 <= opacity <= 1:
             raise ValueError(f"layers[{n}] alpha must be from 0 to 1, got {alpha!r}")
         result = tuple(
-            exact_alpha * c + (1 - exact_alpha) * b
-            for c, b in zip(layer_color, result, strict=True)
+            opacity * c + (1 - opacity) * b for c, b in zip(layer_color, result, strict=True)
         )
     return result

@@ -326,10 +326,8 @@ def _make_face_table(pixel: PixelExplanation) -> Table:
         ("depth (scene units)", "stored depth"),
     )  # fmt: skip
     table.add_column("")
-    depths = _format_coordinates(np.array([[face.depth] for face in faces]))
-    stored = _format_coordinates(
-        np.array([[face.stored_depth] for face in faces]), MIN_DEPTH_DECIMALS
-    )
+    depths = _format_rows(np.array([[face.depth] for face in faces]))
+    stored = _format_rows(np.array([[face.stored_depth] for face in faces]), MIN_DEPTH_DECIMALS)
     listed = list(zip(faces, depths, stored, strict=True))
     for face, (depth,), (near,) in listed[:MAX_FACES]:
         owner = f"{face.object_number} {face.object_name}"
@@ -367,7 +365,7 @@ def _make_position_table(face: FaceAtPixel) -> Table:
         del spaces[-2:]
     for space, vertices, rows in spaces:
         decimals = MIN_PIXEL_DECIMALS if "pixels" in space else 0
-        for n, row in enumerate(_format_coordinates(rows[:count], decimals)):
+        for n, row in enumerate(_format_rows(rows[:count], decimals)):
             cells = row + [""] * (4 - len(row))
             codes = outside[n] if space == "clip" else ""
             table.add_row(
@@ -391,12 +389,8 @@ def _make_edge_table(face: FaceAtPixel) -> Table:
     for n in range(3):
         name = "cut" if face.clipped else str(face.mesh_vertices[n])
         side = "inside" if face.edges[n] else "on it, a top or left edge"
-        cells = [
-            str(face.edges[n]),
-            str(face.biases[n]),
-            side,
-            _format_weight(face.affine_weights[n]),
-        ]
+        weight = _format_weight(face.affine_weights[n])
+        cells = [str(face.edges[n]), str(face.biases[n]), side, weight]
         table.add_row(name, *cells, *([] if face.clipped else [_format_weight(face.weights[n])]))
     return table
 
@@ -489,7 +483,7 @@ def _format_color(values: NDArray[np.float32]) -> list[str]:
     return [f"{value:.5f}" for value in values.tolist()]
 
 
-def _format_coordinates(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
+def _format_rows(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
     """
     Return coordinates as text, with decimals for six significant digits of the largest.
 

@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 from rasterjit.io.text_layout import draw_text
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
-from rasterjit.scene.validation import (
-    brief,
-    index_below,
-    sequence,
-    strings,
-)
+from rasterjit.scene.validation import brief, index_below, sequence, strings
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -26,11 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import checked_path
-from rasterjit.scene.validation import (
-    brief,
-    sequence,
-    unmasked_array,
-)
+from rasterjit.scene.validation import brief, sequence, unmasked_array
 
 _GROUP_BITS, _GROUP_MASK, _SIGN_BIT, _CONTINUATION_BIT, _FIRST_CHARACTER = 5, 0x1F, 0x10, 0x20, 48
 """Compressed lengths: bits of a character, their mask, sign bit, continuation bit, code of "0"."""

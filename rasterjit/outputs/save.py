@@ -250,6 +250,11 @@ def encode_output(name: str, array: NDArray[Any], scale: float | None = None) ->
     if codes == "vector":
         _refuse_scale(name, scale)
         valid &= np.any(values, axis=2)
+        return _quantize_unit(values, valid, 1.0 / 32767, -32768.0 / 32767, unit)
+    if codes == "cube":
+        _refuse_scale(name, scale)
+        # In the background all are NaN or all are 0.
+        valid = valid & np.any(values, axis=2) if row.empty == 0 else valid
         step = 1.0 / (MAX_CODE - 1)
         return _quantize_unit(values, valid, step, -step, unit)
     if codes == "share":

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_up_study import SAMPLES, changed, made_up_study
 
-from rasterjit.accuracy import sentences
 from rasterjit.accuracy.choice import pareto_front
 from rasterjit.accuracy.report import plots
+from rasterjit.accuracy.sentences import format_duration, format_number
 
 matplotlib = pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
 
@@ -166,8 +166,8 @@ def test_axes_have_a_few_round_ticks(low, ratio):
     assert shares[0] > 0.02
     assert shares[-1] < 0.98
     assert (np.diff(shares) > 0.13).all(), "labels touch"
-    assert len({sentences.format_number(tick) for tick in ticks}) == len(ticks)
-    shown = [float(sentences.format_number(tick).replace(",", "")) for tick in ticks]
+    assert len({format_number(tick) for tick in ticks}) == len(ticks)
+    shown = [float(format_number(tick).replace(",", "")) for tick in ticks]
     assert shown == pytest.approx(ticks, rel=6e-3)
 
 
@@ -188,7 +188,7 @@ def test_numbers_are_short():
         1234.4: "1,234",
         1.5e12: "1.5e12",
     }
-    assert {value: sentences.format_number(value) for value in shown} == shown
+    assert {value: format_number(value) for value in shown} == shown
 
 
 def test_times_have_their_unit():
@@ -199,4 +199,4 @@ def test_times_have_their_unit():
         3.0412: "3.04 s",
         1234.4: "1,234 s",
     }
-    assert {seconds: sentences.format_duration(seconds) for seconds in shown} == shown
+    assert {seconds: format_duration(seconds) for seconds in shown} == shown

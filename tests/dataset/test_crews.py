@@ -246,7 +246,7 @@ def test_no_scheduler_is_an_error_that_names_the_address(meshes, tmp_path, monke
 
 
 def test_without_dask_the_extra_is_named(meshes, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "dask", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ImportError, match=r'pip install "rasterjit\[distributed\]"'):
         dataset_builder.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
     assert not (tmp_path / "set").exists()

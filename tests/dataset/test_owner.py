@@ -259,4 +259,4 @@ def test_an_interrupt_leaves_the_lock_of_another_run_alone(tmp_path, monkeypatch
         )
         with pytest.raises(KeyboardInterrupt), dataset_builder.lock_folder(tmp_path):
             pass
-        assert (tmp_path / dataset_builder.LOCK).read_bytes()
+        assert (tmp_path / dataset_builder.LOCK_NAME).read_bytes()

@@ -54,7 +54,7 @@ def merged(parts, view, quality=None, setting=None, order=None, **options):
     drawn = [
         sort_last.draw_part(part, setting or rj.Scene(), None, view, chosen, 1) for part in parts
     ]
-    return (order or sort_last.merge_tree)(drawn, sort_last.merge_images).frame()
+    return (order or sort_last.merge_pairwise)(drawn, sort_last.merge_images).frame()
 
 
 @pytest.mark.parametrize("count", range(1, 7))
@@ -127,7 +127,7 @@ def test_parts_without_faces_count_nothing(view):
 
 def test_statistics_are_those_of_the_whole(view):
     found, wanted = merged(PAIRS, view).stats, whole(PAIRS, view).stats
-    for name in (*sort_last.COUNTS, "pixels_covered"):
+    for name in (*sort_last.SUMMED_STATS, "pixels_covered"):
         assert getattr(found, name) == getattr(wanted, name), name
 
 

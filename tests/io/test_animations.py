@@ -199,7 +199,7 @@ def test_ctrl_c_leaves_no_file(tmp_path, suffix):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_ffmpeg_that_fails_is_an_error_and_leaves_no_file(tmp_path, monkeypatch):
     options = {".webp": {"quality": None, "codec": "no_such_codec"}}
-    monkeypatch.setattr(video, "FFMPEG", options)
+    monkeypatch.setattr(video, "FFMPEG_OPTIONS", options)
     with pytest.raises(OSError, match="ffmpeg"):
         save_animation(tmp_path / "a.webp", (picture(number % 20) for number in range(300)), 10)
     assert list(tmp_path.iterdir()) == []

@@ -201,7 +201,7 @@ def test_clipping_costs_precision_and_storing_costs_most(cube, camera):
     whole = look(cube, camera).diagnostics
     near = look(cube, rj.PerspectiveCamera((1.4, 0.2, 1.3), (0, 0, 0), near=0.5)).diagnostics
     assert whole.clipped == 0
-    assert whole.interpolation_error == diagnostics_stage.UNCLIPPED
+    assert whole.interpolation_error == diagnostics_stage.UNCLIPPED_ERROR
     assert near.clipped > 0
     assert near.interpolation_error > whole.interpolation_error
     for found in (whole, near):
