@@ -1,15 +1,16 @@
 """
-Styles: finished looks, each of lights, a background, effects or materials.
+Render scenes in styles: finished looks of lights, a background, effects or materials.
 
-Each is a function of a scene that returns a `Style`: a copy of the scene with lights, effects or
-materials of its own, and what to render it with. The scene itself stays as it is.
+Each style is a function that takes a scene and returns a `Style`: a copy of the scene with the
+style's lights, effects or materials, and arguments to render it with. The scene itself stays as it
+is.
 
 >>> import rasterjit as rj
 >>> scene = rj.load("models/teapot.obj")
 >>> frame = rj.styles.studio(scene).render(size=(640, 480))
 
-They are short: to make your own, copy one and change it. ``rasterjit render`` draws `studio`;
-``--style`` chooses another.
+To make your own, copy one and change it. ``rasterjit render`` draws `studio`; ``--style`` chooses
+another.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.styles import style
-from rasterjit.styles.style import Gradient, GroundLight, Style, choose_exposure, with_changes
+from rasterjit.styles.style import Gradient, GroundLight, Style, choose_exposure, copy_with_changes
 from rasterjit.survey.deformation import pose_scene
 
 __all__ = [
@@ -49,11 +50,12 @@ __all__ = [
 ]  # fmt: skip
 
 SAMPLES: Final = 4
+"""Samples a pixel."""
 
 ANISOTROPY = 8
-"""Anisotropy of textures, which would be blurred at grazing angles without it."""
+"""Anisotropy of textures, against blur at grazing angles."""
 
-KEY = (-0.62, 0.95, 0.62)
+KEY_DIRECTION = (-0.62, 0.95, 0.62)
 """Direction towards the key light: right, up, and towards the camera along the ground."""
 
 KEY_INTENSITY = 0.58
@@ -61,17 +63,17 @@ KEY_INTENSITY = 0.58
 KEY_SHADOW = Shadow(size=1024, filter="soft", light_size=8.0, bias=8.0)
 """Shadow of a lamp 8 degrees wide. The bias hides the faces of coarse meshes in penumbras."""
 
-SKY = (0.50, 0.36, 0.20)
-"""Light from overhead, from the horizon and from below, linear grey: in even steps, no edge."""
+SKY_LIGHT = (0.50, 0.36, 0.20)
+"""Light from overhead, from the horizon and from below, linear greys."""
 
 SKY_ROWS = 64
-"""Rows of the sky's panorama where another axis than y is up."""
+"""Rows of the sky's panorama if another axis than y is up."""
 
 GREY_BACKGROUND = Gradient(0x7E, 0xB2)
 """The background: a grey between black and white objects, lit or shaded."""
 
 GROUND_LIGHT = GroundLight(None, (0.45, 0.5))
-"""The shadow on the ground takes a part of the light, so that it stays a soft grey."""
+"""Light on the ground; its shadow removes only a part, for a soft grey."""
 
 CLAY = "#b7a596"
 
@@ -90,7 +92,7 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         Default: the scene's own, else one that fits the scene.
     """
-    return Style("plain", with_changes(as_scene(scene, "scene")), camera)
+    return Style("plain", copy_with_changes(as_scene(scene, "scene")), camera)
 
 
 def studio(scene: Any, camera: Camera | None = None) -> Style:
@@ -115,7 +117,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
     posed = pose_scene(as_scene(scene, "scene"))
-    sharp = style.with_anisotropy(posed, ANISOTROPY)
+    sharp = style.sharpen_textures(posed, ANISOTROPY)
     lighted, key, adds = _add_lights(sharp, camera)
     if sharp is not posed:
         adds["textures"] = "sharp where they are seen aslant"
@@ -123,7 +125,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
     if lighted.ambient_occlusion is None:
         changes["ambient_occlusion"] = AmbientOcclusion(strength=0.8)
         adds["ambient occlusion"] = "darker corners"
-    if lighted.eye_dome is None and _is_bare_cloud(lighted):
+    if lighted.eye_dome is None and _is_bare_point_cloud(lighted):
         changes["eye_dome"] = EyeDome()
         adds["eye-dome lighting"] = "points have neither colours nor normals"
     if lighted.tone_map is None:
@@ -139,8 +141,8 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
         background, ground = GREY_BACKGROUND, GROUND_LIGHT._replace(key=key)
         adds["background image"] = "greys"
     return Style(
-        "studio", with_changes(lighted, **changes), camera, Quality(samples=SAMPLES), background,
-        ground, adds,
+        "studio", copy_with_changes(lighted, **changes), camera, Quality(samples=SAMPLES),
+        background, ground, adds,
     )  # fmt: skip
 
 
@@ -168,7 +170,7 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
         As `plain` takes them.
     """
     paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
-    styled = with_changes(paper, outline=Outline(INK), environment=None, fog=None)
+    styled = copy_with_changes(paper, outline=Outline(INK), environment=None, fog=None)
     adds = {"outline": "lines along edges", "shading": "one colour"}
     return Style("technical", styled, camera, Quality.standard(), PAPER, adds=adds)
 
@@ -183,7 +185,7 @@ def xray(scene: Any, camera: Camera | None = None) -> Style:
         As `plain` takes them.
     """
     film = Material(base_color=BLUE_FILM, alpha_mode="blend")
-    styled = with_changes(
+    styled = copy_with_changes(
         style.recolor(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
     )
     adds = {
@@ -207,9 +209,9 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
         What the depth is seen from. Default: the scene's own, else one that fits the scene.
     """
     scene = pose_scene(as_scene(scene, "scene"))
-    # Cameras that look the same way see the same differences of depth.
+    # Only the viewing direction matters, so any fitted camera will do.
     colored = style.color_by_depth(scene, _view_camera(scene, camera))
-    styled = with_changes(colored, environment=None, fog=None, tone_map=None)
+    styled = copy_with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"scalar fields": "the depth", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("depth", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)
 
@@ -224,7 +226,7 @@ def normals(scene: Any, camera: Camera | None = None) -> Style:
         As `plain` takes them.
     """
     colored = style.color_by_normal(pose_scene(as_scene(scene, "scene")))
-    styled = with_changes(colored, environment=None, fog=None, tone_map=None)
+    styled = copy_with_changes(colored, environment=None, fog=None, tone_map=None)
     adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("normals", styled, camera, Quality(samples=SAMPLES), "black", adds=adds)
 
@@ -239,15 +241,15 @@ def wireframe(scene: Any, camera: Camera | None = None) -> Style:
         As `plain` takes them.
     """
     paper = style.recolor(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
-    styled = with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
+    styled = copy_with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
     adds = {"wireframe": "smooth lines along edges", "shading": "one colour"}
     return Style("wireframe", styled, camera, Quality(lines="coverage"), PAPER, adds=adds)
 
 
 STYLES: Mapping[str, Callable[..., Style]] = MappingProxyType(
-    {one.__name__: one for one in (studio, plain, clay, technical, xray, depth, normals, wireframe)}
+    {f.__name__: f for f in (studio, plain, clay, technical, xray, depth, normals, wireframe)}
 )
-"""All of them by their names; that of the command line first."""
+"""All styles by name; the default of the command line first."""
 
 RECOLORED_STYLES = ("clay", "technical", "xray", "depth", "normals", "wireframe")
 """Styles with colours of their own."""
@@ -260,8 +262,8 @@ def _view_camera(scene: Scene, camera: Camera | None) -> Camera:
     return scene.camera or default_camera(scene, (1, 1))
 
 
-def _is_bare_cloud(scene: Scene) -> bool:
-    """Tell whether a scene has points that nothing but their depths tells apart, and no faces."""
+def _is_bare_point_cloud(scene: Scene) -> bool:
+    """Tell whether a scene has no faces, and points without colours, scalars and normals."""
     meshes = [node.mesh for node in scene.nodes]
     has_faces = any(type(mesh) is Mesh for mesh in meshes)
     return not has_faces and any(
@@ -276,11 +278,11 @@ def _is_bare_cloud(scene: Scene) -> bool:
 def _add_lights(
     scene: Scene, camera: Camera | None
 ) -> tuple[Scene, tuple[float, float, float] | None, dict[str, str]]:
-    """Return a scene with lights, the direction towards the lamp, and what was added."""
+    """Return a scene with lights, the direction towards the lamp, and the reasons of rows."""
     if scene.lights or scene.environment is not None or not scene.nodes:
-        return with_changes(scene), None, {}
+        return copy_with_changes(scene), None, {}
     up = scene.up or (0.0, 1.0, 0.0)
-    key = _key_direction(_view_camera(scene, camera), up)
+    key = _find_key(_view_camera(scene, camera), up)
     lamp = DirectionalLight(
         tuple(-part for part in key), intensity=KEY_INTENSITY, shadow=KEY_SHADOW
     )
@@ -289,33 +291,33 @@ def _add_lights(
         "shadows": "soft ones of the lamp",
         "environment light": "light from the sky",
     }
-    return with_changes(scene, lights=[lamp], environment=_sky(up)), key, adds
+    return copy_with_changes(scene, lights=[lamp], environment=_make_sky(up)), key, adds
 
 
-def _key_direction(camera: Camera, up: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return the direction towards the lamp, of length one, for a camera."""
+def _find_key(camera: Camera, up: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the unit direction towards the lamp for a camera, world space."""
     view = camera.view_matrix()
-    toward = view[2, :3].tolist()
-    height = dot(toward, up)
-    level = [a - height * b for a, b in zip(toward, up, strict=True)]
-    if max(map(abs, level)) < MIN_LEVEL * max(map(abs, toward)):
-        # It looks straight down: what is at the top of the picture is behind.
-        level = [-part for part in view[1, :3].tolist()]
-    x, y, z = transforms.unit_triple("camera", level)
+    back = view[2, :3].tolist()
+    height = dot(back, up)
+    horizontal = [a - height * b for a, b in zip(back, up, strict=True)]
+    if max(map(abs, horizontal)) < MIN_HORIZONTAL_SHARE * max(map(abs, back)):
+        # The camera looks straight down: the bottom of the picture is towards the viewer.
+        horizontal = [-part for part in view[1, :3].tolist()]
+    x, y, z = transforms.unit_triple("camera", horizontal)
     right = (up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x)
-    aside, above, ahead = KEY
-    key = [aside * r + above * u + ahead * a for r, u, a in zip(right, up, (x, y, z), strict=True)]
+    a, b, c = KEY_DIRECTION
+    key = [a * r + b * u + c * h for r, u, h in zip(right, up, (x, y, z), strict=True)]
     return transforms.unit_triple("camera", key)
 
 
-MIN_LEVEL = 1e-6
-"""Least length along the ground of the direction towards a camera that is not straight above."""
+MIN_HORIZONTAL_SHARE = 1e-6
+"""Least horizontal share of the direction towards a camera that is not straight above or below."""
 
 
 @lru_cache(8)
-def _sky(up: tuple[float, float, float]) -> Environment:
-    """Return light from the sky, for a scene with some axis up: one that is filtered once."""
-    zenith, horizon, ground = SKY
+def _make_sky(up: tuple[float, float, float]) -> Environment:
+    """Return light from the sky around an up axis; cached, so that it is filtered once."""
+    zenith, horizon, ground = SKY_LIGHT
     if up == (0.0, 1.0, 0.0):
         return Environment.gradient((zenith,) * 3, (horizon,) * 3, (ground,) * 3, background=False)
     rows, columns = SKY_ROWS, 2 * SKY_ROWS
@@ -323,9 +325,9 @@ def _sky(up: tuple[float, float, float]) -> Environment:
     longitudes = [
         transforms.sine_cosine(360.0 * ((n + 0.5) / columns - 0.5)) for n in range(columns)
     ]
-    y, level = (np.array(parts)[:, None] for parts in zip(*latitudes, strict=True))
+    y, radius = (np.array(parts)[:, None] for parts in zip(*latitudes, strict=True))
     z, x = (np.array(parts)[None, :] for parts in zip(*longitudes, strict=True))
-    height = (level * x * up[0] + y * up[1]) + level * z * up[2]
+    height = (radius * x * up[0] + y * up[1]) + radius * z * up[2]
     light = horizon + np.where(
         height > 0.0, height * (zenith - horizon), height * (horizon - ground)
     )

@@ -1,4 +1,4 @@
-"""Blur counts of texels of a ground, and darken a picture of it where it lacks light."""
+"""Blur counts on the map of a ground, and darken a picture of it by the missing light."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 
 @helper
-def add_across(source, radius, sums):
-    """Write the sum of the texels around each in its row; those at the ends go on beyond."""
+def sum_rows(source, radius, sums):
+    """Write the sum of the texels around each in its row; the border is extended outside."""
     last = source.shape[1] - 1
     for row in range(np.uintp(source.shape[0])):
         total = np.int32(0)
@@ -26,15 +26,15 @@ def add_across(source, radius, sums):
 
 
 @disjoint_helper
-def move_down(entering, leaving, sums, total):
-    """Write running sums of columns, and move them on by a row."""
+def advance_sums(entering, leaving, sums, total):
+    """Write running sums of columns, and advance them by a row."""
     for i in range(total.shape[0]):
         sums[i] = total[i]
         total[i] += entering[i] - leaving[i]
 
 
 @helper
-def add_down(source, radius, sums, total):
+def sum_columns(source, radius, sums, total):
     """Write the sum of the texels around each in its column."""
     last = source.shape[0] - 1
     for i in range(np.uintp(total.shape[0])):
@@ -43,7 +43,7 @@ def add_down(source, radius, sums, total):
             total[i] += source[np.uintp(min(max(row, 0), last)), i]
     for row in range(last + 1):
         entering, leaving = min(row + radius + 1, last), max(row - radius, 0)
-        move_down(source[entering], source[leaving], sums[row], total)
+        advance_sums(source[entering], source[leaving], sums[row], total)
 
 
 @kernel
@@ -57,22 +57,22 @@ def blur(
     Parameters
     ----------
     counts : (H, W) int32
-        Beyond them, those at the border go on. No sum leaves 32 bits.
+        The border is extended outside. Sums must fit into 32 bits.
     radius : int
-        Texels of a side's half, without the one in the middle.
+        Texels on each side of the middle one.
     blurred : (H, W) int32
         Written.
     scratch, total : (H, W) int32, (W,) int32
     """
-    add_across(counts, radius, scratch)
-    add_across(scratch, radius, blurred)
-    add_down(blurred, radius, scratch, total)
-    add_down(scratch, radius, blurred, total)
+    sum_rows(counts, radius, scratch)
+    sum_rows(scratch, radius, blurred)
+    sum_columns(blurred, radius, scratch, total)
+    sum_columns(scratch, radius, blurred, total)
 
 
 @disjoint_helper
-def find_light_shares(columns_x, m, y, shade, side, shares):
-    """Write the share of its light that each pixel of a row keeps: linear between texels."""
+def find_remaining_light(columns_x, m, y, shade, side, shares):
+    """Write the share of light that remains at each pixel of a row, bilinear between texels."""
     one, last = np.float32(1.0), np.int32(side)
     u_row, v_row, w_row = m[0, 1] * y + m[0, 2], m[1, 1] * y + m[1, 2], m[2, 1] * y + m[2, 2]
     for i in range(shares.shape[0]):
@@ -88,9 +88,9 @@ def find_light_shares(columns_x, m, y, shade, side, shares):
         left = left if left < last - 2 else np.int32(last - 2)
         top = top if top < last - 2 else np.int32(last - 2)
         a, b = np.float32(column - np.float64(left)), np.float32(row - np.float64(top))
-        at = np.int32(top * last + left)
-        below = np.int32(at + last)
-        upper = shade[np.uintp(at)] * (one - a) + shade[np.uintp(at + np.int32(1))] * a
+        above = np.int32(top * last + left)
+        below = np.int32(above + last)
+        upper = shade[np.uintp(above)] * (one - a) + shade[np.uintp(above + np.int32(1))] * a
         lower = shade[np.uintp(below)] * (one - a) + shade[np.uintp(below + np.int32(1))] * a
         shares[i] = one - (upper * (one - b) + lower * b) if is_on else one
 
@@ -107,10 +107,10 @@ def darken_picture(
     Parameters
     ----------
     map_from_screen : (3, 3) float64
-        From (x, y, 1), each side of the screen from -1 to 1 and y up, to places on the map times w.
-        What is behind the viewer has w below 0.
+        From NDC (x, y, 1) to (u, v, 1) times w, u and v being 0..1 on the map. Behind the viewer w
+        is below 0.
     shade : (S, S) float32
-        Share of the light that is missing, of places in 0..1; beyond them none is.
+        Share of the light that is missing on the map.
     palette : (256, 4) float32, linear
         Colours of the picture by their red codes; of one colour, all are the same.
     table : (65536,) int32
@@ -120,21 +120,21 @@ def darken_picture(
     light : (W, 4) float32
         Scratch memory.
     columns_x, shares : (W,) float64, (W,) float32
-        The same: where columns are on the screen, and what share of its light a pixel keeps.
+        Scratch memory: NDC x of columns, and the remaining share of light of pixels.
 
     Returns
     -------
     bool
-        Whether any pixel lacks light.
+        Whether any pixel is darkened.
     """
-    side, is_dark, one = shade.shape[0], False, np.float32(1.0)
+    side, has_shadow, one = shade.shape[0], False, np.float32(1.0)
     height, width = np.float64(codes.shape[0]), np.float64(codes.shape[1])
     for column in range(np.uintp(codes.shape[1])):
         columns_x[column] = 2.0 * (np.float64(column) + 0.5) / width - 1.0
     for row in range(np.uintp(codes.shape[0])):
-        # Find which pixels of the row lack light.
+        # Find the first and last pixel of the row that lack light.
         y = 1.0 - 2.0 * (np.float64(row) + 0.5) / height
-        find_light_shares(columns_x, map_from_screen, y, flat(shade), side, shares)
+        find_remaining_light(columns_x, map_from_screen, y, flat(shade), side, shares)
         first, end = np.int64(0), np.int64(codes.shape[1])
         while first < end and shares[np.uintp(first)] == one:
             first += 1
@@ -142,12 +142,12 @@ def darken_picture(
             end -= 1
         if first == end:
             continue
-        # Encode what is left, from the first of them to the last.
-        is_dark = True
+        # Encode the remaining light from the first to the last.
+        has_shadow = True
         for column in range(np.uintp(first), np.uintp(end)):
             code = np.uintp(codes[row, column] & np.uint32(255))
             for k in range(3):
                 light[column, k] = palette[code, k] * shares[column]
             light[column, 3] = palette[code, 3]
         encode_row(flat(light[first:end]), table, codes[row, first:end])
-    return is_dark
+    return has_shadow

@@ -1,11 +1,11 @@
 """
-Count from how many directions of light a scene covers each texel of a map, by its silhouettes.
+Count the directions of light from which a scene covers each texel of a map, by its silhouettes.
 
-Along a row, a triangle covers what lies between two of its edges: it adds a layer right of one and
-takes it away right of the other. So the layers over a texel are a sum over edges alone. An edge
-between two faces of one winding adds nothing; what is left are silhouettes and borders, few of all
-edges. Columns are exact, as in ``visibility.tile_rasterizer``, and a centre on an edge belongs to
-the same face: a texel has a layer where a picture of face numbers shows a face.
+Along a row, a triangle covers the texels between two of its edges: it adds a layer right of one and
+removes it right of the other. So the layers over a texel are a sum over edges. An edge between two
+faces of the same winding adds nothing, which leaves silhouettes and borders, few of all edges.
+Columns are exact, as in ``visibility.tile_rasterizer``, and a centre on an edge belongs to the same
+face: a texel has a layer where a picture of face numbers shows a face.
 
 References
 ----------
@@ -23,12 +23,12 @@ from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int8, int32, int64
 
 MAX_COMPARED = 32
-"""Edges at a vertex that an edge is compared with; one that is left alone counts for itself."""
+"""Most edges at a vertex that an edge is compared with; an unmatched edge is listed alone."""
 
 FROM, TO, LEFT, RIGHT = range(4)
 """
 Columns of edges: its vertices; the face that it runs around clockwise, if that is clockwise; and
-the other one, ``~face`` if it runs the same way around that. The number of faces stands for none.
+the other face, ``~face`` if it runs the same way around that. The number of faces means no face.
 """
 EDGE_COLUMNS = 4
 
@@ -36,22 +36,22 @@ EDGE_COLUMNS = 4
 @kernel
 def pair_edges(faces: int32[:, ::1], newest: int32[::1], older: int32[::1], edges: int32[:, ::1]):
     """
-    List the edges of all faces, most of them once with both faces.
+    List the edges of all faces, most of them once with both their faces.
 
     Parameters
     ----------
     faces : (F, 3) int32
     newest : (V,) int32
-        Written: the last edge listed at a vertex, its lower one.
+        Written: the last edge listed at a vertex, the lower one of the edge.
     older : (3F,) int32
-        Written: the edge listed there before.
+        Written: the edge listed before at that vertex.
     edges : (3F, 4) int32
         Written: see ``FROM``.
 
     Returns
     -------
     int
-        How many edges there are.
+        Number of edges.
     """
     count, no_face = np.int64(0), np.int32(faces.shape[0])
     for v in range(newest.shape[0]):
@@ -81,7 +81,7 @@ def pair_edges(faces: int32[:, ::1], newest: int32[::1], older: int32[::1], edge
 
 @helper
 def find_windings(faces, objects, screen, any_codes, windings):
-    """Write the winding of each face, 0 if it is not drawn; return whether none has to be cut."""
+    """Write the winding of each face, 0 if it is not drawn; return whether none is clipped."""
     xy, codes = screen.xy, screen.codes
     for owner in range(objects.face_starts.shape[0] - 1):
         culled = np.int32(objects.culled_windings[owner])
@@ -101,7 +101,7 @@ def find_windings(faces, objects, screen, any_codes, windings):
 
 @helper
 def add_edge(xy, first, last, layers, bits, change, ends):
-    """Add layers right of an edge that runs up, or take them away right of one that runs down."""
+    """Add layers right of an edge that runs up, or remove them right of one that runs down."""
     ax, ay = np.int64(xy[first, 0]), np.int64(xy[first, 1])
     bx, by = np.int64(xy[last, 0]), np.int64(xy[last, 1])
     if ay < by:
@@ -112,14 +112,14 @@ def add_edge(xy, first, last, layers, bits, change, ends):
     bottom = min(first_sample(by, bits), np.int64(layers.shape[0]))
     if top >= bottom:
         return
-    # It crosses a row at value / size texels; the half makes the quotient's floor exact.
-    half, beyond = np.int64(1) << (bits - 1), np.float64(layers.shape[1] - 1)
+    # The edge crosses a row at value / denominator texels; the half makes the floor exact.
+    half, last_column = np.int64(1) << (bits - 1), np.float64(layers.shape[1] - 1)
     dx, dy = bx - ax, by - ay
-    size = dy << bits
-    value = np.float64((ax - half) * dy + ((top << bits) + half - ay) * dx + size - 1) + 0.5
-    step, share = np.float64(dx << bits), 1.0 / np.float64(size)
+    denominator = dy << bits
+    value = np.float64((ax - half) * dy + ((top << bits) + half - ay) * dx + denominator - 1) + 0.5
+    step, inverse_size = np.float64(dx << bits), 1.0 / np.float64(denominator)
     for row in range(np.uintp(top), np.uintp(bottom)):
-        column = np.uintp(min(max(np.floor(value * share), 0.0), beyond))
+        column = np.uintp(min(max(np.floor(value * inverse_size), 0.0), last_column))
         layers[row, column] += change
         ends[row, 0] = min(ends[row, 0], np.int32(column))
         ends[row, 1] = max(ends[row, 1], np.int32(column))
@@ -132,11 +132,11 @@ def sweep_rows(layers, ends, counts):
     for row in range(np.uintp(counts.shape[0])):
         if ends[row, 0] > ends[row, 1]:
             continue
-        first, last, total = np.uintp(ends[row, 0]), np.uintp(ends[row, 1]), np.int32(0)
+        first, last, layer_sum = np.uintp(ends[row, 0]), np.uintp(ends[row, 1]), np.int32(0)
         for column in range(first, last):
-            total += layers[row, column]
+            layer_sum += layers[row, column]
             layers[row, column] = 0
-            counts[row, column] += np.int32(total != 0)
+            counts[row, column] += np.int32(layer_sum != 0)
         layers[row, last] = 0
         ends[row, 0], ends[row, 1] = np.int32(layers.shape[1]), np.int32(-1)
 
@@ -156,11 +156,11 @@ def count_covered(
     matrices : (N, 4, 4) float64
         ``clip_from_relative`` of each direction.
     matrix : (4, 4) float64
-        Where the transform reads it.
+        Read by the transform; overwritten for each direction.
     transform : (2,) int64
         The words of ``projection.transform_vertices``, bound.
     screen : ScreenVertices
-        Where it writes.
+        Written by the transform.
     grid_bits : int
     faces : (F, 3) int32
     objects : Objects
@@ -178,7 +178,7 @@ def count_covered(
     Returns
     -------
     bool
-        False if a face had to be cut: then the counts are worth nothing.
+        False if a face has to be clipped: then the counts are meaningless.
     """
     windings[faces.shape[0]] = 0
     for n in range(matrices.shape[0]):

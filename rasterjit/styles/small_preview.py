@@ -22,8 +22,7 @@ def preview(what: Scene | Mesh) -> Frame | None:
     Returns
     -------
     Frame or None
-        None where there is nothing to see, or something keeps it from being drawn: a notebook then
-        shows the text of ``repr``.
+        None if nothing is visible or the scene cannot be drawn: a notebook then shows ``repr``.
     """
     try:
         frame = studio(what).render(size=SIZE)

@@ -39,7 +39,7 @@ from rasterjit.styles.shadow_catcher import (
     Vector,
     cast_shadow,
     darken_background,
-    darken_fully,
+    darken_everywhere,
     find_ground,
     is_above,
 )
@@ -48,13 +48,12 @@ from rasterjit.survey.light_culling import max_reflected_light
 from rasterjit.survey.plan import RenderPlan
 
 EXPOSURE_SIZE = (96, 96)
-"""Size of the picture that the exposure is measured by, pixels."""
+"""Size of the picture that the exposure is measured in, pixels."""
 
-BRIGHT_SHARE, TARGET_LEVEL = 0.95, 0.8
-"""Percentile of the visible light, and the linear level at which it is to be shown."""
+BRIGHT_PERCENTILE, BRIGHT_TARGET = 0.95, 0.8
+"""Percentile of the visible light, 0..1, and the linear level that exposure takes it to."""
 
-
-QUARTER_BELOW, THREE_QUARTERS_BELOW = 0.8408964152537145, 0.5946035575013605
+MINUS_QUARTER_STOP, MINUS_THREE_QUARTER_STOPS = 0.8408964152537145, 0.5946035575013605
 """2 to the power of -1/4 and of -3/4."""
 
 
@@ -65,7 +64,7 @@ def choose_exposure(scene: Scene, camera: Camera | None) -> float:
     Parameters
     ----------
     scene : Scene
-        Without a tone map; whose lights are its own.
+        A scene with its own lights, without a tone map.
     camera : Camera, optional
         Default: as `rasterjit.render` has it.
     """
@@ -79,28 +78,28 @@ def choose_exposure(scene: Scene, camera: Camera | None) -> float:
     if not len(visible):
         return 0.0
     levels = np.sort(visible[:, :3].max(axis=1))
-    level = float(levels[int(BRIGHT_SHARE * (len(levels) - 1))])
+    level = float(levels[int(BRIGHT_PERCENTILE * (len(levels) - 1))])
     if level <= STRONG:
         return 0.0
-    # To half a stop: with no logarithm, which may differ from machine to machine.
-    share, stops = math.frexp(level / TARGET_LEVEL)
-    lacking = 0.0 if share >= QUARTER_BELOW else 0.5 if share >= THREE_QUARTERS_BELOW else 1.0
-    return max(lacking - stops, -MAX_STOPS)
+    # Round to half a stop, without a logarithm, which may differ from machine to machine.
+    mantissa, stops = math.frexp(level / BRIGHT_TARGET)
+    below = (mantissa < MINUS_QUARTER_STOP) + (mantissa < MINUS_THREE_QUARTER_STOPS)
+    return max(0.5 * below - stops, -MAX_STOPS)
 
 
-NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None], 3, axis=1))
-"""Greys of depths, the nearest first; the farthest is told apart from black."""
+DEPTH_COLORMAP = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None], 3, axis=1))
+"""Greys of depths, the nearest first; the farthest is not black."""
 
 UNLIT = Material(shading="unlit")
 
-MESH_TYPES = (Mesh, Points, Lines)
+DRAWABLE_TYPES = (Mesh, Points, Lines)
 
 SMOOTH_SHADINGS = ("phong", "gouraud", "pbr")
-"""Shadings by normals of vertices."""
+"""Shadings that interpolate vertex normals."""
 
 
-def with_meshes(
-    scene: Scene, paint: Callable[[Node], Mesh], kinds: tuple[type[Mesh], ...] = (Mesh,)
+def replace_meshes(
+    scene: Scene, paint: Callable[[Node], Mesh], types: tuple[type[Mesh], ...] = (Mesh,)
 ) -> Scene:
     """
     Return a posed scene in which ``paint`` replaces the meshes of some types.
@@ -109,20 +108,20 @@ def with_meshes(
     ----------
     scene : Scene
     paint : callable
-        Returns the mesh that is drawn for a node of these kinds.
-    kinds : tuple of type
+        Returns the mesh to draw for a node.
+    types : tuple of type
     """
     scene = pose_scene(scene)
-    changed = copy.copy(scene)
-    changed.nodes = [
-        Node(paint(node), node.world_matrix, node.name) if type(node.mesh) in kinds else node
+    painted = copy.copy(scene)
+    painted.nodes = [
+        Node(paint(node), node.world_matrix, node.name) if type(node.mesh) in types else node
         for node in scene.nodes
     ]
-    return changed
+    return painted
 
 
 def recolor(scene: Scene, material: Material) -> Scene:
-    """Return a scene whose triangles all have one material, and no colours of their own."""
+    """Return a scene whose triangles all have one material, and no vertex or face colours."""
     meshes: dict[int, Mesh] = {}
 
     def paint(node: Node) -> Mesh:
@@ -131,19 +130,19 @@ def recolor(scene: Scene, material: Material) -> Scene:
             mesh.material = _match_sides(node.mesh, material)
         return meshes[id(node.mesh)]
 
-    return with_meshes(scene, paint)
+    return replace_meshes(scene, paint)
 
 
 def _match_sides(mesh: Mesh, material: Material) -> Material:
-    """Return a material whose back faces are drawn where those of a mesh are."""
+    """Return a material that is double-sided if that of a mesh is."""
     return replace(material, double_sided=mesh.material.double_sided)
 
 
-def with_anisotropy(scene: Scene, anisotropy: Anisotropy) -> Scene:
+def sharpen_textures(scene: Scene, anisotropy: Anisotropy) -> Scene:
     """
-    Return a scene with anisotropic trilinear textures; itself where there are none.
+    Return a scene whose trilinear textures are anisotropic; itself if it has none to change.
 
-    Textures of other filters and of an anisotropy of their own stay as they are.
+    Textures of other filters, and anisotropic ones, stay as they are.
     """
     meshes: dict[int, Mesh] = {}
     textures: dict[Texture, Texture] = {}
@@ -175,37 +174,37 @@ def with_anisotropy(scene: Scene, anisotropy: Anisotropy) -> Scene:
 
 
 def color_by_depth(scene: Scene, camera: Camera) -> Scene:
-    """Return a scene whose objects show how far along the viewing axis they lie."""
+    """Return a scene whose objects have greys by depth along the viewing axis."""
     scene, row = pose_scene(scene), camera.view_matrix()[2].tolist()
     depths, low, high = {}, np.inf, -np.inf
     for node in scene.nodes:
-        if type(node.mesh) not in MESH_TYPES:
+        if type(node.mesh) not in DRAWABLE_TYPES:
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
         x, y, z, w = (dot(row, column) for column in matrix[:3].T.tolist())
         w += row[3]
         # Vertices of no face may be infinite.
         with np.errstate(over="ignore", invalid="ignore"):
-            distances = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
-        depths[id(node)] = distances
-        in_front = distances[(distances > 0.0) & node.mesh.used_vertices()]
+            depth = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
+        depths[id(node)] = depth
+        in_front = depth[(depth > 0.0) & node.mesh.used_vertices()]
         if len(in_front):
             low, high = min(low, float(in_front.min())), max(high, float(in_front.max()))
     if not low < high:
         low, high = 0.0, 1.0
 
     def paint(node: Node) -> Mesh:
-        # Shares, for scalars are float32: of distances that has too few digits, or no room.
+        # Normalized, as scalars are float32: too few digits, or too small a range, for depths.
         shares = (np.clip(depths[id(node)], low, high) - low) / (high - low)
-        mesh = node.mesh.with_scalars(shares, NEAR_TO_FAR, range=(0.0, 1.0))
+        mesh = node.mesh.with_scalars(shares, DEPTH_COLORMAP, range=(0.0, 1.0))
         mesh.material = _match_sides(node.mesh, UNLIT)
         return mesh
 
-    return with_meshes(scene, paint, MESH_TYPES)
+    return replace_meshes(scene, paint, DRAWABLE_TYPES)
 
 
 def color_by_normal(scene: Scene) -> Scene:
-    """Return a scene whose triangles show their normals: red x, green y, blue z, world space."""
+    """Return a scene whose triangles have colours by world-space normal: red x, green y, blue z."""
 
     def paint(node: Node) -> Mesh:
         mesh = node.mesh
@@ -214,38 +213,39 @@ def color_by_normal(scene: Scene) -> Scene:
         if mesh.normals is not None or mesh.material.shading in SMOOTH_SHADINGS:
             normals = mesh.vertex_normals().astype(np.float64)
         else:
-            # Each face has vertices of its own.
+            # Give each face its own vertices.
             positions, faces = positions[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
             a, b, c = (positions[k::3] for k in range(3))
             normals = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-        # The cofactors turn normals as the matrix turns surfaces.
-        rows = np.stack([np.cross(matrix[(k + 1) % 3], matrix[(k + 2) % 3]) for k in range(3)])
+        # The cofactors transform normals as the matrix transforms surfaces.
+        cofactors = np.stack([np.cross(matrix[(k + 1) % 3], matrix[(k + 2) % 3]) for k in range(3)])
         x, y, z = normals.T
-        rotated = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in rows], axis=1)
-        if dot(matrix[0].tolist(), rows[0].tolist()) < 0.0:
-            rotated = -rotated
-        colors = np.clip(np.floor(unit_rows(rotated) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
+        world = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in cofactors], axis=1)
+        if dot(matrix[0].tolist(), cofactors[0].tolist()) < 0.0:
+            world = -world
+        colors = np.clip(np.floor(unit_rows(world) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
         return Mesh(
             positions, faces, colors=colors, on_invalid="drop", material=_match_sides(mesh, UNLIT)
         )
 
-    return with_meshes(scene, paint)
+    return replace_meshes(scene, paint)
 
 
 SIZE = (1280, 720)
+"""Default size of pictures, pixels."""
 
 SAMPLES_ROW = "anti-aliasing"
-"""Row of ``explain`` that samples belong to."""
+"""Row of ``explain`` on samples."""
 
 QUALITY_ROWS = {SAMPLES_ROW: "samples", "textures": "texture_filter", "wireframe": "lines"}
-"""Rows of ``explain`` that a setting of the quality decides, if it is another than the style's."""
+"""Rows of ``explain`` that depend on a setting of the quality."""
 
 BACKGROUND_ROW = "background image"
-"""Row of ``explain`` that the shadow on the ground belongs to."""
+"""Row of ``explain`` on the background and the shadow on the ground."""
 
 
-def _bayer(levels: int) -> NDArray[np.int64]:
-    """Return Bayer's pattern of 2**levels rows: all numbers from 0 on, spread evenly."""
+def _make_bayer_pattern(levels: int) -> NDArray[np.int64]:
+    """Return Bayer's dither pattern of 2**levels rows: all numbers from 0 on, spread evenly."""
     pattern = np.zeros((1, 1), np.int64)
     for _ in range(levels):
         pattern = 4 * pattern
@@ -253,15 +253,15 @@ def _bayer(levels: int) -> NDArray[np.int64]:
     return pattern
 
 
-OPAQUE, GREY = np.uint32(0xFF000000), np.uint32(0x010101)
-"""Codes of a pixel: opaque black, and what a step of grey adds."""
+OPAQUE, GREY_STEP = np.uint32(0xFF000000), np.uint32(0x010101)
+"""Pixels as uint32: opaque black, and the difference of two neighbouring greys."""
 
-DITHER = _bayer(3)
-"""(8, 8): the order in which pixels of a block take the next code."""
+BAYER_PATTERN = _make_bayer_pattern(3)
+"""(8, 8): the order in which pixels of a block take the next grey."""
 
 
 class Gradient(NamedTuple):
-    """A background of greys from top to bottom, dithered: steps of one code make no bands."""
+    """A background of greys from top to bottom, dithered against bands."""
 
     top: int
     """Code of the first row, 0..255."""
@@ -269,26 +269,26 @@ class Gradient(NamedTuple):
     """Code of the last row."""
 
     def picture(self, size: tuple[int, int]) -> BackgroundImage:
-        """Return it as a picture of (width, height) pixels."""
+        """Return the gradient as a picture of (width, height) pixels."""
         width, height = size
         row, last = np.arange(height), max(height - 1, 1)
-        # In whole numbers: how many thresholds of a row and column of the pattern a code is above.
+        # Dither exactly, in whole numbers: each code is in units of 1 / (2 * size * last).
+        side, unit = len(BAYER_PATTERN), 2 * BAYER_PATTERN.size
         exact = self.top * (last - row) + self.bottom * row
-        thresholds = last * (2 * DITHER[row % len(DITHER)] + 1)
-        codes = (2 * DITHER.size * exact[:, None] + thresholds) // (2 * DITHER.size * last)
-        repeats = -(-width // len(DITHER))
-        pixels = OPAQUE + GREY * codes.astype(np.uint32)
-        image = np.tile(pixels, (1, repeats))[:, :width]
+        thresholds = last * (2 * BAYER_PATTERN[row % side] + 1)
+        codes = (unit * exact[:, None] + thresholds) // (unit * last)
+        pixels = OPAQUE + GREY_STEP * codes.astype(np.uint32)
+        image = np.tile(pixels, (1, -(-width // side)))[:, :width]
         return BackgroundImage(np.ascontiguousarray(image).view(np.uint8).reshape(height, width, 4))
 
 
 class GroundLight(NamedTuple):
-    """The light on the invisible ground, which a shadow takes away."""
+    """The light on the invisible ground, which the shadow removes."""
 
     key: Vector | None
-    """(3,): direction towards the key light, world space; None: there is none."""
+    """(3,): direction towards the key light, world space, if there is one."""
     shares: tuple[float, float]
-    """Shares of the background's light that the key light and the sky bring, 0..1 together."""
+    """Shares of the light of the key light and the sky; their sum is 0..1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,19 +300,19 @@ class Style:
     ----------
     name : str
     scene : Scene
-        A copy: the scene that the style was made of is as it was. Its meshes are the same, unless
-        the style paints them or sharpens their textures. Make the style anew after a change: where
-        the ground lies and its shadow are found once.
+        A copy of the scene that the style was made of, with the same meshes unless the style paints
+        them or sharpens their textures. Make the style anew after a change, as the ground and its
+        shadow are computed once.
     camera : Camera or None
         None: the scene's own, or one that fits the scene.
     quality : Quality
     background : Background, Gradient or None
-        What `rasterjit.render` takes, or greys from top to bottom.
+        As `rasterjit.render` takes it, or greys from top to bottom.
     ground : GroundLight or None
-        What shadow the scene casts on the plane under it; None: it casts none. It is part of the
-        background alone: outputs that are no colour do not know of it.
+        Light on the plane under the scene, on which it casts a shadow; None for no shadow. The
+        shadow is only part of the background.
     adds : mapping of str
-        What the style adds, in words, by the row of ``explain`` that it is the reason of.
+        What the style adds, in words, by the row of ``explain``.
     """
 
     name: str
@@ -332,11 +332,11 @@ class Style:
         Parameters
         ----------
         camera : Camera, optional
-            Default: the style's. The lamp of `studio` stands beside the style's, whatever this is.
+            Default: the style's. The lamp of `studio` always stands beside the style's camera.
         size : (int, int)
             Width and height, pixels.
         **options
-            What else `rasterjit.render` takes; a ``quality`` or ``background`` goes before the
+            Other arguments of `rasterjit.render`; a ``quality`` or ``background`` replaces the
             style's.
 
         Returns
@@ -364,7 +364,7 @@ class Style:
         counts on a shadow wherever the ground around the scene is in view.
         """
         options["camera"] = camera
-        arguments, has_shadow = self._render_options(size, options, casts=False)
+        arguments, has_shadow = self._render_options(size, options, casts_shadow=False)
         plan = explain(self.scene, size=size, **arguments)
         return self._explain(plan, options, has_shadow)
 
@@ -379,7 +379,7 @@ class Style:
         size : (int, int)
             Width and height, pixels.
         **options
-            They go before the style's, but for those that are None.
+            They replace the style's, except those that are None.
 
         Returns
         -------
@@ -390,12 +390,12 @@ class Style:
         return self._render_options(size, options)[0]
 
     def _render_options(
-        self, size: tuple[int, int], options: Mapping[str, Any], casts: bool = True
+        self, size: tuple[int, int], options: Mapping[str, Any], casts_shadow: bool = True
     ) -> tuple[dict[str, Any], bool]:
         """
         Return the arguments of a render, and whether a shadow is in the background.
 
-        Without ``casts`` none is drawn: all of the ground in view is dark.
+        Without ``casts_shadow``, all of the ground in view is dark instead.
         """
         arguments = {name: value for name, value in options.items() if value is not None}
         camera, has_shadow = arguments.setdefault("camera", self.camera), False
@@ -403,32 +403,34 @@ class Style:
             arguments.setdefault("quality", self.quality)
         if {"color", "linear"} & set(check_outputs(arguments.get("outputs", ("color",)))):
             size = image_size("size", size)
-            background, ground = self._backdrop(size, arguments, camera)
+            background, ground = self._choose_background(size, arguments, camera)
             arguments["background"] = background
             if ground is not None:
                 camera = camera or self.scene.camera or default_camera(self.scene, size)
-                arguments["camera"], codes = camera, _codes(background, size)
-                image = self._darken(ground, camera, codes, arguments, casts)
+                arguments["camera"], codes = camera, _encode_background(background, size)
+                image = self._shade_background(ground, camera, codes, arguments, casts_shadow)
                 if image is not None:
                     arguments["background"], has_shadow = BackgroundImage(image), True
         return arguments, has_shadow
 
-    def _explain(self, plan: RenderPlan, options: Mapping[str, Any], shadow: bool) -> RenderPlan:
-        """Return a plan that prints the style as the reason of what it adds, options do not."""
+    def _explain(
+        self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool
+    ) -> RenderPlan:
+        """Return a plan that names the style as the reason of what it adds itself."""
         reasons = dict(self.with_quality(plan.quality).adds)
         if SAMPLES_ROW in reasons:
-            # A copy may have another quality than the style was made with.
+            # A copy of the style may have another quality.
             samples = self.quality.samples
             reasons[SAMPLES_ROW] = "areas" if samples == "area" else f"{samples} samples"
         parts = [] if options.get("background") is not None else [reasons.get(BACKGROUND_ROW, "")]
-        parts += ["the shadow on the ground"] if shadow else []
+        parts += ["the shadow on the ground"] if has_shadow else []
         reasons[BACKGROUND_ROW] = ", with ".join(filter(None, parts))
         texts = {row: f"style {self.name}: {text}" for row, text in reasons.items() if text}
         return plan.for_picture(added=texts) if texts else plan
 
     def with_quality(self, quality: Quality) -> Style:
         """
-        Return the style with another quality; it is the reason of what it still decides.
+        Return the style with another quality, and the reasons that still hold.
 
         Parameters
         ----------
@@ -443,72 +445,75 @@ class Style:
         }
         return replace(self, quality=quality, adds=adds)
 
-    def _backdrop(
+    def _choose_background(
         self, size: tuple[int, int], arguments: Mapping[str, Any], camera: Camera | None
     ) -> tuple[Any, Ground | None]:
-        """Return the background, in light, and the ground, if a shadow may be seen on it."""
+        """Return the background, and the ground if its shadow may be visible."""
         value = arguments.get("background", self.background)
         if value is None:
             return None, None
         is_gradient = isinstance(value, Gradient)
         background = value.picture(size) if isinstance(value, Gradient) else read_background(value)
-        # Neither photographs nor what is seen through have a ground.
+        # Photographs and transparent backgrounds have no ground.
         is_opaque = is_gradient or (
             not isinstance(background, BackgroundImage) and bool(background[3] >= 1.0)
         )
         if self.ground is None or not is_opaque or arguments.get("lens") is not None:
             return background, None
-        return background, self._ground()
+        return background, self._find_ground()
 
-    def _ground(self) -> Ground | None:
-        """Return the ground without its shadow; None if there is none. Found once."""
+    def _find_ground(self) -> Ground | None:
+        """Return the ground without its shadow, computed once; None if there is none."""
         if "_placed" not in self.__dict__:
             ground = None if self.ground is None else find_ground(self.scene, self.ground.key)
             object.__setattr__(self, "_placed", ground)
         return self.__dict__["_placed"]
 
-    def _darken(
-        self, ground: Ground, camera: Camera, picture: tuple[Any, Any], options: Mapping[str, Any],
-        casts: bool,
+    def _shade_background(
+        self, ground: Ground, camera: Camera, background: tuple[Any, Any],
+        options: Mapping[str, Any], casts_shadow: bool,
     ) -> NDArray[np.uint8] | None:  # fmt: skip
         """Return the background with the shadow, (H, W, 4); None if there is none in view."""
-        colors, codes = picture
+        palette, codes = background
         if not is_above(ground, camera, codes.shape[::-1]):
             return None
-        lit = self._shadowed(ground, options.get("threads")) if casts else darken_fully(ground)
-        image = darken_background(lit, camera, colors, codes)
+        if casts_shadow:
+            ground = self._cast_shadow(ground, options.get("threads"))
+        else:
+            ground = darken_everywhere(ground)
+        image = darken_background(ground, camera, palette, codes)
         return None if image is None else image.view(np.uint8).reshape(*codes.shape, 4)
 
-    def _shadowed(self, ground: Ground, threads: int | None) -> Ground:
-        """Return the ground with the scene's shadow. Found once."""
+    def _cast_shadow(self, ground: Ground, threads: int | None) -> Ground:
+        """Return the ground with the scene's shadow, computed once."""
         if "_shaded" not in self.__dict__:
             shares = (0.0, 0.0) if self.ground is None else self.ground.shares
             object.__setattr__(self, "_shaded", cast_shadow(ground, self.scene, shares, threads))
         return self.__dict__["_shaded"]
 
 
-def _codes(
+def _encode_background(
     background: NDArray[np.float32] | BackgroundImage, size: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Return colours by their red codes, (256, 4) linear, and a background of them, in codes."""
-    colors = np.ones((256, 4), np.float32)
+    """Return linear colours by red code, (256, 4), and the background as codes, (H, W) uint32."""
+    palette = np.ones((256, 4), np.float32)
     if isinstance(background, BackgroundImage):
-        colors[:, :3] = decoding_table()[:, None]
-        return colors, background.image.view(np.uint32)[..., 0]
-    colors[:, :3] = background[:3]
+        palette[:, :3] = decoding_table()[:, None]
+        return palette, background.image.view(np.uint32)[..., 0]
+    palette[:, :3] = background[:3]
     code = np.empty((1, 1), np.uint32)
-    srgb_encoding.encode_rows(colors[None, :1], srgb_encoding.encoding_table(), code)
-    return colors, np.full(size[::-1], code[0, 0])
+    srgb_encoding.encode_rows(palette[None, :1], srgb_encoding.encoding_table(), code)
+    return palette, np.full(size[::-1], code[0, 0])
 
 
-def with_changes(scene: Scene, **changes: Any) -> Scene:
-    """Return a copy of a scene, with lists of its own, with other lights or effects."""
+def copy_with_changes(scene: Scene, **changes: Any) -> Scene:
+    """Return a copy of a scene, its lists copied too, with other lights or effects."""
     changed = copy.copy(scene)
     for name in ("nodes", "lights"):
-        listed = getattr(scene, name)
-        # What is wrong with others is said by who checks scenes.
-        if isinstance(listed, list | tuple):
-            setattr(changed, name, list(listed))
+        values = getattr(scene, name)
+        # Other values are reported where scenes are checked.
+        if isinstance(values, list | tuple):
+            setattr(changed, name, list(values))
     for name, value in changes.items():
         setattr(changed, name, value)
     return changed

@@ -1597,7 +1597,7 @@ def test_every_command_that_renders_tells_of_compiling_unless_quiet(
     impatient, monkeypatch, tmp_path, command, is_told
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(profile, "variations", lambda *arguments: [])
+    monkeypatch.setattr(profile, "list_variations", lambda *arguments: [])
     result = run(*command)
     assert result.exit_code == 0, result.output
     assert result.stderr.count("compiling kernels") == is_told

@@ -49,7 +49,7 @@ def test_shadows_are_tried_where_their_maps_are_of_a_bounded_size(cube):
         scene.add(cube)
         scene.add(cube, rj.transforms.translate((0.0, 2.5, 0.0)))
         scene.lights = [rj.PointLight((0.0, 5.0, float(n)), intensity=9.0) for n in range(count)]
-        found = profile.variations(rj.explain(scene, looking()), scene, rj.Quality())
+        found = profile.list_variations(rj.explain(scene, looking()), scene, rj.Quality())
         assert any(name == "shadows" for name, *_ in found) == is_tried
 
 
@@ -84,7 +84,7 @@ def rows_of(plan):
 def test_variations_switch_what_they_name(cube):
     scene, camera, quality = rich_scene(cube), looking(), rj.Quality()
     plan = rj.explain(scene, camera, size=SIZE)
-    found = profile.variations(plan, scene, quality)
+    found = profile.list_variations(plan, scene, quality)
     assert {what for _, what, _, _ in found} == {
         "off", "of 1 light, maps of 1024 x 1024", "4 samples", "on",
     }  # fmt: skip
@@ -112,7 +112,7 @@ def test_textures_switched_off_are_those_of_all_maps(cube):
         metallic_roughness_texture=whites(4), occlusion_texture=whites(4),
         emissive_texture=whites(4),
     )  # fmt: skip
-    found = profile.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    found = profile.list_variations(rj.explain(scene, looking()), scene, rj.Quality())
     (bare,) = [changed for name, what, changed, _ in found if name == "textures"]
     assert not any(bare.nodes[0].mesh.material.textures_read())
     rows = rows_of(rj.explain(bare, looking()))
@@ -126,7 +126,7 @@ def test_textures_are_tried_with_mip_levels(cube):
     scene = textured(
         cube, "unlit", base_color_texture=shared, emissive_texture=shared, normal_texture=normals
     )
-    found = profile.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    found = profile.list_variations(rj.explain(scene, looking()), scene, rj.Quality())
     ((what, changed),) = [row[1:3] for row in found if row[0] == "textures" and row[1] != "off"]
     material = changed.nodes[0].mesh.material
     assert what == "mip levels for 1 of them"
@@ -140,7 +140,7 @@ def test_environment_light_goes_and_the_background_stays(cube):
     scene, camera = rj.Scene(), looking()
     scene.add(cube)
     scene.environment = rj.Environment.gradient("blue", "white", "green")
-    found = profile.variations(rj.explain(scene, camera), scene, rj.Quality())
+    found = profile.list_variations(rj.explain(scene, camera), scene, rj.Quality())
     changed = {name: scene for name, what, scene, _ in found if what == "off"}
     unlit, unseen = (
         rows_of(rj.explain(changed[name], camera))
@@ -162,7 +162,7 @@ def test_environment_light_goes_and_the_background_stays(cube):
 def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     def tried(scene, **options):
         plan = rj.explain(scene, looking(), size=SIZE, **options)
-        found = profile.variations(plan, scene, rj.Quality())
+        found = profile.list_variations(plan, scene, rj.Quality())
         return {name: what for name, what, _, _ in found if what != "off"}
 
     scene = rj.Scene()
@@ -193,7 +193,7 @@ def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     plan = rj.explain(scene, looking())
     (changed,) = [
         changed
-        for name, what, changed, _ in profile.variations(plan, scene, rj.Quality())
+        for name, what, changed, _ in profile.list_variations(plan, scene, rj.Quality())
         if name == "shadows" and what != "off"
     ]
     assert [light.shadow for light in changed.lights] == [rj.Shadow(), shadow, rj.Shadow()]
@@ -221,7 +221,7 @@ def test_samples_are_tried_where_edges_are_not_smoothed(cube):
 
     def smoothed(quality):
         plan = rj.explain(scene, looking(), quality)
-        found = profile.variations(plan, scene, quality)
+        found = profile.list_variations(plan, scene, quality)
         return [(what, other.samples) for name, what, _, other in found if name == "anti-aliasing"]
 
     assert smoothed(rj.Quality()) == [("4 samples", 4)]

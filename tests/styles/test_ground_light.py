@@ -23,7 +23,7 @@ def test_blurred_counts_are_sums_over_squares_of_sums_over_squares(shape, radius
 
 
 def test_a_part_is_blurred_as_the_whole():
-    whole = np.zeros((shadow_catcher.SIDE, shadow_catcher.SIDE), np.int32)
+    whole = np.zeros((shadow_catcher.MAP_SIDE, shadow_catcher.MAP_SIDE), np.int32)
     whole[3:9, 200:380] = np.random.default_rng(0).integers(0, 32, (6, 180))
     everywhere = whole.copy()
     everywhere[-1, 0] = 1
@@ -38,7 +38,7 @@ def shaded_slowly(placed, camera, palette, codes):
     height, width = codes.shape
     shown = codes.copy()
     clip = camera.projection_matrix((width, height)) @ camera.view_matrix()
-    origin = placed.frame.T @ (*placed.low, placed.height)
+    origin = placed.frame.T @ (*placed.corner, placed.height)
     columns = [placed.frame[0] * placed.extent, placed.frame[1] * placed.extent]
     to_screen = np.stack([*(clip[:, :3] @ one for one in columns), clip @ (*origin, 1.0)], axis=1)
     to_map = np.linalg.inv(to_screen[[0, 1, 3]])
@@ -48,7 +48,7 @@ def shaded_slowly(placed, camera, palette, codes):
             u, v, w = to_map @ (x, y, 1.0)
             if w <= 0.0 or not (0.0 < u / w < 1.0 and 0.0 < v / w < 1.0):
                 continue
-            side = shadow_catcher.SIDE
+            side = shadow_catcher.MAP_SIDE
             at = np.clip(np.array([v / w, u / w]) * side - 0.5, 0.0, side - 1.0)
             top, left = np.minimum(at.astype(int), side - 2)
             down, right = at - (top, left)

@@ -38,16 +38,16 @@ def grid():
 def cameras(scene):
     placed = shadow_catcher.find_ground(scene, KEY)
     slopes = [
-        *shadow_catcher.sky_slopes(6),
-        *shadow_catcher.key_slopes(placed.slope, 4),
+        *shadow_catcher.list_sky_slopes(6),
+        *shadow_catcher.list_key_slopes(placed.slope, 4),
         (0.0, 0.0),
     ]
-    return shadow_catcher._cameras(placed, slopes)
+    return shadow_catcher._map_matrices(placed, slopes)
 
 
 def drawn(scene, view, clips):
     """The slow twin: how many pictures show a face."""
-    with rj.Renderer((shadow_catcher.SIDE, shadow_catcher.SIDE), threads=1) as renderer:
+    with rj.Renderer((shadow_catcher.MAP_SIDE, shadow_catcher.MAP_SIDE), threads=1) as renderer:
         return sum(
             (renderer.render(scene, MatrixCamera(view, clip), outputs=("face_id",)).face_id >= 0)
             for clip in clips
@@ -75,7 +75,7 @@ def test_texels_are_counted_that_pictures_show(name, meshes):
         scene.add(mesh, np.diag([(-1.0) ** n, 1.0, 1.0, 1.0]))
     one = cameras(scene)
     for threads in (1, 2):
-        (found,) = shadow_catcher._count_hidden(scene, [one], threads)
+        (found,) = shadow_catcher._count_blocked(scene, [one], threads)
         assert np.array_equal(found, drawn(scene, *one))
     assert found.any()
 
@@ -86,7 +86,7 @@ def test_a_face_beyond_the_guard_band_is_drawn():
     small = rj.Scene()
     small.add(rj.Mesh([[0, 0, 0], [1, 1, 0], [0, 0, 1]], [[0, 1, 2]]))
     view, clips = cameras(small)
-    (found,) = shadow_catcher._count_hidden(scene, [(view, clips)], 1)
+    (found,) = shadow_catcher._count_blocked(scene, [(view, clips)], 1)
     assert np.array_equal(found, drawn(scene, view, clips))
     assert found.any()
 

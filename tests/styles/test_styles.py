@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import rasterjit as rj
 from rasterjit.cli import commands
 from rasterjit.cli import options as cli_options
-from rasterjit.styles.shadow_catcher import SIDE, cast_shadow, find_ground
+from rasterjit.styles.shadow_catcher import MAP_SIDE, cast_shadow, find_ground
 
 MODELS = Path(__file__).parents[2] / "models"
 SIZE = (96, 72)
@@ -157,9 +157,9 @@ def test_the_shadow_lies_where_the_light_is_kept_off():
         place = np.array([[x, 0.0, z], [x + 2.5, 0.0, z], [x, 0.0, z - 2.5]])
         u, v = (
             (place @ axis - low) / ground.extent
-            for axis, low in zip(ground.frame, ground.low, strict=False)
+            for axis, low in zip(ground.frame, ground.corner, strict=False)
         )
-        found = shade[(v * SIDE).astype(int), (u * SIDE).astype(int)]
+        found = shade[(v * MAP_SIDE).astype(int), (u * MAP_SIDE).astype(int)]
         assert found[0] > 0.95
         assert found[1:].max() < 0.05
         assert shade.min() >= 0.0
@@ -554,7 +554,7 @@ def test_pictures_of_one_process_filter_the_sky_once(monkeypatch, up):
         monkeypatch.setattr(
             prefilter, own.__name__, lambda *given, own=own: filtered.append(own) or own(*given)
         )
-    rj.styles._sky.cache_clear()
+    rj.styles._make_sky.cache_clear()
     for color in ("red", "blue"):
         scene = scene_of(box(base_color=color, shading="pbr", metallic=1.0))
         scene.up = up
