@@ -138,7 +138,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
         if plan.facts.draws_faces and (terms is not None or plan.layers is not None):
             surface_and_light = surface_and_light or find_surface(drawn)
             parts = find_color_parts(drawn, *surface_and_light, linear, pixel_linear, x, y)
-            faces = tuple(_mark_visible_faces(faces, parts))
+            faces = tuple(_mark_visible(faces, parts))
         linear = pixel_linear
     if any(overlay.effect.is_explained for overlay in plan.effects_at("overlay")):
         frame = render(
@@ -147,15 +147,13 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
         )  # fmt: skip
         color = frame.color[y, x]
     # Number the faces as in the scene before a section cut it.
-    faces, parts = _renumber_uncut_faces(drawn, faces), _renumber_uncut_parts(drawn, parts)
+    faces, parts = _renumber_faces(drawn, faces), _renumber_parts(drawn, parts)
     reasons = () if has_face else _explain_background(drawn, faces, x, y)
     has_edge = not np.array_equal(color_without_edges, color)
     return PixelExplanation(x, y, plan.size, faces, reasons, terms, parts, linear, color, has_edge)
 
 
-def _renumber_uncut_faces(
-    drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]
-) -> tuple[FaceAtPixel, ...]:
+def _renumber_faces(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
     """Return faces renumbered to the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
@@ -176,9 +174,7 @@ def _renumber_uncut_faces(
     return tuple(renumbered)
 
 
-def _renumber_uncut_parts(
-    drawn: VisibleScene, parts: tuple[ColorPart, ...]
-) -> tuple[ColorPart, ...]:
+def _renumber_parts(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
     """Return the parts of a colour renumbered to the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
@@ -189,7 +185,7 @@ def _renumber_uncut_parts(
     )
 
 
-def _mark_visible_faces(
+def _mark_visible(
     faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]
 ) -> Iterator[FaceAtPixel]:
     """Yield the faces, marking those that are visible through or beside the first."""
@@ -309,9 +305,7 @@ def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     # Keep triangles with the centre on one side of all edges, or on an edge.
     a, b, c = np.moveaxis(coverage.screen.xy[_find_corners(listed, faces)].astype(np.int64), 1, 0)
     point = np.array(_snap_center(x, y, viewport.grid_bits))
-    sides = np.stack(
-        [_evaluate_edges(b, c, point), _evaluate_edges(c, a, point), _evaluate_edges(a, b, point)]
-    )
+    sides = np.stack([_edges_at(b, c, point), _edges_at(c, a, point), _edges_at(a, b, point)])
     candidates = listed[(sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)]
     # Draw each alone, so that coverage and depth are those of a frame.
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
@@ -348,7 +342,7 @@ def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     return [_describe_face(drawn, x, y, *entry) for entry in sorted(entries)]
 
 
-def _evaluate_edges(
+def _edges_at(
     a: NDArray[np.int64], b: NDArray[np.int64], point: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return the edge functions of many edges at one point."""
@@ -454,13 +448,13 @@ def _describe_primitive(
     # Behind the eye there is no position and no size in the picture.
     w = position[3] if position[3] > 0.0 else np.nan
     centre = (position[:2] / w * (1.0, -1.0) + 1.0) * (picture_size / 2.0)
-    is_point = isinstance(group.rule, PointRule)
     pixels_per_unit = np.ones(2)
     if group.is_world:
+        is_point = isinstance(group.rule, PointRule)
         units = primitives.lengths if is_point else (primitives.units,) * 2
         pixels_per_unit = np.array(units) * primitives.scales[owner] / w
     return PrimitiveAtPixel(
-        kind=group.rule.shape if is_point else "segment",
+        kind=group.rule.shape if isinstance(group.rule, PointRule) else "segment",
         place=centre,
         size=size * pixels_per_unit,
         offset=np.array(pixel) + 0.5 - centre,

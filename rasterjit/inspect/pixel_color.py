@@ -107,47 +107,46 @@ def find_light_terms(
     drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
 ) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of the visible face's colour, and the colour, (4,) float32, linear."""
+
+    def shade(surface: Surface, light: SceneLight) -> NDArray[np.float32]:
+        return shade_pixel(drawn, surface, light, x, y)[:3]
+
     face = int(drawn.seen.coverage.face_id[y, x])
     material = drawn.cache.tables.meshes[find_object(drawn, face)].material
-    linear = shade_pixel(drawn, surface, light, x, y)
     # Leave out effects on the sum of all light, such as fog.
     clear = light.without_effects(*POST_LIGHT_PLACES)
     unemissive, black = _remove_emission(surface), np.zeros(3, np.float32)
     # Texture, emission and post-light effects.
     texture, uv = None, np.full(2, np.nan, np.float32)
     if surface.textures is not None and material.base_color_texture is not None:
-        texture = shade_pixel(drawn, _make_white_unlit(unemissive), clear, x, y)[:3]
+        texture = shade(_make_white_unlit(unemissive), clear)
         uv = _interpolate(drawn, surface.textures.uv, x, y)
-    emission = black
-    if material.emits:
-        emission = shade_pixel(drawn, _make_scaled_unlit(surface, 0.0), clear, x, y)[:3]
+    emission = shade(_make_scaled_unlit(surface, 0.0), clear) if material.emits else black
     post_light = tuple(_find_effect_terms(drawn, surface, light, clear, x, y))
     # Base colour, ambient light and lights.
     base_surface, base_light, ambient = unemissive, clear, black
     terms: tuple[LightTerm, ...] = ()
     if light.lighting is not None and material.shading != "unlit":
         dark = clear.with_lighting(lights=light.lighting.lights[:0], ambient=black)
-        base_light = dark.without_effects("around", "rows")
-        base_light = base_light.with_lighting(ambient=np.ones(3, np.float32))
+        ambient_light = dark.without_effects("around").with_lighting(ambient=light.lighting.ambient)
+        ambient, white = shade(unemissive, ambient_light), np.ones(3, np.float32)
+        base_light = dark.without_effects("around", "rows").with_lighting(ambient=white)
         if material.shading == "pbr":
             # The base colour lies below the clearcoat.
             base_surface = _make_scaled_unlit(unemissive, 1.0)._replace(layers=None)
-        terms = tuple(_find_terms_by_light(drawn, unemissive, clear, x, y))
-        for active in light.effects:
-            if "around" in active.effect.places:
-                added = shade_pixel(drawn, unemissive, dark, x, y)[:3]
-                terms += (_make_effect_term(active, added),)
-        ambient_light = dark.without_effects("around")
-        ambient_light = ambient_light.with_lighting(ambient=light.lighting.ambient)
-        ambient = shade_pixel(drawn, unemissive, ambient_light, x, y)[:3]
-    base_color = shade_pixel(drawn, base_surface, base_light, x, y)[:3]
-    return (
-        LightTerms(
-            material.shading, base_color, texture, uv, ambient, terms + post_light, emission,
-            *find_scalar(drawn, unemissive, clear, x, y),
-        ),
-        linear,
+        terms = (
+            *_find_terms_by_light(drawn, unemissive, clear, x, y),
+            *(
+                _make_effect_term(active, shade(unemissive, dark))
+                for active in light.effects
+                if "around" in active.effect.places
+            ),
+        )
+    light_terms = LightTerms(
+        material.shading, shade(base_surface, base_light), texture, uv, ambient,
+        terms + post_light, emission, *find_scalar(drawn, unemissive, clear, x, y),
     )  # fmt: skip
+    return light_terms, shade_pixel(drawn, surface, light, x, y)
 
 
 def find_scalar(
@@ -176,12 +175,12 @@ def _find_effect_terms(
     for n, active in enumerate(light.effects):
         if not POST_LIGHT_PLACES.isdisjoint(active.effect.places):
             after = (*before[:n], active, *before[n + 1 :])
-            with_it, without_effects = (
-                shade_pixel(drawn, surface, light._replace(effects=some), x, y)[:3]
-                for some in (after, before)
+            changed, unchanged = (
+                shade_pixel(drawn, surface, light._replace(effects=effects), x, y)[:3]
+                for effects in (after, before)
             )
             before = after
-            yield _make_effect_term(active, with_it - without_effects)
+            yield _make_effect_term(active, changed - unchanged)
 
 
 def _make_effect_term(active: ActiveEffect, added: NDArray[np.float32]) -> LightTerm:
@@ -214,12 +213,11 @@ def _find_terms_by_light(
         lights[:n, LIGHT_COLOR], lights[n + 1 :, LIGHT_COLOR] = 0.0, 0.0
         alone = light.without_effects("around").with_lighting(lights=lights, ambient=dark)
         if light.lighting.pyrender is not None:
-            yield LightTerm(
-                name, shade_pixel(drawn, surface, alone, x, y)[:3], dark, is_told_apart=False
-            )
-            continue
-        diffuse, specular = (shade_pixel(drawn, part, alone, x, y)[:3] for part in kinds)
-        yield LightTerm(name, diffuse, specular)
+            added = shade_pixel(drawn, surface, alone, x, y)[:3]
+            yield LightTerm(name, added, dark, is_told_apart=False)
+        else:
+            diffuse, specular = (shade_pixel(drawn, part, alone, x, y)[:3] for part in kinds)
+            yield LightTerm(name, diffuse, specular)
 
 
 def _remove_emission(surface: Surface) -> Surface:
