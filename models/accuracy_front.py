@@ -8,19 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rasterjit.accuracy.report.plots import (
-    BOTTOM,
-    LEFT,
-    LIGHT,
-    TOP,
+    LIGHT_COLORS,
+    MARGIN_BOTTOM,
+    MARGIN_LEFT,
+    MARGIN_TOP,
     add_axes,
     draw_points,
-    front_points,
+    make_plot_points,
     new_figure,
-    number,
     require_extra,
 )
-from rasterjit.accuracy.results import Study, front_trials
-from rasterjit.accuracy.sentences import factor_in_words
+from rasterjit.accuracy.results import Study, list_front_trials
+from rasterjit.accuracy.sentences import describe_factor, format_number
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.io.images import checked_path
 
@@ -69,12 +68,12 @@ def save_front(study: Study, path: str | Path) -> Path:
     """
     require_extra("matplotlib")
     place = checked_path(path, (".png",))
-    points = front_points(study)
+    points = make_plot_points(study)
     lines = _key_lines(study)
     width, height = PICTURE_POINTS
-    height = max(height, len(lines) * KEY_LINE + TOP + TITLE + BOTTOM + 30.0)
+    height = max(height, len(lines) * KEY_LINE + MARGIN_TOP + TITLE + MARGIN_BOTTOM + 30.0)
     with new_figure((width + KEY_POINTS, height)) as figure:
-        figure.patch.set_facecolor(LIGHT["page"])
+        figure.patch.set_facecolor(LIGHT_COLORS["page"])
         axes = add_axes(figure, width, above=TITLE)
         draw_points(axes, points, study.standard.median)
         _write_key(figure, study, lines)
@@ -86,11 +85,11 @@ def save_front(study: Study, path: str | Path) -> Path:
 def _key_lines(study: Study) -> list[KeyLine]:
     """Return the lines of the list beside the front."""
     lines = []
-    for n, trial in enumerate(front_trials(study), 1):
+    for n, trial in enumerate(list_front_trials(study), 1):
         named = textwrap.wrap(trial.label, KEY_LETTERS, break_on_hyphens=False)
         for first, text in enumerate(named):
             lines.append(KeyLine("" if first else str(n), text, "ink"))
-        found = f"{factor_in_words(trial)} the time, RMSE {number(trial.errors.rmse)}"
+        found = f"{describe_factor(trial)} the time, RMSE {format_number(trial.errors.rmse)}"
         lines.append(KeyLine("", found, "muted"))
     return lines
 
@@ -101,13 +100,15 @@ def _write_key(figure: Figure, study: Study, lines: Sequence[KeyLine]) -> None:
 
     def write(x: float, y: float, text: str, color: str, **options: Any) -> None:
         at = x / total, 1.0 - y / height
-        figure.text(*at, text, color=LIGHT[color], parse_math=False, va="baseline", **options)
+        figure.text(
+            *at, text, color=LIGHT_COLORS[color], parse_math=False, va="baseline", **options
+        )
 
     columns, rows = study.size
     scene = textwrap.shorten(study.scene, 40)
     title = f"Error against time: {scene}, {columns} × {rows}, {study.threads} threads"
-    write(LEFT, 20.0, title, "ink", fontsize=11.0)
-    left, y = PICTURE_POINTS[0] + 20.0, TOP + TITLE + 8.0
+    write(MARGIN_LEFT, 20.0, title, "ink", fontsize=11.0)
+    left, y = PICTURE_POINTS[0] + 20.0, MARGIN_TOP + TITLE + 8.0
     for line in lines:
         write(left - 6.0, y, line.number, "level", ha="right", fontweight="bold")
         write(left, y, line.text, line.color, fontsize=8.0)

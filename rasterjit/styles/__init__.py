@@ -188,10 +188,7 @@ def xray(scene: Any, camera: Camera | None = None) -> Style:
     styled = copy_with_changes(
         style.recolor(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
     )
-    adds = {
-        "transparency": "all surfaces are seen through",
-        "anti-aliasing": f"{SAMPLES} samples",
-    }
+    adds = {"transparency": "all surfaces are seen through", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("xray", styled, camera, Quality(samples=SAMPLES), DARKROOM, adds=adds)
 
 

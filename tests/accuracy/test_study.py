@@ -227,7 +227,7 @@ def test_a_reference_without_time_has_fewer_samples_and_says_so(one_knob):
 def test_the_error_of_a_reference_of_fewer_samples_is_told(monkeypatch):
     made = scene()
     # Each step takes a second: the next one is expected to take four.
-    monkeypatch.setattr(timing, "total", lambda stages: 1.0)
+    monkeypatch.setattr(timing, "sum_stages", lambda stages: 1.0)
     with Studio(made, rj.fit_camera(made), (64, 48), 1) as studio:
         full, part = studio.reference(1000.0), studio.reference(5.5)
     true = root_mean_square(light_of(part.picture) - light_of(full.picture))
