@@ -381,7 +381,7 @@ class StudyRun:
             threads=self.studio.threads,
             rounds=max(frames, default=len(self.standard.frame_stages)),
             machine=machine(),
-            list_versions=list_versions(),
+            versions=list_versions(),
             standard=standard,
             trials=tuple(trials),
             front=front,

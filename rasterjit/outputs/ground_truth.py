@@ -250,12 +250,11 @@ def _overwrite_round_points(
     """Overwrite positions and normals of spheres and of other shapes of points."""
     if points.has_spheres:
         for name in POSITIONS & buffers.keys():
-            arguments = (
-                geometry.faces, *points.read, _position_placement(name, cache, placement),
-                _position_matrices(name, plan, cache, placement),
-                _direction_matrices(name, plan, cache, points), buffers[name],
-            )  # fmt: skip
-            fill_rows(point_normals.fill_sphere_positions, face_id, arguments, workers)
+            posed = _position_placement(name, cache, placement)
+            matrices = _position_matrices(name, plan, cache, placement)
+            rotations = _direction_matrices(name, plan, cache, points)
+            sphere_inputs = geometry.faces, *points.read, posed, matrices, rotations, buffers[name]
+            fill_rows(point_normals.fill_sphere_positions, face_id, sphere_inputs, workers)
     for name in ("normal", "geometric_normal"):
         if name in buffers:
             arguments = geometry.faces, *points.read, placement, buffers[name]
@@ -441,8 +440,8 @@ def add_reversed_depth(
         arguments = geometry, vertex_depths, coefficients, depth
         fill_rows(reversed_depth.fill_depths, coverage.face_id, arguments, workers)
         if coverage.points is not None:
-            arguments = geometry.faces, *coverage.points.read, placement, coefficients, depth
-            fill_rows(point_normals.fill_point_depths, coverage.face_id, arguments, workers)
+            points = geometry.faces, *coverage.points.read, placement, coefficients, depth
+            fill_rows(point_normals.fill_point_depths, coverage.face_id, points, workers)
     elif depth.dtype != np.float32:
         depth = depth.astype(np.float32)
     return coverage._replace(reversed_depth=depth, reversed_vertex_depth=vertex_depths)
@@ -476,7 +475,7 @@ def metric_depth(
     """
     depth = np.full(coverage.face_id.shape, np.inf, np.float32)
     (width, height), (left, top) = size, corner
-    for band in _split_rows(*depth.shape):
+    for band in _split_rows(*coverage.face_id.shape):
         if coverage.first_depth is None:
             stored, is_covered = coverage.depth[band], coverage.face_id[band] >= 0
         else:
