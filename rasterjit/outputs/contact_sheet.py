@@ -85,6 +85,7 @@ def grid(
         labels = strings("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
+    # Choose the size of cells and the number of columns.
     gap = index_below("gap", gap, ARGUMENT_LIMIT)
     width, height = (max(image.size[axis] for image in images) for axis in (0, 1))
     text_height = LINE_HEIGHT_PX if labels is not None else 0
@@ -94,6 +95,7 @@ def grid(
     if index_below("columns", columns, ARGUMENT_LIMIT) == 0:
         raise ValueError("columns must be at least 1, got 0")
     rows = math.ceil(len(images) / columns)
+    # Place pictures and labels on the sheet.
     paper = linear_color("background", background)
     paper_color = tuple(opaque_codes(paper)[:3].tolist())
     sheet = Image.new(
