@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -222,7 +223,7 @@ def type_errors(checkout: Path, files: list[File]) -> dict[str, list[str]]:
         for file in files
     }
     done = subprocess.run(
-        [sys.executable, "-m", "mypy", "rasterjit"], cwd=checkout,
+        [sys.executable, "-m", "mypy", "rasterjit", "--cache-dir", os.devnull], cwd=checkout,
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode not in (0, 1) or done.stderr:

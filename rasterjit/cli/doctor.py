@@ -8,6 +8,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -130,11 +131,22 @@ def _check_prebuilt_kernels() -> Iterator[Finding]:
     library, problem = prebuilt_kernels.found()
     if problem is not None:
         yield Finding("shipped code", problem, False)
-    if library is None:
-        return
-    size, index = library.path.stat().st_size / 1e6, library.index
-    text = f"{library.target.cpu}, {len(index.forms)} forms, {size:.1f} MB"
-    yield Finding("shipped code", f"{text}, made with {index.made_with}; {library.path}", True)
+    if library is not None:
+        yield _describe_shipped("code", library.target.cpu, library.index, library.path)
+    elif store.has_linker():
+        try:
+            texts = prebuilt_kernels.found_texts()
+        except prebuilt_kernels.UnfitError as error:
+            yield Finding("shipped text", str(error), False)
+        else:
+            if texts is not None:
+                yield _describe_shipped("text", texts.cpu, texts.made, texts.path)
+
+
+def _describe_shipped(what: str, cpu: str, index: prebuilt_kernels.Index, path: Path) -> Finding:
+    """Describe a file of kernels that came with the installation."""
+    size = f"{len(index.forms)} forms, {path.stat().st_size / 1e6:.1f} MB"
+    return Finding(f"shipped {what}", f"{cpu}, {size}, made with {index.made_with}; {path}", True)
 
 
 def _check_store() -> Iterator[Finding]:

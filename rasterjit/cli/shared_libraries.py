@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.runtime import isolated_numba
+from rasterjit.runtime import code_generation, isolated_numba
 from rasterjit.runtime.state_block import RecordType
 from rasterjit.runtime.targets import PLATFORMS, Target, parts_of
 
@@ -76,45 +76,44 @@ def machine_of(target: Target) -> Any:
     """Return LLVM's description of a machine, for code that may lie anywhere as a whole."""
     from llvmlite import binding
 
-    # The compiler's own function registers LLVM's targets.
-    isolated_numba.compiler().machine_of(target)
+    code_generation.machine_of(target)  # It registers LLVM's targets.
     return binding.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=3, reloc="pic", codemodel="small"
     )
 
 
-def compile_form(
-    value: Any, kind: RecordType, name: str, targets: Sequence[Target]
-) -> tuple[str, list[bytes]]:
+def optimized_text(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, str]:
     """
-    Return what a form of a kernel returns, and its object code for targets of one CPU.
+    Return what a form of a kernel returns, and its optimized module as LLVM's text.
 
-    It is optimized once, for Linux: for macOS, LLVM would call what other systems lack.
+    It is optimized for the target's CPU on Linux: for macOS, LLVM would call what others lack.
     """
-    compiler = isolated_numba.compiler()
-    first = targets[0]
     on_linux = (one for system in ("x86_64", "aarch64") for one in PLATFORMS[system].targets())
-    same_cpu = (one for one in on_linux if one[1:] == first[1:])
-    returns, module = compiler.lower(value, kind, name, next(same_cpu, first))
-    codes = []
-    for target in targets:
-        codes.append(machine_of(target).emit_object(module_for(module, target)))
-        unknown = needed_symbols(codes[-1]) - allowed_in(target)
-        if unknown:
-            raise RuntimeError(f"{name} calls what a library must not: {sorted(unknown)}")
-    return returns, codes
+    same_cpu = (one for one in on_linux if one[1:] == target[1:])
+    lower = isolated_numba.compiler().lower
+    returns, module = lower(value, kind, name, next(same_cpu, target))
+    return returns, str(module)
 
 
-def module_for(module: Any, target: Target) -> Any:
-    """Return a copy of an optimized module for a target, with tables to unwind the stack."""
+def object_code(text: str, name: str, target: Target) -> bytes:
+    """Return the object code of a kernel for a target, given its optimized module."""
+    code = machine_of(target).emit_object(module_for(text, name, target))
+    unknown = needed_symbols(code) - allowed_in(target)
+    if unknown:
+        raise RuntimeError(f"{name} calls what a library must not: {sorted(unknown)}")
+    return code
+
+
+def module_for(text: str, name: str, target: Target) -> Any:
+    """Return the optimized module of a kernel for a target, with tables to unwind the stack."""
     from llvmlite import binding
 
-    text = re.sub(r"(?m)^(define .*) \{$", r"\1 uwtable {", str(module))
-    copy = binding.parse_assembly(text)
-    copy.triple, copy.data_layout = target.triple, str(machine_of(target).target_data)
+    module = binding.parse_assembly(re.sub(r"(?m)^(define .*) \{$", r"\1 uwtable {", text))
+    module.triple, module.data_layout = target.triple, str(machine_of(target).target_data)
+    module.name = name
     if parts_of(target.triple)[1] == "windows":
-        copy.get_function(module.name).storage_class = "dllexport"
-    return copy
+        module.get_function(name).storage_class = "dllexport"
+    return module
 
 
 def allowed_in(target: Target) -> frozenset[str]:
@@ -132,7 +131,7 @@ def needed_symbols(code: bytes) -> set[str]:
         return set(_needed_of_coff(code))
     if code.startswith(MACHO):
         return set(_needed_of_macho(code))
-    return isolated_numba.compiler().needed_symbols(code)
+    return code_generation.needed_symbols(code)
 
 
 def _needed_of_coff(code: bytes) -> Iterator[str]:

@@ -1,11 +1,14 @@
 """
-Make wheels with machine code from the pure wheel.
+Make wheels with machine code from the pure wheel, and the text that source packages bring.
 
 ``python -m rasterjit.cli.wheels WHEEL PLATFORM ...`` compiles every form of every kernel and stage
 for the levels of some platforms (``runtime/targets.py``), also for other machines than this one,
 links a shared library of each (``shared_libraries.py``), and puts a wheel for each platform beside
-the pure one. The same sources, Python, Numba, llvmlite and ziglang give the same bytes. ``python -m
-rasterjit.cli.wheels check`` makes again what came with an installation, and compares.
+the pure one. The same sources, Python, Numba, llvmlite and ziglang give the same bytes.
+``python -m rasterjit.cli.wheels texts FOLDER PLATFORM ...`` goes half of the way: it writes LLVM's
+text, optimized for each level, into a folder. Wheels are made of that where it came with the
+sources. ``python -m rasterjit.cli.wheels check`` makes again what came with an installation, and
+compares.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
+import json
 import os
 import platform
 import re
@@ -23,7 +27,7 @@ import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rasterjit.cli import shared_libraries
 from rasterjit.io.atomic_write import atomic_file
@@ -42,20 +46,42 @@ MODE = 0o100644 << 16
 """Permissions of a file in a wheel: readable by all."""
 
 
-RESULT = ".returns"
-"""How a file ends that says what a form returns, beside its object code."""
+CPU = "cpu.json"
+"""File in a folder of optimized modules: a target with their CPU."""
+
+RESULT, TEXT = ".returns", ".ll"
+"""How files end that say what a form returns, and that hold its optimized module."""
 
 
-def compile_for(module: str, name: str, number: int, *targets: tuple[str, Target]) -> None:
-    """Compile a form of a kernel or a stage for targets of one CPU, each into its folder."""
+def compile_for(
+    module: str, name: str, number: int, lowered: str, *targets: tuple[str, Target]
+) -> None:
+    """
+    Compile a form of a kernel or a stage for targets of one CPU.
+
+    Parameters
+    ----------
+    module, name, number : str, str, int
+        The function, and the form by its number.
+    lowered : str
+        Folder of the optimized modules for that CPU. What it lacks is written there.
+    *targets : (str, Target)
+        The folder that gets the object code for each.
+    """
     function = getattr(importlib.import_module(module), name)
     symbol = prebuilt_kernels.symbol_of(function, number)
-    returns, codes = shared_libraries.compile_form(
-        function, function.declared[number], symbol, [Target(*one) for _, one in targets]
-    )
-    for (place, _), code in zip(targets, codes, strict=True):
-        Path(place, symbol + shared_libraries.OBJECT).write_bytes(code)
-        Path(place, symbol + RESULT).write_text(returns)
+    path = Path(lowered, symbol + TEXT)
+    if not path.exists():
+        kind, target = (
+            function.declared[number],
+            Target(*json.loads(Path(lowered, CPU).read_text())),
+        )
+        returns, text = shared_libraries.optimized_text(function, kind, symbol, target)
+        path.with_suffix(RESULT).write_text(returns)
+        path.write_text(text)
+    for folder, target in targets:
+        code = shared_libraries.object_code(path.read_text(), symbol, Target(*target))
+        Path(folder, symbol + shared_libraries.OBJECT).write_bytes(code)
 
 
 def made_with() -> str:
@@ -76,14 +102,83 @@ def sources() -> dict[str, Any]:
     return {"files": files, "hash": prebuilt_kernels.hash_of(files)}
 
 
-def files_of(platforms: Sequence[Platform]) -> list[dict[str, bytes]]:
+class Compiled(NamedTuple):
+    """What was compiled for a level of CPUs."""
+
+    kind: str
+    """Of CPU, such as ``x86_64``."""
+    lowered: Path
+    """Folder of the optimized modules."""
+    objects: dict[Target, Path]
+    """Folder of the object code for each target."""
+
+    def forms(self) -> dict[str, str]:
+        """Return what each form returns, by its symbol."""
+        return {path.stem: path.read_text() for path in sorted(self.lowered.glob(f"*{RESULT}"))}
+
+    def texts(self) -> dict[str, str]:
+        """Return the optimized modules, by their symbols."""
+        return {path.stem: path.read_text() for path in sorted(self.lowered.glob(f"*{TEXT}"))}
+
+
+def compile_all(
+    platforms: Sequence[Platform], place: Path, is_text_alone: bool = False
+) -> dict[tuple[str, str], Compiled]:
     """
     Compile everything for platforms, in one process per core: of each CPU once for all systems.
 
+    Parameters
+    ----------
+    platforms : sequence of Platform
+    place : Path
+        An empty folder.
+    is_text_alone : bool
+        Whether to make no object code, and all text anew.
+
     Returns
     -------
-    list of dict of bytes
-        Of each platform what its wheel has in ``machine_code``, by the names of the files.
+    dict of Compiled
+        By the kind of CPU and the level.
+
+    Raises
+    ------
+    Exception
+        What could not be compiled.
+    """
+    levels: dict[tuple[str, str], Compiled] = {}
+    shipped = {} if is_text_alone else shipped_texts()
+    for target in (target for one in platforms for target in one.targets()):
+        key = parts_of(target.triple)[0], target.cpu
+        if key not in levels:
+            levels[key] = Compiled(key[0], place / str(len(levels)), {})
+            lowered = levels[key].lowered
+            lowered.mkdir()
+            (lowered / CPU).write_text(json.dumps(target))
+            for symbol, (returns, text) in shipped.get(key, {}).items():
+                (lowered / (symbol + RESULT)).write_text(returns)
+                (lowered / (symbol + TEXT)).write_text(text)
+        if not is_text_alone:
+            folder = levels[key].objects[target] = levels[key].lowered / target.triple
+            folder.mkdir()
+    tasks = [
+        Task(
+            HERE, "compile_for",
+            (one.__module__, one.__name__, number, str(level.lowered),
+             *((str(folder), target) for target, folder in level.objects.items())),
+        )
+        for level in levels.values()
+        for one in background_compile.every_kernel()
+        for number in range(len(one.declared))
+    ]  # fmt: skip
+    # Here, what went wrong shows.
+    for task in background_compile.do_all(tasks, lambda: None):
+        compile_for(*task.arguments)
+    return levels
+
+
+def files_of(platforms: Sequence[Platform]) -> list[dict[str, bytes]]:
+    """
+    Return of each platform what its wheel has in ``machine_code``, by the names of the files.
 
     Raises
     ------
@@ -91,38 +186,68 @@ def files_of(platforms: Sequence[Platform]) -> list[dict[str, bytes]]:
         What could not be compiled or linked.
     """
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
-        made: dict[Target, str] = {}
-        groups: dict[tuple[str, ...], list[tuple[str, Target]]] = {}
-        for target in (one for platform in platforms for one in platform.targets()):
-            made[target] = os.path.join(place, str(len(made)))
-            os.mkdir(made[target])
-            kind = parts_of(target.triple)[0], target.cpu, target.features
-            groups.setdefault(kind, []).append((made[target], target))
-        tasks = [
-            Task(HERE, "compile_for", (one.__module__, one.__name__, number, *targets))
-            for targets in groups.values()
-            for one in background_compile.every_kernel()
-            for number in range(len(one.declared))
-        ]
-        # Here, what went wrong shows.
-        for task in background_compile.do_all(tasks, lambda: None):
-            compile_for(*task.arguments)
-        forms = {path.stem: path.read_text() for path in Path(place).glob(f"*/*{RESULT}")}
-        return [_linked(platform, made, forms) for platform in platforms]
+        levels = compile_all(platforms, Path(place))
+        return [_linked(platform, levels) for platform in platforms]
 
 
-def _linked(
-    platform: Platform, folders: Mapping[Target, str], forms: dict[str, str]
-) -> dict[str, bytes]:
-    """Return the libraries of a platform and their index, of object code in folders."""
-    files, libraries = {}, []
+def _linked(platform: Platform, levels: Mapping[tuple[str, str], Compiled]) -> dict[str, bytes]:
+    """Return the libraries of a platform and their index."""
+    files, libraries, forms = {}, [], {}
     for target in platform.targets():
-        name, place = target.cpu + platform.suffix, Path(folders[target])
-        objects = [place / (symbol + shared_libraries.OBJECT) for symbol in sorted(forms)]
+        level = levels[parts_of(target.triple)[0], target.cpu]
+        name, forms = target.cpu + platform.suffix, level.forms()
+        objects = [level.objects[target] / (one + shared_libraries.OBJECT) for one in forms]
         files[name] = shared_libraries.link(target, name, objects)
         libraries.append([name, hashlib.sha256(files[name]).hexdigest(), *target])
-    index = Index(made_with(), sources(), libraries, forms)
-    return {**files, prebuilt_kernels.INDEX: prebuilt_kernels.content_of(index)}
+    return {**files, **_index_file(libraries, forms, [])}
+
+
+def _index_file(
+    libraries: list[list[str]], forms: dict[str, str], texts: list[list[str]]
+) -> dict[str, bytes]:
+    index = Index(made_with(), sources(), libraries, forms, texts)
+    return {prebuilt_kernels.INDEX: prebuilt_kernels.content_of(index)}
+
+
+def text_files_of(platforms: Sequence[Platform]) -> dict[str, bytes]:
+    """
+    Return what source packages have in ``machine_code``, by the names of the files.
+
+    Raises
+    ------
+    Exception
+        What could not be compiled.
+    """
+    files, texts, forms = {}, [], {}
+    with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
+        for (kind, cpu), level in compile_all(platforms, Path(place), is_text_alone=True).items():
+            name, forms = f"{cpu}.ll.xz", level.forms()
+            files[name] = prebuilt_kernels.pack_texts(level.texts())
+            texts.append([name, hashlib.sha256(files[name]).hexdigest(), kind, cpu])
+    return {**files, **_index_file([], forms, texts)}
+
+
+def shipped_texts() -> dict[tuple[str, str], dict[str, tuple[str, str]]]:
+    """
+    Return what came with these sources, if this compiler made it.
+
+    Returns
+    -------
+    dict of dict
+        By the kind of CPU and the level, by symbol: what a form returns, and its optimized module.
+    """
+    folder = prebuilt_kernels.FOLDER
+    try:
+        index = prebuilt_kernels.read_index(folder / prebuilt_kernels.INDEX)
+    except (prebuilt_kernels.UnfitError, OSError):
+        return {}
+    if (index.made_with, index.sources) != (made_with(), sources()):
+        return {}
+    found = {}
+    for name, checksum, kind, cpu in index.texts:
+        texts = prebuilt_kernels.read_texts(folder / name, checksum)
+        found[kind, cpu] = {one: (index.forms[one], text) for one, text in texts.items()}
+    return found
 
 
 def make_wheel(pure: Path, platform: Platform, code: dict[str, bytes]) -> Path:
@@ -146,7 +271,10 @@ def make_wheel(pure: Path, platform: Platform, code: dict[str, bytes]) -> Path:
         raise ValueError(f"wheel = {str(pure)!r} must end with -py3-none-any.whl")
     made = pure.with_name(pure.name.replace("-any.whl", f"-{platform.tag}.whl"))
     with zipfile.ZipFile(pure) as archive:
-        files = {one: archive.read(one) for one in archive.namelist() if not one.endswith("/")}
+        files = {
+            one: archive.read(one) for one in archive.namelist()
+            if not one.endswith("/") and not one.startswith(f"{PLACE}/")
+        }  # fmt: skip
         date = archive.infolist()[0].date_time
     record = next(name for name in files if name.endswith(".dist-info/RECORD"))
     about = record.replace("RECORD", "WHEEL")
@@ -183,7 +311,7 @@ def _digest(content: bytes) -> str:
 
 
 def check() -> bool:
-    """Make the installation's machine code again; print and return whether it is equal."""
+    """Make again what came with the installation; print and return whether it is equal."""
     path = prebuilt_kernels.FOLDER / prebuilt_kernels.INDEX
     try:
         index = prebuilt_kernels.read_index(path)
@@ -193,13 +321,18 @@ def check() -> bool:
     except (prebuilt_kernels.UnfitError, OSError) as error:
         print(error)
         return False
-    triples = {Target(*target).triple for _, _, *target in index.libraries}
-    platforms = [one for one in PLATFORMS.values() if {one.triple} == triples]
+    if index.libraries:
+        triples = {Target(*target).triple for _, _, *target in index.libraries}
+        platforms = [one for one in PLATFORMS.values() if {one.triple} == triples]
+    else:
+        kinds = {kind for _, _, kind, _ in index.texts}
+        platforms = [PLATFORMS[kind] for kind in sorted(kinds) if kind in PLATFORMS]
+        triples = {one.triple for one in platforms}
     if not platforms:
         known = sorted(one.triple for one in PLATFORMS.values())
         print(f"{path} is for {sorted(triples)}, but must be for one of {known}")
         return False
-    (made,) = files_of(platforms)
+    made = files_of(platforms)[0] if index.libraries else text_files_of(platforms)
     others = []
     for name, content in made.items():
         file = path.with_name(name)
@@ -222,22 +355,30 @@ def main(arguments: Sequence[str]) -> int:
         return 2
     if list(arguments) == ["check"]:
         return 0 if check() else 1
-    wheel, *names = arguments or ("",)
+    words = list(arguments)
+    is_text = words[:1] == ["texts"]
+    place, *names = words[is_text:] or ("",)
     unknown = [name for name in names if name not in PLATFORMS]
-    if unknown or not names or not os.path.isfile(wheel):
-        usage = f"WHEEL PLATFORM ... (of {', '.join(PLATFORMS)}), or check"
+    if unknown or not names or not (os.path.isdir if is_text else os.path.isfile)(place):
+        usage = (
+            f"WHEEL PLATFORM ... (of {', '.join(PLATFORMS)}), texts FOLDER PLATFORM ..., or check"
+        )
         print(f"python -m rasterjit.cli.wheels {usage}", file=sys.stderr)
         return 2
-    others = other_sources(Path(wheel))
+    platforms = [PLATFORMS[name] for name in names]
+    if is_text:
+        for name, content in text_files_of(platforms).items():
+            Path(place, name).write_bytes(content)
+        return 0
+    others = other_sources(Path(place))
     if others:
         print(
-            f"{wheel} is of other sources than {store.ROOT}, which would be compiled: "
+            f"{place} is of other sources than {store.ROOT}, which would be compiled: "
             f"{len(others)} files differ, {others[0]} first", file=sys.stderr,
         )  # fmt: skip
         return 2
-    platforms = [PLATFORMS[name] for name in names]
     for one, code in zip(platforms, files_of(platforms), strict=True):
-        print(make_wheel(Path(wheel), one, code), flush=True)
+        print(make_wheel(Path(place), one, code), flush=True)
     return 0
 
 

@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import functools
 import gc
-import struct
 import threading
 import warnings
 from collections.abc import Callable
@@ -45,6 +44,7 @@ from numba.extending import intrinsic, typeof_impl
 from rasterjit import forks
 from rasterjit.runtime import array_type, intrinsics_ir
 from rasterjit.runtime.array_type import PlainArray
+from rasterjit.runtime.code_generation import ALLOWED, machine_of, object_code, refuse
 from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
 from rasterjit.runtime.state_block import (
     ArrayType,
@@ -54,16 +54,10 @@ from rasterjit.runtime.state_block import (
     words_of,
 )
 from rasterjit.runtime.store import tell_it_goes_on
-from rasterjit.runtime.targets import Target, compiling_for, host, needs_far_addresses
+from rasterjit.runtime.targets import Target, compiling_for, host
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """Numba's options for every function."""
-
-ALLOWED = {
-    "memset", "memcpy", "memmove", "floor", "floorf", "ceil", "ceilf", "rint", "rintf", "trunc",
-    "truncf", "nearbyint", "nearbyintf", "fma", "fmaf", "sqrt", "sqrtf",
-}  # fmt: skip
-"""Functions that object code may call: exact, with the same bits in every C library."""
 
 _COMPILING = forks.hold_over_forks(threading.RLock())
 
@@ -231,26 +225,6 @@ def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callabl
     return entry, returned
 
 
-@functools.cache
-def machine_of(target: Target) -> Any:
-    """
-    Return LLVM's description of a machine to compile for.
-
-    LLVM's linker gives code and constants memory of their own, more than 2 GB apart where the
-    program has a large array between them: addresses of 32 bits would end the process.
-    """
-    binding.initialize_all_targets()
-    binding.initialize_all_asmprinters()
-    is_far = needs_far_addresses(target.triple)
-    addresses = {
-        "reloc": "static" if is_far else "pic",
-        "codemodel": "large" if is_far else "default",
-    }
-    return binding.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.cpu, features=target.features, opt=3, **addresses
-    )
-
-
 def optimize(module: Any, machine: Any) -> None:
     """Run LLVM's optimizations over a module."""
     module.data_layout = str(machine.target_data)
@@ -356,12 +330,7 @@ def _refuse_unknown_calls(module: Any, name: str) -> None:
     called = {one.name for one in module.functions if one.is_declaration}
     unknown = {one for one in called if not one.startswith("llvm.")} - ALLOWED
     unknown |= {one.name for one in module.global_variables if one.is_declaration}
-    _refuse(unknown, name)
-
-
-def _refuse(unknown: set[str], name: str) -> None:
-    if unknown:
-        raise RuntimeError(f"kernel {name} needs what no store can keep: {sorted(unknown)}")
+    refuse(unknown, name)
 
 
 def _rename(module: Any, name: str) -> None:
@@ -388,40 +357,7 @@ def compile_form(value: Any, kind: RecordType, name: str, target: Target) -> tup
     """Return what a form of a kernel returns, and its object code for a target."""
     returns, module = lower(value, kind, name, target)
     tell_it_goes_on()
-    code = machine_of(target).emit_object(module)
-    _refuse(needed_symbols(code) - ALLOWED, name)
-    return returns, code
-
-
-ELF, SYMBOL_TABLE, SYMBOL, NOWHERE = b"\x7fELF\x02\x01", 2, 24, 0
-"""How 64-bit object code of Linux begins, the kind of the section that lists its symbols, bytes of
-each of these, and the number of the section of one that is elsewhere."""
-
-
-def needed_symbols(code: bytes) -> set[str]:
-    """
-    Return the names that object code needs from elsewhere.
-
-    LLVM's language does not tell them all: LLVM calls functions of its own choice. Only object
-    code of Linux is read; of others, none are known.
-    """
-    if not code.startswith(ELF):
-        return set()
-    (start,) = struct.unpack_from("<Q", code, 0x28)
-    size, count = struct.unpack_from("<HH", code, 0x3A)
-    # Name, kind, flags, address, offset, length, link and further facts of each.
-    sections = [struct.unpack_from("<IIQQQQII", code, start + size * k) for k in range(count)]
-    found = set()
-    for _, kind, _, _, offset, length, link, _ in sections:
-        if kind != SYMBOL_TABLE:
-            continue
-        texts = sections[link][4]
-        for at in range(offset + SYMBOL, offset + length, SYMBOL):
-            name, _, _, section = struct.unpack_from("<IBBH", code, at)
-            if section == NOWHERE:
-                begin = texts + name
-                found.add(code[begin : code.index(b"\0", begin)].decode())
-    return found
+    return returns, object_code(module, name, target)
 
 
 def assembly(value: Any, kind: RecordType, target: Target) -> str:

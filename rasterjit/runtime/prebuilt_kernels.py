@@ -1,16 +1,20 @@
 """
-Find the prebuilt kernels that came with the installation: a shared library for each CPU level.
+Find the prebuilt kernels that came with the installation, in ``rasterjit/machine_code``.
 
-The platform wheels bring them in ``rasterjit/machine_code``; a clone and the pure wheel have none.
-A library holds every form of every kernel and stage. The system opens it as it opens any other, so
-processes share its memory, and nothing is linked here. What opens cannot be checked any more, and
-a file that was cut off ends the process: so its SHA-256 is compared before, by the file ``index``,
-which ``cli.wheels`` writes ::
+A platform wheel brings a shared library for each CPU level, with every form of every kernel and
+stage. The system opens it as it opens any other, so processes share its memory, and nothing is
+linked here. What opens cannot be checked any more, and a file that was cut off ends the process: so
+its SHA-256 is compared before, by the file ``index``, which ``cli.wheels`` writes ::
 
     SHA-256 of what follows
     {"made_with": what compiled it, "sources": files and a hash over them,
      "libraries": [[file, SHA-256, triple, CPU, features], ...], the best level first,
+     "texts": [[file, SHA-256, kind of CPU, CPU], ...],
      "forms": {symbol: result, ...}}
+
+The source distribution and the pure wheel bring LLVM's text instead, optimized for each level. The
+store makes object code of it, in a tenth of the time that compiling from Python takes. A clone
+brings nothing.
 
 The sources are those that the kernels follow from. After an edit of any of them nothing here is
 used.
@@ -26,7 +30,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.runtime.targets import Target, asked_cpu
+from rasterjit.runtime.targets import Target, asked_cpu, level_here
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -55,6 +59,8 @@ class Index(NamedTuple):
     """Of each its file, its SHA-256 and its target; the best level first."""
     forms: dict[str, str]
     """What each form returns (``store.RETURNS``), by its symbol."""
+    texts: list[list[str]]
+    """Of each its file, its SHA-256, the kind of CPU and the level, as `level_here` calls them."""
 
 
 class Library(NamedTuple):
@@ -115,6 +121,8 @@ def read_index(path: Path) -> Index:
         for name, _, *target in index.libraries:
             FOLDER.joinpath(name)
             Target(*target)
+        for name, _, _, _ in index.texts:
+            FOLDER.joinpath(name)
         ROOT.joinpath(*index.sources["files"])
         str(index.sources["hash"])
         dict(index.forms)
@@ -148,22 +156,30 @@ class Found(NamedTuple):
 
 
 @functools.cache
-def found() -> Found:
-    """
-    Return the machine code for this CPU that came with the installation, as far as of use.
-
-    A library that is damaged, missing or refused by the system is passed over.
-    """
+def _index() -> tuple[Index | None, str | None]:
+    """Return what came with the installation, made from these sources; or what is wrong with it."""
     if not FOLDER.is_dir():
-        return Found(None, None)
-    path, asked = FOLDER / INDEX, asked_cpu()
+        return None, None
+    path = FOLDER / INDEX
     try:
         index = read_index(path)
         if hash_of(index.sources["files"]) != index.sources["hash"]:
             raise UnfitError(f"{path}: it was made from other sources")
     except (UnfitError, OSError) as error:
-        return Found(None, _problem(error, path))
-    problem = None
+        return None, _problem(error, path)
+    return index, None
+
+
+@functools.cache
+def found() -> Found:
+    """
+    Return the shared library for this CPU that came with the installation, as far as of use.
+
+    A library that is damaged, missing or refused by the system is passed over.
+    """
+    (index, problem), asked = _index(), asked_cpu()
+    if index is None:
+        return Found(None, problem)
     for name, checksum, *target in index.libraries:
         path = FOLDER / name
         if asked not in ("", target[1]):
@@ -176,6 +192,68 @@ def found() -> Found:
         if asked or functions[RUNS]():
             return Found(Library(path, Target(*target), index, functions), problem)
     return Found(None, problem)
+
+
+class LoweredKernels(NamedTuple):
+    """LLVM's text of kernels."""
+
+    path: Path
+    cpu: str
+    """The level that it was optimized for."""
+    made: Index
+    texts: dict[str, str]
+    """By symbol."""
+
+
+@functools.cache
+def found_texts() -> LoweredKernels | None:
+    """
+    Return LLVM's text for this CPU that came with the installation; None if none came.
+
+    Raises
+    ------
+    UnfitError
+        It is damaged, missing or cannot be read.
+    """
+    index, here = _index()[0], level_here()
+    if index is None or here is None:
+        return None
+    for name, checksum, kind, cpu in index.texts:
+        if (kind, cpu) == (here[0], here[1].cpu):
+            path = FOLDER / name
+            try:
+                return LoweredKernels(path, cpu, index, read_texts(path, checksum))
+            except (ImportError, OSError) as error:
+                raise UnfitError(f"{path}: {error}; {REINSTALL}") from error
+    return None
+
+
+def pack_texts(texts: dict[str, str]) -> bytes:
+    """Return the content of a file of texts, given by their symbols."""
+    import lzma
+
+    return lzma.compress(json.dumps(texts, sort_keys=True).encode(), preset=9)
+
+
+def read_texts(path: Path, checksum: str) -> dict[str, str]:
+    """
+    Return the texts in a file, by their symbols.
+
+    Raises
+    ------
+    UnfitError
+        It is damaged.
+    OSError
+        It cannot be read, or is missing.
+    ImportError
+        This Python lacks ``lzma``.
+    """
+    import lzma
+
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != checksum:
+        raise UnfitError(f"{path} is damaged; {REINSTALL}")
+    return json.loads(lzma.decompress(content))
 
 
 def _problem(error: UnfitError | OSError, path: Path) -> str:

@@ -22,7 +22,8 @@ linked. An entry with a mark that nobody holds is removed, and compiled again.
 Where Numba is missing, an entry of any version will do: the bits are the same. Without llvmlite,
 which links entries, none will.
 
-What came with the installation (``prebuilt_kernels``) is looked at first; it is never written.
+A shared library that came with the installation (``prebuilt_kernels``) is looked at first. Entries
+are made of the LLVM text that came, or else compiled from Python. What came is never written.
 
 A checksum finds damage, not malice: a folder that others may write to, or exchange, is not used,
 and of its files none that is another user's, that others may write to, or that has further names.
@@ -90,7 +91,8 @@ OPEN_FILE = (
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 COMPILER_FILES = (
-    "array_type", "compiler", "intrinsics", "intrinsics_ir", "numba_internals", "state_block",
+    "array_type", "code_generation", "compiler", "intrinsics", "intrinsics_ir", "numba_internals",
+    "state_block",
 )  # fmt: skip
 """Files of this folder that every kernel depends on."""
 
@@ -100,6 +102,7 @@ NOT_COMPILED = {
     "locks",
     "prebuilt_kernels",
     "store",
+    "sysctl",
     "targets",
     "versions",
 }
@@ -718,13 +721,43 @@ def _no_compiler(kernel: Any) -> NoCompilerError:
 
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
-    target = host()
-    if versions() is None:
+    """Return the header and the object code of a form, from LLVM's text if that came."""
+    target, lowered = host(), _shipped_text(kernel, kind)
+    if lowered is None and versions() is None:
         raise _no_compiler(kernel)
     _tell()
     with COMPILER_CLOCK.running():
-        returns, code = isolated_numba.compiler().compile_form(kernel, kind, name, target)
+        if lowered is not None:
+            from rasterjit.runtime.code_generation import object_code_of_text
+
+            returns, code = lowered.returns, object_code_of_text(*lowered[1:], name, target)
+        else:
+            returns, code = isolated_numba.compiler().compile_form(kernel, kind, name, target)
     return _header(kernel, kind, returns), code
+
+
+class _Lowered(NamedTuple):
+    """A form of a kernel as LLVM's text."""
+
+    returns: str
+    text: str
+    symbol: str
+    """Its name there."""
+
+
+def _shipped_text(kernel: Any, kind: RecordType) -> _Lowered | None:
+    """Return the text of a form that came with the installation; None if none is of use."""
+    if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
+        return None
+    try:
+        found = prebuilt_kernels.found_texts()
+    except prebuilt_kernels.UnfitError as error:
+        _say_unfit(str(error))
+        return None
+    symbol = prebuilt_kernels.symbol_of(kernel, kernel.declared.index(kind))
+    if found is None or symbol not in found.texts:
+        return None
+    return _Lowered(found.made.forms[symbol], found.texts[symbol], symbol)
 
 
 def _header(kernel: Any, kind: RecordType, returns: str) -> Header:

@@ -31,6 +31,8 @@ class Level(NamedTuple):
     """As LLVM calls it; the file of its code is named by it."""
     features: str = ""
     """What LLVM is told besides."""
+    needs: frozenset[str] = frozenset()
+    """Features that a CPU must have, as LLVM calls them."""
 
 
 class Platform(NamedTuple):
@@ -50,14 +52,22 @@ class Platform(NamedTuple):
         return [Target(self.triple, level.cpu, level.features) for level in self.levels]
 
 
+V2 = frozenset(["cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"])
+V3 = V2 | frozenset(["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"])
+V4 = V3 | frozenset(["avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"])
+"""Features of x86-64's levels, by its psABI."""
+
 X86_64 = (
     # AMD's CPUs gather slowly, as do Intel's with the microcode of 2023.
-    Level("x86-64-v4", "+avx512vl,+prefer-no-gather"),
-    Level("x86-64-v3"),
-    Level("x86-64-v2"),
+    Level("x86-64-v4", "+avx512vl,+prefer-no-gather", V4),
+    Level("x86-64-v3", needs=V3),
+    Level("x86-64-v2", needs=V2),
 )
 AARCH64 = (Level("generic"),)
 """ARMv8.0, with the vectors of 128 bits that all have."""
+
+LEVELS = {"x86_64": X86_64, "aarch64": AARCH64}
+"""By the kind of CPU, the best first."""
 
 PLATFORMS = {
     "x86_64": Platform(
@@ -163,6 +173,18 @@ def asked_cpu() -> str | None:
     if features or (features is not None and not cpu):
         return None
     return cpu or ""
+
+
+def level_here() -> tuple[str, Level] | None:
+    """Return the kind of this CPU and its best level, or the one that the environment asks for."""
+    from llvmlite import binding
+
+    kind, asked = parts_of(process_triple())[0], asked_cpu()
+    has = {name for name, is_here in binding.get_host_cpu_features().items() if is_here}
+    for level in LEVELS.get(kind, ()):
+        if level.cpu == asked or (asked == "" and level.needs <= has):
+            return kind, level
+    return None
 
 
 class _Compiling(threading.local):

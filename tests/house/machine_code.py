@@ -135,7 +135,14 @@ def main(target, some, model, libraries, part, count):
 
     import rasterjit as rj
     from rasterjit.cli import shared_libraries
-    from rasterjit.runtime import compiler, jit, pack_arguments, stage_runner, store
+    from rasterjit.runtime import (
+        code_generation,
+        compiler,
+        jit,
+        pack_arguments,
+        stage_runner,
+        store,
+    )
 
     target = store.Target(*target) if target else store.host()
     if model:
@@ -151,9 +158,12 @@ def main(target, some, model, libraries, part, count):
         for kind in one.declared:
             _, module = compiler.lower(one, kind, one.__name__, target)
             made = [
-                (shared_libraries.machine_of(system), shared_libraries.module_for(module, system))
+                (
+                    shared_libraries.machine_of(system),
+                    shared_libraries.module_for(str(module), one.__name__, system),
+                )
                 for system in libraries
-            ] or [(compiler.machine_of(target), module)]
+            ] or [(code_generation.machine_of(target), module)]
             for machine, code in made:
                 needed = sorted(shared_libraries.needed_symbols(machine.emit_object(code)))
                 assembly = machine.emit_assembly(code)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import struct
 import subprocess
@@ -30,18 +31,19 @@ TARGETS = {
 @pytest.fixture(scope="module")
 def objects(tmp_path_factory):
     """The object files of the kernels, by the triples they are for."""
-    place = tmp_path_factory.mktemp("objects")
+    files = {}
     for kind in ("x86_64", "aarch64"):
+        place = tmp_path_factory.mktemp(kind)
         same = [one for one in TARGETS.values() if targets.parts_of(one.triple)[0] == kind]
+        (place / wheels.CPU).write_text(json.dumps(same[0]))
+        for target in same:
+            folder = place / target.triple
+            folder.mkdir()
+            files[target.triple] = [folder / f"{one}{shared_libraries.OBJECT}" for one in SYMBOLS]
         folders = [(str(place / one.triple), list(one)) for one in same]
-        for folder, _ in folders:
-            Path(folder).mkdir()
         for kernel in KERNELS:
-            wheels.compile_for(kernel.__module__, kernel.__name__, 0, *folders)
-    return {
-        triple: [place / triple / f"{symbol}{shared_libraries.OBJECT}" for symbol in SYMBOLS]
-        for triple in TARGETS
-    }
+            wheels.compile_for(kernel.__module__, kernel.__name__, 0, str(place), *folders)
+    return files
 
 
 class Contents(NamedTuple):
@@ -133,17 +135,15 @@ def test_a_library_exports_its_kernels_and_has_no_memory_to_write_and_run(triple
 
 @pytest.mark.parametrize("triple", TARGETS)
 def test_object_code_of_every_system_names_what_it_needs(triple):
-    from llvmlite import binding
-
     target = TARGETS[triple]
-    machine = shared_libraries.machine_of(target)
-    module = binding.parse_assembly(
+    module = shared_libraries.module_for(
         "declare double @sin(double)\ndeclare double @a_function_of_a_long_name(double)\n"
         "define double @made(double %x) {\n%y = call double @sin(double %x)\n"
-        "%z = call double @a_function_of_a_long_name(double %y)\nret double %z\n}"
+        "%z = call double @a_function_of_a_long_name(double %y)\nret double %z\n}",
+        "made",
+        target,
     )
-    module.name = "made"
-    code = machine.emit_object(shared_libraries.module_for(module, target))
+    code = shared_libraries.machine_of(target).emit_object(module)
     found = shared_libraries.needed_symbols(code) - shared_libraries.allowed_in(target)
     assert found == {"sin", "a_function_of_a_long_name"}
 
@@ -152,9 +152,9 @@ def test_object_code_of_every_system_names_what_it_needs(triple):
 def test_a_kernel_that_calls_a_math_library_is_refused(triple, monkeypatch):
     target = TARGETS[triple]
     monkeypatch.setattr(shared_libraries, "needed_symbols", lambda code: {"memset", "sin"})
-    kernel = stage_runner.run_list
+    text = "define i64 @made() {\nret i64 0\n}"
     with pytest.raises(RuntimeError, match=r"\['sin'\]"):
-        shared_libraries.compile_form(kernel, kernel.declared[0], SYMBOLS[0], [target])
+        shared_libraries.object_code(text, "made", target)
 
 
 @pytest.mark.parametrize("triple", TARGETS)

@@ -24,6 +24,8 @@ import rasterjit as rj
 from rasterjit.cli import commands, doctor, shared_libraries, wheels
 from rasterjit.runtime import (
     background_compile,
+    code_generation,
+    isolated_numba,
     jit,
     prebuilt_kernels,
     stage_runner,
@@ -54,14 +56,14 @@ def write(path, content):
     path.write_bytes(content)
 
 
-def write_index(place, libraries, forms, sources=NO_SOURCES):
+def write_index(place, libraries, forms, sources=NO_SOURCES, texts=()):
     """Write what says what is in a folder, given the bytes of libraries by their targets."""
     listed = []
     for target, content in libraries.items():
         name = f"{target.cpu}.so"
         write(place / name, content)
         listed.append([name, hashlib.sha256(content).hexdigest(), *target])
-    index = Index("something", sources, listed, forms)
+    index = Index("something", sources, listed, forms, [*texts])
     write(place / prebuilt_kernels.INDEX, prebuilt_kernels.content_of(index))
     return index
 
@@ -203,10 +205,8 @@ def library(tmp_path_factory):
         target = Target(HERE.triple, cpu, "")
         compiled_for = target._replace(cpu=HERE.levels[-1].cpu)
         kernel, path = stage_runner.run_list, place / f"{cpu}.o"
-        _, (content,) = shared_libraries.compile_form(
-            kernel, kernel.declared[0], SYMBOL, [compiled_for]
-        )
-        path.write_bytes(content)
+        _, text = shared_libraries.optimized_text(kernel, kernel.declared[0], SYMBOL, compiled_for)
+        path.write_bytes(shared_libraries.object_code(text, SYMBOL, compiled_for))
         return target, shared_libraries.link(target, f"{cpu}.so", [path])
 
     return make
@@ -218,7 +218,8 @@ def come(tmp_path, monkeypatch, library):
     monkeypatch.setattr(store, "SAID", set())
     monkeypatch.setattr(store, "UNFIT", [])
     monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
-    monkeypatch.setattr(prebuilt_kernels, "found", prebuilt_kernels.found.__wrapped__)
+    for name in ("_index", "found", "found_texts"):
+        monkeypatch.setattr(prebuilt_kernels, name, getattr(prebuilt_kernels, name).__wrapped__)
     for name in targets.CHOICES:
         monkeypatch.delenv(name, raising=False)
     place = tmp_path / "store"
@@ -345,6 +346,71 @@ def test_without_a_compiler_an_error_names_what_is_of_no_use(
     assert capfd.readouterr().err == ""
 
 
+# LLVM's text, where no library came.
+
+
+@pytest.fixture
+def text(come):
+    """The file of a kernel's text for this CPU, which came alone."""
+    path, (kind, level) = come(), targets.level_here()
+    kernel, target = stage_runner.run_list, Target(store.host().triple, level.cpu, level.features)
+    returns, text = shared_libraries.optimized_text(kernel, kernel.declared[0], SYMBOL, target)
+    file = path.with_name(f"{level.cpu}.ll.xz")
+    file.write_bytes(prebuilt_kernels.pack_texts({SYMBOL: text}))
+    row = [file.name, hashlib.sha256(file.read_bytes()).hexdigest(), kind, level.cpu]
+    write_index(path.parent, {}, {SYMBOL: returns}, texts=[row])
+    return file
+
+
+@needs_library
+@pytest.mark.parametrize("is_numba_here", [True, False])
+def test_text_that_came_becomes_code_without_numba_and_is_stored(
+    text, monkeypatch, capfd, is_numba_here
+):
+    monkeypatch.setattr(isolated_numba, "compiler", lambda: pytest.fail("it imports Numba"))
+    if not is_numba_here:
+        monkeypatch.setattr(store, "versions", lambda: None)
+    assert [load(), load()] == [False, True]
+    assert capfd.readouterr().err == ""
+    (finding,) = doctor._check_prebuilt_kernels()
+    assert finding.passed
+    assert f"{targets.level_here()[1].cpu}, 1 forms" in finding.text
+
+
+@needs_library
+def test_text_gives_the_code_that_python_gives(text):
+    kernel, name, target = stage_runner.run_list, "made", store.host()
+    compiler, index = isolated_numba.compiler(), prebuilt_kernels.found_texts()
+    _, level = targets.level_here()
+    asked = Target(target.triple, level.cpu, level.features)
+    from_python = compiler.compile_form(kernel, kernel.declared[0], name, asked)[1]
+    made = code_generation.object_code_of_text(index.texts[SYMBOL], SYMBOL, name, asked)
+    assert made == from_python
+
+
+@needs_library
+@pytest.mark.parametrize("damage", ["damaged", "cut off", "missing", "no lzma"])
+def test_text_of_no_use_is_named_and_python_compiled(text, monkeypatch, capfd, damage):
+    content = text.read_bytes()
+    if damage == "missing":
+        text.unlink()
+    elif damage == "no lzma":
+        monkeypatch.setitem(sys.modules, "lzma", None)
+    else:
+        write(text, content[:40] if damage == "cut off" else content[:-1] + b"?")
+    assert [load(), load()] == [False, True]
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"rasterjit: compiling instead of loading: {text}")
+    assert [one.passed for one in doctor._check_prebuilt_kernels()] == [False]
+
+
+@needs_library
+def test_text_of_another_kind_of_cpu_is_left_alone(text, monkeypatch):
+    monkeypatch.setattr(targets, "process_triple", lambda: "riscv64-unknown-linux-gnu")
+    assert targets.level_here() is None
+    assert prebuilt_kernels.found_texts() is None
+
+
 @needs_library
 @pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
 @pytest.mark.parametrize("damage", ["damaged", "missing", "refused"])
@@ -371,7 +437,8 @@ def test_past_a_library_of_no_use_the_next_level_is_loaded(come, damage, capfd):
     [
         {"forms": None}, {"another": 1}, {"forms": ["a"]}, {"sources": {"files": []}},
         {"sources": {"files": 3, "hash": ""}}, {"sources": None}, {"libraries": [["a.so", "0"]]},
-        {"libraries": 3}, {"libraries": [[3, "0", "triple", "cpu", ""]]}, "no JSON", "[]",
+        {"libraries": 3}, {"libraries": [[3, "0", "triple", "cpu", ""]]}, {"texts": [["a", "0"]]},
+        {"texts": None}, "no JSON", "[]",
     ],
     ids=str,
 )  # fmt: skip
@@ -381,6 +448,7 @@ def test_an_index_of_other_fields_is_of_no_use(tmp_path, monkeypatch, change):
     checksum = hashlib.sha256(text.encode()).hexdigest()
     write(tmp_path / prebuilt_kernels.INDEX, f"{checksum}\n{text}".encode())
     monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
+    monkeypatch.setattr(prebuilt_kernels, "_index", prebuilt_kernels._index.__wrapped__)
     library, problem = prebuilt_kernels.found.__wrapped__()
     assert library is None
     assert f"{tmp_path / prebuilt_kernels.INDEX} has other fields" in problem
@@ -591,12 +659,14 @@ def test_the_sources_of_the_kernels_are_hashed_as_one_and_an_edit_is_seen(tmp_pa
 @needs_library
 @pytest.mark.takes_long
 @pytest.mark.skipif(HERE is not PLATFORM, reason="a wheel of another platform")
-def test_all_frames_are_drawn_from_what_came_without_a_compiler(tmp_path):
+@pytest.mark.parametrize("make", [wheels.files_of, wheels.text_files_of])
+def test_all_frames_are_drawn_from_what_came_without_a_compiler(tmp_path, make):
     copy = tmp_path / "rasterjit"
     shutil.copytree(Path(rj.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     target = PLATFORM.targets()[-1]
     (copy / "machine_code").mkdir()
-    (files,) = wheels.files_of([PLATFORM._replace(levels=PLATFORM.levels[-1:])])
+    files = make([PLATFORM._replace(levels=PLATFORM.levels[-1:])])
+    files = files if isinstance(files, dict) else files[0]
     assert len(files) == 2
     for name, content in files.items():
         (copy / "machine_code" / name).write_bytes(content)
