@@ -174,9 +174,14 @@ def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
     )
     for choose in choices:
         named = {file: choose(file) for file in files}
-        if len(set(named.values())) == len(files):
+        if len({_as_system_sees(name) for name in named.values()}) == len(files):
             break
     return named
+
+
+def _as_system_sees(name: Path) -> str:
+    """Return what two names have in common that are one file: on macOS and Windows, in any case."""
+    return str(name).casefold() if sys.platform in ("darwin", "win32") else str(name)
 
 
 def to_standard_output(

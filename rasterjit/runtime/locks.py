@@ -19,9 +19,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from rasterjit import forks
+from rasterjit.runtime.sysctl import read_sysctl
 
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 """Where Linux names the run of the system, the same in all containers."""
+
+APPLE_BOOT = "kern.bootsessionuuid"
+"""What macOS calls it. Its host's name changes with the network."""
 
 FAR = 1 << 30
 """The byte that is locked where locks are for bytes: none that anyone reads."""
@@ -179,7 +183,7 @@ def machine() -> tuple[str, str]:
     Processes that share either are asked by locks. Where both differ, a lock may not be seen.
     """
     host = platform.node()
-    system = host
+    system = (read_sysctl(APPLE_BOOT) or b"").rstrip(b"\0").decode() or host
     with suppress(OSError):
         system = BOOT.read_text().strip()
     return _digits(host), _digits(system)

@@ -13,7 +13,7 @@ its SHA-256 is compared before, by the file ``index``, which ``cli.wheels`` writ
      "forms": {symbol: result, ...}}
 
 The source distribution and the pure wheel bring LLVM's text instead, optimized for each level. The
-store makes object code of it, in a tenth of the time that compiling from Python takes. A clone
+store makes object code of it, in a sixth of the time that compiling from Python takes. A clone
 brings nothing.
 
 The sources are those that the kernels follow from. After an edit of any of them nothing here is

@@ -27,6 +27,7 @@ from rasterjit.runtime import (
 )
 from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.spinning_threads import PATIENCE, Call, Team
+from rasterjit.runtime.sysctl import read_sysctl
 
 MIN_BYTES = 1 << 15
 """Bytes of the smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""
@@ -248,10 +249,12 @@ class _Tasks:
 
 
 def available_processors() -> int:
-    """Return the number of processors this process may run on."""
+    """Return the number of processors this process may run on; of Apple's, the fast ones."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    # Threads share a frame evenly: the fast would wait for the slow.
+    fast = read_sysctl("hw.perflevel0.logicalcpu")
+    return int.from_bytes(fast or b"", sys.byteorder) or os.cpu_count() or 1
 
 
 class Memory:
