@@ -8,6 +8,7 @@ Each kernel and stage is bound to fixed memory. For each view its arrays are cop
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import ground_truth
+from rasterjit.outputs.output_table import find_array_spec
 from rasterjit.pipeline import batch_driver, srgb_encoding
 from rasterjit.pipeline.fragments import a_buffer, fragment_bands
 from rasterjit.pipeline.geometry import binning, clipping, projection, setup
@@ -653,6 +655,12 @@ class CommandBuffer:
         self._output_addresses.append((name, call.place_of(len(arguments))))
 
     def _add_copy(self, name: str, picture: NDArray[Any]) -> None:
-        """Record the copy of an output into the batched array."""
+        """Record the copy of an output into the batched array; it must have as many bytes."""
+        shape, dtype = find_array_spec(name, self._plan.size, self._plan.facts.attributes)
+        if picture.nbytes != math.prod(shape) * np.dtype(dtype).itemsize:
+            raise RuntimeError(
+                f"the output {name!r} must be {dtype} of shape {shape}, but its kernel fills "
+                f"{picture.dtype} of shape {picture.shape}"
+            )
         words = picture.reshape(-1).view(np.uint32)
         self._add_call(name, batch_driver.copy_picture, words, np.empty((0, len(words)), np.uint32))

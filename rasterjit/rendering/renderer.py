@@ -303,6 +303,8 @@ def draw_frame(
         if "face_id" in plan.outputs:
             # The caller may write to it.
             _ = stats.pixels_covered
+        if missing := [name for name in plan.outputs if name not in result]:
+            raise RuntimeError(f"nothing fills the outputs {missing}: see outputs/ground_truth.py")
         shown = {name: result[name] for name in plan.outputs}
         frame = Frame(shown, plan, stats, diagnostics, cache.face_starts)
         frame._white_share = share

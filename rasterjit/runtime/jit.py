@@ -302,6 +302,9 @@ class Stage(_OfOneForm):
         """The types of the block and of the further arguments."""
         named = inspect.get_annotations(self.function, eval_str=True)
         given = [name for name in inspect.signature(self.function).parameters if name != "count"]
+        for name in given:
+            if name not in named:
+                raise TypeError(f"stage {self.__name__}: its parameter {name!r} needs a type")
         return RecordType(tuple, tuple(type_named(named[name]) for name in given))
 
     @cached_property

@@ -24,7 +24,7 @@ from rasterjit.pipeline.visibility.visibility_pass import Seen
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.survey.cache import SceneCache
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - around: ``(record, needs) -> passes`` after the lights: ambient light.
 - seen: ``(record, shown) -> passes`` on the three rows of final colours of samples, lit or not;
   does not by itself need lights or positions.
-- sample: ``(record, needs) -> passes`` on the colours of lit samples, which have positions.
+- sample: ``(record, needs) -> passes`` on the colours of all shaded samples, which then have
+  positions.
 - pixel: ``(record, shown) -> (passes, shown)`` on the three rows that are encoded in 8 bits; one
   effect at most.
 - mixed: ``(record, calls, linear, background, shown)``: the same on resolved rows of several faces,
@@ -182,8 +183,12 @@ class Effect:
     places: ClassVar[Mapping[str, Callable[..., Any]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Raise ``ValueError`` for an unknown place."""
+        """Raise ``ValueError`` for an unknown place, or a field that no scene has."""
         super().__init_subclass__(**options)
+        if cls.field and cls.field not in EFFECT_FIELDS:
+            raise ValueError(
+                f"{cls.__name__}.field is {cls.field!r}; possible are {', '.join(EFFECT_FIELDS)}"
+            )
         for place in cls.places:
             if place not in PLACES:
                 raise ValueError(

@@ -132,7 +132,9 @@ def test_the_terms_of_a_pixel_add_up(row):
         told_of |= {term.label for term in light.lights}
     lights = {"SpotLight 1, diffuse", "PointLight 2, diffuse"}
     dome = {"eye-dome lighting"} if row[SWITCHES.index("dome")] else set()
-    assert told_of == {*lights, "environment", "fog", "what is seen through it", *dome}
+    assert told_of == {*lights, "environment", "fog", "what is seen through it", *dome}, (
+        "add what a new effect is called in the light of a pixel"
+    )
 
 
 @pytest.mark.parametrize(

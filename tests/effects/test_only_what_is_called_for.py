@@ -189,7 +189,9 @@ def test_every_effect_is_in_the_full_scene(told):
     assert absent == {
         "single-sided objects", "background image", "diagnostics", "section lines",
     }  # fmt: skip
-    assert told.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}
+    assert told.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}, (
+        "add a row to GONE, and one to WITHOUT in tests/support/switched_off.py"
+    )
 
 
 @pytest.mark.parametrize("name", GONE)

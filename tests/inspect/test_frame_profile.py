@@ -85,7 +85,7 @@ def test_variations_switch_what_they_name(cube):
     scene, camera, quality = rich_scene(cube), looking(), rj.Quality()
     plan = rj.explain(scene, camera, size=SIZE)
     found = profile.list_variations(plan, scene, quality)
-    assert {what for _, what, _, _ in found} == {
+    assert {what for _, what, _, _ in found} >= {
         "off", "of 1 light, maps of 1024 x 1024", "4 samples", "on",
     }  # fmt: skip
     before = rows_of(plan)
