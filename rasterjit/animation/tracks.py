@@ -328,7 +328,7 @@ def turntable(
     seconds: float = 1.0,
     azimuth: float = -22.0,
     elevation: float = 29.0,
-    fov_y: float = camera_fitting.FIELD_OF_VIEW,
+    fov_y: float = camera_fitting.DEFAULT_FOV_Y,
     up: ArrayLike = (0.0, 1.0, 0.0),
     zoom: float = 1.0,
     projection: camera_fitting.Projection = "perspective",
@@ -368,7 +368,7 @@ def turntable(
     period = positive_number("seconds", seconds)
     start = finite_number("azimuth", azimuth)
     elevation = bounded_number("elevation", elevation, -90.0, 90.0)
-    rotation = camera_fitting.up_rotation(up)
+    rotation = camera_fitting.rotate_y_to(up)
     sphere = measure_sphere(scene) if animation is None else _measure_animation(scene, animation)
 
     def direction(azimuth: float, elevation: float) -> Float64:

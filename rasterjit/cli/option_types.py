@@ -464,13 +464,13 @@ def camera_of(
 ) -> MatrixCamera:
     """Return the camera of OpenCV's K and pose, with near and far planes around a scene."""
     from rasterjit.io.cameras import from_opencv
-    from rasterjit.scene.camera_fitting import near_plane, to_triple
+    from rasterjit.scene.camera_fitting import choose_near_plane, to_triple
     from rasterjit.scene.transforms import apply
     from rasterjit.scene.vectors import length
 
     center, radius = scene.bounding_sphere()
     distance = length(to_triple(apply(camera_from_world, center)))
-    near = near_plane(distance, radius) or 1.0
+    near = choose_near_plane(distance, radius) or 1.0
     try:
         return from_opencv(intrinsics, size, camera_from_world=camera_from_world, near=near)
     except ValueError as error:

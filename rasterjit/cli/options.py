@@ -567,10 +567,10 @@ class CameraOptions:
     def _fit(self, scene: Scene, size: tuple[int, int], steady: bool = False) -> FittedCamera:
         """Return the camera that fits the scene, seen from the angles given or by default."""
         from rasterjit.scene import transforms
-        from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, up_rotation
+        from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, rotate_y_to
 
         fitting = self._fitting(scene, size)
-        frame = up_rotation(fitting["up"])
+        frame = rotate_y_to(fitting["up"])
         toward, upward = DEFAULT_DIRECTION, (0.0, 1.0, 0.0)
         if self.azimuth is not None or self.elevation is not None:
             azimuth, elevation = self._angles()
@@ -591,7 +591,7 @@ class CameraOptions:
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
-        from rasterjit.scene.camera_fitting import CLEARANCE, near_plane, up_rotation
+        from rasterjit.scene.camera_fitting import PLANE_MARGIN, choose_near_plane, rotate_y_to
         from rasterjit.scene.transforms import apply, are_parallel
 
         center, radius = scene.bounding_sphere()
@@ -605,13 +605,13 @@ class CameraOptions:
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
             x, y, z = (up * (target - eye)).tolist()
-            up = apply(up_rotation(up), (0.0, 0.0, math.copysign(1.0, x + y + z)))
+            up = apply(rotate_y_to(up), (0.0, 0.0, math.copysign(1.0, x + y + z)))
         x, y, z = (center - eye).tolist()
         distance = math.sqrt(x * x + y * y + z * z)
         if self.projection == "orthographic":
-            near, far = 0.0, (distance + radius) * (1.0 + CLEARANCE) or 1.0
+            near, far = 0.0, (distance + radius) * (1.0 + PLANE_MARGIN) or 1.0
         else:
-            near, far = near_plane(distance, radius) or 1.0, math.inf
+            near, far = choose_near_plane(distance, radius) or 1.0, math.inf
         return dataclasses.replace(fitted, eye=eye, target=target, up=up, near=near, far=far)
 
 

@@ -31,7 +31,7 @@ from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
 from rasterjit.scene.attribute_guard import suggests_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
-from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, up_rotation
+from rasterjit.scene.camera_fitting import fit_camera, orbit_direction, rotate_y_to
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.memory_limits import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, OnInvalid
@@ -218,7 +218,7 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
     """
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {brief(recipe)}")
-    rotation = up_rotation(recipe.up)
+    rotation = rotate_y_to(recipe.up)
     upward = transforms.apply(rotation, (0.0, 1.0, 0.0))
     sphere = measure_sphere(scene)
     return [

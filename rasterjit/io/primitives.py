@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rasterjit.io.load_warnings import LeftOut, MeshFileError, reason_of
 from rasterjit.io.resources import MAX_NAME_LENGTH
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.lines import Lines, strip_segments
+from rasterjit.scene.lines import Lines, split_into_segments
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory_limits import MemoryBudget
 from rasterjit.scene.mesh import Mesh, OnInvalid, set_face_scalars, set_face_values, value_rows
@@ -342,7 +342,7 @@ def lines_of_path(name: str, path: Any, context: Context) -> LineSet | None:
         if len(strip) < 2:
             left_out.note(f"{kind} of a drawing of fewer than 2 points")
             continue
-        segments.append(strip_segments(strip, np.array([len(strip)]))[0])
+        segments.append(split_into_segments(strip, np.array([len(strip)]))[0])
         colors.append((len(strip) - 1, entity.color))
     if not segments:
         return None

@@ -32,7 +32,7 @@ from rasterjit.rendering.effect_registry import decide_effects
 from rasterjit.runtime import background_compile
 from rasterjit.runtime.background_compile import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera, check_camera, move_planes, near_far, plane_steps
+from rasterjit.scene.camera import Camera, check_camera, count_plane_steps, move_planes, near_far
 from rasterjit.scene.camera_fitting import default_camera
 from rasterjit.scene.node import Node
 from rasterjit.scene.previous_view import PreviousView
@@ -467,7 +467,7 @@ def plan_views(
     if earlier[1] is camera:
         # One camera has its planes in one place.
         if _are_moved(plan.camera, old_plan.camera):
-            steps = map(max, plane_steps(plan.camera), plane_steps(old_plan.camera))
+            steps = map(max, count_plane_steps(plan.camera), count_plane_steps(old_plan.camera))
             return plan_views(request, scene, move_planes(camera, *steps), cache, last)
         old_plan = old_plan.for_picture(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):

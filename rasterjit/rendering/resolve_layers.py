@@ -46,7 +46,7 @@ from rasterjit.pipeline.records import (
 from rasterjit.pipeline.visibility.visibility_pass import Coverage
 from rasterjit.rendering.pass_runner import IMMEDIATE, AnyCalls, Shading, Sharing, no_color
 from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
-from rasterjit.scene.reference_shader import decoded_codes
+from rasterjit.scene.reference_shader import decode_codes
 from rasterjit.survey.effect import ActiveEffect, is_backdrop, select_acting
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import PixelLayers
@@ -609,7 +609,7 @@ def shade_codes(
     viewport = shader.geometry.viewport
     lists = fragment_bands.split_tile_lists(coverage, viewport, plan.is_blended, workers)
     packed = None if color is None else color.view(np.uint32)[:, :, 0]
-    light = decoded_codes(shader.encoding).copy()
+    light = decode_codes(shader.encoding).copy()
 
     def code_tiles(first: int) -> None:
         last = min(first + TILE_SIZE, viewport.height)

@@ -39,7 +39,7 @@ from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.reference_shader import decoded_codes
+from rasterjit.scene.reference_shader import decode_codes
 from rasterjit.scene.transforms import Matrix
 from rasterjit.survey.effect import ActiveEffect, FrameContext, UsedEffect, context_of, is_backdrop
 from rasterjit.survey.plan import RenderPlan
@@ -442,7 +442,7 @@ def _average_codes(
 ) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
     plan, workers = context.plan, context.workers
-    light = decoded_codes(plan.facts.encoding).copy()
+    light = decode_codes(plan.facts.encoding).copy()
     shape = sums.shape[:2]
     color = workers.memory.empty((*shape, 4), np.uint8)
     has_linear = "linear" in plan.outputs

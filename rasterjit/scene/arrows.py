@@ -119,22 +119,22 @@ class Arrows(Mesh):
         self._sides = check.whole_number("sides", sides, MIN_SIDES, MAX_SIDES)
         self._count = len(starts)
         with np.errstate(over="ignore", under="ignore"):
-            lengths, units = _lengths(vectors_array, scale)
+            lengths, units = _normalize_vectors(vectors_array, scale)
             tips = starts + scale * vectors_array
         if not np.isfinite(tips).all() or not np.isfinite(lengths).all():
             raise ValueError("vectors times scale must reach finite places, got one too far")
         self._dropped = int(np.count_nonzero(lengths == 0.0))
         if self._dropped == len(starts):
             raise ValueError(f"vectors must have one that is not zero, got {len(starts)} that are")
-        sizes = _sizes_of(lengths, measures, unit)
+        sizes = _compute_sizes(lengths, measures, unit)
         vertices, normals = _build_vertices(
             starts, tips, units, sizes, measures[1] / measures[2], self._sides
         )
         per_arrow = self.faces_per_arrow
         super().__init__(
             vertices, _build_faces(len(starts), self._sides), normals=normals,
-            colors=None if colors is None else _colors_by_face(colors, len(starts), per_arrow),
-            scalars=None if scalars is None else _scalars_by_face(scalars, len(starts), per_arrow),
+            colors=None if colors is None else _expand_colors(colors, len(starts), per_arrow),
+            scalars=None if scalars is None else _expand_scalars(scalars, len(starts), per_arrow),
             colormap=colormap, range=range, nan_color=nan_color, material=material,
         )  # fmt: skip
 
@@ -232,7 +232,7 @@ def _check_radii(
     return shaft, head, length
 
 
-def _lengths(vectors: Float64, scale: float) -> tuple[Float64, Float64]:
+def _normalize_vectors(vectors: Float64, scale: float) -> tuple[Float64, Float64]:
     """Return the lengths of scaled vectors, (N,), and unit vectors, (N, 3); 0 for zero vectors."""
     largest = np.abs(vectors).max(axis=1)
     x, y, z = (vectors / np.where(largest > 0.0, largest, 1.0)[:, np.newaxis]).T
@@ -242,7 +242,9 @@ def _lengths(vectors: Float64, scale: float) -> tuple[Float64, Float64]:
     return lengths, np.stack([x / divisor, y / divisor, z / divisor], axis=1)
 
 
-def _sizes_of(lengths: Float64, measures: tuple[float, float, float], unit: ArrowUnit) -> Float64:
+def _compute_sizes(
+    lengths: Float64, measures: tuple[float, float, float], unit: ArrowUnit
+) -> Float64:
     """Return both radii and the length of the head of each arrow, (N, 3), scene units."""
     if unit == "length":
         return lengths[:, np.newaxis] * np.array(measures)
@@ -261,7 +263,7 @@ def _build_vertices(
     for each side. Rims at one place are the same numbers, so that an arrow is closed. ``slope`` is
     the cone's radius by its length, the same for all.
     """
-    across = _perpendiculars(units)
+    across = _compute_perpendiculars(units)
     beside = np.cross(units, across)
     turns = [sine_cosine(360.0 * n / sides) for n in range(sides)]
     half_turns = [sine_cosine(360.0 * (n + 0.5) / sides) for n in range(sides)]
@@ -286,7 +288,7 @@ def _build_vertices(
     return vertices.reshape(-1, 3), normals.reshape(-1, 3)
 
 
-def _perpendiculars(units: Float64) -> Float64:
+def _compute_perpendiculars(units: Float64) -> Float64:
     """Return a unit vector perpendicular to each unit vector, (N, 3); zero for zero."""
     rows = np.arange(len(units))
     least = np.abs(units).argmin(axis=1)
@@ -306,8 +308,8 @@ def _build_faces(count: int, sides: int) -> Int32:
     arrow = np.concatenate(
         [
             np.stack([np.zeros_like(current), foot + following, foot + current], axis=1),
-            *_band_faces(low, high, current, following),
-            *_band_faces(inner, outer, current, following),
+            *_build_band_faces(low, high, current, following),
+            *_build_band_faces(inner, outer, current, following),
             np.stack([cone + current, cone + following, tip + current], axis=1),
         ]
     )
@@ -315,7 +317,7 @@ def _build_faces(count: int, sides: int) -> Int32:
     return (arrow.astype(np.int32) + firsts).reshape(-1, 3)
 
 
-def _band_faces(
+def _build_band_faces(
     low: int, high: int, current: NDArray[np.int_], following: NDArray[np.int_]
 ) -> list[NDArray[np.int_]]:
     """Return the faces between two rims around the axis, counter-clockwise from outside."""
@@ -325,7 +327,7 @@ def _band_faces(
     ]
 
 
-def _colors_by_face(colors: Any, count: int, per_arrow: int) -> Float32:
+def _expand_colors(colors: Any, count: int, per_arrow: int) -> Float32:
     """Return the colour of each face, (F, 4) linear, given one colour or one per arrow."""
     if isinstance(colors, str) or check.unmasked_array("colors", colors).ndim == 1:
         return np.tile(linear_color("colors", colors), (count * per_arrow, 1))
@@ -335,7 +337,7 @@ def _colors_by_face(colors: Any, count: int, per_arrow: int) -> Float32:
     return np.repeat(rows, per_arrow, axis=0)
 
 
-def _scalars_by_face(scalars: ArrayLike, count: int, per_arrow: int) -> NDArray[Any]:
+def _expand_scalars(scalars: ArrayLike, count: int, per_arrow: int) -> NDArray[Any]:
     """Return the scalar of each face, given one per arrow."""
     values = check.unmasked_array("scalars", scalars)
     if values.shape != (count,):

@@ -76,7 +76,7 @@ class BackgroundImage:
         """
         file = existing_file("background", path)
         status = file.stat()
-        return _read(str(file.absolute()), status.st_mtime_ns, status.st_size)
+        return _read_file(str(file.absolute()), status.st_mtime_ns, status.st_size)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -111,7 +111,7 @@ class BackgroundImage:
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_FILES)
-def _read(path: str, modified: int, length: int) -> BackgroundImage:
+def _read_file(path: str, modified: int, length: int) -> BackgroundImage:
     """Return the picture of a file; read again where it has changed."""
     image = read_picture("background", existing_file("background", path), apply_exif=True)
     if image.dtype == np.uint16:

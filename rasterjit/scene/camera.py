@@ -42,13 +42,13 @@ from rasterjit.scene.vectors import length
 
 DepthCoefficients = tuple[float, float, float]
 
-NEAR = 0.1
+DEFAULT_NEAR = 0.1
 """Near plane of a perspective where none is given, if that cuts nothing in view; scene units."""
 
-FAR = 1000.0
+DEFAULT_FAR = 1000.0
 """Far plane of a parallel camera where none is given, if that cuts nothing in view; scene units."""
 
-MAX_STEPS = 40
+MAX_PLANE_STEPS = 40
 """Most times that a near plane that is not given is halved, or a far plane doubled: to 9e-14 and
 1e15 scene units."""
 
@@ -354,7 +354,7 @@ class MatrixCamera(Projecting):
             raise ValueError(f"clip_from_view must give w above 0, got {float(clip[3, 3])!r}")
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
-        self.__dict__["_eye"] = self._find_eye()
+        self.__dict__["_eye"] = self._compute_eye()
         if boolean("is_near_open", self.is_near_open) and _pinhole_planes(clip) is None:
             raise ValueError(
                 "is_near_open must be False where clip_from_view is no pinhole along view space's "
@@ -488,7 +488,7 @@ class MatrixCamera(Projecting):
         ndc_z = -2.0 * depth - 1.0
         return (ndc_z * w_row[3] - z_row[3]) / length(z_row[:3])
 
-    def _find_eye(self) -> Float64:
+    def _compute_eye(self) -> Float64:
         """Return the eye; raise ``ValueError`` if the matrices lead beyond float64's range."""
         rows = self.view_from_world[:3].copy()
         try:
@@ -519,7 +519,7 @@ def default_near(near: float | None, far: float) -> float:
     """Return the near plane of a perspective; by default 0.1, halved to lie before ``far``."""
     if near is not None:
         return near
-    near_plane = NEAR
+    near_plane = DEFAULT_NEAR
     while isinstance(far, (int, float)) and 0.0 < far <= near_plane:
         near_plane /= 2.0
     return near_plane
@@ -529,7 +529,7 @@ def default_far(far: float | None, near: float) -> float:
     """Return the far plane of a parallel camera; by default 1000, doubled to lie behind."""
     if far is not None:
         return far
-    far_plane = FAR
+    far_plane = DEFAULT_FAR
     while isinstance(near, (int, float)) and far_plane <= near < math.inf:
         far_plane *= 2.0
     return far_plane
@@ -566,7 +566,7 @@ def near_far(camera: Camera | None) -> NearFar | None:
     return None
 
 
-def plane_steps(camera: Camera) -> tuple[int, int]:
+def count_plane_steps(camera: Camera) -> tuple[int, int]:
     """Return how often rendering has halved the near plane of a camera and doubled its far one."""
     near, far = getattr(camera, "_steps", (None, None))
     return near or 0, far or 0
@@ -614,7 +614,7 @@ def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
 
 def mirrors(pose: Float64) -> bool:
     """Tell whether a pose, (4, 4), mirrors: its determinant is below 0."""
-    return _volume(pose[:3, :3]) < -_VOLUME_ROUNDING
+    return _unit_volume(pose[:3, :3]) < -_VOLUME_ROUNDING
 
 
 def check_camera(name: str, camera: Any) -> Camera:
@@ -653,10 +653,10 @@ def _solve_origin(rows: Float64) -> Float64:
 
 def _are_coplanar(rows: Float64) -> bool:
     """Tell whether three vectors, (3, 3), lie in a plane, to within the rounding of float64."""
-    return abs(_volume(rows)) <= _VOLUME_ROUNDING
+    return abs(_unit_volume(rows)) <= _VOLUME_ROUNDING
 
 
-def _volume(rows: Float64) -> float:
+def _unit_volume(rows: Float64) -> float:
     """Return the signed volume that three vectors, (3, 3), span when scaled to length one."""
     vectors = rows.tolist()
     if not all(map(any, vectors)):

@@ -37,14 +37,14 @@ Projection: TypeAlias = Literal["perspective", "orthographic"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
 """Kinds of cameras that `fit_camera` returns."""
 
-DIRECTION: Vector = (-0.4, 0.6, 1.0)
+DEFAULT_DIRECTION: Vector = (-0.4, 0.6, 1.0)
 """
 Direction from the scene towards a fitted camera, for y up: from the left, and from above.
 
 High enough to see into open boxes. Handles, spouts and flanks stand clear of the rest.
 """
 
-FIELD_OF_VIEW = 28.0
+DEFAULT_FOV_Y = 28.0
 """Vertical field of view of a fitted camera, degrees: a long lens, which distorts little."""
 
 MIN_DISTANCE_RATIO = 2.0**-30
@@ -53,7 +53,7 @@ MIN_DISTANCE_RATIO = 2.0**-30
 MIN_NEAR_RATIO = 1e-4
 """Least near plane, in radii of the scene or in distances from its centre, the larger."""
 
-CLEARANCE = 0.01
+PLANE_MARGIN = 0.01
 """
 Share of its distance by which a near plane is nearer than the scene, and a far plane farther.
 
@@ -97,7 +97,7 @@ class BoundingSphere(NamedTuple):
         return self.center, self.radius
 
 
-def up_rotation(up: ArrayLike) -> Matrix:
+def rotate_y_to(up: ArrayLike) -> Matrix:
     """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
     x, y, z = transforms.unit_triple("up", up)
     # The axis is the cross product of y and up; its length is the sine.
@@ -132,8 +132,8 @@ def default_camera(
     aspect = size[0] / size[1]
     if up_vector is None:
         return cast(PerspectiveCamera, fit_camera(scene, aspect=aspect, steady=steady))
-    frame = up_rotation(up_vector)
-    direction = transforms.apply(frame, DIRECTION)
+    frame = rotate_y_to(up_vector)
+    direction = transforms.apply(frame, DEFAULT_DIRECTION)
     upward = transforms.apply(frame, (0.0, 1.0, 0.0))
     fitted = fit_camera(scene, direction, up=upward, aspect=aspect, steady=steady)
     return cast(PerspectiveCamera, fitted)
@@ -163,9 +163,9 @@ class CameraPose(NamedTuple):
             return cls(eye, forward, upward, 45.0, 2.0 / focal)
         return cls(eye, forward, upward, 2.0 * transforms.arc_tangent(1.0, focal), None)
 
-    def angles(self, up: Vector) -> tuple[float, float]:
+    def azimuth_and_elevation(self, up: Vector) -> tuple[float, float]:
         """Return azimuth and elevation, degrees, of the direction it looks from."""
-        frame = up_rotation(up)[:3, :3].T
+        frame = rotate_y_to(up)[:3, :3].T
         x, y, z = (-dot(to_triple(row), self.forward) for row in frame)
         horizontal = math.sqrt(x * x + z * z)
         elevation = transforms.arc_tangent(y, horizontal)
@@ -176,18 +176,18 @@ class CameraPose(NamedTuple):
         return transforms.arc_tangent(x, z), elevation
 
 
-def camera_at(
+def make_camera_at(
     eye: Vector, target: Vector, upward: Vector, fov_y: float, sphere: BoundingSphere
 ) -> PerspectiveCamera:
     """Return a perspective camera whose near plane lies before a sphere, or near the eye."""
     distance = length(subtract(sphere.center, eye))
-    near = near_plane(distance, sphere.radius)
+    near = choose_near_plane(distance, sphere.radius)
     return PerspectiveCamera(eye, target, upward, fov_y, near)
 
 
-def near_plane(distance: float, radius: float) -> float:
+def choose_near_plane(distance: float, radius: float) -> float:
     """Return a near plane before a sphere, given the distance of its centre, or near the eye."""
-    return max((distance - radius) * (1.0 - CLEARANCE), MIN_NEAR_RATIO * max(distance, radius))
+    return max((distance - radius) * (1.0 - PLANE_MARGIN), MIN_NEAR_RATIO * max(distance, radius))
 
 
 def pixel_size(depth: float, fov_y: float, size: tuple[int, int]) -> float:
@@ -242,14 +242,14 @@ def orbit_direction(
     direction = sin_a * cos_e, sin_e, cos_a * cos_e
     if up is None:
         return direction
-    x, y, z = transforms.apply(up_rotation(up), direction).tolist()
+    x, y, z = transforms.apply(rotate_y_to(up), direction).tolist()
     return x, y, z
 
 
 def fit_camera(
     scene: Bounded | Mesh | trimesh.Trimesh | trimesh.Scene,
-    direction: ArrayLike = DIRECTION,
-    fov_y: float = FIELD_OF_VIEW,
+    direction: ArrayLike = DEFAULT_DIRECTION,
+    fov_y: float = DEFAULT_FOV_Y,
     *,
     up: ArrayLike = (0.0, 1.0, 0.0),
     margin: float = 1.06,
@@ -313,7 +313,7 @@ def fit_camera(
     # Arguments.
     check.one_of("projection", projection, PROJECTIONS)
     to_camera = transforms.unit_triple("direction", direction)
-    upward = _valid_up(up, to_camera)
+    upward = _replace_parallel_up(up, to_camera)
     focal = transforms.focal_length(fov_y)
     margin = check.finite_number("margin", margin)
     if margin < 1.0:
@@ -323,7 +323,7 @@ def fit_camera(
     # The scene's points or sphere, and the camera's axes.
     bounded_scene = as_bounded(scene)
     chunks = None if check.boolean("steady", steady) else _point_chunks(bounded_scene)
-    center, radius, is_tiny = _framed_sphere(bounded_scene, chunks)
+    center, radius, is_tiny = _find_framed_sphere(bounded_scene, chunks)
     is_parallel = projection == "orthographic"
     axes = transforms.look_at(to_camera, (0.0, 0.0, 0.0), upward)[:3, :3]
     # The nearest pose that sees all of it.
@@ -343,10 +343,10 @@ def fit_camera(
     if is_parallel:
         extent = {"height": radius * fitted.height / zoom}
     else:
-        extent = {"fov_y": _zoomed_fov(fov_y, zoom)}
+        extent = {"fov_y": _zoom_fov(fov_y, zoom)}
     depths = {
-        "near": radius * fitted.near * (1.0 - CLEARANCE),
-        "far": radius * fitted.far * (1.0 + CLEARANCE),
+        "near": radius * fitted.near * (1.0 - PLANE_MARGIN),
+        "far": radius * fitted.far * (1.0 + PLANE_MARGIN),
     }
     if not all(map(math.isfinite, (*extent.values(), *depths.values(), *eye))):
         raise ValueError(
@@ -433,7 +433,7 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     """
     zoom = check.positive_number("zoom", zoom)
     if isinstance(camera, PerspectiveCamera):
-        return replace(camera, fov_y=_zoomed_fov(camera.fov_y, zoom))
+        return replace(camera, fov_y=_zoom_fov(camera.fov_y, zoom))
     if isinstance(camera, OrthographicCamera):
         return replace(camera, height=camera.height / zoom)
     clip = camera.clip_from_view.copy()
@@ -441,7 +441,7 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     return replace(camera, clip_from_view=clip)
 
 
-def _valid_up(up: ArrayLike, to_camera: Vector) -> Vector:
+def _replace_parallel_up(up: ArrayLike, to_camera: Vector) -> Vector:
     """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
     upward = transforms.unit_triple("up", up)
     if not transforms.are_parallel(upward, to_camera):
@@ -474,13 +474,15 @@ def _point_chunks(scene: Bounded) -> Chunks | None:
     return None if chunks is None else point_bounds.cache_points(chunks)
 
 
-def _framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
+def _find_framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
     """
     Return the bounding sphere of a scene, or of its points, if they are given.
 
     Its radius is one that float64 can frame. The last value says whether the true one is smaller.
     """
-    center, size = scene.bounding_sphere() if chunks is None else point_bounds.sphere_around(chunks)
+    center, size = (
+        scene.bounding_sphere() if chunks is None else point_bounds.bound_points_by_sphere(chunks)
+    )
     # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
     center = check.vector("scene's center", center) + 0.0
     radius = check.finite_number("scene's radius", size)
@@ -491,7 +493,7 @@ def _framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, floa
     return center, max(1.0 if radius == 0.0 else radius, min_radius), is_tiny
 
 
-def _zoomed_fov(fov_y: float, zoom: float) -> float:
+def _zoom_fov(fov_y: float, zoom: float) -> float:
     """Return the field of view, degrees, whose picture is ``zoom`` times bigger."""
     if zoom == 1.0:
         return float(fov_y)

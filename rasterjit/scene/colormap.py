@@ -64,7 +64,7 @@ class Colormap(HoldsArrays, Guarded):
 
     def __init__(self, colors: ColormapLike) -> None:
         self._name = colors.strip() if isinstance(colors, str) else getattr(colors, "name", "")
-        self._codes = check.read_only(_codes_of(colors))
+        self._codes = check.read_only(_read_entries(colors))
 
     @property
     def name(self) -> str:
@@ -120,12 +120,12 @@ def read_colormap(value: ColormapLike) -> Colormap:
     return value if isinstance(value, Colormap) else Colormap(value)
 
 
-def _codes_of(colors: Any) -> NDArray[np.uint8]:
+def _read_entries(colors: Any) -> NDArray[np.uint8]:
     """Return the entries of a map in any notation, (N, 4) sRGB codes."""
     if isinstance(colors, Colormap):
         return colors.codes
     if isinstance(colors, str):
-        return _codes_by_name(colors.strip())
+        return _read_named_entries(colors.strip())
     if callable(colors) and isinstance(getattr(colors, "N", None), int):
         return np.array(colors(np.arange(colors.N), bytes=True), np.uint8)
     try:
@@ -146,25 +146,25 @@ def _codes_of(colors: Any) -> NDArray[np.uint8]:
         codes[:, : array.shape[1]] = array
         return codes
     if not (array.min() >= 0 and array.max() <= 1):
-        is_outside = array[~((array >= 0) & (array <= 1))][0].item()
+        example = array[~((array >= 0) & (array <= 1))][0].item()
         raise ValueError(
-            f"colormap must hold floats in 0..1, or uint8 codes, got {is_outside!r} in an array of "
+            f"colormap must hold floats in 0..1, or uint8 codes, got {example!r} in an array of "
             f"{array.dtype}"
         )
     codes[:, : array.shape[1]] = (array * 255).astype(np.uint8)
     return codes
 
 
-def _codes_by_name(name: str) -> NDArray[np.uint8]:
+def _read_named_entries(name: str) -> NDArray[np.uint8]:
     """Return the entries of a named map, (N, 4) sRGB codes."""
-    plain = name.removesuffix(REVERSED_SUFFIX)
-    if plain not in TABLES:
+    forward_name = name.removesuffix(REVERSED_SUFFIX)
+    if forward_name not in TABLES:
         raise ValueError(
             f"colormap must be one of {', '.join(COLORMAPS)}, or one of them with "
             f"{REVERSED_SUFFIX!r} at its end; got {name!r}{_similar_names(name)}"
         )
     table = TABLES.get(name)
-    rgb = np.frombuffer(bytes.fromhex(table or TABLES[plain]), np.uint8).reshape(-1, 3)
+    rgb = np.frombuffer(bytes.fromhex(table or TABLES[forward_name]), np.uint8).reshape(-1, 3)
     codes = np.full((len(rgb), 4), 255, np.uint8)
     codes[:, :3] = rgb if table else rgb[::-1]
     return codes
@@ -174,6 +174,6 @@ def _similar_names(name: str) -> str:
     """Return "; did you mean 'x'?" with similar names, or an empty string."""
     import difflib
 
-    names = [*COLORMAPS, *(one + REVERSED_SUFFIX for one in COLORMAPS)]
+    names = [*COLORMAPS, *(known + REVERSED_SUFFIX for known in COLORMAPS)]
     found = difflib.get_close_matches(name.lower(), names, n=3)
     return f": did you mean {' or '.join(map(repr, found))}?" if found else ""

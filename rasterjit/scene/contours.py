@@ -54,7 +54,7 @@ class Contours:
     color: Converted[ColorLike, RGBA] = Converted("black")
 
     def __post_init__(self) -> None:
-        store(self, levels=_levels(self.levels), color=rgba("color", self.color))
+        store(self, levels=_check_levels(self.levels), color=rgba("color", self.color))
         store(self, width=check.positive_number("width", self.width))
 
     def level_values(self, low: float, high: float) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ def read_contours(value: ContoursLike) -> Contours:
     return value if isinstance(value, Contours) else Contours(value)
 
 
-def _levels(value: Any) -> int | tuple[float, ...]:
+def _check_levels(value: Any) -> int | tuple[float, ...]:
     """Return a number of levels, or their values, or raise ``ValueError``."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         if not 1 <= value <= MAX_LEVELS:

@@ -34,7 +34,7 @@ class TRS(NamedTuple):
         """Return the same with some parts replaced, or raise ``ValueError`` naming the part."""
         return TRS(
             self.translation if translation is None else triple("translation", translation),
-            self.rotation if rotation is None else _quaternion(rotation),
+            self.rotation if rotation is None else _check_quaternion(rotation),
             self.scale if scale is None else triple("scale", scale),
         )
 
@@ -97,7 +97,7 @@ def decompose(matrix: NDArray[np.float64]) -> TRS:
     return TRS(translation, quaternion_from_axes(x, y, z), (lengths[0], lengths[1], lengths[2]))
 
 
-def _quaternion(value: ArrayLike) -> Quaternion:
+def _check_quaternion(value: ArrayLike) -> Quaternion:
     """Return four finite numbers, not all 0, or raise ``ValueError``."""
     x, y, z, w = finite_array("rotation", value, (4,)).tolist()
     squared = ((x * x + y * y) + z * z) + w * w
@@ -117,13 +117,13 @@ def quaternion_from_axes(x: Triple, y: Triple, z: Triple) -> Quaternion:
     rest = 0.25 / half
     xy, xz, yz = x[1] + y[0], x[2] + z[0], y[2] + z[1]
     wx, wy, wz = y[2] - z[1], z[0] - x[2], x[1] - y[0]
-    found = (
+    candidates = (
         (half, rest * xy, rest * xz, rest * wx),
         (rest * xy, half, rest * yz, rest * wy),
         (rest * xz, rest * yz, half, rest * wz),
         (rest * wx, rest * wy, rest * wz, half),
     )
-    return found[largest]
+    return candidates[largest]
 
 
 def _length(vector: Triple) -> float:
@@ -146,6 +146,6 @@ def _perpendicular(axis: Triple) -> Triple:
     """Return a unit vector perpendicular to another."""
     least = min(range(3), key=lambda k: abs(axis[k]))
     other = tuple(1.0 if k == least else 0.0 for k in range(3))
-    found = _unit(cross(axis, other))
-    assert found is not None
-    return found
+    unit = _unit(cross(axis, other))
+    assert unit is not None
+    return unit

@@ -26,18 +26,18 @@ PLANES: tuple[Plane, ...] = get_args(Plane)
 """Planes of a grid."""
 
 MAX_CELLS = 4096
-"""Most cells along a side of a grid."""
+"""Largest number of cells along a side of a grid."""
 
-BOX = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
-"""Corners of a box of side 1: around the bottom, then the top."""
+BOX_CORNERS = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+"""(8, 3): corners of a unit box, around the bottom, then the top."""
 
-BOX_STRIPS = [0, 1, 2, 3, 0], [4, 5, 6, 7, 4], [0, 4], [1, 5], [2, 6], [3, 7]
+BOX_EDGE_STRIPS = [0, 1, 2, 3, 0], [4, 5, 6, 7, 4], [0, 4], [1, 5], [2, 6], [3, 7]
 """Edges of the box, as strips of corners."""
 
 
 class Axes(Lines):
     """
-    Three segments from the origin along x, y and z: red, green and blue.
+    Segments from the origin along x, y and z, in red, green and blue.
 
     Parameters
     ----------
@@ -100,8 +100,8 @@ class BoundingBox(Lines):
         else:
             raise ValueError(f"of must be a Mesh, a Node or a Scene, got {check.brief(of)}")
         super().__init__(
-            np.where(BOX, high, low), strips=BOX_STRIPS, colors=_colors(color, 8), width=width,
-            unit=unit,
+            np.where(BOX_CORNERS, high, low), strips=BOX_EDGE_STRIPS,
+            colors=_repeat_color(color, 8), width=width, unit=unit,
         )  # fmt: skip
 
 
@@ -150,7 +150,7 @@ class Grid(Lines):
         points[0, :, :, along] = points[1, :, :, across] = steps[[0, -1]]
         points = points.reshape(-1, 3) + middle
         super().__init__(
-            points, np.arange(len(points)).reshape(-1, 2), colors=_colors(color, len(points)),
+            points, np.arange(len(points)).reshape(-1, 2), colors=_repeat_color(color, len(points)),
             width=width, unit=unit, caps="butt",
         )  # fmt: skip
 
@@ -206,12 +206,12 @@ class Frustum(Lines):
         world_from_view = transforms.inverse(camera.view_matrix())
         points = transforms.transform_points(world_from_view, np.array(corners))[:, :3]
         super().__init__(
-            points, strips=[*BOX_STRIPS, [8, 9, 10]], colors=_colors(color, len(points)),
+            points, strips=[*BOX_EDGE_STRIPS, [8, 9, 10]], colors=_repeat_color(color, len(points)),
             width=width, unit=unit,
         )  # fmt: skip
 
 
-def _colors(color: ColorLike, count: int) -> NDArray[np.float32]:
+def _repeat_color(color: ColorLike, count: int) -> NDArray[np.float32]:
     """Return a colour for each of some points, (count, 4)."""
     return np.tile(linear_color("color", color), (count, 1))
 

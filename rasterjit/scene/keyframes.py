@@ -150,13 +150,13 @@ class Channel(HoldsArrays, Guarded):
         number = int(np.searchsorted(times, seconds, side="right")) - 1
         if number < 0 or number >= len(times) - 1 or self._interpolation == "STEP":
             value = keys[min(max(number, 0), len(times) - 1)]
-            return _unit(value) if self._path == "rotation" else value.copy()
+            return _normalize_quaternion(value) if self._path == "rotation" else value.copy()
         span = float(times[number + 1] - times[number])
         t = (seconds - float(times[number])) / span
         if is_spline:
             leaving, arriving = self._values[number, 2], self._values[number + 1, 0]
             value = _hermite(keys[number], span * leaving, keys[number + 1], span * arriving, t)
-            return _unit(value) if self._path == "rotation" else value
+            return _normalize_quaternion(value) if self._path == "rotation" else value
         if self._path == "rotation":
             return slerp_rotation(keys[number], keys[number + 1], t)
         return (1.0 - t) * keys[number] + t * keys[number + 1]
@@ -261,22 +261,29 @@ def slerp_rotation(start_rotation: Float64, end_rotation: Float64, t: float) -> 
     ----------
     .. [1] The Khronos Group, "glTF 2.0 Specification", Appendix C.4.
     """
-    start, end = _unit(start_rotation).tolist(), _unit(end_rotation).tolist()
+    start, end = (
+        _normalize_quaternion(start_rotation).tolist(),
+        _normalize_quaternion(end_rotation).tolist(),
+    )
     sign = -1.0 if _dot(start, end) < 0.0 else 1.0
     end = [sign * part for part in end]
     difference = [a - b for a, b in zip(start, end, strict=True)]
     total = [a + b for a, b in zip(start, end, strict=True)]
     # The arc cosine of what is near 1 has half its digits.
-    angle = 2.0 * _arc(math.sqrt(_dot(difference, difference)), math.sqrt(_dot(total, total)))
+    angle = 2.0 * _small_arc_tangent(
+        math.sqrt(_dot(difference, difference)), math.sqrt(_dot(total, total))
+    )
     sine = _sine(angle)
     weights = 1.0 - t, t
     if sine >= _MIN_SINE:
         weights = _sine(angle * (1.0 - t)) / sine, _sine(angle * t) / sine
     low, high = weights
-    return _unit(np.array([low * a + high * b for a, b in zip(start, end, strict=True)]))
+    return _normalize_quaternion(
+        np.array([low * a + high * b for a, b in zip(start, end, strict=True)])
+    )
 
 
-def _arc(low: float, high: float) -> float:
+def _small_arc_tangent(low: float, high: float) -> float:
     """Return the angle whose tangent is a quotient in 0..1, radians."""
     ratio = low / high
     step = math.floor(ratio * portable_trig.ARC_STEPS + 0.5)
@@ -310,7 +317,7 @@ def _hermite(
     )
 
 
-def _unit(quaternion: Float64) -> Float64:
+def _normalize_quaternion(quaternion: Float64) -> Float64:
     """Return a quaternion, (4,), of unit length; no rotation for one that is 0 or overflows."""
     parts = quaternion.tolist()
     largest = max(map(abs, parts))

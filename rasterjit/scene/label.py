@@ -104,11 +104,11 @@ class Label:
 
     def __post_init__(self) -> None:
         store(self, position=check.triple("position", self.position))
-        store(self, text=_checked_text(self.text), size=_checked_size(self.size))
+        store(self, text=_check_text(self.text), size=_check_size(self.size))
         store(self, anchor=check.one_of("anchor", self.anchor, ANCHORS))
         store(self, color=rgba("color", self.color))
         store(self, hidden=check.boolean("hidden", self.hidden))
-        store(self, offset=_checked_offset(self.offset), font=_checked_font(self.font))
+        store(self, offset=_check_offset(self.offset), font=_check_font(self.font))
         if self.background is not None:
             store(self, background=rgba("background", self.background))
 
@@ -120,7 +120,7 @@ def check_label(value: Any) -> Label | None:
     return value
 
 
-def _checked_text(value: Any) -> str:
+def _check_text(value: Any) -> str:
     """Return a text, or raise ``ValueError``."""
     if not isinstance(value, str):
         raise ValueError(f"text must be a string, got {check.brief(value)}")
@@ -131,7 +131,7 @@ def _checked_text(value: Any) -> str:
     return value
 
 
-def _checked_size(value: Any) -> float:
+def _check_size(value: Any) -> float:
     """Return a size in pixels, or raise ``ValueError``."""
     size = check.positive_number("size", value)
     if size > MAX_FONT_SIZE:
@@ -139,7 +139,7 @@ def _checked_size(value: Any) -> float:
     return size
 
 
-def _checked_font(value: Any) -> str | None:
+def _check_font(value: Any) -> str | None:
     """Return the name of a font, or raise ``ValueError``; drawing finds whether it exists."""
     if value is None:
         return None
@@ -150,7 +150,7 @@ def _checked_font(value: Any) -> str | None:
     return os.fspath(value)
 
 
-def _checked_offset(value: Any) -> tuple[float, float]:
+def _check_offset(value: Any) -> tuple[float, float]:
     """Return an offset in pixels, or raise ``ValueError``."""
     right, down = check.finite_array("offset", value, (2,)).tolist()
     if max(abs(right), abs(down)) > MAX_OFFSET:

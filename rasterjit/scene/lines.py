@@ -141,7 +141,7 @@ class Lines(Mesh):
             material=Material("unlit") if material is None else material,
         )  # fmt: skip
         self._widths = check.read_only(size_array("width", width, len(self), unit))
-        self._dashes = check.read_only(_dash_array(dashes, unit))
+        self._dashes = check.read_only(_check_dashes(dashes, unit))
         self._links: Int32 | None = None
 
     @staticmethod
@@ -283,11 +283,11 @@ class Lines(Mesh):
         """Return a face for each segment, with its second point twice."""
         count, pairs = len(self._vertices), self.__dict__.pop("_pairs")
         if isinstance(pairs, _Strips):
-            segments = _segments_of(pairs.strips, count)
+            segments = _split_strips(pairs.strips, count)
         elif pairs is None:
             if count < 2:
                 raise ValueError(f"points must be two or more without segments, got {count}")
-            segments, _ = strip_segments(np.arange(count, dtype=np.int32), np.array([count]))
+            segments, _ = split_into_segments(np.arange(count, dtype=np.int32), np.array([count]))
         else:
             segments = index_rows(("segments", "points"), pairs, count, 2)
         return np.ascontiguousarray(segments[:, [0, 1, 1]])
@@ -335,18 +335,18 @@ class _Strips:
         self.strips = strips
 
 
-def _segments_of(strips: Sequence[ArrayLike], count: int) -> Int32:
+def _split_strips(strips: Sequence[ArrayLike], count: int) -> Int32:
     """Split strips into segments, (S, 2) int32, or raise ``ValueError``."""
     arrays = [
-        _strip_array(f"strips[{number}]", strip, strips, count)
-        for number, strip in enumerate(_strip_list(strips))
+        _check_strip(f"strips[{number}]", strip, strips, count)
+        for number, strip in enumerate(_check_strip_list(strips))
     ]
     if not arrays:
         raise ValueError("strips must hold one strip or more, got none")
-    return strip_segments(np.concatenate(arrays), np.array([len(rows) for rows in arrays]))[0]
+    return split_into_segments(np.concatenate(arrays), np.array([len(rows) for rows in arrays]))[0]
 
 
-def _strip_list(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
+def _check_strip_list(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
     """Return the strips as a list, or raise ``ValueError``."""
     try:
         if isinstance(strips, (str, bytes, Mapping)):
@@ -358,7 +358,7 @@ def _strip_list(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
         ) from None
 
 
-def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> Int32:
+def _check_strip(name: str, strip: ArrayLike, strips: Any, count: int) -> Int32:
     """Return the numbers of the points of a strip, (N,) int32, or raise ``ValueError``."""
     try:
         shape = check.unmasked_array(name, strip).shape
@@ -381,7 +381,9 @@ def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> Int32:
     return index_rows((name, "points"), np.reshape(strip, (-1, 1)), count, 1)[:, 0]
 
 
-def strip_segments(corners: NDArray[np.integer[Any]], counts: Int64) -> tuple[NDArray[Any], Int64]:
+def split_into_segments(
+    corners: NDArray[np.integer[Any]], counts: Int64
+) -> tuple[NDArray[Any], Int64]:
     """
     Split concatenated strips into segments.
 
@@ -406,7 +408,7 @@ def strip_segments(corners: NDArray[np.integer[Any]], counts: Int64) -> tuple[ND
     return np.column_stack([corners[starts], corners[starts + 1]]), strips[starts]
 
 
-def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> Float64:
+def _check_dashes(dashes: Sequence[float] | None, unit: Unit) -> Float64:
     """Return dashes and gaps, (D,) float64, (0,) without, or raise ``ValueError``."""
     if dashes is None:
         return np.empty(0)

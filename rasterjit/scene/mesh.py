@@ -28,12 +28,12 @@ from rasterjit.scene.hooks import call_above
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
-    crease_normals,
+    compute_smooth_normals,
     is_creased,
-    normal_groups,
+    number_normal_groups,
     repair_normals,
     safe_scale,
-    smooth_normals,
+    split_creases,
     unit_rows,
     vertex_tangents,
 )
@@ -46,7 +46,7 @@ from rasterjit.scene.warning import REPAIRED_NORMALS, warn_caller
 if TYPE_CHECKING:
     import trimesh
 
-_CHUNK = 1 << 18
+_VERTICES_PER_CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 ATTRIBUTE = "attribute:"
@@ -203,7 +203,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
     ) -> None:
         # Geometry.
         check.one_of("on_invalid", on_invalid, ON_INVALID)
-        self._vertices = check.read_only(_vertex_array(self._VERTEX_WORDS[0], vertices))
+        self._vertices = check.read_only(_check_vertices(self._VERTEX_WORDS[0], vertices))
         self._faces = check.read_only(self._face_array(faces))
         self._invalid_vertices = _count_invalid(self._VERTEX_WORDS, self._vertices, on_invalid)
         self._bounds: tuple[Float64, Float64] | None = None
@@ -227,16 +227,16 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         # Normals, texture coordinates and tangents.
         self._normals: Float32 | None = None
         if normals is not None:
-            self._store_normals(_normal_array(normals, len(self._vertices)))
+            self._store_normals(_check_normals(normals, len(self._vertices)))
         self._uv: Float32 | None = None
         if uv is not None:
-            self._uv = check.read_only(_uv_array("uv", uv, len(self._vertices)))
+            self._uv = check.read_only(_check_uv("uv", uv, len(self._vertices)))
         self._uv1: Float32 | None = None
         if uv1 is not None:
-            self._uv1 = check.read_only(_uv_array("uv1", uv1, len(self._vertices)))
+            self._uv1 = check.read_only(_check_uv("uv1", uv1, len(self._vertices)))
         self._tangents: Float32 | None = None
         if tangents is not None:
-            self._tangents = check.read_only(_tangent_array(tangents, len(self._vertices)))
+            self._tangents = check.read_only(_check_tangents(tangents, len(self._vertices)))
         # Attributes of one's own, joints and morph targets.
         self._vertex_attributes: dict[str, Float32] = {}
         self._face_attributes: dict[str, Float32] = {}
@@ -452,7 +452,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
 
     def _repair_normals(self, normals: Float32, rest: Mesh, label: str) -> Float32:
         """Return normals with those of length 0 computed; warn of them once for each rest mesh."""
-        scale = self._scale()
+        scale = self._coordinate_scale()
         normals, count = repair_normals(normals, self.vertices, self.faces, scale)
         if count and not rest._repaired_normals:
             rest._repaired_normals = count
@@ -551,9 +551,11 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         if self._vertex_normals is None and self.primitive != "triangles":
             self._vertex_normals = check.read_only(np.zeros((len(self.vertices), 3), np.float32))
         if self._vertex_normals is None:
-            self._vertex_normals = check.read_only(self._derived_normals())
+            self._vertex_normals = check.read_only(self._derive_normals())
             # The rest mesh of a posed one was warned of, or is not creased.
-            if self._rest_mesh is None and is_creased(self.vertices, self.faces, self._scale()):
+            if self._rest_mesh is None and is_creased(
+                self.vertices, self.faces, self._coordinate_scale()
+            ):
                 warn_caller(
                     f"sharp edges are rounded off: {self!r} was given no normals, and those made "
                     "for it are averages across its edges; draw mesh.split_creases(), shade it "
@@ -566,9 +568,11 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         """Whether normals are computed from the faces in each pose."""
         return self._normals is None or self._normal_groups is not None
 
-    def _derived_normals(self) -> Float32:
+    def _derive_normals(self) -> Float32:
         """Compute the normals from the faces, (V, 3)."""
-        return smooth_normals(self.vertices, self.faces, self._scale(), self._normal_groups)
+        return compute_smooth_normals(
+            self.vertices, self.faces, self._coordinate_scale(), self._normal_groups
+        )
 
     def vertex_tangents(
         self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
@@ -603,7 +607,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         if uv is None:
             name = UV_NAMES[uv_set]
             raise ValueError(f"mesh must have {name} or tangents to have tangents, got neither")
-        return vertex_tangents(self.vertices, self.faces, uv, self._scale(), transform)
+        return vertex_tangents(self.vertices, self.faces, uv, self._coordinate_scale(), transform)
 
     def split_creases(self, angle: float = 40.0) -> Mesh:
         """
@@ -638,7 +642,9 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         can_be_posed = self._joints is not None or self._morph_targets is not None
         is_plain = all(values is None for values in vertex_data) and not self._vertex_attributes
         is_plain = is_plain and not can_be_posed
-        split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=is_plain)
+        split = split_creases(
+            self.vertices, self.faces, self._coordinate_scale(), angle, merge=is_plain
+        )
 
         # The arrays come from a checked mesh: fill the new one without checking them again.
         def picked(values: Any) -> Any:
@@ -649,7 +655,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         result.__dict__.update(
             _vertices=picked(self.vertices), _faces=check.read_only(np.array(split.faces)),
             _vertex_colors=picked(self.vertex_colors), _face_colors=self.face_colors,
-            _field=self.field if field is None else field.of_rows(split.sources),
+            _field=self.field if field is None else field.select_rows(split.sources),
             _uv=picked(self.uv), _uv1=picked(self.uv1), _tangents=picked(self.tangents),
             _vertex_attributes={name: picked(values) for name, values in attributes.items()},
             _face_attributes=self._face_attributes, _material=self.material,
@@ -660,7 +666,9 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         result._invalid_vertices = _count_invalid(self._VERTEX_WORDS, result.vertices, "drop")
         if can_be_posed:
             result._copy_deformation(self, split.sources)
-            result._normal_groups = check.read_only(normal_groups(result.vertices, split.normals))
+            result._normal_groups = check.read_only(
+                number_normal_groups(result.vertices, split.normals)
+            )
         return result
 
     def _alias(self) -> Mesh:
@@ -775,7 +783,7 @@ class Mesh(HoldsArrays, Guarded, PicturePreview):
         result._vertex_colors = result._face_colors = result._field = None
         return result
 
-    def _scale(self) -> float:
+    def _coordinate_scale(self) -> float:
         """Return the factor that keeps products of this mesh's coordinates in range."""
         try:
             return safe_scale(*self.bounds())
@@ -795,7 +803,7 @@ def _is_watertight(corners: Float64) -> bool:
     return not (counts % 2).any()
 
 
-def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, int]) -> Any:
+def _check_numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, int]) -> Any:
     """Return ``value`` as an array of the given dtype kinds and shape, or raise ``ValueError``."""
     # The base class also for subclasses such as trimesh's tracked arrays.
     array = check.unmasked_array(name, value, *check.ROWS_WORDING)
@@ -827,9 +835,9 @@ def value_rows(name: str, value: ArrayLike) -> Float32:
     return np.array(array, dtype=np.float32, order="C")
 
 
-def _vertex_array(name: str, value: ArrayLike) -> Float64:
+def _check_vertices(name: str, value: ArrayLike) -> Float64:
     """Return vertices as (V, 3) float64, a copy in C order, or raise ``ValueError``."""
-    numbers = _numbers(name, value, "uif", (None, 3))
+    numbers = _check_numbers(name, value, "uif", (None, 3))
     with np.errstate(over="ignore"):  # Beyond float64 is infinite, and counted as such.
         return np.array(numbers, dtype=np.float64, order="C")
 
@@ -853,7 +861,7 @@ def index_rows(names: tuple[str, str], value: ArrayLike, count: int, columns: in
     columns : int
     """
     name, targets = names
-    array = _numbers(name, value, "uif", (None, columns))
+    array = _check_numbers(name, value, "uif", (None, columns))
     low, high = array.min(), array.max()
     target = "vertex" if targets == "vertices" else "point"
     if array.dtype.kind == "f" and not (
@@ -891,37 +899,37 @@ def _count_invalid(names: tuple[str, str], vertices: Float64, on_invalid: str) -
     return count
 
 
-def _vertex_rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray[Any]:
+def _check_vertex_rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray[Any]:
     """Return one finite row per vertex, or raise ``ValueError``."""
-    array = _numbers(name, value, "uif", shape)
+    array = _check_numbers(name, value, "uif", shape)
     if not (np.isfinite(array.min()) and np.isfinite(array.max())):
         count = int((~np.isfinite(array).all(axis=1)).sum())
         raise ValueError(f"{name} must be finite, got {count} rows with NaN or infinity")
     return array
 
 
-def _uv_array(name: str, value: ArrayLike, vertex_count: int) -> Float32:
+def _check_uv(name: str, value: ArrayLike, vertex_count: int) -> Float32:
     """Return texture coordinates as (V, 2) float32, or raise ``ValueError``."""
-    array = _vertex_rows(name, value, (vertex_count, 2))
+    array = _check_vertex_rows(name, value, (vertex_count, 2))
     largest = max(-float(array.min()), float(array.max()))
     if largest > _MAX_FLOAT32:
         raise ValueError(f"{name} must fit float32, got {largest!r} in size")
     return np.array(array, dtype=np.float32, order="C")
 
 
-def _normal_array(value: ArrayLike, vertex_count: int) -> Float32:
+def _check_normals(value: ArrayLike, vertex_count: int) -> Float32:
     """Return normals as (V, 3) float32 of unit or zero length, or raise ``ValueError``."""
-    array = _vertex_rows("normals", value, (vertex_count, 3))
+    array = _check_vertex_rows("normals", value, (vertex_count, 3))
     normals = np.empty((vertex_count, 3), dtype=np.float32)
-    for start in range(0, vertex_count, _CHUNK):
-        rows = slice(start, start + _CHUNK)
+    for start in range(0, vertex_count, _VERTICES_PER_CHUNK):
+        rows = slice(start, start + _VERTICES_PER_CHUNK)
         normals[rows] = unit_rows(array[rows].astype(np.float64))
     return normals
 
 
-def _tangent_array(value: ArrayLike, vertex_count: int) -> Float32:
+def _check_tangents(value: ArrayLike, vertex_count: int) -> Float32:
     """Return tangents as (V, 4) float32: of unit or zero length, and a side; or raise."""
-    array = _vertex_rows("tangents", value, (vertex_count, 4)).astype(np.float64)
+    array = _check_vertex_rows("tangents", value, (vertex_count, 4)).astype(np.float64)
     tangents = np.empty((vertex_count, 4), dtype=np.float32)
     tangents[:, :3] = unit_rows(array[:, :3])
     tangents[:, 3] = np.where(array[:, 3] < 0.0, -1.0, 1.0)

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.validation import read_only
 
-_BAND = 1 << 16
+_TEXELS_PER_BAND = 1 << 16
 """Texels of a band, processed at once: as float64, 2 MB."""
 
-_AT_ONCE = 4
+_LEVELS_AT_ONCE = 4
 """Levels made of a band at once: a level in float64 is whole when a 256th of the texels is left."""
 
 
@@ -40,7 +40,9 @@ def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
     return [(max(1, width >> k), max(1, height >> k)) for k in range(count)]
 
 
-def halve(image: NDArray[Any], axis: int, size: int | None = None, begin: int = 0) -> NDArray[Any]:
+def halve(
+    image: NDArray[Any], axis: int, size: int | None = None, first_mean: int = 0
+) -> NDArray[Any]:
     """
     Halve an image along an axis: return means by area, float64.
 
@@ -50,7 +52,7 @@ def halve(image: NDArray[Any], axis: int, size: int | None = None, begin: int = 
     axis : {0, 1}
     size : int, optional
         Texels of the whole picture along it, if the image is but a band of that.
-    begin : int
+    first_mean : int
         Of a band: the number of the first mean.
     """
     rows = np.moveaxis(image, axis, 0)
@@ -62,20 +64,20 @@ def halve(image: NDArray[Any], axis: int, size: int | None = None, begin: int = 
     else:
         # Each covers 2 + 1/half texels: a part of the first, all of the second, a part of the last.
         half, count = size // 2, len(rows) // 2
-        index = np.arange(begin, begin + count, dtype=np.float64).reshape(-1, 1, 1)
+        index = np.arange(first_mean, first_mean + count, dtype=np.float64).reshape(-1, 1, 1)
         middle = np.float64(half) * rows[1::2].astype(np.float64)
         means = ((half - index) * rows[0:-1:2] + middle + (index + 1.0) * rows[2::2]) / size
     return np.moveaxis(means, 0, axis)
 
 
-def lower_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
+def yield_lower_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Yield the levels below an image, (H, W, C), each of float64, until one texel is left."""
     for _ in level_sizes(image.shape[1], image.shape[0])[1:]:
         image = halve(halve(image, 0), 1)
         yield image
 
 
-def allocate(sizes: list[tuple[int, int]]) -> NDArray[np.float32]:
+def allocate_levels(sizes: list[tuple[int, int]]) -> NDArray[np.float32]:
     """Return room for the texels of levels of these (width, height), (N, 4), row by row."""
     return np.empty((sum(width * height for width, height in sizes), 4), np.float32)
 
@@ -91,14 +93,14 @@ def split_levels(
     return levels
 
 
-def bands(height: int, width: int) -> Iterator[slice]:
+def split_bands(height: int, width: int) -> Iterator[slice]:
     """Yield slices of rows that fit a core's cache."""
-    step = max(1, _BAND // width)
+    step = max(1, _TEXELS_PER_BAND // width)
     for begin in range(0, height, step):
         yield slice(begin, min(begin + step, height))
 
 
-def fill_levels(levels: list[NDArray[Any]], rows_of: Callable[[slice], NDArray[Any]]) -> None:
+def fill_levels(levels: list[NDArray[Any]], read_rows: Callable[[slice], NDArray[Any]]) -> None:
     """
     Write all levels below a picture, channel by channel, band by band.
 
@@ -106,38 +108,38 @@ def fill_levels(levels: list[NDArray[Any]], rows_of: Callable[[slice], NDArray[A
     ----------
     levels : list of (h, w, 4) float32
         Written, but for the first, which may be of another type.
-    rows_of : callable
+    read_rows : callable
         Returns some rows of the first level, (h, W, 4) float.
     """
     # Some levels at once, of which but the last is needed whole in float64.
-    for base in range(0, len(levels) - 1, _AT_ONCE):
-        last = min(base + _AT_ONCE, len(levels) - 1)
+    for base in range(0, len(levels) - 1, _LEVELS_AT_ONCE):
+        last = min(base + _LEVELS_AT_ONCE, len(levels) - 1)
         height, width = levels[last].shape[:2]
         whole = np.empty((height, width, 4))
-        for band in bands(height, width << 2 * (last - base)):
-            whole[band] = _halved_band(levels, base, rows_of, last, band)
-        rows_of = whole.__getitem__
+        for band in split_bands(height, width << 2 * (last - base)):
+            whole[band] = _compute_band(levels, base, read_rows, last, band)
+        read_rows = whole.__getitem__
 
 
-def _halved_band(
+def _compute_band(
     levels: list[NDArray[Any]],
     base: int,
-    rows_of: Callable[[slice], NDArray[Any]],
-    number: int,
+    read_rows: Callable[[slice], NDArray[Any]],
+    level: int,
     band: slice,
 ) -> NDArray[Any]:
     """Compute rows of a level, float64, from a level above; write them and all levels between."""
-    if number == base:
-        return rows_of(band)
-    size = len(levels[number - 1])
+    if level == base:
+        return read_rows(band)
+    size = len(levels[level - 1])
     needed = slice(2 * band.start, 2 * band.stop + size % 2) if size > 1 else slice(0, 1)
-    image = _halved_band(levels, base, rows_of, number - 1, needed)
+    image = _compute_band(levels, base, read_rows, level - 1, needed)
     means = halve(halve(image, 0, size, band.start), 1)
-    levels[number][band] = means
+    levels[level][band] = means
     return means
 
 
-def weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.float32]:
+def compute_weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.float32]:
     """Return the texels of an image, and those of its levels, with colours times alpha, (N, 4)."""
     height, width = image.shape[:2]
 
@@ -148,15 +150,17 @@ def weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.
         return texel_rows
 
     sizes = level_sizes(width, height) if has_levels else [(width, height)]
-    texels = allocate(sizes)
+    texels = allocate_levels(sizes)
     levels = split_levels(texels, sizes)
-    for rows in bands(height, width):
+    for rows in split_bands(height, width):
         levels[0][rows] = weighted(rows)
     fill_levels(levels, weighted)
     return read_only(texels)
 
 
-def mask_levels(image: NDArray[np.float32], cutoff: float, has_levels: bool) -> NDArray[np.float32]:
+def compute_mask_levels(
+    image: NDArray[np.float32], cutoff: float, has_levels: bool
+) -> NDArray[np.float32]:
     """
     Return the texels of a mask, (N, 4): those of the image, and the shares of its levels.
 
@@ -173,7 +177,7 @@ def mask_levels(image: NDArray[np.float32], cutoff: float, has_levels: bool) -> 
     weighted[:, :, :3] *= weighted[:, :, 3:]
     levels = [image.copy()]
     _fill_holes(levels[0], weighted[:, :, 3] > 0.0)
-    for level in lower_levels(weighted) if has_levels else ():
+    for level in yield_lower_levels(weighted) if has_levels else ():
         coverage = level[:, :, 3:]
         colors = np.divide(level, coverage, out=np.zeros_like(level), where=coverage > 0.0)
         colors[:, :, 3:] = coverage
@@ -204,10 +208,10 @@ def _fill_holes(image: NDArray[Any], is_there: NDArray[np.bool_]) -> None:
 def _nearest_in_row(is_there: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the column of the nearest marked texel in each row, and its distance (large: none)."""
     height, width = is_there.shape
-    far = 2 * (height + width)
+    unreachable = 2 * (height + width)
     index = np.broadcast_to(np.arange(width, dtype=np.int32), is_there.shape)
-    before = np.maximum.accumulate(np.where(is_there, index, np.int32(-far)), axis=1)
-    after = np.where(is_there, index, np.int32(width + far))[:, ::-1]
+    before = np.maximum.accumulate(np.where(is_there, index, np.int32(-unreachable)), axis=1)
+    after = np.where(is_there, index, np.int32(width + unreachable))[:, ::-1]
     after = np.minimum.accumulate(after, axis=1)[:, ::-1]
     use_before = index - before <= after - index
     return np.where(use_before, before, after), np.where(use_before, index - before, after - index)

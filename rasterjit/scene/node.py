@@ -123,7 +123,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
     ) -> None:
         # All at once, past the check of each that is assigned.
         self.__dict__.update(
-            _mesh=None if mesh is None else _checked_mesh(mesh), _transform=_IDENTITY,
+            _mesh=None if mesh is None else _check_mesh(mesh), _transform=_IDENTITY,
             _world_from_model=_IDENTITY, name=name, _parent=None, _children=[], _scene=None,
             _label=check_label(label),
         )  # fmt: skip
@@ -134,11 +134,13 @@ class Node(HoldsArrays, WorldObject, Guarded):
         if world_from_model is not None:
             if transform is not None:
                 raise ValueError("transform must be None where world_from_model is not")
-            self._move(_local_transform(world_from_model, self, _checked_parent(parent)), None)
+            self._move(
+                _compute_local_transform(world_from_model, self, _check_parent(parent)), None
+            )
         elif transform is not None:
-            self._move(_affine("transform", transform), None)
+            self._move(_check_affine("transform", transform), None)
         if parent is not None:
-            self._set_parent(_checked_parent(parent), is_new=True)
+            self._set_parent(_check_parent(parent), is_new=True)
 
     @property
     def mesh(self) -> Mesh:
@@ -148,7 +150,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
     @mesh.setter
     def mesh(self, value: Mesh | None) -> None:
         was_drawn = self._mesh is not None
-        mesh = None if value is None else _checked_mesh(value)
+        mesh = None if value is None else _check_mesh(value)
         if self._skin is not None or self._weights is not None:
             check_skin(self._skin, mesh)
             check_morph_weights(self._weights, mesh)
@@ -239,7 +241,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
 
     @transform.setter
     def transform(self, value: ArrayLike) -> None:
-        self._move(_affine("transform", value), self._parent)
+        self._move(_check_affine("transform", value), self._parent)
 
     @property
     def world_matrix(self) -> Float64:
@@ -262,7 +264,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
 
     @world_from_model.setter
     def world_from_model(self, value: ArrayLike) -> None:
-        self._move(_local_transform(value, self, self._parent), self._parent)
+        self._move(_compute_local_transform(value, self, self._parent), self._parent)
 
     @property
     def parent(self) -> Node | None:
@@ -277,7 +279,7 @@ class Node(HoldsArrays, WorldObject, Guarded):
 
     @parent.setter
     def parent(self, value: Node | None) -> None:
-        if _checked_parent(value) is not self._parent:
+        if _check_parent(value) is not self._parent:
             self._set_parent(value)
 
     @property
@@ -318,9 +320,12 @@ class Node(HoldsArrays, WorldObject, Guarded):
             self.__dict__.update(_transform=transform, _world_from_model=transform)
             return
         above = None if parent is None else parent._world_from_model
-        poses = [(self, _to_world(self, transform, above))]
+        poses = [(self, _compute_world_matrix(self, transform, above))]
         for node, pose in poses:
-            poses += [(child, _to_world(child, child._transform, pose)) for child in node._children]
+            poses += [
+                (child, _compute_world_matrix(child, child._transform, pose))
+                for child in node._children
+            ]
         self.__dict__["_transform"] = transform
         for node, pose in poses:
             node.__dict__["_world_from_model"] = pose
@@ -404,7 +409,9 @@ def subtree(node: Node) -> Iterator[Node]:
         stack += reversed(node._children)
 
 
-def _to_world(node: Node, transform: Float64, world_from_parent: Float64 | None) -> Float64:
+def _compute_world_matrix(
+    node: Node, transform: Float64, world_from_parent: Float64 | None
+) -> Float64:
     """Return ``world_from_model`` of a node, given its transform and its parent's matrix."""
     if world_from_parent is None or transform is _IDENTITY:
         # No product, which would lose the signs of zeros.
@@ -419,13 +426,15 @@ def _to_world(node: Node, transform: Float64, world_from_parent: Float64 | None)
         ) from None
 
 
-def _local_transform(value: ArrayLike, node: Node, parent: Node | None) -> Float64:
+def _compute_local_transform(value: ArrayLike, node: Node, parent: Node | None) -> Float64:
     """Return the transform below a parent that gives a node this ``world_from_model``."""
-    transform = _affine("world_from_model", value)
+    transform = _check_affine("world_from_model", value)
     if parent is None:
         return transform
     try:
-        return _affine("world_from_model", compose(inverse(parent._world_from_model), transform))
+        return _check_affine(
+            "world_from_model", compose(inverse(parent._world_from_model), transform)
+        )
     except ValueError:
         raise ValueError(
             f"world_from_model of {node.name!r} must be within reach of its parent, "
@@ -433,14 +442,14 @@ def _local_transform(value: ArrayLike, node: Node, parent: Node | None) -> Float
         ) from None
 
 
-def _checked_parent(value: Any) -> Node | None:
+def _check_parent(value: Any) -> Node | None:
     """Return a node or None, or raise ``ValueError``."""
     if value is not None and not isinstance(value, Node):
         raise ValueError(f"parent must be a Node or None, got {brief(value)}")
     return value
 
 
-def _checked_mesh(value: Any) -> Mesh:
+def _check_mesh(value: Any) -> Mesh:
     """Return a mesh, or raise ``ValueError``."""
     if not isinstance(value, Mesh):
         raise ValueError(
@@ -450,7 +459,7 @@ def _checked_mesh(value: Any) -> Mesh:
     return value
 
 
-def _affine(name: str, value: ArrayLike) -> Float64:
+def _check_affine(name: str, value: ArrayLike) -> Float64:
     """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
     matrix = finite_array(name, value, (4, 4)).copy()
     if matrix[3].tobytes() != _LAST_ROW:

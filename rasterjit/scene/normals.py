@@ -23,8 +23,8 @@ from rasterjit.scene.distinct_rows import distinct_rows
 from rasterjit.scene.first_corners import rotate_corners
 from rasterjit.scene.transforms import sine_cosine
 
-_CHUNK = 1 << 13
-"""Faces or corners handled at once: large enough for NumPy, small beside a core's cache."""
+_FACES_PER_CHUNK = 1 << 13
+"""Faces or corners processed at once: large enough for NumPy, small beside a core's cache."""
 
 _MAX_NEIGHBOURS = 512
 """Most faces at one creased position that are compared pair by pair, a quadratic effort."""
@@ -32,13 +32,13 @@ _MAX_NEIGHBOURS = 512
 _COSINE_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """Rounding of the dot product of two unit normals, so that a face always matches itself."""
 
-_MAX_SAMPLED = 1 << 14
+_MAX_SAMPLED_VERTICES = 1 << 14
 """Most vertices whose edges are sampled to tell whether a mesh is creased."""
 
-_FIRST_SAMPLED = 128
+_FIRST_SAMPLED_VERTICES = 128
 """
-Vertices that are sampled first: a mesh with less than half of the creases there is smooth. Of
-5,120 faces that takes 0.6 times as long as smooth normals, where all took 2.7 times as long.
+Vertices sampled first: a mesh with less than half of the required creases there is smooth. For
+5,120 faces this takes 0.6 times as long as smooth normals; sampling all took 2.7 times as long.
 """
 
 _MIN_CREASES = 6
@@ -49,18 +49,18 @@ _MIN_CREASED_SHARE = 0.05
 
 _MAX_HALF_CREASES = 0.5
 """
-Most edges that are neither smooth nor creases, for each crease. Solids with flat sides have few,
-scans have more than one as soon as their noise makes creases.
+Largest number of half creases, edges neither smooth nor creases, per crease. Solids with flat sides
+have few, scans more than one as soon as their noise makes creases.
 """
 
 _MAX_CANCELLING_SHARE = 2.0**-30
 """Largest sum of faces, relative to the largest face, that is tested for cancellation."""
 
-_ROUNDING = 2.0**-40
-"""Largest sum of cancelling faces, relative to their total: rounding of up to thousands."""
+_CANCELLATION_ROUNDING = 2.0**-40
+"""Largest sum of cancelling faces, relative to their total: rounding of thousands."""
 
-_TANGENT_CHUNK = 1 << 18
-"""Faces handled at once: large enough for NumPy, small beside the mesh."""
+_TANGENT_FACES_PER_CHUNK = 1 << 18
+"""Faces processed at once for tangents: large enough for NumPy, small beside the mesh."""
 
 GROUPS = 2
 """Groups of faces with their own tangents: texture as it is, and texture mirrored."""
@@ -105,10 +105,10 @@ def unit_rows(vectors: Float64) -> Float64:
         Unit rows; rows that are zero, or hold NaN or infinity, become zero.
     """
     units = np.empty_like(vectors)
-    for start in range(0, len(vectors), _CHUNK):
+    for start in range(0, len(vectors), _FACES_PER_CHUNK):
         # Columns that lie in one piece each take a third of the time of rows of three.
-        columns = np.array(vectors[start : start + _CHUNK].T, order="C")
-        units[start : start + _CHUNK] = _normalize(columns).T
+        columns = np.array(vectors[start : start + _FACES_PER_CHUNK].T, order="C")
+        units[start : start + _FACES_PER_CHUNK] = _normalize(columns).T
     return units
 
 
@@ -127,7 +127,7 @@ def _normalize(columns: Float64) -> Float64:
     return columns
 
 
-def area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float64:
+def compute_area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float64:
     """
     Cross two edges of every face: a vector along its normal, twice its area long.
 
@@ -146,13 +146,13 @@ def area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float64:
     faces = rotate_corners(vertices, faces)
     cross = np.empty((len(faces), 3))
     with np.errstate(invalid="ignore", over="ignore"):
-        for start in range(0, len(faces), _CHUNK):
-            corners = faces[start : start + _CHUNK].T
+        for start in range(0, len(faces), _FACES_PER_CHUNK):
+            corners = faces[start : start + _FACES_PER_CHUNK].T
             a, b, c = (vertices.take(corner, axis=0).T * scale for corner in corners)
             edge_ab, edge_ac = b - a, c - a
             for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
                 part = edge_ab[j] * edge_ac[k] - edge_ab[k] * edge_ac[j]
-                cross[start : start + _CHUNK, i] = part
+                cross[start : start + _FACES_PER_CHUNK, i] = part
     finite = np.isfinite(cross)
     if not finite.all():
         cross[~finite.all(axis=1)] = 0.0
@@ -166,7 +166,7 @@ def safe_scale(low: Float64, high: Float64) -> float:
     return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(largest)[1])))
 
 
-def smooth_normals(
+def compute_smooth_normals(
     vertices: Float64, faces: Int32, scale: float, groups: Int32 | None = None
 ) -> Float32:
     """
@@ -186,18 +186,18 @@ def smooth_normals(
     -------
     (V, 3) float32
         Unit normals; zero where no face with an area touches the vertex. Where faces cancel, as
-        those of a sheet whose faces are there both ways round, that of those turned as the first
-        of them. The sums run in face order, so the result is the same bits on every run.
+        those of a sheet with faces on both sides, the normal of the first face's side. Sums run in
+        face order, for the same bits on every run.
     """
     count = len(vertices) if groups is None else int(groups.max()) + 1
     sums, largest = np.zeros((3, count), dtype=np.float64), 0.0
-    for start in range(0, len(faces), _CHUNK):
-        chunk = faces[start : start + _CHUNK]
-        vectors = area_vectors(vertices, chunk, scale)
+    for start in range(0, len(faces), _FACES_PER_CHUNK):
+        chunk = faces[start : start + _FACES_PER_CHUNK]
+        vectors = compute_area_vectors(vertices, chunk, scale)
         largest = max(largest, float(vectors.max()), -float(vectors.min()))
         _add_at_corners(sums, chunk if groups is None else groups[chunk], vectors)
     sums_by_group = np.ascontiguousarray(sums.T)
-    # Few are so small that faces may cancel there.
+    # Sums that are small beside the largest face may be of faces that cancel.
     is_small = np.abs(sums, out=sums).max(axis=0) <= _MAX_CANCELLING_SHARE * largest
     if is_small.any():
         vertex_groups = np.arange(count, dtype=np.int32) if groups is None else groups
@@ -217,7 +217,7 @@ def repair_normals(
     normals : (V, 3) float32
         Of unit or zero length; not changed.
     vertices, faces, scale
-        As `smooth_normals` takes them.
+        As `compute_smooth_normals` takes them.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def repair_normals(
     """
     is_zero = ~np.any(normals, axis=1)
     adjacent = faces[np.any(is_zero[faces], axis=1)]
-    computed = smooth_normals(vertices, adjacent, scale)
+    computed = compute_smooth_normals(vertices, adjacent, scale)
     is_zero &= computed.any(axis=1)
     return np.where(is_zero[:, np.newaxis], computed, normals), int(np.count_nonzero(is_zero))
 
@@ -244,13 +244,13 @@ def _use_one_side(
     sums : (G, 3) float64
         Changed.
     is_small : (G,) bool
-        Which of them may be replaced.
+        Which sums may be replaced.
     vertices, faces, groups, scale
-        As `smooth_normals` takes them, one group of each vertex alone, too.
+        As `compute_smooth_normals` takes them, but groups are required.
     """
     is_corner = is_small[groups[faces]]
     adjacent = faces[is_corner.any(axis=1)]
-    vectors = area_vectors(vertices, adjacent, scale)
+    vectors = compute_area_vectors(vertices, adjacent, scale)
     has_area = vectors.any(axis=1)
     adjacent, vectors = adjacent[has_area], vectors[has_area]
     corner_groups, vectors = groups[adjacent].ravel(), np.repeat(vectors, 3, axis=0)
@@ -258,19 +258,23 @@ def _use_one_side(
     corner_groups, vectors = corner_groups[is_corner], vectors[is_corner]
     total = np.zeros(len(sums))
     np.add.at(total, corner_groups, np.abs(vectors).max(axis=1))
-    cancel = is_small & (total > 0.0) & (np.abs(sums).max(axis=1, initial=0.0) <= _ROUNDING * total)
-    is_corner = cancel[corner_groups]
+    is_cancelling = (
+        is_small
+        & (total > 0.0)
+        & (np.abs(sums).max(axis=1, initial=0.0) <= _CANCELLATION_ROUNDING * total)
+    )
+    is_corner = is_cancelling[corner_groups]
     corner_groups, vectors = corner_groups[is_corner], vectors[is_corner]
     group_ids, first = np.unique(corner_groups, return_index=True)
     side_normal = np.zeros_like(sums)
     side_normal[group_ids] = vectors[first]
     is_same_side = dot_rows(vectors, side_normal[corner_groups]) > 0.0
-    sums[cancel] = 0.0
+    sums[is_cancelling] = 0.0
     for axis in range(3):
         np.add.at(sums[:, axis], corner_groups[is_same_side], vectors[is_same_side, axis])
 
 
-def normal_groups(vertices: Float64, normals: Float32) -> Int32:
+def number_normal_groups(vertices: Float64, normals: Float32) -> Int32:
     """Number groups of vertices with the same position and normal, (V,) int32."""
     return distinct_rows(*vertices.T, *normals.T)[0].astype(np.int32)
 
@@ -292,8 +296,8 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     scale : float
         Factor on the vertices, from `safe_scale`.
     """
-    for max_vertices, tolerance in ((_FIRST_SAMPLED, 2.0), (_MAX_SAMPLED, 1.0)):
-        if max_vertices == _FIRST_SAMPLED and len(vertices) <= 2 * max_vertices:
+    for max_vertices, tolerance in ((_FIRST_SAMPLED_VERTICES, 2.0), (_MAX_SAMPLED_VERTICES, 1.0)):
+        if max_vertices == _FIRST_SAMPLED_VERTICES and len(vertices) <= 2 * max_vertices:
             continue
         count, creases, half_creases = _count_edges(vertices, faces, scale, max_vertices)
         if (
@@ -304,16 +308,18 @@ def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     return True
 
 
-def _count_edges(vertices: Float64, faces: Int32, scale: float, limit: int) -> tuple[int, int, int]:
-    """Count the edges that two faces share at about ``limit`` vertices: all, creases, others."""
+def _count_edges(
+    vertices: Float64, faces: Int32, scale: float, max_vertices: int
+) -> tuple[int, int, int]:
+    """Count shared edges at about ``max_vertices`` vertices: all, creases, half creases."""
     is_sampled = np.ones(len(vertices), bool)
-    if len(vertices) > limit:
+    if len(vertices) > max_vertices:
         # Multiples of the golden ratio, modulo 1, are spread evenly over any row of vertices.
         hashes = np.arange(len(vertices), dtype=np.uint32) * np.uint32(2654435769)
-        is_sampled = hashes < np.uint32((limit << 32) // len(vertices))
+        is_sampled = hashes < np.uint32((max_vertices << 32) // len(vertices))
         first, second_corner, third_corner = faces.T
         faces = faces[is_sampled[first] | is_sampled[second_corner] | is_sampled[third_corner]]
-    directions = unit_rows(area_vectors(vertices, faces, scale))
+    directions = unit_rows(compute_area_vectors(vertices, faces, scale))
     has_area = directions.any(axis=1)
     faces, directions = faces[has_area], directions[has_area]
     # Pair the faces that run along an edge in opposite directions.
@@ -325,11 +331,13 @@ def _count_edges(vertices: Float64, faces: Int32, scale: float, limit: int) -> t
     first, second = order[:-1], order[1:]
     is_pair = (keys[first] == keys[second]) & (starts[first] != starts[second])
     cosines = dot_rows(directions[first[is_pair] // 3], directions[second[is_pair] // 3])
-    smooth, crease, sharp = (sine_cosine(angle)[1] for angle in (20.0, 60.0, 135.0))
-    creases = np.count_nonzero(
-        (cosines <= crease + _COSINE_ROUNDING) & (cosines >= sharp - _COSINE_ROUNDING)
+    smooth_cosine, crease_cosine, sharp_cosine = (
+        sine_cosine(angle)[1] for angle in (20.0, 60.0, 135.0)
     )
-    half_creases = len(cosines) - creases - np.count_nonzero(cosines >= smooth)
+    creases = np.count_nonzero(
+        (cosines <= crease_cosine + _COSINE_ROUNDING) & (cosines >= sharp_cosine - _COSINE_ROUNDING)
+    )
+    half_creases = len(cosines) - creases - np.count_nonzero(cosines >= smooth_cosine)
     return len(cosines), int(creases), int(half_creases)
 
 
@@ -340,11 +348,11 @@ def _add_at_corners(sums: Float64, corners: NDArray[np.integer], vectors: Float6
         np.add.at(sums[axis], index, np.repeat(vectors[:, axis], 3))
 
 
-def crease_normals(
+def split_creases(
     vertices: Float64, faces: Int32, scale: float, angle: float, merge: bool
 ) -> SplitVertices:
     """
-    Give every corner the mean normal of the faces around its position that are nearly coplanar.
+    Split vertices so that each corner gets the mean normal of the nearly coplanar faces around it.
 
     A face counts for a corner if its normal lies within ``angle`` of the normal of the corner's own
     face; it counts by its area. Positions are merged when their coordinates are the same bits.
@@ -363,17 +371,17 @@ def crease_normals(
 
     Returns
     -------
-    CreasedCorners
+    SplitVertices
     """
     position_of_vertex, first_of_position = distinct_rows(*vertices.T)
     positions = position_of_vertex.take(faces)
-    areas = area_vectors(vertices, faces, scale)
+    areas = compute_area_vectors(vertices, faces, scale)
     sums = np.zeros((3, len(first_of_position)), dtype=np.float64)
     _add_at_corners(sums, positions, areas)
     means = unit_rows(np.ascontiguousarray(sums.T))
     directions = unit_rows(areas)
     has_area = dot_rows(directions, directions) > 0.0
-    creased = _creased_positions(positions, directions, has_area, means, angle)
+    creased = _mark_creased_positions(positions, directions, has_area, means, angle)
 
     # Every vertex starts with the mean normal of its position.
     corner_vertices: NDArray[np.integer]
@@ -384,7 +392,7 @@ def crease_normals(
     normals = means.take(position_of_vertex[sources], axis=0).astype(np.float32) + np.float32(0.0)
     # Corners at creases get normals of their own, and further vertices where those differ.
     corners = np.flatnonzero(creased[positions.ravel()])
-    corner_normals = _corner_normals(corners, positions.ravel(), areas, directions, angle)
+    corner_normals = _average_corner_normals(corners, positions.ravel(), areas, directions, angle)
     # A face without an area has no normal to compare: it takes the mean of its position.
     flat = np.flatnonzero(~has_area.take(corners // 3))
     corner_normals[flat] = means[positions.ravel()[corners[flat]]]
@@ -392,7 +400,7 @@ def crease_normals(
     return _split_vertices(corner_vertices, sources, normals, corners, corner_normals)
 
 
-def _creased_positions(
+def _mark_creased_positions(
     positions: Int64, directions: Float64, has_area: Bool, means: Float64, angle: float
 ) -> Bool:
     """
@@ -401,19 +409,19 @@ def _creased_positions(
     Where all faces lie within half the angle of the mean, all pairs lie within the angle of each
     other and every corner's average is the mean itself.
     """
-    limit = sine_cosine(angle / 2.0)[1] - _COSINE_ROUNDING
+    min_cosine = sine_cosine(angle / 2.0)[1] - _COSINE_ROUNDING
     creased = np.zeros(len(means), dtype=bool)
-    for start in range(0, len(positions), _CHUNK):
-        stop = start + _CHUNK
+    for start in range(0, len(positions), _FACES_PER_CHUNK):
+        stop = start + _FACES_PER_CHUNK
         direction = directions[start:stop]
         for k in range(3):
             corner = positions[start:stop, k]
             cosine = dot_rows(direction, means.take(corner, axis=0))
-            creased[corner[(cosine < limit) & has_area[start:stop]]] = True
+            creased[corner[(cosine < min_cosine) & has_area[start:stop]]] = True
     return creased
 
 
-def _corner_normals(
+def _average_corner_normals(
     corners: Int64, position_of_corner: Int64, areas: Float64, directions: Float64, angle: float
 ) -> Float32:
     """
@@ -422,7 +430,7 @@ def _corner_normals(
     Where more than `_MAX_NEIGHBOURS` faces meet, as at the tip of a finely cut cone, each corner
     keeps the normal of its own face.
     """
-    limit = sine_cosine(angle)[1] - _COSINE_ROUNDING
+    min_cosine = sine_cosine(angle)[1] - _COSINE_ROUNDING
     normals = np.empty((len(corners), 3), dtype=np.float32)
     position, own_face = position_of_corner.take(corners), corners // 3
     order = np.argsort(position, kind="stable")
@@ -431,7 +439,7 @@ def _corner_normals(
     # Groups of one size are handled together, as (corner, group) blocks.
     for size in np.flatnonzero(np.bincount(group_size)).tolist():
         starts = group_start[group_size == size]
-        groups_at_once = max(1, _CHUNK // size)
+        groups_at_once = max(1, _FACES_PER_CHUNK // size)
         for g in range(0, len(starts), groups_at_once):
             group = order[starts[g : g + groups_at_once] + np.arange(size)[:, np.newaxis]]
             faces = own_face.take(group)
@@ -442,7 +450,7 @@ def _corner_normals(
             area = np.moveaxis(areas.take(faces, axis=0), 2, 0).copy()
             sums = np.zeros_like(area)
             for k in range(size):
-                is_near = (x * x[k] + y * y[k]) + z * z[k] >= limit
+                is_near = (x * x[k] + y * y[k]) + z * z[k] >= min_cosine
                 sums += is_near * area[:, k, np.newaxis]
             normals[group] = np.moveaxis(_normalize(sums), 0, 2)
     return normals
@@ -459,19 +467,19 @@ def _split_vertices(
     faces = corner_vertices.astype(np.int32).ravel()
     if len(corners) == 0:
         return SplitVertices(faces.reshape(-1, 3), sources, normals)
-    owner = faces[corners]
-    pair_ids, first = distinct_rows(owner, *corner_normals.T)
+    vertex = faces[corners]
+    pair_ids, first = distinct_rows(vertex, *corner_normals.T)
     # The first normal of an owner takes the owner's own vertex, the others get new ones.
-    owner = owner[first]
+    vertex = vertex[first]
     first_pair = np.empty(len(sources), dtype=np.int64)
-    first_pair[owner[::-1]] = np.arange(len(owner))[::-1]
-    is_new = first_pair[owner] != np.arange(len(owner))
-    vertex_ids = np.where(is_new, len(sources) + np.cumsum(is_new) - 1, owner)
+    first_pair[vertex[::-1]] = np.arange(len(vertex))[::-1]
+    is_new = first_pair[vertex] != np.arange(len(vertex))
+    vertex_ids = np.where(is_new, len(sources) + np.cumsum(is_new) - 1, vertex)
     faces[corners] = vertex_ids[pair_ids]
     pair_normals = corner_normals[first]
     normals = np.concatenate([normals, pair_normals[is_new]])
     normals[vertex_ids[~is_new]] = pair_normals[~is_new]
-    sources = np.concatenate([sources, sources[owner[is_new]]])
+    sources = np.concatenate([sources, sources[vertex[is_new]]])
     return SplitVertices(faces.reshape(-1, 3), sources, normals)
 
 
@@ -504,9 +512,9 @@ def vertex_tangents(
         group is that of ``uv``, before the transform.
     """
     sums = np.zeros((GROUPS, 3, len(vertices)), np.float64)
-    for start in range(0, len(faces), _TANGENT_CHUNK):
-        chunk = faces[start : start + _TANGENT_CHUNK]
-        tangents, is_mirrored = _face_tangents(vertices, chunk, uv, scale, transform)
+    for start in range(0, len(faces), _TANGENT_FACES_PER_CHUNK):
+        chunk = faces[start : start + _TANGENT_FACES_PER_CHUNK]
+        tangents, is_mirrored = _compute_face_tangents(vertices, chunk, uv, scale, transform)
         for group in range(GROUPS):
             in_group = is_mirrored == bool(group)
             corners = chunk[in_group].ravel()
@@ -525,14 +533,14 @@ def _determinant(transform: tuple[float, ...]) -> float:
     return transform[0] * transform[4] - transform[1] * transform[3]
 
 
-def _face_tangents(
+def _compute_face_tangents(
     vertices: Float64, faces: Int32, uv: Float32, scale: float, transform: tuple[float, ...] | None
 ) -> tuple[Float64, Bool]:
     """Return each face's tangent (F, 3), as long as twice its area, and whether it is mirrored."""
     a, b, c = (vertices[corner] * scale for corner in faces.T)
     with np.errstate(invalid="ignore", over="ignore"):
         edge_ab, edge_ac = b - a, c - a
-        areas = area_vectors(vertices, faces, scale)
+        areas = compute_area_vectors(vertices, faces, scale)
         u, v = uv[:, 0].astype(np.float64), uv[:, 1].astype(np.float64)
         ab, ac = _uv_steps(faces, u, v, 1), _uv_steps(faces, u, v, 2)
         is_mirrored = ab[0] * ac[1] < ac[0] * ab[1]

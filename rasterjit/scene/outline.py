@@ -53,12 +53,12 @@ class Outline:
     crease_angle: float = 40.0
 
     def __post_init__(self) -> None:
-        store(self, color=rgba("color", self.color), edges=_known_edges(self.edges))
+        store(self, color=rgba("color", self.color), edges=_check_edges(self.edges))
         store(self, width=whole_number("width", self.width, 1, MAX_WIDTH))
         store(self, crease_angle=bounded_number("crease_angle", self.crease_angle, 0.0, 180.0))
 
 
-def _known_edges(value: Sequence[str]) -> tuple[str, ...]:
+def _check_edges(value: Sequence[str]) -> tuple[str, ...]:
     """Return kinds of edges without repeats, or raise ``ValueError``."""
     kinds = (value,) if isinstance(value, str) else value
     listed = ", ".join(EDGE_KINDS)

@@ -55,24 +55,29 @@ def read_codes(image: Image.Image, apply_exif: bool = False) -> NDArray[Any]:
     -------
     (H, W) or (H, W, 2..4) uint8 or uint16; (H, W) float32 of TIFF files of floats
     """
-    raw = _raw_mode(image)
+    raw = _find_raw_mode(image)
     key, mode = image.info.get("transparency"), image.mode
     if raw == _GREY_ALPHA_16:
         _decode_as(image, "RGBA")
-        codes = np.ascontiguousarray(_pixels(image, apply_exif)).view(">u2").astype(np.uint16)
+        codes = (
+            np.ascontiguousarray(_decode_pixels(image, apply_exif)).view(">u2").astype(np.uint16)
+        )
     elif raw[:-1] in _COLOR_16:
         lower = _reopen(image)
         _decode_as(lower, raw[:-1] + _SWAPPED_ORDER[raw[-1]])
-        upper = _pixels(image, apply_exif).astype(np.uint16)
-        codes = upper << 8 | _pixels(lower, apply_exif)
+        upper = _decode_pixels(image, apply_exif).astype(np.uint16)
+        codes = upper << 8 | _decode_pixels(lower, apply_exif)
     elif mode in _GREY_16:
-        codes = np.clip(_pixels(image, apply_exif), 0, 65535).astype(np.uint16)
+        codes = np.clip(_decode_pixels(image, apply_exif), 0, 65535).astype(np.uint16)
     elif mode == "1" and key is not None:
-        codes, key = _pixels(image, apply_exif).astype(np.uint8) * np.uint8(255), 255 if key else 0
+        codes, key = (
+            _decode_pixels(image, apply_exif).astype(np.uint8) * np.uint8(255),
+            255 if key else 0,
+        )
     elif mode in _DIRECT_MODES:
-        codes = _pixels(image, apply_exif)
+        codes = _decode_pixels(image, apply_exif)
     else:
-        return _pixels(image, apply_exif, "RGBA")
+        return _decode_pixels(image, apply_exif, "RGBA")
     if key is None or isinstance(key, bytes) or codes.ndim != (2 if np.ndim(key) == 0 else 3):
         return codes
     return _with_color_key(codes, np.multiply(key, _KEY_SCALE.get(raw, 1)))
@@ -85,7 +90,7 @@ def _with_color_key(codes: NDArray[Any], key: NDArray[Any]) -> NDArray[Any]:
     return np.dstack([layers, alpha.astype(codes.dtype)])
 
 
-def _pixels(image: Image.Image, apply_exif: bool, mode: str | None = None) -> NDArray[Any]:
+def _decode_pixels(image: Image.Image, apply_exif: bool, mode: str | None = None) -> NDArray[Any]:
     """Convert a picture to an array, turned upright by EXIF if asked for, in a mode."""
     if apply_exif:
         from PIL import ImageOps
@@ -94,7 +99,7 @@ def _pixels(image: Image.Image, apply_exif: bool, mode: str | None = None) -> ND
     return np.asarray(image if mode is None else image.convert(mode))
 
 
-def _raw_mode(image: Image.Image) -> str:
+def _find_raw_mode(image: Image.Image) -> str:
     """Return the raw mode of a picture's file; "" once it is decoded."""
     tiles = getattr(image, "tile", None)
     if not tiles:
@@ -117,8 +122,8 @@ def _reopen(image: Any) -> Image.Image:
     """Open the file of a picture again."""
     from PIL import Image
 
-    at = image.fp.tell()
+    position = image.fp.tell()
     image.fp.seek(0)
     content = image.fp.read()
-    image.fp.seek(at)
+    image.fp.seek(position)
     return Image.open(io.BytesIO(content), formats=[image.format])

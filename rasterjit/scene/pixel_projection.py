@@ -174,7 +174,7 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
 def project(camera: Camera, points: ArrayLike, size: tuple[int, int]) -> ProjectedPoints:
     """Project points, (..., 3), to pixels and depths; see `Projecting.project`."""
     width, height = picture_size("size", size)
-    array = _numbers("points", points, 3)
+    array = _check_numbers("points", points, 3)
     relative = array.reshape(-1, 3) - camera.eye_position()
     x, y, stored, w = transforms.transform_points(screen_from_relative(camera, size), relative).T
     with np.errstate(all="ignore"):
@@ -189,8 +189,8 @@ def unproject(
 ) -> Float64:
     """Return the points seen at pixels, (..., 2), at depths; see `Projecting.unproject`."""
     width, height = picture_size("size", size)
-    positions = _numbers("pixels", pixels, 2)
-    depth_array = _numbers("depth", depth)
+    positions = _check_numbers("pixels", pixels, 2)
+    depth_array = _check_numbers("depth", depth)
     shape = positions.shape[:-1]
     try:
         depths = np.broadcast_to(depth_array, shape).reshape(-1)
@@ -263,7 +263,7 @@ class _Unprojection:
         return transforms.transform_points(self._inverse, screen)[:, :3]
 
 
-def _numbers(name: str, value: ArrayLike, last: int | None = None) -> Float64:
+def _check_numbers(name: str, value: ArrayLike, last: int | None = None) -> Float64:
     """Return an array as float64, NaN and infinity allowed, its last axis of a given length."""
     array = number_array(name, value)
     if last is not None and (array.ndim == 0 or array.shape[-1] != last):

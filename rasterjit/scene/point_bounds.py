@@ -1,11 +1,10 @@
 """
-Compute the bounding box and sphere of points, and the smallest frustum that holds them.
+Compute the bounding box and sphere of points, and the smallest frustum around them.
 
 For a frustum, points are in the axes of the camera, x to the right, y up, z towards the eye, about
 any origin. An eye at (ex, ey, ez) sees a point at the slopes (x - ex) / (ez - z) and (y - ey) /
 (ez - z). A side of the frustum, ``k * (x - ex) <= ez - z``, holds for all points if it holds for
-the one that reaches farthest along (k, 1). So two opposite sides say in closed form how near the
-eye may come.
+the one farthest along (k, 1). So two opposite sides give the nearest eye in closed form.
 """
 
 from __future__ import annotations
@@ -20,38 +19,38 @@ from rasterjit.scene.arrays import Float64
 
 Chunks = Callable[[], Iterable[tuple[Float64, Float64 | None]]]
 """
-Function that yields points block by block: positions (N, 3), and half the size of each,
-(N, 1), or ``None`` if they have no sizes.
+Function that yields points block by block: positions, (N, 3), and half their sizes, (N, 1), or
+``None`` for points without sizes.
 """
 
 MIN_CLEARANCE = 2.0**-6
-"""Least distance of the eye from what is nearest to it, in radii of the scene: neither a line seen
-from its end nor the tip of a cone has a width that keeps the eye away."""
+"""Least distance of the eye from the nearest point, in radii of the scene; the width of a line seen
+from its end, or of the tip of a cone, does not keep the eye away."""
 
-_MAX_STEPS = 64
-"""Newton steps, each of which comes nearer to the root from below; a few are usual."""
+_MAX_NEWTON_STEPS = 64
+"""Largest number of Newton steps, which approach the root from below; a few are usual."""
 
 _MIN_STEP_RATIO = 2.0**-48
-"""Least change of a slope, relative to it, after which another step follows."""
+"""Least relative change of a slope after which another step follows."""
 
-_MAX_CACHED = 1 << 22
-"""Most points that are cached; more are transformed again on each pass."""
+_MAX_CACHED_POINTS = 1 << 22
+"""Largest number of cached points; more are transformed again on each pass."""
 
 
 def cache_points(chunks: Chunks) -> Chunks:
-    """Return a callable that yields the same points, from memory if they are few."""
+    """Return a function that yields the same points, from memory if they are few."""
     blocks, count = [], 0
     for block in chunks():
         count += len(block[0])
-        if count > _MAX_CACHED:
+        if count > _MAX_CACHED_POINTS:
             return chunks
         blocks.append(block)
     return lambda: blocks
 
 
-def box_around(chunks: Chunks) -> tuple[Float64, Float64]:
+def bound_points(chunks: Chunks) -> tuple[Float64, Float64]:
     """
-    Return the smallest axis-parallel box around points, and half their sizes.
+    Return the smallest axis-parallel box around points of given sizes.
 
     Returns
     -------
@@ -75,9 +74,9 @@ def box_around(chunks: Chunks) -> tuple[Float64, Float64]:
     return low, high
 
 
-def sphere_around(chunks: Chunks) -> tuple[Float64, float]:
-    """Return the centre of the points' box, (3,) float64, and the radius around it of all."""
-    low, high = box_around(chunks)
+def bound_points_by_sphere(chunks: Chunks) -> tuple[Float64, float]:
+    """Return a bounding sphere: the centre of the points' box, (3,) float64, and a radius."""
+    low, high = bound_points(chunks)
     with np.errstate(invalid="ignore"):
         center = low / 2.0 + high / 2.0
         scale = float((high / 2.0 - low / 2.0).max())
@@ -114,8 +113,8 @@ class AxisFit(NamedTuple):
     offset: float
     """Offset of the eye from the origin along the axis."""
     slope: float
-    """Largest slope of the points from the middle, the same on both sides; of a parallel
-    camera half their extent."""
+    """Largest slope of the points, the same on both sides; half their extent for a parallel
+    camera."""
 
 
 class ScenePoints:
@@ -147,7 +146,7 @@ class ScenePoints:
         count = 0
         for block in self._project():
             count += len(block.x)
-            if count > _MAX_CACHED:
+            if count > _MAX_CACHED_POINTS:
                 self._blocks = None
             elif self._blocks is not None:
                 self._blocks.append(block)
@@ -162,45 +161,45 @@ class ScenePoints:
             x, y, z = ((axis[0] * a + axis[1] * b) + axis[2] * c for axis in self._axes)
             yield PointBlock(x, y, z, None if halves is None else halves[:, 0] / self._radius)
 
-    def reach(self, axis: str, across: float, along: float) -> tuple[float, float]:
+    def max_extent_and_slope(self, axis: str, across: float, along: float) -> tuple[float, float]:
         """
-        Return how far the points reach along (across, along), and how that grows with ``along``.
+        Return the largest extent of the points along (across, along), and its slope by ``along``.
 
         Parameters
         ----------
         axis : {"x", "y"}
-            Of the picture.
+            Axis of the picture.
         across, along : float
-            Components along it and towards the camera.
+            Components of the direction along that axis and towards the camera.
         """
-        best, growth = -math.inf, 0.0
+        max_extent, slope = -math.inf, 0.0
         length = math.sqrt(across * across + along * along)
         for block in self._project() if self._blocks is None else self._blocks:
-            distances = across * (block.x if axis == "x" else block.y)
+            extents = across * (block.x if axis == "x" else block.y)
             if along != 0.0:
-                distances += along * block.z
+                extents += along * block.z
             if block.halves is not None:
-                distances += length * block.halves
-            index = int(distances.argmax())
-            if distances[index] > best:
-                best = float(distances[index])
-                growth = float(block.z[index])
+                extents += length * block.halves
+            index = int(extents.argmax())
+            if extents[index] > max_extent:
+                max_extent = float(extents[index])
+                slope = float(block.z[index])
                 if block.halves is not None:
-                    growth += float(block.halves[index]) * (along / length)
-        return best, growth
+                    slope += float(block.halves[index]) * (along / length)
+        return max_extent, slope
 
 
 def fit_perspective(
     points: ScenePoints, focal_x: float, focal_y: float
 ) -> tuple[float, tuple[AxisFit, AxisFit]]:
     """
-    Fit the eye of a pinhole so that all points are as large as possible and centred.
+    Fit the eye of a pinhole so that all points fill the picture and are centred.
 
     Parameters
     ----------
     points : ScenePoints
     focal_x, focal_y : float
-        One over the slope that the points may reach, of each axis.
+        One over the largest slope of the points, for each axis.
 
     Returns
     -------
@@ -211,41 +210,43 @@ def fit_perspective(
     """
     focals = {"x": focal_x, "y": focal_y}
     extents = {
-        axis: [points.reach(axis, sign * focal, 1.0)[0] for sign in (1.0, -1.0)]
+        axis: [points.max_extent_and_slope(axis, sign * focal, 1.0)[0] for sign in (1.0, -1.0)]
         for axis, focal in focals.items()
     }
-    min_eye = {axis: 0.5 * (low + high) for axis, (high, low) in extents.items()}
-    eye = max(*min_eye.values(), points.nearest + MIN_CLEARANCE)
+    min_eye_z = {axis: 0.5 * (low + high) for axis, (high, low) in extents.items()}
+    eye_z = max(*min_eye_z.values(), points.nearest + MIN_CLEARANCE)
     fits = []
     for axis, focal in focals.items():
-        if min_eye[axis] == eye:
+        if min_eye_z[axis] == eye_z:
             high, low = extents[axis]
             fits.append(AxisFit(0.5 * (high - low) / focal, 1.0 / focal))
         else:
-            fits.append(_center_axis(points, axis, eye, 1.0 / focal))
-    return eye, (fits[0], fits[1])
+            fits.append(_center_axis(points, axis, eye_z, 1.0 / focal))
+    return eye_z, (fits[0], fits[1])
 
 
 def fit_parallel(points: ScenePoints) -> tuple[AxisFit, AxisFit]:
     """Fit a parallel camera: return the middle and half extent of all points along x and y."""
     fits = []
     for axis in ("x", "y"):
-        high, low = (points.reach(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
+        high, low = (points.max_extent_and_slope(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
         fits.append(AxisFit(0.5 * (high - low), 0.5 * (high + low)))
     return fits[0], fits[1]
 
 
-def _center_axis(points: ScenePoints, axis: str, eye: float, slope: float) -> AxisFit:
+def _center_axis(points: ScenePoints, axis: str, eye_z: float, slope: float) -> AxisFit:
     """
     Centre the points along an axis, seen from a given z.
 
-    The slope t on both sides is the root of ``2 * t * eye - reach(1, t) - reach(-1, t)``, which is
-    concave and grows. Newton's steps come to it from below, wherever they begin.
+    The slope t on both sides is the root of ``2 * t * eye_z - extent(1, t) - extent(-1, t)``, which
+    is concave and grows. Newton's steps approach it from below, wherever they begin.
     """
-    for step in range(_MAX_STEPS):
-        (high, right), (low, left) = (points.reach(axis, sign, slope) for sign in (1.0, -1.0))
-        residual = (high - slope * eye) + (low - slope * eye)
-        change = residual / ((eye - right) + (eye - left))
+    for step in range(_MAX_NEWTON_STEPS):
+        (high, right), (low, left) = (
+            points.max_extent_and_slope(axis, sign, slope) for sign in (1.0, -1.0)
+        )
+        residual = (high - slope * eye_z) + (low - slope * eye_z)
+        change = residual / ((eye_z - right) + (eye_z - left))
         if step and change <= _MIN_STEP_RATIO * slope:
             break
         slope = max(slope + change, 0.0)

@@ -158,7 +158,7 @@ class Quality:
             self, visible_alpha=check.bounded_number("visible_alpha", self.visible_alpha, 0.0, 1.0)
         )
         for name in LEVELS:
-            store(self, **{name: _level(name, getattr(self, name))})
+            store(self, **{name: _check_level(name, getattr(self, name))})
         if self.samples != 1 and self.subpixel_bits == 0:
             raise ValueError(
                 f"samples must be 1 where subpixel_bits is 0, got {self.samples!r}: vertices on "
@@ -208,7 +208,7 @@ _OPTIONAL = ("texture_filter", "shadow_size", "shadow_taps")
 """Settings that may be None, which leaves them to the scene."""
 
 
-def _level(name: str, value: Any) -> Any:
+def _check_level(name: str, value: Any) -> Any:
     """Return a setting's value, or raise ``ValueError`` naming it."""
     if value is None and name in _OPTIONAL:
         return None
@@ -249,7 +249,7 @@ def parse_setting(text: str) -> dict[str, Any]:
         if value.lower() == str(level).lower():
             return {name: level}
     if name == "shadow_size" and value.isdecimal():
-        return {name: _level(name, int(value))}
+        return {name: _check_level(name, int(value))}
     levels = ", ".join(str(level) for level in LEVELS[name])
     raise ValueError(f"{name} must be one of {levels}; got {value!r}")
 

@@ -15,7 +15,7 @@ Curve: TypeAlias = Literal["gamma 2.2", "as is"]
 
 
 @functools.cache
-def decoded_codes(encoding: Literal["srgb"] | Curve) -> NDArray[np.float32]:
+def decode_codes(encoding: Literal["srgb"] | Curve) -> NDArray[np.float32]:
     """Return the linear value of each code, (256,) float32: ``srgb_encoding.Encoding`` inverted."""
     if encoding == "srgb":
         return decoding_table()

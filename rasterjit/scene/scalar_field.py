@@ -104,7 +104,7 @@ class Field(HoldsArrays):
         finite_values = np.where(np.isfinite(self.values), self.values, np.nan)
         return self.table[self.colormap.entries(finite_values, *self.range)]
 
-    def of_rows(self, rows: NDArray[Any]) -> Field:
+    def select_rows(self, rows: NDArray[Any]) -> Field:
         """Return the field of some vertices, given their indices, with the same colour map."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return Field(**values | {"values": check.read_only(self.values[rows])})
@@ -134,14 +134,14 @@ def make_field(
     ValueError
         Naming the argument that is wrong.
     """
-    values = _scalar_array(scalars, counts)
+    values = _check_scalars(scalars, counts)
     if contours is not None and len(values) != counts[0]:
         raise ValueError("contours must be None where scalars are those of faces, without slopes")
     return Field(
         values=check.read_only(values),
         of_faces=len(values) != counts[0],
         colormap=read_colormap(colormap),
-        range=_range_of(values) if range is None else _range(range),
+        range=_find_range(values) if range is None else _check_range(range),
         nan_color=check.read_only(linear_color("nan_color", nan_color)),
         contours=None if contours is None else read_contours(contours),
     )
@@ -160,7 +160,7 @@ def refuse_field(**given: Any) -> None:
             )
 
 
-def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
+def _check_scalars(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
     """Return a copy of scalars, (V,) or (F,) float64, or raise ``ValueError``."""
     array = check.unmasked_array("scalars", check.fill_masked(scalars), "an array of numbers")
     if array.dtype.kind not in "buif":
@@ -179,13 +179,13 @@ def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.flo
     return values
 
 
-def _range_of(values: NDArray[np.float64]) -> tuple[float, float]:
+def _find_range(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return the least and the greatest finite value; 0 and 1 where there is none."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
 
 
-def _range(value: Any) -> tuple[float, float]:
+def _check_range(value: Any) -> tuple[float, float]:
     """Check a range and return it, or raise ``ValueError``."""
     try:
         limits = check.number_array("range", value)

@@ -30,7 +30,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, root_of, roots_of, scene_of, subtree
 from rasterjit.scene.notebook_preview import PicturePreview
 from rasterjit.scene.outline import Outline
-from rasterjit.scene.point_bounds import box_around, sphere_around
+from rasterjit.scene.point_bounds import bound_points, bound_points_by_sphere
 from rasterjit.scene.points import Points
 from rasterjit.scene.reference_shader import ReferenceShading
 from rasterjit.scene.section import SectionPlane, check_section
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
-_CHUNK = 1 << 18
+_VERTICES_PER_CHUNK = 1 << 18
 """Vertices transformed at once while measuring a scene."""
 
 EFFECT_FIELDS: dict[str, type] = {
@@ -62,7 +62,7 @@ EFFECT_FIELDS: dict[str, type] = {
 """The fields of a scene that ask for effects: what they hold if not None; a section, or several."""
 
 
-def _effect(name: str, value: Any) -> Any:
+def _check_effect(name: str, value: Any) -> Any:
     """Return what a field of ``EFFECT_FIELDS`` is to hold, or raise ``ValueError``."""
     kind = EFFECT_FIELDS[name]
     if value is not None and not isinstance(value, kind):
@@ -126,7 +126,7 @@ class Scene(Guarded, PicturePreview):
     _FIELDS = ("nodes", "lights", "camera", "up", "animations", *EFFECT_FIELDS, "variant")
     _CHECKS = MappingProxyType(
         {
-            **dict.fromkeys(EFFECT_FIELDS, _effect),
+            **dict.fromkeys(EFFECT_FIELDS, _check_effect),
             "section": lambda _, value: check_section("section", value),
             "up": lambda name, value: None if value is None else unit_triple(name, value),
         }
@@ -455,14 +455,14 @@ class Scene(Guarded, PicturePreview):
         >>> frame = rj.render(now, size=(64, 48), outputs="motion", previous=view)
         """
         seconds = check.finite_number("time", time)
-        animations = self._chosen_animations(animation)
+        animations = self._choose_animations(animation)
         values: dict[int, dict[str, Any]] = {}
         for part in animations:
             for channel in part.channels:
                 values.setdefault(id(channel.node), {})[channel.path] = channel.at(seconds)
-        return self._copied(values)
+        return self._copy_with_values(values)
 
-    def _chosen_animations(self, animation: Any) -> list[Animation]:
+    def _choose_animations(self, animation: Any) -> list[Animation]:
         """Return the animations that an argument selects, or raise ``ValueError``."""
         if not isinstance(self.animations, list | tuple):
             raise ValueError(f"scene.animations must be a list, got {check.brief(self.animations)}")
@@ -477,10 +477,10 @@ class Scene(Guarded, PicturePreview):
         if animation is None:
             return [_first_moving(self.animations, node_ids)]
         if isinstance(animation, list | tuple):
-            return [_first_moving(self._animations_of(item), node_ids) for item in animation]
-        return [_first_moving(self._animations_of(animation), node_ids)]
+            return [_first_moving(self._find_animations(item), node_ids) for item in animation]
+        return [_first_moving(self._find_animations(animation), node_ids)]
 
-    def _animations_of(self, which: Any) -> list[Animation]:
+    def _find_animations(self, which: Any) -> list[Animation]:
         """Return the animations of a name, a number or an `Animation`, or raise ``ValueError``."""
         names = [one.name for one in self.animations]
         if isinstance(which, str):
@@ -523,7 +523,7 @@ class Scene(Guarded, PicturePreview):
         """
         return call_above("pose_scene", self) if Deformable.exists else self
 
-    def _copied(self, changes: dict[int, dict[str, Any]]) -> Scene:
+    def _copy_with_values(self, changes: dict[int, dict[str, Any]]) -> Scene:
         """Return a copy that owns its nodes, with changed values by the ids of the old ones."""
         copies: dict[int, Node] = {}
         for node in self._all_nodes():
@@ -688,7 +688,7 @@ class Scene(Guarded, PicturePreview):
         ValueError
             If there is no such vertex.
         """
-        return box_around(self._world_chunks)
+        return bound_points(self._world_chunks)
 
     def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
         """
@@ -708,7 +708,7 @@ class Scene(Guarded, PicturePreview):
         ValueError
             If no face has a finite vertex.
         """
-        return sphere_around(self._world_chunks)
+        return bound_points_by_sphere(self._world_chunks)
 
     def _world_chunks(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
         """
@@ -731,12 +731,12 @@ class Scene(Guarded, PicturePreview):
             used, sizes = mesh.used_vertices(), _half_sizes(mesh)
             poses = np.concatenate(matrices).reshape(-1, 4, 4)
             scales, is_whole = _max_scales(poses), bool(used.all())
-            for start in range(0, len(used), _CHUNK):
-                chunk = slice(start, start + _CHUNK)
+            for start in range(0, len(used), _VERTICES_PER_CHUNK):
+                chunk = slice(start, start + _VERTICES_PER_CHUNK)
                 positions = mesh.vertices[chunk]
                 if not is_whole:
                     positions = positions[used[chunk]]
-                count = max(1, _CHUNK // max(1, len(positions)))
+                count = max(1, _VERTICES_PER_CHUNK // max(1, len(positions)))
                 for first in range(0, len(poses) if len(positions) else 0, count):
                     poses_chunk = poses[first : first + count]
                     halves = None

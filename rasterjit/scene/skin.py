@@ -97,11 +97,13 @@ class Skin(HoldsArrays, Guarded):
         self, joints: Sequence[Any], inverse_binds: ArrayLike | None = None, name: str = ""
     ) -> None:
         self.name = name
-        self._joints = _checked_joints(joints)
+        self._joints = _check_joints(joints)
         if inverse_binds is None:
-            self._inverse_binds = _inverses(self._joints)
+            self._inverse_binds = _invert_joint_matrices(self._joints)
         else:
-            self._inverse_binds = check.read_only(_checked_binds(inverse_binds, len(self._joints)))
+            self._inverse_binds = check.read_only(
+                _check_inverse_binds(inverse_binds, len(self._joints))
+            )
         self._cached_matrices: tuple[list[Float64], Float64] | None = None
 
     @property
@@ -186,9 +188,9 @@ class MorphTargets(HoldsArrays, Guarded):
         names: Sequence[str] = (),
     ) -> None:
         self._shape: tuple[int, int] | None = None
-        self._positions = self._checked("positions", positions)
-        self._normals = self._checked("normals", normals)
-        self._tangents = self._checked("tangents", tangents)
+        self._positions = self._check_array("positions", positions)
+        self._normals = self._check_array("normals", normals)
+        self._tangents = self._check_array("tangents", tangents)
         if self._shape is None:
             raise ValueError("positions, normals or tangents must be given, got none of them")
         self._weights: Float64 | None = None
@@ -201,7 +203,7 @@ class MorphTargets(HoldsArrays, Guarded):
                 f"got {check.brief(names)}"
             )
 
-    def _checked(self, name: str, value: ArrayLike | None) -> NDArray[Any] | None:
+    def _check_array(self, name: str, value: ArrayLike | None) -> NDArray[Any] | None:
         """Return an array of all targets, of the others' shape, or raise ``ValueError``."""
         if value is None:
             return None
@@ -311,10 +313,10 @@ def skin_arrays(joints: Any, weights: Any, vertex_count: int) -> tuple[Int32, Fl
     if not is_integer.all():
         example = numbers[~is_integer][0]
         raise ValueError(f"joints must be whole numbers from 0, got {float(example)!r}")
-    return check.read_only(numbers.astype(np.int32)), check.read_only(unit_sums(values))
+    return check.read_only(numbers.astype(np.int32)), check.read_only(normalize_weights(values))
 
 
-def unit_sums(weights: Float64) -> Float64:
+def normalize_weights(weights: Float64) -> Float64:
     """Return weights (V, K) with the rows scaled whose sum is not 1 by more than rounding."""
     sums = sum_rows(weights)
     is_off = np.abs(sums - 1.0) > WEIGHT_ROUNDING
@@ -370,7 +372,7 @@ def check_morph_weights(value: Any, mesh: Any) -> Float64 | None:
     return morph_weights(value, count)
 
 
-def _checked_joints(joints: Any) -> tuple[Any, ...]:
+def _check_joints(joints: Any) -> tuple[Any, ...]:
     """Return joints, or raise ``ValueError``."""
     if isinstance(joints, (str, bytes)) or not isinstance(joints, Sequence):
         raise ValueError(f"joints must be a sequence of nodes, got {check.brief(joints)}")
@@ -382,7 +384,7 @@ def _checked_joints(joints: Any) -> tuple[Any, ...]:
     return tuple(joints)
 
 
-def _checked_binds(value: ArrayLike, count: int) -> Float64:
+def _check_inverse_binds(value: ArrayLike, count: int) -> Float64:
     """Return inverse bind matrices, (J, 4, 4), with exact last rows, or raise ``ValueError``."""
     binds = np.array(check.finite_array("inverse_binds", value, (count, 4, 4)))
     is_off = (np.abs(binds[:, 3] - (0.0, 0.0, 0.0, 1.0)) > AFFINE_ROUNDING).any(axis=1)
@@ -412,7 +414,7 @@ def is_singular(matrix: Float64) -> bool:
     return abs(determinant) < _MIN_DETERMINANT
 
 
-def _inverses(joints: Sequence[Any]) -> Float64:
+def _invert_joint_matrices(joints: Sequence[Any]) -> Float64:
     """Return the inverse world matrices of joints, or raise ``ValueError``."""
     inverses = []
     for number, joint in enumerate(joints):

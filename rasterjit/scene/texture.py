@@ -20,13 +20,13 @@ from rasterjit.scene.arrays import HoldsArrays
 from rasterjit.scene.attribute_guard import store, suggests_replace
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import (
-    allocate,
-    bands,
+    allocate_levels,
+    compute_mask_levels,
+    compute_weighted_levels,
     fill_levels,
     level_sizes,
-    mask_levels,
+    split_bands,
     split_levels,
-    weighted_levels,
 )
 from rasterjit.scene.picture_codes import read_codes
 from rasterjit.scene.transforms import sine_cosine
@@ -127,14 +127,14 @@ class Pyramid:
         self,
         picture: NDArray[Any],
         color_space: ColorSpace = "srgb",
-        room: NDArray[np.float32] | None = None,
+        buffer: NDArray[np.float32] | None = None,
     ) -> None:
         self.size = picture.shape[1], picture.shape[0]
         self.color_space = color_space
         self.codes: NDArray[np.uint8] | None = picture if picture.dtype == np.uint8 else None
         """The picture as codes, (H, W, 1..4), read-only; None if it is kept as linear light."""
         self._texels = NO_TEXELS if self.codes is not None else picture.reshape(-1, 4)
-        self._room = room
+        self._buffer = buffer
         self._prepared: dict[tuple[AlphaUse, bool], NDArray[np.float32]] = {}
 
     @property
@@ -147,10 +147,10 @@ class Pyramid:
         """The picture as linear light, (H, W, 4) float32, read-only; of codes, made anew."""
         width, height = self.size
         if self.codes is not None:
-            return check.read_only(self._rows(slice(0, height)))
+            return check.read_only(self._decode_rows(slice(0, height)))
         return self._texels[: width * height].reshape(height, width, 4)
 
-    def _rows(self, rows: slice) -> NDArray[np.float32]:
+    def _decode_rows(self, rows: slice) -> NDArray[np.float32]:
         """Return some rows of the image."""
         if self.codes is None:
             return self.image[rows]
@@ -161,11 +161,11 @@ class Pyramid:
         """The least alpha of any texel."""
         return float(self._alphas().min())
 
-    def least_alpha_from(self, cutoff: float) -> float | None:
+    def min_alpha_above(self, cutoff: float) -> float | None:
         """Return the least alpha of a texel that is no hole; None if all are holes."""
         alphas = self._alphas()
-        kept = alphas[alphas >= np.float32(cutoff)]
-        return float(kept.min()) if kept.size else None
+        solid = alphas[alphas >= np.float32(cutoff)]
+        return float(solid.min()) if solid.size else None
 
     def _alphas(self) -> NDArray[np.float32]:
         """Return the alphas that texels have, of codes each once."""
@@ -179,28 +179,28 @@ class Pyramid:
         """Return all levels, (h, w, 4) float32 each, read-only."""
         sizes = level_sizes(*self.size)
         if self.codes is None:
-            return split_levels(self._floats(True), sizes)
-        return [self.image, *split_levels(self._floats(True), sizes[1:])]
+            return split_levels(self._linear_texels(True), sizes)
+        return [self.image, *split_levels(self._linear_texels(True), sizes[1:])]
 
-    def _floats(self, has_levels: bool) -> NDArray[np.float32]:
+    def _linear_texels(self, has_levels: bool) -> NDArray[np.float32]:
         """Return the texels that are kept as linear light; all but the codes, if there are any."""
         sizes = level_sizes(*self.size)
-        kept = sizes if self.codes is None else sizes[1:]
-        count = sum(width * height for width, height in kept)
+        stored_sizes = sizes if self.codes is None else sizes[1:]
+        count = sum(width * height for width, height in stored_sizes)
         if not has_levels:
             return NO_TEXELS if self.codes is not None else self.image.reshape(-1, 4)
         if len(self._texels) < count:
-            room = self._room
-            if room is None:
-                room = allocate(kept)
-                room[: len(self._texels)] = self._texels
-            levels = split_levels(room, kept)
+            buffer = self._buffer
+            if buffer is None:
+                buffer = allocate_levels(stored_sizes)
+                buffer[: len(self._texels)] = self._texels
+            levels = split_levels(buffer, stored_sizes)
             # A picture of linear light is kept once: at the head of its levels.
-            fill_levels(levels if self.codes is None else [self.codes, *levels], self._rows)
-            self._texels, self._room = check.read_only(room), None
+            fill_levels(levels if self.codes is None else [self.codes, *levels], self._decode_rows)
+            self._texels, self._buffer = check.read_only(buffer), None
         return self._texels
 
-    def prepared_chain(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
+    def prepare_chain(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
         """
         Return the texels that are read as linear light, (N, 4) float32, read-only, row by row.
 
@@ -212,14 +212,14 @@ class Pyramid:
             Whether the mip levels are read.
         """
         if alpha is None:
-            return self._floats(has_levels)
+            return self._linear_texels(has_levels)
         chain = self._prepared.pop((alpha, has_levels), None)
         if chain is None:
             is_weighted = alpha == WEIGHTED
             chain = (
-                weighted_levels(self.image, has_levels)
+                compute_weighted_levels(self.image, has_levels)
                 if is_weighted
-                else mask_levels(self.image, float(alpha), has_levels)
+                else compute_mask_levels(self.image, float(alpha), has_levels)
             )
         # The last ones are kept: an animated alpha asks for ever new cutoffs.
         self._prepared[alpha, has_levels] = chain
@@ -329,7 +329,7 @@ class Texture(HoldsArrays):
         self._set_transform(self.offset, self.rotation, self.scale)
         # From here on the pyramid has the image, which copies share.
         image = self.__dict__.pop("image")
-        store(self, pyramid=_checked_pyramid(image, self.color_space))
+        store(self, pyramid=_make_pyramid(image, self.color_space))
 
     def _set_filter(self, filter: Any, anisotropy: Any) -> None:
         """Check and keep filter and anisotropy."""
@@ -344,7 +344,7 @@ class Texture(HoldsArrays):
 
     def _set_transform(self, offset: Any, rotation: Any, scale: Any) -> None:
         """Check and keep offset, rotation and scale."""
-        store(self, offset=_pair("offset", offset), scale=_pair("scale", scale))
+        store(self, offset=_check_pair("offset", offset), scale=_check_pair("scale", scale))
         store(self, rotation=check.finite_number("rotation", rotation))
 
     def __getattr__(self, name: str) -> Any:
@@ -564,7 +564,7 @@ def flip_v(
     return (offset[0] + scale[1] * sine, 1.0 - offset[1] - scale[1] * cosine), rotation, scale
 
 
-def _pair(name: str, value: Any) -> tuple[float, float]:
+def _check_pair(name: str, value: Any) -> tuple[float, float]:
     """Return two numbers, each at most ``MAX_UV_OFFSET`` in size, or raise."""
     u, v = check.finite_array(name, value, (2,)).tolist()
     return (
@@ -573,7 +573,7 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
     )
 
 
-def _checked_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
+def _make_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
     """Return a copy of an image, without its levels, or raise ``ValueError``."""
     # An array of a type that says what its numbers are.
     expected = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
@@ -596,8 +596,8 @@ def _checked_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
         codes = image[:, :, :-1] if is_opaque else image
         return Pyramid(check.read_only(np.array(codes, order="C")), color_space)
     # What no one reads or writes of the room for levels takes no memory.
-    room = allocate(level_sizes(width, height))
-    texels = room[:]
+    buffer = allocate_levels(level_sizes(width, height))
+    texels = buffer[:]
     linear = texels[: height * width].reshape(height, width, 4)
     if image.dtype.kind == "f":
         colors = channels - 1 if has_alpha(image) else channels
@@ -612,10 +612,10 @@ def _checked_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
         linear[:, :, :3] = image[:, :, :colors]
         linear[:, :, 3:] = image[:, :, colors:] if has_alpha(image) else 1.0
     else:
-        for rows in bands(height, width):
+        for rows in split_bands(height, width):
             linear[rows] = decode_texels(image[rows], color_space)
     texels.setflags(write=False)
-    return Pyramid(check.read_only(linear), color_space, room)
+    return Pyramid(check.read_only(linear), color_space, buffer)
 
 
 def has_alpha(image: NDArray[Any]) -> bool:
@@ -625,12 +625,12 @@ def has_alpha(image: NDArray[Any]) -> bool:
 
 def decode_texels(codes: NDArray[Any], color_space: ColorSpace) -> NDArray[np.float32]:
     """Return codes of 8 or 16 bits, (H, W, 1..4), as linear light, (H, W, 4)."""
-    most = np.float32(np.iinfo(codes.dtype).max)
-    decoded = srgb_to_linear if codes.dtype == np.uint8 else _srgb_16_to_linear
+    max_code = np.float32(np.iinfo(codes.dtype).max)
+    decode = srgb_to_linear if codes.dtype == np.uint8 else _decode_srgb_16
     colors = codes[:, :, :-1] if has_alpha(codes) else codes
     linear = np.empty((*codes.shape[:2], 4), np.float32)
-    linear[:, :, :3] = colors / most if color_space == "linear" else decoded(colors)
-    linear[:, :, 3] = codes[:, :, -1] / most if has_alpha(codes) else 1.0
+    linear[:, :, :3] = colors / max_code if color_space == "linear" else decode(colors)
+    linear[:, :, 3] = codes[:, :, -1] / max_code if has_alpha(codes) else 1.0
     return linear
 
 
@@ -672,13 +672,13 @@ def _check_light(values: NDArray[Any], label: str, limit: float) -> None:
         )
 
 
-def _srgb_16_to_linear(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
+def _decode_srgb_16(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Decode 16-bit sRGB codes to linear light through a table; 257 c is the 8-bit code c."""
-    return _decoding_table_16()[codes]
+    return _build_decoding_table_16()[codes]
 
 
 @cache
-def _decoding_table_16() -> NDArray[np.float32]:
+def _build_decoding_table_16() -> NDArray[np.float32]:
     """
     Return the linear value of each of the 65536 codes.
 

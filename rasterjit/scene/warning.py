@@ -18,17 +18,17 @@ REPEATED = "what is said of each frame anew"
 REPAIRED_NORMALS = "normals of length 0 of a mesh"
 """Kind of warnings about repaired normals, issued once for each mesh."""
 
-_SILENT: ContextVar[frozenset[str]] = ContextVar("_SILENT", default=frozenset())
+_SILENCED_KINDS: ContextVar[frozenset[str]] = ContextVar("_SILENCED_KINDS", default=frozenset())
 
 
 @contextmanager
 def silence_warnings(kind: str) -> Iterator[None]:
     """Suppress warnings of a kind inside a block, whose caller reports the same itself."""
-    token = _SILENT.set(_SILENT.get() | {kind})
+    token = _SILENCED_KINDS.set(_SILENCED_KINDS.get() | {kind})
     try:
         yield
     finally:
-        _SILENT.reset(token)
+        _SILENCED_KINDS.reset(token)
 
 
 def warn_caller(
@@ -45,7 +45,7 @@ def warn_caller(
     kind : str
         What `silence_warnings` may keep back. Default: nothing does.
     """
-    if kind in _SILENT.get():
+    if kind in _SILENCED_KINDS.get():
         return
     level, outermost = 1, 1
     frame: FrameType | None = sys._getframe()

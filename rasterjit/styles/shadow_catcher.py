@@ -28,7 +28,7 @@ from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera
-from rasterjit.scene.camera_fitting import up_rotation
+from rasterjit.scene.camera_fitting import rotate_y_to
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -121,7 +121,7 @@ def find_ground(scene: Scene, key: Vector | None) -> Ground | None:
     """
     if _shadow_casters(scene) is None:
         return None
-    frame = np.ascontiguousarray(up_rotation(scene.up or (0.0, 1.0, 0.0))[:3, :3].T[[0, 2, 1]])
+    frame = np.ascontiguousarray(rotate_y_to(scene.up or (0.0, 1.0, 0.0))[:3, :3].T[[0, 2, 1]])
     bounds = [_bounds_along(scene, axis) for axis in frame]
     (u0, u1), (v0, v1), (h0, h1) = bounds
     height, size = h1 - h0, max(u1 - u0, v1 - v0)

@@ -23,7 +23,7 @@ from rasterjit.pipeline.geometry import depth_range
 from rasterjit.pipeline.geometry.depth_range import DEPTH, SURE
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import MAX_STEPS, Camera, NearFar, OrthographicCamera, near_far
+from rasterjit.scene.camera import MAX_PLANE_STEPS, Camera, NearFar, OrthographicCamera, near_far
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, meshes_of
@@ -88,7 +88,7 @@ class PlaneNeeds(NamedTuple):
 
     near_steps: int = 0
     """How often an open near plane must be halved to clip nothing."""
-    max_near_steps: int = MAX_STEPS
+    max_near_steps: int = MAX_PLANE_STEPS
     """Most times that it may be halved."""
     far_steps: int = 0
     """How often an open far plane must be doubled to clip nothing."""
@@ -290,7 +290,7 @@ def _frustum_sides(clip_from_relative: Float64) -> Float64:
 def _count_near_steps(planes: NearFar, min_depth: float) -> int:
     """Return how often the near plane must be halved not to clip a depth."""
     max_plane, steps = min_depth * (1.0 - PLANE_MARGIN), 0
-    while steps < MAX_STEPS and planes.near / (1 << steps) > max_plane:
+    while steps < MAX_PLANE_STEPS and planes.near / (1 << steps) > max_plane:
         steps += 1
     return steps
 
@@ -299,13 +299,13 @@ def _count_max_near_steps(planes: NearFar, boxes: Boxes, quality: Quality) -> in
     """Return how often the near plane may be halved, limited by float64 and the depth format."""
     is_reversed = quality.depth_format in REVERSED_TYPES
     if is_reversed and planes.far == math.inf:
-        return MAX_STEPS
+        return MAX_PLANE_STEPS
     min_plane = 2.0 * transforms.MIN_NEAR * planes.far if planes.far < math.inf else 0.0
     if not is_reversed:
         resolved = min_resolved_depth(quality.depth_format, quality.precision)
         min_plane = max(min_plane, 2.0 * resolved * min(boxes.compute_max_w(), planes.far))
     steps = 0
-    while steps < MAX_STEPS and planes.near / (2 << steps) >= min_plane:
+    while steps < MAX_PLANE_STEPS and planes.near / (2 << steps) >= min_plane:
         steps += 1
     return steps
 
@@ -313,7 +313,7 @@ def _count_max_near_steps(planes: NearFar, boxes: Boxes, quality: Quality) -> in
 def _count_far_steps(planes: NearFar, max_depth: float) -> int:
     """Return how often the far plane must be doubled not to clip a depth."""
     steps = 0
-    while steps < MAX_STEPS and planes.far * (1 << steps) * (1.0 - PLANE_MARGIN) < max_depth:
+    while steps < MAX_PLANE_STEPS and planes.far * (1 << steps) * (1.0 - PLANE_MARGIN) < max_depth:
         steps += 1
     return steps
 

@@ -413,7 +413,7 @@ def _make_degenerate_mesh(mesh: Mesh) -> Mesh:
         attributes=attributes, material=Material("unlit"),
     )  # fmt: skip
     if mesh.field is not None:
-        result._field = mesh.field.of_rows(np.array([0] if mesh.field.of_faces else corners))
+        result._field = mesh.field.select_rows(np.array([0] if mesh.field.of_faces else corners))
     return result
 
 

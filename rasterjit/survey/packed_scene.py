@@ -600,7 +600,7 @@ def _merge_alpha_use(mesh: Mesh) -> AlphaUse:
     use, texture = find_alpha_use(mesh), mesh.material.base_color_texture
     if texture is None or not isinstance(use, float):
         return use
-    return texture.pyramid.least_alpha_from(use)
+    return texture.pyramid.min_alpha_above(use)
 
 
 def _join_texels(
@@ -620,7 +620,7 @@ def _join_texels(
     texels, codes, locations = [], [np.empty(0, np.uint8)], {}
     first_texel, first_code = 0, 0
     for (pyramid, use), has_mip_levels in has_levels.items():
-        texels.append(pyramid.prepared_chain(use, has_mip_levels))
+        texels.append(pyramid.prepare_chain(use, has_mip_levels))
         sizes = level_sizes(*pyramid.size) if has_mip_levels else [pyramid.size]
         code_range: _Codes = (0, 0, 0)
         if use is None and pyramid.codes is not None:

@@ -23,20 +23,20 @@ from rasterjit.scene import transforms
 from rasterjit.scene.attribute_guard import suggests_replace
 from rasterjit.scene.camera import Bounded, Camera, PerspectiveCamera
 from rasterjit.scene.camera_fitting import (
-    CLEARANCE,
     MIN_DISTANCE_RATIO,
+    PLANE_MARGIN,
     BoundingSphere,
     CameraPose,
     Vector,
-    camera_at,
     fit_camera,
     lerp,
+    make_camera_at,
     move_by,
     orbit_direction,
     pixel_size,
+    rotate_y_to,
     subtract,
     to_triple,
-    up_rotation,
 )
 from rasterjit.scene.validation import finite_number, positive_number
 from rasterjit.scene.vectors import cross, dot, length
@@ -183,7 +183,7 @@ class Orbit:
         distance = _pivot_distance(ball, view.eye, view.forward)
         if view.height is not None:
             distance = 0.5 * view.height * transforms.focal_length(view.fov_y)
-        azimuth, elevation = view.angles(upward)
+        azimuth, elevation = view.azimuth_and_elevation(upward)
         target = move_by(view.eye, view.forward, distance)
         if view.height is not None:
             depth = dot(subtract(ball.center, view.eye), view.forward)
@@ -236,12 +236,12 @@ class Orbit:
 
     def camera(self) -> PerspectiveCamera:
         """Return the current camera; its near plane is before the scene or near the eye."""
-        frame = up_rotation(self.up)
+        frame = rotate_y_to(self.up)
         target, distance, azimuth, elevation = self.pose
         toward = to_triple(transforms.apply(frame, orbit_direction(azimuth, elevation)))
         upward = to_triple(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
         eye = move_by(target, toward, distance)
-        return camera_at(eye, target, upward, self.fov_y, self.ball)
+        return make_camera_at(eye, target, upward, self.fov_y, self.ball)
 
     @property
     def is_resting(self) -> bool:
@@ -369,7 +369,7 @@ class Orbit:
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
         """Return right, up and the direction from target to eye, at the goal, world space."""
-        frame = up_rotation(self.up)
+        frame = rotate_y_to(self.up)
         azimuth, elevation = self.goal.azimuth, self.goal.elevation
         upward, toward = (
             to_triple(transforms.apply(frame, orbit_direction(azimuth, angle)))
@@ -443,7 +443,7 @@ class Fly:
             sight = CameraPose.of(Orbit.from_camera(camera, scene, up).camera())
         ball = BoundingSphere.around(scene)
         upward = to_triple(transforms.unit_vector("up", up))
-        azimuth, elevation = sight.angles(upward)
+        azimuth, elevation = sight.azimuth_and_elevation(upward)
         elevation = _clamp(elevation, MAX_PITCH)
         speed = 2.0 * ball.radius / CROSSING_TIME
         home = sight.eye, azimuth, elevation, speed
@@ -483,7 +483,7 @@ class Fly:
     def camera(self) -> PerspectiveCamera:
         """Return the current camera; its near plane is before the scene or near the eye."""
         _, upward, forward = self._axes()
-        return camera_at(
+        return make_camera_at(
             self.eye, move_by(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
         )
 
@@ -556,7 +556,7 @@ class Fly:
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
         """Return right, up and forward, world space."""
-        frame = up_rotation(self.up)
+        frame = rotate_y_to(self.up)
         upward, toward = (
             to_triple(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
             for angle in (self.elevation + 90.0, self.elevation)
@@ -593,7 +593,7 @@ def _pivot_distance(ball: BoundingSphere, eye: Vector, forward: Vector) -> float
     """Return the distance from the eye to the pivot."""
     distance = dot(subtract(ball.center, eye), forward)
     # Behind or beside the scene: it turns around what is in front of the eye.
-    return ball.radius if distance < CLEARANCE * ball.radius else distance
+    return ball.radius if distance < PLANE_MARGIN * ball.radius else distance
 
 
 def _clamp(angle: float, largest: float) -> float:

@@ -13,7 +13,7 @@ import rasterjit as rj
 import rasterjit.compat.pyrender as pyrender
 from rasterjit.compat.pyrender.drawing import Seen, camera_of, convert
 from rasterjit.pipeline import srgb_encoding
-from rasterjit.scene.reference_shader import decoded_codes
+from rasterjit.scene.reference_shader import decode_codes
 
 SIZE = 96, 72
 QUALITIES = (rj.Quality(), rj.Quality(samples=4, blending="srgb8", subpixel_bits=12))
@@ -105,7 +105,7 @@ def test_linear_light_is_what_codes_stand_for(drawn, camera):
 
 @pytest.mark.parametrize("encoding", ["srgb", "gamma 2.2", "as is"])
 def test_codes_stand_for_what_is_encoded_as_them(encoding):
-    light = decoded_codes(encoding)
+    light = decode_codes(encoding)
     codes = [
         srgb_encoding.code_of(np.append(np.repeat(value, 3), 0.0), encoding) for value in light
     ]

@@ -296,7 +296,7 @@ def draw_picture(filter, pixels):
 @pytest.fixture
 def poisoned(monkeypatch):
     """Make every texel of the coarser mip levels NaN, so that reading one is seen."""
-    prepared_by = Pyramid.prepared_chain
+    prepared_by = Pyramid.prepare_chain
 
     def with_poison(pyramid, alpha, has_levels):
         texels = np.array(prepared_by(pyramid, alpha, has_levels))
@@ -304,7 +304,7 @@ def poisoned(monkeypatch):
         texels[0 if pyramid.codes is not None else width * height :] = np.nan
         return texels
 
-    monkeypatch.setattr(Pyramid, "prepared_chain", with_poison)
+    monkeypatch.setattr(Pyramid, "prepare_chain", with_poison)
 
 
 @pytest.mark.case("G04")

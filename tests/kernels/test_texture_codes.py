@@ -108,8 +108,8 @@ def test_codes_have_the_levels_and_alphas_of_their_light(shape):
         assert not one.flags.writeable
     assert coded.lowest_alpha == light.lowest_alpha
     for cutoff in (0.0, 0.3, 1.0):
-        found = coded.pyramid.least_alpha_from(cutoff)
-        assert found == light.pyramid.least_alpha_from(cutoff)
+        found = coded.pyramid.min_alpha_above(cutoff)
+        assert found == light.pyramid.min_alpha_above(cutoff)
 
 
 def test_large_pictures_are_kept_as_codes_and_small_ones_as_floats():

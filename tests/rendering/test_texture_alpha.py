@@ -282,7 +282,7 @@ def test_levels_of_a_mask_hold_shares_and_no_colour_of_a_hole():
         image = np.empty((height, width, 4), np.float32)
         image[...] = np.where(there[..., np.newaxis], (0.1, 0.9, 0.2, 0), (5, 5, 5, 0))
         image[..., 3] = alphas
-        texels = rj.Texture(image).pyramid.prepared_chain(0.5, True)
+        texels = rj.Texture(image).pyramid.prepare_chain(0.5, True)
         exact = naive.mip_chain(naive.exact_image(there))
         start = 0
         for level, (columns, rows) in enumerate(level_sizes(width, height)):

@@ -123,13 +123,13 @@ def test_smooth_and_noisy_surfaces_are_not(name):
 def test_a_few_faces_tell_that_a_surface_is_smooth(name, monkeypatch):
     # It is asked for each new mesh, and so for each frame where a shape morphs.
     shape, looked_at = WITHOUT[name](), []
-    measure = normals.area_vectors
+    measure = normals.compute_area_vectors
 
     def count(vertices, faces, scale):
         looked_at.append(len(faces))
         return measure(vertices, faces, scale)
 
-    monkeypatch.setattr(normals, "area_vectors", count)
+    monkeypatch.setattr(normals, "compute_area_vectors", count)
     assert not creased(shape.vertices, shape.faces)
     assert 100 < sum(looked_at) < 1024 < len(shape.faces)
 

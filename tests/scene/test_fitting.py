@@ -290,7 +290,7 @@ def test_the_fit_is_the_best_one_there_is():
 def test_many_points_are_transformed_again_with_the_same_bits(monkeypatch):
     scene = scene_of(cloud(14, 5000))
     expected = rj.fit_camera(scene, aspect=1.7)
-    monkeypatch.setattr(point_bounds, "_MAX_CACHED", 100)
+    monkeypatch.setattr(point_bounds, "_MAX_CACHED_POINTS", 100)
     assert rj.fit_camera(scene, aspect=1.7) == expected
 
 

@@ -244,7 +244,7 @@ def test_normals_do_not_depend_on_units(scale):
 def test_normals_do_not_depend_on_the_chunk(monkeypatch):
     vertices, faces = cube()
     whole, split = Mesh(vertices, faces).vertex_normals(), Mesh(vertices, faces).split_creases()
-    monkeypatch.setattr(normals_module, "_CHUNK", 5)
+    monkeypatch.setattr(normals_module, "_FACES_PER_CHUNK", 5)
     assert np.array_equal(Mesh(vertices, faces).vertex_normals(), whole)
     assert np.array_equal(Mesh(vertices, faces).split_creases().normals, split.normals)
 

@@ -193,7 +193,7 @@ def test_many_instances_have_the_bounds_of_as_many_meshes(monkeypatch):
         copies.add(Mesh(mesh.vertices, mesh.faces), matrix)
     expected = copies.bounding_sphere()
     for chunk in (1 << 18, 100, 7):
-        monkeypatch.setattr(scene_module, "_CHUNK", chunk)
+        monkeypatch.setattr(scene_module, "_VERTICES_PER_CHUNK", chunk)
         for scene in (instances, copies):
             center, radius = scene.bounding_sphere()
             assert center.tolist() == expected[0].tolist()

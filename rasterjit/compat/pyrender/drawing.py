@@ -27,7 +27,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.mesh import Mesh as SceneMesh
 from rasterjit.scene.normals import dot_rows, unit_rows
-from rasterjit.scene.reference_shader import DepthMap, ReferenceShading, decoded_codes
+from rasterjit.scene.reference_shader import DepthMap, ReferenceShading, decode_codes
 from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross, dot, length
 
@@ -378,8 +378,8 @@ def background_codes(scene: Scene) -> NDArray[np.uint8]:
 
 def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
     """Return what is shown as codes, (4,)."""
-    light = decoded_codes("as is" if flags & RenderFlags.FLAT else "gamma 2.2")
-    return np.append(light[codes[:3]], decoded_codes("as is")[codes[3]])
+    light = decode_codes("as is" if flags & RenderFlags.FLAT else "gamma 2.2")
+    return np.append(light[codes[:3]], decode_codes("as is")[codes[3]])
 
 
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:

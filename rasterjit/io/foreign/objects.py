@@ -25,7 +25,7 @@ from rasterjit.io.text.mesh_builder import (
     triangles,
 )
 from rasterjit.scene.distinct_rows import distinct_rows
-from rasterjit.scene.lines import strip_segments
+from rasterjit.scene.lines import split_into_segments
 from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.normals import is_creased, safe_scale
 from rasterjit.scene.scene import Scene
@@ -459,7 +459,7 @@ def _surface_geometries(what: Any, name: str, source: str, left_out: LeftOut) ->
         geometries.append(_mesh(what, name, points, faces, numbers, of_points, of_cells))
     corners, counts = cells["lines"]
     if len(counts):
-        segments, lines = strip_segments(corners, counts)
+        segments, lines = split_into_segments(corners, counts)
         geometries.append(
             _lines(name, points, segments, lines + begins["lines"], of_points, of_cells)
         )
