@@ -110,7 +110,7 @@ def frames(
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {brief(track)}")
-    clips = () if animation is None else scene._chosen_animations(animation)
+    clips = () if animation is None else scene._choose_animations(animation)
     loop_duration = max((clip.duration for clip in clips), default=0.0) if repeats else math.inf
     channels = [channel for clip in clips for channel in clip.channels]
     options = {"outputs": outputs, "background": background, "cull": cull}

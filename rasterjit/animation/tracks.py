@@ -403,7 +403,7 @@ def _measure_animation(scene: Bounded, animation: Any) -> Bounded:
     """Return a sphere around a scene at all times of an animation, measured at some of them."""
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene to play an animation, got {brief(scene)}")
-    clips = scene._chosen_animations(animation)
+    clips = scene._choose_animations(animation)
     duration = max((clip.duration for clip in clips), default=0.0)
     times = np.linspace(0.0, duration, MEASURED_TIME_COUNT).tolist()
     spheres = [scene.at(time, animation).bounding_sphere() for time in times]

@@ -22,7 +22,7 @@ def irradiance(light, normal):
     build_basis = np.array([1, x, y, z, x * y, y * z, z * x, 3 * y * y - 1, x * x - z * z])
     total = build_basis @ light.terms.astype(np.float64)
     if len(light.bands):
-        bands = [np.polynomial.legendre.Legendre.build_basis(degree)(y) for degree in (4, 6)]
+        bands = [np.polynomial.legendre.Legendre.basis(degree)(y) for degree in (4, 6)]
         total += np.array(bands) @ light.bands.astype(np.float64)
     for spot in light.spots.astype(np.float64):
         total += max(spot[:3] @ normal, 0.0) * spot[3:]

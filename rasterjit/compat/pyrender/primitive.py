@@ -310,7 +310,7 @@ class Primitive:
                 )  # fmt: skip
             if self.normals is None:
                 # Given, they are no reason to warn of sharp edges: light goes by the viewer.
-                made._normals = made._vertex_normals = read_only(made._derived_normals())
+                made._normals = made._vertex_normals = read_only(made._derive_normals())
             if is_lit:
                 # Copies have them, too.
                 made.vertex_normals()
