@@ -81,7 +81,7 @@ class BoundingSphere(NamedTuple):
     center: Vector
     radius: float
     scene: Bounded | None = None
-    """The scene in it, if known: cameras fit its points."""
+    """The scene inside, if known: cameras fit its points."""
 
     @classmethod
     def around(cls, scene: Bounded) -> BoundingSphere:
@@ -110,7 +110,7 @@ def default_camera(
     scene: Bounded, size: tuple[int, int], up: ArrayLike | None = None, *, steady: bool = False
 ) -> PerspectiveCamera:
     """
-    Return the camera of pictures that are given none: fitted, with the scene's ``up``.
+    Return the default camera of a picture: fitted to the scene, with the scene's ``up``.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class CameraPose(NamedTuple):
     upward: Vector
     fov_y: float
     height: float | None
-    """Height of what a parallel camera shows, scene units."""
+    """Visible height of a parallel camera, scene units; None for a perspective."""
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> CameraPose:
@@ -164,13 +164,13 @@ class CameraPose(NamedTuple):
         return cls(eye, forward, upward, 2.0 * transforms.arc_tangent(1.0, focal), None)
 
     def azimuth_and_elevation(self, up: Vector) -> tuple[float, float]:
-        """Return azimuth and elevation, degrees, of the direction it looks from."""
+        """Return azimuth and elevation, degrees, of the direction from the target to the eye."""
         frame = rotate_y_to(up)[:3, :3].T
         x, y, z = (-dot(to_triple(row), self.forward) for row in frame)
         horizontal = math.sqrt(x * x + z * z)
         elevation = transforms.arc_tangent(y, horizontal)
         if horizontal < MIN_DISTANCE_RATIO:
-            # At a pole, what is up in the picture tells the azimuth.
+            # At a pole, the azimuth follows from the upward direction.
             sign = -math.copysign(1.0, y)
             x, _, z = (sign * dot(to_triple(row), self.upward) for row in frame)
         return transforms.arc_tangent(x, z), elevation
@@ -179,7 +179,7 @@ class CameraPose(NamedTuple):
 def make_camera_at(
     eye: Vector, target: Vector, upward: Vector, fov_y: float, sphere: BoundingSphere
 ) -> PerspectiveCamera:
-    """Return a perspective camera whose near plane lies before a sphere, or near the eye."""
+    """Return a perspective camera with a near plane before a sphere, or near the eye."""
     distance = length(subtract(sphere.center, eye))
     near = choose_near_plane(distance, sphere.radius)
     return PerspectiveCamera(eye, target, upward, fov_y, near)
@@ -202,7 +202,7 @@ def to_triple(values: ArrayLike) -> Vector:
 
 
 def move_by(start: Vector, direction: Vector, distance: float) -> Vector:
-    """Return start + length * direction."""
+    """Return start + distance * direction."""
     x, y, z = (a + distance * b for a, b in zip(start, direction, strict=True))
     return x, y, z
 
@@ -213,7 +213,7 @@ def subtract(a: Vector, b: Vector) -> Vector:
 
 
 def lerp(a: Vector, b: Vector, t: float) -> Vector:
-    """Return a + share * (b - a)."""
+    """Return a + t * (b - a)."""
     return move_by(a, subtract(b, a), t)
 
 
@@ -375,9 +375,9 @@ class _FittedView(NamedTuple):
     y: float
     z: float
     target: float
-    """The z of the point it looks at."""
+    """The z of the target."""
     height: float
-    """Height of what a parallel camera shows."""
+    """Visible height of a parallel camera."""
     near: float
     far: float
     min_aspect: float
@@ -407,7 +407,7 @@ def _fit_points(options: _FitOptions, points: ScenePoints) -> _FittedView:
         focal, half_height = options.margin * options.focal, math.nan
         distance, (x, y) = point_bounds.fit_perspective(points, focal / options.aspect, focal)
         full_aspect = focal * x.slope
-    # The planes have room for what turns, unless the eye is near the sphere, or in it.
+    # The planes leave room for rotation, unless the eye is near the sphere, or in it.
     near = max(distance - 1.0, 0.5 * (distance - points.nearest))
     target = 0.5 * (points.nearest + points.farthest)
     min_aspect = min(full_aspect, options.aspect, float(check.MAX_WHOLE_SIZE))
@@ -453,7 +453,7 @@ def _replace_parallel_up(up: ArrayLike, to_camera: Vector) -> Vector:
 
 def as_bounded(scene: Any) -> Bounded:
     """
-    Return an object with ``bounding_sphere()``: the scene itself, or other input as a scene.
+    Return the input if it has ``bounding_sphere()``, or convert it to a scene.
 
     Raises
     ------
@@ -476,9 +476,9 @@ def _point_chunks(scene: Bounded) -> Chunks | None:
 
 def _find_framed_sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
     """
-    Return the bounding sphere of a scene, or of its points, if they are given.
+    Return the centre and radius of a scene, or of its points if given, and whether it is tiny.
 
-    Its radius is one that float64 can frame. The last value says whether the true one is smaller.
+    The radius of a tiny scene is the least that float64 can frame.
     """
     center, size = (
         scene.bounding_sphere() if chunks is None else point_bounds.bound_points_by_sphere(chunks)

@@ -1,9 +1,4 @@
-"""
-Call functions of higher levels for scenes and meshes, without importing them.
-
-Scenes know nothing of how they are rendered, read and written: they find who does it by name, when
-it is first needed.
-"""
+"""Call functions of higher levels for scenes and meshes, importing their modules on first use."""
 
 from __future__ import annotations
 
@@ -19,7 +14,7 @@ HOOKS = {
     "show_picture": "rasterjit.viewer.show_picture",
     "to_trimesh": "rasterjit.io.trimesh.writing",
 }
-"""The module of each function that a scene, a mesh or a frame calls above its own level."""
+"""Module of each function of a higher level that scenes, meshes and frames call."""
 
 
 def call_above(name: str, *arguments: Any) -> Any:

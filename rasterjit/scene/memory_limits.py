@@ -1,8 +1,8 @@
 """
-Count the memory that a file asks for, before it is taken.
+Count the memory that loading a file needs, before it is allocated.
 
-A file may say that it holds more than any machine has. So each reader says what it is about to
-take, by sizes that it can tell beforehand, and one budget refuses what is too much.
+A file may declare more data than any machine can hold. Readers request memory for the sizes that
+they know beforehand, and the file's budget refuses too much.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from rasterjit.scene.validation import brief
 
 DEFAULT_MAX_BYTES = 8 << 30
-"""Default limit of the memory that loading a file may take, bytes."""
+"""Default limit of the memory that loading a file may use, bytes."""
 
 TEXEL_BYTES = 48
 """Memory of a texel, bytes: decoded, as four float32, and in mip levels being computed."""
@@ -24,8 +24,8 @@ class MemoryBudget:
     """
     Budget of memory for loading one file and all that it refers to.
 
-    Once something was refused everything is, and ``refusal`` is why: readers that go on without
-    what cannot be read end soon, and who asked them raises it.
+    After a refusal all further requests are refused, too, and ``refusal`` is the reason: readers
+    that skip unreadable parts end soon, and their caller raises it.
 
     Parameters
     ----------
@@ -56,18 +56,18 @@ class MemoryBudget:
 
     def take(self, what: str, count: int) -> None:
         """
-        Count bytes that are about to be taken.
+        Count bytes that are about to be allocated.
 
         Parameters
         ----------
         what : str
-            What needs them, as a message says it.
+            What needs them, for the message.
         count : int
 
         Raises
         ------
         FileSizeError
-            If fewer are left, or were so before.
+            If fewer are left, or a request was refused before.
         """
         if self.refusal is None and count > self.left:
             self.refuse(
@@ -80,11 +80,11 @@ class MemoryBudget:
         self.left -= count
 
     def refuse(self, error: ValueError) -> None:
-        """Refuse everything from now on, and raise an error that says why."""
+        """Refuse this and all further requests, and raise the error."""
         self.refusal = error
         self.check()
 
     def check(self) -> None:
-        """Raise the error that says why, if anything was refused."""
+        """Raise the error of an earlier refusal, if any."""
         if self.refusal is not None:
             raise self.refusal

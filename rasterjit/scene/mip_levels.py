@@ -1,15 +1,15 @@
 """
 Compute the mip levels of a picture: plain, weighted by alpha, or of a mask.
 
-Texels of a level are means, by area, of the texels below them. The use of alpha decides of what:
+Texels of a level are means, by area, of the texels below them; the use of alpha selects the values:
 
 - Plain: of all four channels, each by itself.
-- Weighted: of red, green and blue times alpha, and of alpha [1]_. Who has mixed such texels divides
-  by the mixed alpha. So the colour of clear texels, which nobody sees, counts for nothing.
-- Of a mask, a texel is there or it is a hole, by the cutoff. A level's alpha is the share of texels
-  that are there, and its colour is their mean. Means of alpha would lose that share from level to
-  level, once they are compared with the cutoff [2]_. A hole takes the colour of the nearest texel
-  that is there: then no filter shows the colour of a hole, wherever in a pixel a sample lies.
+- Weighted: of red, green and blue times alpha, and of alpha [1]_. Readers divide a mix of such
+  texels by the mixed alpha, so that the colour of clear texels has no weight.
+- Mask: a texel is solid or a hole, by the cutoff. A level's alpha is the share of solid texels, and
+  its colour is their mean. Means of alpha would lose that share from level to level, once they are
+  compared with the cutoff [2]_. A hole takes the colour of the nearest solid texel, so that no
+  filter shows the colour of a hole.
 
 References
 ----------
@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from rasterjit.scene.validation import read_only
 
 _TEXELS_PER_BAND = 1 << 16
-"""Texels of a band, processed at once: as float64, 2 MB."""
+"""Texels processed at once: as float64, 2 MB."""
 
 _LEVELS_AT_ONCE = 4
-"""Levels made of a band at once: a level in float64 is whole when a 256th of the texels is left."""
+"""Levels computed from a band: a whole level in float64 has a 256th of the texels."""
 
 
 def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
@@ -78,14 +78,14 @@ def yield_lower_levels(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
 
 def allocate_levels(sizes: list[tuple[int, int]]) -> NDArray[np.float32]:
-    """Return room for the texels of levels of these (width, height), (N, 4), row by row."""
+    """Return an array for the texels of levels of given (width, height), (N, 4), row by row."""
     return np.empty((sum(width * height for width, height in sizes), 4), np.float32)
 
 
 def split_levels(
     texels: NDArray[np.float32], sizes: list[tuple[int, int]]
 ) -> list[NDArray[np.float32]]:
-    """Return the levels, (h, w, 4) each, of the texels of all of them."""
+    """Return views of the levels, (h, w, 4) each, of the texels of all levels."""
     levels, start = [], 0
     for width, height in sizes:
         levels.append(texels[start : start + width * height].reshape(height, width, 4))
@@ -107,11 +107,11 @@ def fill_levels(levels: list[NDArray[Any]], read_rows: Callable[[slice], NDArray
     Parameters
     ----------
     levels : list of (h, w, 4) float32
-        Written, but for the first, which may be of another type.
+        Written but for the first, which may be of another type.
     read_rows : callable
         Returns some rows of the first level, (h, W, 4) float.
     """
-    # Some levels at once, of which but the last is needed whole in float64.
+    # Several levels at once, of which only the last is stored whole in float64.
     for base in range(0, len(levels) - 1, _LEVELS_AT_ONCE):
         last = min(base + _LEVELS_AT_ONCE, len(levels) - 1)
         height, width = levels[last].shape[:2]
@@ -140,7 +140,7 @@ def _compute_band(
 
 
 def compute_weighted_levels(image: NDArray[np.float32], has_levels: bool) -> NDArray[np.float32]:
-    """Return the texels of an image, and those of its levels, with colours times alpha, (N, 4)."""
+    """Return the texels of an image and its levels, with colours times alpha, (N, 4)."""
     height, width = image.shape[:2]
 
     def weighted(rows: slice) -> NDArray[np.float64]:
@@ -167,7 +167,7 @@ def compute_mask_levels(
     Parameters
     ----------
     image : (H, W, 4) float32, linear
-        Keeps its alpha: that of level 0 is compared with the cutoff as it is.
+        Its alpha is kept: that of level 0 is compared with the cutoff.
     cutoff : float
         Texels of less alpha are holes.
     has_levels : bool

@@ -1,4 +1,4 @@
-"""That a scene is lit, and shown, as another program's shader does it."""
+"""Describe shading and depth maps with which a scene reproduces pyrender's shader."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class DepthMap(NamedTuple):
     light: int
     """Number of the light in the scene."""
     clip_from_world: NDArray[np.float64]
-    """(4, 4): the camera that the light sees by."""
+    """(4, 4): the light's camera."""
     clip_from_view: NDArray[np.float64]
-    """(4, 4): its projection."""
+    """(4, 4): projection of the light's camera."""
     depths: NDArray[np.float32]
-    """(S, S): depth along its axis, scene units, the lowest row first; infinite where nothing is. S
-    is a power of two."""
+    """(S, S): depth along the light's axis, scene units, the lowest row first; infinite where no
+    object is. S is a power of two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +44,13 @@ class ReferenceShading:
     """
     Shading of metallic-roughness objects as the fragment shader of pyrender 0.1.45 computes it.
 
-    ``compat.pyrender`` asks for it; see ``pipeline.lighting.pyrender`` for the formulas. Lights of
-    the scene say where they are, which way they shine and whether they cast shadows; how bright
-    they are stands here, for it may be negative, and is not held to a range.
+    ``compat.pyrender`` requests it; see ``pipeline.lighting.pyrender`` for the formulas. Positions,
+    directions and shadows are those of the scene's lights; their brightness is here, as it may be
+    negative or out of range.
     """
 
     encoding: Curve
-    """How colours become codes: by the power 1 / 2.2, or as they are, where nothing is lit."""
+    """Encoding of colours: the power 1 / 2.2, or none, where nothing is lit."""
     radiance: NDArray[np.float32]
     """(L, 3): colour times intensity of each of the scene's lights."""
     ambient: NDArray[np.float32]
@@ -58,25 +58,23 @@ class ReferenceShading:
     light_mask: NDArray[np.uint8]
     """(O, L): 1 for each light that lights an object, 0 for others."""
     faces_viewer: NDArray[np.uint8]
-    """(O,): 1 for objects whose normals point to the viewer, for their meshes have none."""
+    """(O,): 1 for objects without normals, whose normals point to the viewer."""
     are_squares: NDArray[np.uint8]
-    """(O,): 1 for objects of two triangles for each of the points that they stand for: light falls
-    on these alone."""
+    """(O,): 1 for objects of two triangles for each point, which alone is lit."""
     gains: NDArray[np.float32]
-    """(O, 6): what base colours of objects are multiplied by, red, green and blue, and what colours
-    of vertices are; 1 but for colours that were above 1."""
+    """(O, 6): RGB factors on base colours, then on vertex colours; 1 but for colours above 1."""
     maps: tuple[DepthMap, ...] = ()
     """Depth maps of the lights that cast shadows."""
 
-    def of(self, numbers: list[int]) -> ReferenceShading:
-        """Return the same for some of the objects."""
+    def select_objects(self, numbers: list[int]) -> ReferenceShading:
+        """Return the shading of some of the objects."""
         return replace(
             self, light_mask=self.light_mask[numbers], faces_viewer=self.faces_viewer[numbers],
             are_squares=self.are_squares[numbers], gains=self.gains[numbers],
         )  # fmt: skip
 
     def check_counts(self, objects: int, lights: int) -> None:
-        """Raise ``ValueError`` if a scene has another number of objects or lights than this."""
+        """Raise ``ValueError`` if a scene has other numbers of objects or lights."""
         counts = self.light_mask.shape
         if counts != (objects, lights):
             raise ValueError(
@@ -85,7 +83,7 @@ class ReferenceShading:
             )
 
     def equals(self, other: ReferenceShading | None) -> bool:
-        """Tell whether another one has the same values."""
+        """Tell whether another shading has the same values; False with depth maps."""
         return (
             other is not None
             and self.encoding == other.encoding

@@ -60,7 +60,7 @@ None: nothing; "weighted"; or a number, of a mask: texels of less alpha are hole
 """
 
 MAX_CACHED_CHAINS = 4
-"""Most chains of texels that a picture caches, one for each use of alpha."""
+"""Largest number of cached mip chains of a picture, one for each use of alpha."""
 
 UV_NAMES = ("uv", "uv1")
 """Names of a mesh's sets of texture coordinates."""
@@ -111,16 +111,16 @@ class PictureSizeError(ValueError):
 
 class Pyramid:
     """
-    The texels of a picture, and those of its mip levels, which are made when first asked for.
+    The texels of a picture and its mip levels, which are computed on first use.
 
     Parameters
     ----------
     picture : (H, W, 1..4) uint8 or (H, W, 4) float32
-        Codes, which are kept as such and decoded where they are read; or linear light.
+        Codes, which are stored and decoded where they are read; or linear light.
     color_space : {"srgb", "linear"}
         What codes of colours are.
-    room : (N, 4) float32, optional
-        What a picture of linear light is the head of, with room behind it for its levels.
+    buffer : (N, 4) float32, optional
+        Texels of a picture of linear light, followed by space for its levels.
     """
 
     def __init__(
@@ -132,14 +132,14 @@ class Pyramid:
         self.size = picture.shape[1], picture.shape[0]
         self.color_space = color_space
         self.codes: NDArray[np.uint8] | None = picture if picture.dtype == np.uint8 else None
-        """The picture as codes, (H, W, 1..4), read-only; None if it is kept as linear light."""
+        """The picture as codes, (H, W, 1..4), read-only; None if stored as linear light."""
         self._texels = NO_TEXELS if self.codes is not None else picture.reshape(-1, 4)
         self._buffer = buffer
         self._prepared: dict[tuple[AlphaUse, bool], NDArray[np.float32]] = {}
 
     @property
     def picture(self) -> NDArray[Any]:
-        """The picture as it is kept, read-only: codes, (H, W, 1..4), or (H, W, 4) float32."""
+        """The picture as stored, read-only: codes, (H, W, 1..4), or (H, W, 4) float32."""
         return self.image if self.codes is None else self.codes
 
     @property
@@ -162,13 +162,13 @@ class Pyramid:
         return float(self._alphas().min())
 
     def min_alpha_above(self, cutoff: float) -> float | None:
-        """Return the least alpha of a texel that is no hole; None if all are holes."""
+        """Return the least alpha of at least a cutoff; None if all texels are below it."""
         alphas = self._alphas()
         solid = alphas[alphas >= np.float32(cutoff)]
         return float(solid.min()) if solid.size else None
 
     def _alphas(self) -> NDArray[np.float32]:
-        """Return the alphas that texels have, of codes each once."""
+        """Return the alphas of texels; of codes the distinct ones."""
         if self.codes is None:
             return self.image[:, :, 3]
         if not has_alpha(self.codes):
@@ -183,7 +183,7 @@ class Pyramid:
         return [self.image, *split_levels(self._linear_texels(True), sizes[1:])]
 
     def _linear_texels(self, has_levels: bool) -> NDArray[np.float32]:
-        """Return the texels that are kept as linear light; all but the codes, if there are any."""
+        """Return the texels stored as linear light: all, or the levels below a picture of codes."""
         sizes = level_sizes(*self.size)
         stored_sizes = sizes if self.codes is None else sizes[1:]
         count = sum(width * height for width, height in stored_sizes)
@@ -202,7 +202,7 @@ class Pyramid:
 
     def prepare_chain(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
         """
-        Return the texels that are read as linear light, (N, 4) float32, read-only, row by row.
+        Return the texels that kernels read as linear light, (N, 4) float32, read-only, row by row.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Pyramid:
                 if is_weighted
                 else compute_mask_levels(self.image, float(alpha), has_levels)
             )
-        # The last ones are kept: an animated alpha asks for ever new cutoffs.
+        # The latest are cached: an animated alpha needs ever new cutoffs.
         self._prepared[alpha, has_levels] = chain
         while len(self._prepared) > MAX_CACHED_CHAINS:
             self._prepared.pop(next(iter(self._prepared)))
@@ -327,7 +327,7 @@ class Texture(HoldsArrays):
         check.one_of("uv_set", self.uv_set, UV_SETS)
         store(self, wrap=wrap)
         self._set_transform(self.offset, self.rotation, self.scale)
-        # From here on the pyramid has the image, which copies share.
+        # The pyramid stores the image, which copies share.
         image = self.__dict__.pop("image")
         store(self, pyramid=_make_pyramid(image, self.color_space))
 
@@ -502,7 +502,7 @@ def open_picture(name: str, source: Any, formats: tuple[str, ...] = ()) -> Itera
         Image.init()
     extra_formats = tuple(name for name in formats if name in Image.OPEN)
     with warnings.catch_warnings():
-        # Pillow warns of half as many texels as it refuses: the limit here lies in between.
+        # Pillow warns at half the number of texels that it refuses: the limit here lies between.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
             image = Image.open(source, formats=PICTURE_FORMATS + extra_formats)
@@ -533,7 +533,7 @@ def read_picture(name: str, file: Path, *, apply_exif: bool = False) -> NDArray[
     except PictureSizeError:
         raise
     except Exception as error:
-        # Pillow raises what it likes about a damaged picture.
+        # Pillow raises exceptions of any type for a damaged picture.
         reason = str(error) or type(error).__name__
         if type(error).__name__ == "UnidentifiedImageError":
             reason = f"it is none of {', '.join(PICTURE_FORMATS)}"
@@ -595,7 +595,7 @@ def _make_pyramid(value: Any, color_space: ColorSpace) -> Pyramid:
         is_opaque = has_alpha(image) and bool((image[:, :, -1] == 255).all())
         codes = image[:, :, :-1] if is_opaque else image
         return Pyramid(check.read_only(np.array(codes, order="C")), color_space)
-    # What no one reads or writes of the room for levels takes no memory.
+    # Untouched space for levels takes no memory.
     buffer = allocate_levels(level_sizes(width, height))
     texels = buffer[:]
     linear = texels[: height * width].reshape(height, width, 4)
@@ -656,7 +656,7 @@ def check_texels(name: str, width: int, height: int) -> None:
 
 
 def _check_light(values: NDArray[Any], label: str, limit: float) -> None:
-    """Raise ``ValueError`` unless all values lie in 0..most; NaN lies nowhere."""
+    """Raise ``ValueError`` unless all values lie in 0..limit; NaN does not."""
     if values.size == 0:
         return
     lowest, highest = float(values.min()), float(values.max())

@@ -1,4 +1,4 @@
-"""Warn at the line of the user's program that called this package."""
+"""Issue warnings at the line of the user's program that called this package."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from types import FrameType
 
 _PACKAGE = __name__.partition(".")[0]
 
-
-REPEATED = "what is said of each frame anew"
+REPEATED = "warnings of each frame"
 """Kind of warnings that are repeated for each frame."""
 
 REPAIRED_NORMALS = "normals of length 0 of a mesh"
@@ -23,7 +22,7 @@ _SILENCED_KINDS: ContextVar[frozenset[str]] = ContextVar("_SILENCED_KINDS", defa
 
 @contextmanager
 def silence_warnings(kind: str) -> Iterator[None]:
-    """Suppress warnings of a kind inside a block, whose caller reports the same itself."""
+    """Suppress warnings of a kind inside a block that reports the same itself."""
     token = _SILENCED_KINDS.set(_SILENCED_KINDS.get() | {kind})
     try:
         yield
@@ -35,21 +34,21 @@ def warn_caller(
     message: str | Warning, category: type[Warning] = UserWarning, kind: str = ""
 ) -> None:
     """
-    Issue a warning that points at the line that called this package, however deep inside it is.
+    Issue a warning that points at the line that called this package, at any depth.
 
     Parameters
     ----------
     message : str or Warning
-        Ends without a full stop. A warning that is made already is issued as it is.
+        Without a full stop at its end. A `Warning` is issued as it is.
     category : type of Warning
     kind : str
-        What `silence_warnings` may keep back. Default: nothing does.
+        Kind for `silence_warnings`. Default: never suppressed.
     """
     if kind in _SILENCED_KINDS.get():
         return
     level, outermost = 1, 1
     frame: FrameType | None = sys._getframe()
-    # Between frames of this package lie others, such as functools'.
+    # Frames of other packages, such as functools, may lie between those of this package.
     while frame is not None:
         if frame.f_globals.get("__name__", "").split(".")[0] == _PACKAGE:
             outermost = level

@@ -733,7 +733,7 @@ class Viewer:
             scene.nodes = nodes or [Node(Mesh([self._ball.center] * 3, [[0, 1, 2]]))]
             if scene._reference is not None:
                 # What is said of each object is said of those that are left.
-                scene._reference = scene._reference.of(self.numbers) if nodes else None
+                scene._reference = scene._reference.select_objects(self.numbers) if nodes else None
         used = effect_switches.used_effects(scene, self.camera, self.size)
         for name in self._switched:
             changed = effect_switches.toggle(scene, name, used)
