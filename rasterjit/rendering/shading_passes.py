@@ -144,7 +144,12 @@ def _are_gouraud(arrays: ShadingArrays) -> NDArray[np.uint8]:
 def weight_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find weights in float64, and texture coordinates."""
     if needs.reads_places_alone:
-        return [Pass(uv_interpolation.find_places, lambda a: (a.surface.textures.uv, a.geometry))]
+        return [
+            Pass(
+                uv_interpolation.interpolate_uv_from_edges,
+                lambda a: (a.surface.textures.uv, a.geometry),
+            )
+        ]
     if not needs.is_lit:
         is_interpolated = needs.vertex_colors or needs.textures or needs.fields
         if not is_interpolated or (needs.vertex_colors and needs.all_in_float32):
@@ -247,11 +252,11 @@ def coordinate_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass
     def uv(a: ShadingArrays) -> NDArray[np.float32]:
         return a.surface.textures.uv if kind is None else a.surface.maps.coordinates[kind]
 
-    passes = [Pass(uv_derivatives.find_coordinates, lambda a: (uv(a),))]
+    passes = [Pass(uv_derivatives.interpolate_uv, lambda a: (uv(a),))]
     if needs.mipped:
         passes.append(
             Pass(
-                uv_derivatives.find_steps,
+                uv_derivatives.find_uv_steps,
                 lambda a: (uv(a), a.surface.textures.table, a.geometry),
             )
         )

@@ -73,7 +73,7 @@ FILTER_CODES = {
     "trilinear": texturing.TRILINEAR,
 }
 
-CURVE_CODES = {"srgb": texturing.SRGB, "linear": texturing.SHARES}
+CURVE_CODES = {"srgb": texturing.SRGB, "linear": texturing.LINEAR}
 
 NO_TEXTURE_ROW = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
 """Row of ``Textures.table`` for an object without a texture of a kind."""

@@ -85,7 +85,7 @@ SCALED = "layer_rows.scale_by_textures"
 
 GONE = {
     "textures": {
-        *MAPS, "uv_derivatives.find_coordinates", "uv_derivatives.find_steps", BELOW,
+        *MAPS, "uv_derivatives.interpolate_uv", "uv_derivatives.find_uv_steps", BELOW,
         FACES_BELOW, "texture_lookup.read_textures", DULL, SCALED,
     },
     # Numbers of the textures, not code.

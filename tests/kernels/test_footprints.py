@@ -178,7 +178,9 @@ def test_the_mean_light_of_a_floor_does_not_depend_on_the_taps():
 @pytest.mark.parametrize("value", [0.0, 1e-300, 1.0, 1e300, math.inf, -math.inf, math.nan])
 def test_any_steps_give_a_number_of_taps_within_the_limit(value):
     for other in (0.0, 1.0, 1e300, math.inf, math.nan):
-        squared, taps, _ = texturing.long_footprint(value, other, (1.0, 0.0), (0.0, 1.0), 16)
+        squared, taps, _ = texturing.make_anisotropic_footprint(
+            value, other, (1.0, 0.0), (0.0, 1.0), 16
+        )
         assert 1 <= taps <= 16
         assert 0.0 <= texturing.level_of_detail(squared) < 64.0
 

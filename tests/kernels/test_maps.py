@@ -331,7 +331,7 @@ def test_a_scene_without_maps_that_are_read_has_no_stages_nor_records(monkeypatc
     assert [surface.maps is None for surface in surfaces] == [True, True, False]
     assert [surface.textures is None for surface in surfaces] == [True, True, False]
     assert ran[0] == ran[1]
-    of_maps = {"find_coordinates", "read_textures", "apply_occlusion_maps"}
+    of_maps = {"interpolate_uv", "read_textures", "apply_occlusion_maps"}
     assert ran[2] - ran[0] >= of_maps
     assert ran[0] < ran[2]
 

@@ -7,7 +7,7 @@ import pytest
 import stages
 
 import rasterjit as rj
-from rasterjit.pipeline.surface.gather_samples import MIN_SPAN
+from rasterjit.pipeline.surface.gather_samples import MIN_SPAN_SAMPLES
 from rasterjit.pipeline.surface.sample_block import (
     MIXED,
     SAMPLES,
@@ -103,16 +103,16 @@ def assert_neighbours_do_not_matter(bands):
                 some = np.where(shown, faces, np.int32(-1))
                 assert_same_bits(again(shading, some, first_row), pictures, shown)
                 # Where runs are shorter than a span must be, none is left.
-                assert kept >= MIN_SPAN or stages.samples_listed(some)[SPAN] == 0
+                assert kept >= MIN_SPAN_SAMPLES or stages.samples_listed(some)[SPAN] == 0
 
 
 @pytest.mark.parametrize("first", [0, 1, 7, 15, 16, 23])
 def test_long_runs_are_spans_from_any_column_on(first):
-    for length in (MIN_SPAN - 1, MIN_SPAN, MIN_SPAN + 9, 100):
+    for length in (MIN_SPAN_SAMPLES - 1, MIN_SPAN_SAMPLES, MIN_SPAN_SAMPLES + 9, 100):
         faces = np.full((2, first + length + 3), -1, np.int32)
         faces[1, first : first + length] = 1
         listed = stages.samples_listed(faces)
-        assert listed[SPAN if length >= MIN_SPAN else MIXED] == length
+        assert listed[SPAN if length >= MIN_SPAN_SAMPLES else MIXED] == length
         assert sum(listed) == length
 
 

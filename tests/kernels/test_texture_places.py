@@ -38,7 +38,7 @@ from rasterjit.pipeline.surface.sample_block import (
     Block,
     C,
 )
-from rasterjit.pipeline.surface.texture_filters import vertex_place
+from rasterjit.pipeline.surface.texture_filters import read_vertex_uvs
 from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import viewport_of
@@ -63,13 +63,13 @@ def take_places(block: Block, count, taken: float64[:, :, ::1]):
         row, column = interval[INTERVAL_ROW], interval[INTERVAL_COLUMN]
         start = interval[INTERVAL_START]
         for n in range(interval[INTERVAL_STOP] - start):
-            taken[row, column + n, 0] = block.places[U, start + n]
-            taken[row, column + n, 1] = block.places[V, start + n]
+            taken[row, column + n, 0] = block.uv_rows[U, start + n]
+            taken[row, column + n, 1] = block.uv_rows[V, start + n]
 
 
 @stage
 def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
-    """Write the coordinates of all samples by `place_exactly`: the twin of `find_places`."""
+    """Write all coordinates exactly: the twin of `interpolate_uv_from_edges`."""
     whole = block.ints
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
@@ -79,27 +79,27 @@ def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
             column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
             if segment[KIND] != SPAN:
                 column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
-            ends = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
-            uv_interpolation.place_exactly(
-                first, end, (a, b, c), ends, column, row, block.places, geometry
+            ends = read_vertex_uvs(uv, a, b, c)
+            uv_interpolation.interpolate_uv_exactly(
+                first, end, (a, b, c), ends, column, row, block.uv_rows, geometry
             )
 
 
 @stage
 def step_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
-    """Write the steps of samples on clipped faces one by one, over those of `find_steps`."""
+    """Write the steps of samples on clipped faces one by one, over those of `find_uv_steps`."""
     whole, codes = block.ints, geometry.codes
     for r in range(np.uintp(block.counts[PATCHES])):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         if np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0:
             for n in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
-                uv_derivatives.note_clipped_steps(
-                    block.places, n, a, b, c, whole[COLUMN, n], whole[ROW, n], uv,
+                uv_derivatives.write_clipped_uv_step(
+                    block.uv_rows, n, a, b, c, whole[COLUMN, n], whole[ROW, n], uv,
                     geometry.clip_positions, geometry.viewport,
                 )  # fmt: skip
 
 
-def take(positions, uv, face_id, viewport, by=uv_interpolation.find_places):
+def take(positions, uv, face_id, viewport, by=uv_interpolation.interpolate_uv_from_edges):
     """Return the coordinates where one triangle is seen, and its vertices on the screen."""
     screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     faces = np.array([(0, 1, 2)], np.int32)
@@ -302,9 +302,9 @@ def test_regions_and_threads_change_no_bit():
 def is_quick(scene, **quality):
     plan = rj.explain(scene, CAMERA, rj.Quality(**quality), size=(64, 48))
     names = {told.name for told in list_passes(plan)}
-    by_weights = {"barycentric_weights.find_weights", "uv_derivatives.find_coordinates"}
+    by_weights = {"barycentric_weights.find_weights", "uv_derivatives.interpolate_uv"}
     assert by_weights <= names or not by_weights & names
-    return "uv_interpolation.find_places" in names and not by_weights & names
+    return "uv_interpolation.interpolate_uv_from_edges" in names and not by_weights & names
 
 
 def test_who_takes_no_weights():

@@ -306,16 +306,16 @@ def test_runs_of_a_level_read_the_texels_of_each_sample(runs, coarser_by):
     levels = np.array([(100, 8, 4), (132, 4, 2), (140, 2, 1), (142, 1, 1)])
     details = np.repeat(rng.permutation(np.arange(len(runs)) % 4), runs)
     u, v = rng.uniform(-3.0, 3.0, (2, 32))
-    numbers, shares, *_ = texture_lookup.lookup_memory(32)
+    numbers, shares, *_ = texture_lookup.allocate_lookup_memory(32)
     numbers[texture_lookup.LEVEL] = details
     corners = tuple(numbers[texture_lookup.CORNERS :])
     row = np.array((0, 4, *wraps, texturing.TRILINEAR, 1, texturing.PLAIN, 0, 0, 0))
-    texture_lookup.find_texels(u, v, True, coarser_by, row, levels, numbers, shares)
+    texture_lookup.find_texels_and_weights(u, v, True, coarser_by, row, levels, numbers, shares)
     for n, detail in enumerate(details):
         level = levels[min(detail + coarser_by, 3)] - (100, 0, 0)
         texels, apart = naive.texels_around(level, u[n], v[n], wraps, 0.5)
         assert [corner[n] // HALVES for corner in corners] == list(texels)
-        found = shares[[texture_lookup.ALONG, texture_lookup.UPWARD], n]
+        found = shares[[texture_lookup.RIGHT_WEIGHT, texture_lookup.UPPER_WEIGHT], n]
         assert found.tolist() == apart
 
 
@@ -323,8 +323,8 @@ def test_runs_of_a_level_read_the_texels_of_each_sample(runs, coarser_by):
 @given(data=st.data(), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAP_CODES)))
 def test_any_number_beside_a_period_wraps_as_the_twin(data, size, wrap):
     i = data.draw(st.integers(-1, (2 if wrap == "mirror" else 1) * size))
-    rule = texture_lookup.texel_rule(WRAP_CODES[wrap])
-    found = texture_lookup.texel_on_axis(np.int32(i), np.int32(size), rule)
+    rule = texture_lookup.encode_texel_wrap(WRAP_CODES[wrap])
+    found = texture_lookup.wrap_texel(np.int32(i), np.int32(size), rule)
     assert found == naive.wrapped(i, size, wrap)
 
 
@@ -360,4 +360,4 @@ def test_a_step_of_any_length_has_a_finite_level_of_detail():
     ],
 )  # fmt: skip
 def test_the_coarsest_level_has_none_behind_it(detail, count, levels):
-    assert texturing.split_detail(np.float32(detail), count) == levels
+    assert texturing.split_level_of_detail(np.float32(detail), count) == levels

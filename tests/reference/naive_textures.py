@@ -49,11 +49,11 @@ def texels_around(level, u, v, wraps, offset):
     """Return the numbers of the four texels that the engine finds around a place, and shares."""
     (u, v), (firsts, widths, heights) = np.float64([[u], [v]]), np.int32(level)[:, np.newaxis]
     texels, shares = np.empty((6, 1), np.int32), np.empty((2, 1), np.float32)
-    rules = tuple(texture_lookup.axis_rule(wrap) for wrap in wraps)
+    rules = tuple(texture_lookup.encode_coordinate_wrap(wrap) for wrap in wraps)
     with np.errstate(invalid="ignore"):
-        texture_lookup.find_positions(u, v, widths, heights, rules, offset, *texels[:2], *shares)
-    rules = tuple(texture_lookup.texel_rule(wrap) for wrap in wraps)
-    texture_lookup.find_corners(*texels[:2], firsts, widths, heights, rules, *texels[2:])
+        texture_lookup.locate_texels(u, v, widths, heights, rules, offset, *texels[:2], *shares)
+    rules = tuple(texture_lookup.encode_texel_wrap(wrap) for wrap in wraps)
+    texture_lookup.find_corner_texels(*texels[:2], firsts, widths, heights, rules, *texels[2:])
     return tuple((texels[2:, 0] // HALVES).tolist()), shares[:, 0].tolist()
 
 
@@ -62,7 +62,7 @@ def repeated_around(level, u, v):
     (u, v), texels = np.float64([[u], [v]]), np.empty((4, 1), np.int32)
     shares = np.empty((2, 1), np.float32)
     with np.errstate(invalid="ignore"):
-        texture_lookup.find_repeated(u, v, tuple(np.int32(level)), *shares, *texels)
+        texture_lookup.find_repeated_corner_texels(u, v, tuple(np.int32(level)), *shares, *texels)
     return tuple((texels[:, 0] // HALVES).tolist()), shares[:, 0].tolist()
 
 
@@ -70,7 +70,7 @@ def repeated_at(level, u, v):
     """Return the texel of a repeated picture that the engine finds at a place."""
     (u, v), texels = np.float64([[u], [v]]), np.empty(1, np.int32)
     with np.errstate(invalid="ignore"):
-        texture_lookup.find_repeated_texel(u, v, tuple(np.int32(level)), texels)
+        texture_lookup.find_repeated_texels(u, v, tuple(np.int32(level)), texels)
     return int(texels[0]) // HALVES
 
 

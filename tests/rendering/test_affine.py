@@ -12,7 +12,8 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.surface import uv_derivatives
-from rasterjit.pipeline.surface.texture_lookup import RIGHT_U, SCRATCH_ROWS, U
+from rasterjit.pipeline.surface.sample_block import UV_ROWS
+from rasterjit.pipeline.surface.texture_lookup import RIGHT_U, U
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import viewport_of
 from rasterjit.runtime import threads
@@ -209,7 +210,7 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
     )
     assert len(geometry.w) == 0
     uv = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
-    places = np.zeros((SCRATCH_ROWS, 4))
+    places = np.zeros((UV_ROWS, 4))
     corners = np.uintp(0), np.uintp(1), np.uintp(2)
     found = np.empty((3, 2))
     for n, (column, row) in enumerate(((25, 20), (26, 20), (25, 21))):
@@ -220,7 +221,7 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
         uv.reshape(6, 1),
         np.ascontiguousarray(geometry.xy[:3]).reshape(6, 1),
     )
-    uv_derivatives.mix_steps(
+    uv_derivatives.write_mixed_uv_steps(
         *places[RIGHT_U : RIGHT_U + 4, :1], *places[U : U + 2, :1], *corner_places, *corner_points,
         *np.ones((3, 1)), *np.int32([[25], [20]]), viewport.grid_bits, 1.0, True,
     )  # fmt: skip

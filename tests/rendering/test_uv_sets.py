@@ -235,8 +235,8 @@ def test_scenes_of_one_set_join_and_run_nothing_more(monkeypatch):
         assert joined == ([0] if len(set(sets)) == 1 else [0, 3])
     one, other, apart = stages.values()
     assert one == other
-    again = ["barycentric_weights.find_weights", "uv_derivatives.find_coordinates"]
-    again.append("uv_derivatives.find_steps")
+    again = ["barycentric_weights.find_weights", "uv_derivatives.interpolate_uv"]
+    again.append("uv_derivatives.find_uv_steps")
     place = apart.index("material_maps.apply_occlusion_maps")
     assert apart[place - 4 : place] == [*again, "texture_lookup.read_textures"]
     assert apart[place + 1 : place + 4] == again

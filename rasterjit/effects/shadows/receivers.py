@@ -20,7 +20,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import matrix_of
 from rasterjit.pipeline.lighting.pbr import is_any_above_zero
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import LANES, nine_parts, part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
@@ -38,7 +38,7 @@ CELL = 16
 def gather_corners(patches, values, ints, out):
     """Gather three numbers for each vertex of the faces of all patches, for each sample."""
     for r in range(np.uintp(patches)):
-        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        a, b, c = get_patch_vertices(ints, r)
         for start in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)], LANES):
             n = np.uintp(start)
             for k in range(3):
@@ -103,7 +103,7 @@ def find_receivers(
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner, s = np.uintp(segment[rows.OWNER]), np.int64(segment[rows.START])
-        e = s + whole_vectors(segment[rows.STOP] - s)
+        e = s + round_up_to_vectors(segment[rows.STOP] - s)
         find_points(
             *six_parts(r, rows.POINT, s, e), *nine_parts(doubles, 0, s, e), part(w, 0, s, e),
             part(w, 1, s, e), matrix_of(m, owner), (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
@@ -220,7 +220,7 @@ def offset_turned_away(
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         a = np.int64(segment[rows.START])
-        e = a + whole_vectors(segment[rows.STOP] - a)
+        e = a + round_up_to_vectors(segment[rows.STOP] - a)
         offset_points(
             *nine_parts(p, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
             part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[rows.OWNER])),

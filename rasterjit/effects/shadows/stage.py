@@ -299,7 +299,7 @@ def find_facing(light, nx, ny, nz, px, py, pz, facing):
 @helper
 def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern, spiral):
     """Write the visibility of samples, those of row TURNED_AWAY above 0 by their penumbrae."""
-    s, gathered, indices, shaded = block.samples, block.floats, block.numbers[0], np.int64(0)
+    s, gathered, indices, shaded = block.samples, block.floats, block.lookup_ints[0], np.int64(0)
     # Gather the samples that something shades.
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)

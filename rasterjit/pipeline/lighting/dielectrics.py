@@ -58,7 +58,7 @@ def add_dielectric_light(
     Light samples with custom specular again, from rows PRIOR_RED on.
 
     Right after `light_stages.add_microfacet_lights` of this light alone, which leaves the terms
-    of `pbr.find_specular_terms` in ``floats``, and the multiple scattering of metals in ``shares``.
+    of `pbr.find_specular_terms` in ``floats``, and the multiple scattering of metals in ``lookup_weights``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
@@ -70,7 +70,7 @@ def add_dielectric_light(
             part(s, rows.METALLIC, 0, count), part(s, rows.IS_DIELECTRIC, 0, count),
             part(s, rows.F90, 0, count), *three_rows(s, rows.F0_RED, count),
             part(s, rows.F0_RED + k, 0, count), part(s, rows.RED + k, 0, count),
-            part(block.shares, MULTIPLE + k, 0, count),
+            part(block.lookup_weights, MULTIPLE + k, 0, count),
             part(s, rows.PRIOR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip
 

@@ -53,7 +53,7 @@ def list_vertices(
     Returns
     -------
     int
-        How many samples there are; -1 behind the last one.
+        Number of samples; -1 after the last one.
     """
     counts, samples, receivers, ints = block.counts, block.samples, block.receivers, block.ints
     side, vertex, one = counts[NEXT_ROW], first + counts[NEXT_COLUMN], np.float32(1.0)

@@ -17,7 +17,7 @@ ENV_BRDF, AMBIENT = 0, 2
 VIEW_DIR, LIGHT_DIR = 0, 4
 """Rows of ``floats``, four each: directions toward viewer and light, each with a number."""
 MULTIPLE = 0
-"""Rows of ``shares``, three: what `find_multiple_scattering` writes."""
+"""Rows of ``lookup_weights``, three: what `find_multiple_scattering` writes."""
 
 
 @stage
@@ -137,7 +137,7 @@ def add_microfacet_lights(
         four_rows(block.floats, VIEW_DIR, count), four_rows(block.floats, LIGHT_DIR, count)
     )  # fmt: skip
     blinn_phong.find_view_directions(toward_viewer, *points, *viewer)
-    multiple = three_rows(block.shares, MULTIPLE, count)
+    multiple = three_rows(block.lookup_weights, MULTIPLE, count)
     if pbr.is_any_above_zero(part(s, rows.METALLIC, 0, count)):
         pbr.find_multiple_scattering(
             viewer[0], viewer[1], viewer[2], *normals, part(s, rows.ROUGHNESS, 0, count),

@@ -38,7 +38,7 @@ from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.sample_block import OWNER, SEGMENTS, START, STOP, Block
-from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
@@ -125,7 +125,7 @@ def decode_srgb(codes):
 def decode_textures(block: Block, count):
     """Decode texture colours, which were filtered as sRGB codes."""
     for k in range(3):
-        decode_srgb(part(block.colors, SHOWN + k, 0, count))
+        decode_srgb(part(block.colors, TEXTURE_RED + k, 0, count))
 
 
 @stage

@@ -26,7 +26,7 @@ from rasterjit.pipeline.records import (
     Placement,
 )
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.sample_block import (
     BACKFACE,
     END_PATCH,
@@ -45,12 +45,12 @@ from rasterjit.pipeline.surface.sample_block import (
     Block,
     C,
 )
-from rasterjit.pipeline.surface.texture_lookup import SHOWN, absorb
+from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED, multiply_diffuse_part
 from rasterjit.runtime.intrinsics import nine_parts, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, float64, int64, uint8
 
-TEXTURE_ALPHA = SHOWN + 3
+TEXTURE_ALPHA = TEXTURE_RED + 3
 """Row of colours: a texture's alpha."""
 
 
@@ -87,7 +87,7 @@ def blend_point(second, third, point):
 def gather_values(first, end, values, ints, out):
     """Gather three numbers for each vertex of the faces of some patches."""
     for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
+        a, b, c = get_patch_vertices(ints, r)
         n = np.uintp(ints[FIRST, r])
         spread(out[0], n, values[a, 0])
         spread(out[1], n, values[a, 1])
@@ -101,10 +101,9 @@ def gather_values(first, end, values, ints, out):
 
 
 @helper
-def span_corners(segment, ints):
-    """Return the vertices of a span's face."""
-    r = np.uintp(segment[FIRST_PATCH])
-    return np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
+def get_span_vertices(segment, ints):
+    """Return the vertex numbers of a span's face."""
+    return get_patch_vertices(ints, np.uintp(segment[FIRST_PATCH]))
 
 
 @disjoint_helper
@@ -137,7 +136,7 @@ def fill_base_colors(block: Block, count, materials: float32[:, ::1]):
     while k < block.counts[SEGMENTS]:
         end = owner_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-        e = s + whole_vectors(block.segments[end - 1, STOP] - s)
+        e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
         fill_row(part(samples, rows.RED, s, e), materials[owner, 0])
         fill_row(part(samples, rows.GREEN, s, e), materials[owner, 1])
         fill_row(part(samples, rows.BLUE, s, e), materials[owner, 2])
@@ -176,7 +175,7 @@ def multiply_face_colors_below_highlights(
                     color, factor = samples[rows.RED + k, n], face_colors[face, k]
                     if is_lit:
                         diffuse = samples[first + k, n]
-                        samples[rows.RED + k, n] = absorb(color, factor, diffuse)
+                        samples[rows.RED + k, n] = multiply_diffuse_part(color, factor, diffuse)
                         samples[first + k, n] = diffuse * factor
                     else:
                         samples[rows.RED + k, n] = color * factor
@@ -225,7 +224,7 @@ def interpolate_segment_colors(segment, block, vertex_colors, materials):
     """Write the base colour of a segment's material times those of the vertices, interpolated."""
     samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
     s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
-    e = s + whole_vectors(segment[STOP] - s)
+    e = s + round_up_to_vectors(segment[STOP] - s)
     base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
     red, green, blue = three_parts(samples, rows.RED, s, e)
     second, third = part(weights, 0, s, e), part(weights, 1, s, e)
@@ -233,7 +232,7 @@ def interpolate_segment_colors(segment, block, vertex_colors, materials):
         gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, ints, floats)
         interpolate_colors(red, green, blue, *nine_parts(floats, 0, s, e), second, third, base)
     else:
-        a, b, c = span_corners(segment, ints)
+        a, b, c = get_span_vertices(segment, ints)
         interpolate_span_colors(
             red, green, blue, second, third, triple_at(vertex_colors, a),
             triple_at(vertex_colors, b), triple_at(vertex_colors, c), base,
@@ -281,7 +280,7 @@ def color_of(vertex_colors, vertex):
 def gather_light(first, end, lit_vertices, ints, out):
     """Gather the light on the vertices of some patches, on the visible side."""
     for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
+        a, b, c = get_patch_vertices(ints, r)
         n = np.uintp(ints[FIRST, r])
         side = np.uintp(ints[BACKFACE, n])
         for k in range(3):
@@ -315,7 +314,7 @@ def interpolate_lit_vertices(
                 part(weights, 1, s, e), white,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, ints)
+            a, b, c = get_span_vertices(segment, ints)
             side = np.uintp(ints[BACKFACE, s])
             interpolate_span_colors(
                 red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
@@ -335,13 +334,13 @@ def find_reflectance(block: Block, count, materials: float32[:, ::1]):
     while k < block.counts[SEGMENTS]:
         end = owner_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-        e = s + whole_vectors(block.segments[end - 1, STOP] - s)
+        e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
         model = np.int64(materials[owner, MATERIAL_MODEL])
         fill_row(part(samples, rows.SPECULAR, s, e), materials[owner, MATERIAL_SPECULAR])
         fill_row(part(samples, rows.SHININESS, s, e), materials[owner, MATERIAL_SHININESS])
         fill_row(part(samples, rows.LIT, s, e), np.float32(1.0 if model in (FLAT, PHONG) else 0.0))
         k = end
-    padded = whole_vectors(count)
+    padded = round_up_to_vectors(count)
     fill_row(part(samples, rows.OCCLUSION, 0, padded), np.float32(1.0))
     fill_row(part(samples, rows.SHADOW, 0, padded), np.float32(1.0))
 
@@ -353,7 +352,7 @@ def find_microfacets(block: Block, count, factors: float32[:, ::1], materials: f
     while k < block.counts[SEGMENTS]:
         end = owner_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-        e = s + whole_vectors(block.segments[end - 1, STOP] - s)
+        e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
         is_pbr = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
         fill_row(part(samples, rows.METALLIC, s, e), factors[owner, 0])
         fill_row(part(samples, rows.ROUGHNESS, s, e), factors[owner, 1])
@@ -416,7 +415,7 @@ def find_smooth_normals(
         if not is_smooth(segment[OWNER], materials):
             continue
         s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
-        e = s + whole_vectors(segment[STOP] - s)
+        e = s + round_up_to_vectors(segment[STOP] - s)
         matrix = matrix_of(normal_matrices, owner)
         if segment[KIND] == MIXED:
             gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, ints, floats)
@@ -425,7 +424,7 @@ def find_smooth_normals(
                 part(weights, 0, s, e), part(weights, 1, s, e), part(ints, BACKFACE, s, e), matrix,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, ints)
+            a, b, c = get_span_vertices(segment, ints)
             corners = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
             sign = 1.0 - 2.0 * np.float64(ints[BACKFACE, s])
             interpolate_span_normals(
@@ -475,7 +474,7 @@ def find_face_normals(
                 placement.relative_from_model, placement.mirrored[owner],
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, ints)
+            a, b, c = get_span_vertices(segment, ints)
             flat = face_normal(a, b, c, owner, placement)
             sign = 1.0 - 2.0 * np.float64(ints[BACKFACE, s])
             interpolate_span_normals(
@@ -554,7 +553,7 @@ def find_points(
         segment = block.segments[k]
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         if only_flat == 0:
-            e = s + whole_vectors(e - s)
+            e = s + round_up_to_vectors(e - s)
         elif np.int64(materials[np.uintp(owner), MATERIAL_MODEL]) != FLAT:
             continue
         matrix = matrix_of(matrices, owner)
@@ -564,7 +563,7 @@ def find_points(
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, ints)
+            a, b, c = get_span_vertices(segment, ints)
             first = transform_vertex(a, owner, placement)
             interpolate_span_points(
                 *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
@@ -590,7 +589,7 @@ def find_centroids(block: Block, count, placement: Placement, materials: float32
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
-            a, b, c = span_corners(segment, ints)
+            a, b, c = get_span_vertices(segment, ints)
             point = sample_point(center, a, b, c, owner, placement), zero, zero, matrix
             interpolate_span_points(
                 *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
@@ -666,7 +665,7 @@ def find_alphas(
                 for n in range(first, end):
                     samples[rows.ALPHA, n] *= face_colors[np.uintp(ints[FACE, r]), 3]
             if vertex_colors.shape[0] > 0:
-                corners = np.uintp(ints[A, r]), np.uintp(ints[B, r]), np.uintp(ints[C, r])
+                corners = get_patch_vertices(ints, r)
                 multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors)
         if has_textures != 0:
             for n in range(s, e):

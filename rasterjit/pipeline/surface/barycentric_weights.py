@@ -8,7 +8,7 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, edge, narrow_edge, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
@@ -18,7 +18,7 @@ WIDE_EXTENT = 1 << 26
 
 
 @helper
-def may_be_wide(viewport):
+def may_have_wide_faces(viewport):
     """Return whether any face within the guard band may be wide."""
     width, height = whole_size(viewport)
     return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE_EXTENT
@@ -136,7 +136,7 @@ def gather_screen(first, end, xy, codes, w, ints, doubles):
 def are_all_clipped(segment, ints, codes):
     """Return whether all faces of a segment count as clipped, as those of lines do."""
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        a, b, c = get_patch_vertices(ints, r)
         if (codes[a] | codes[b] | codes[c]) & CLIPPED == 0:
             return False
     return True
@@ -151,7 +151,7 @@ def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_n
     """
     s = np.int64(segment[rows.START])
     count = segment[rows.STOP] - s
-    e = s + whole_vectors(count)
+    e = s + round_up_to_vectors(count)
     if are_all_clipped(segment, ints, codes):
         return np.int32(1)
     gather_screen(segment[rows.FIRST_PATCH], segment[rows.END_PATCH], xy, codes, w, ints, doubles)
@@ -186,7 +186,7 @@ def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_n
 
 
 @helper
-def span_start(a, b, c, column, row, bits, xy, w):
+def evaluate_edges(a, b, c, column, row, bits, xy, w):
     """
     Return the edge functions of a face at a pixel, and their gains to the right and down.
 
@@ -279,14 +279,14 @@ def weigh_span(segment, ints, weights, xy, codes, w, bits, reach, front_sign):
         np.int64(segment[rows.START]),
         np.int64(segment[rows.STOP]),
     )
-    a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+    a, b, c = get_patch_vertices(ints, r)
     column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
-    row_start = span_start(a, b, c, column, row, bits, xy, w)
+    row_start = evaluate_edges(a, b, c, column, row, bits, xy, w)
     edges, steps, _, ratios = row_start
     is_inexact = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
     is_inexact |= np.int32(not are_exact(edges, steps, e - s))
     if is_inexact == 0:
-        stop = s + whole_vectors(e - s)
+        stop = s + round_up_to_vectors(e - s)
         second, third = part(weights, 0, s, stop), part(weights, 1, s, stop)
         first = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
         gains = np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])
@@ -328,7 +328,7 @@ def recompute_exact(segment, ints, weights, geometry, placement):
     """Recompute the marked samples of a segment by the exact path, with their facing."""
     owner, codes = np.int64(segment[rows.OWNER]), geometry.codes
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        a, b, c = get_patch_vertices(ints, r)
         first, end = np.int64(ints[rows.FIRST, r]), np.int64(ints[rows.FIRST, r + np.uintp(1)])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             column, row = np.float64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
@@ -354,12 +354,12 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     Write the weights of a block's samples, and whether their faces are back-facing.
 
     Leaves the pixels of clipped faces and what `weigh_mixed` gathers of the others, for
-    `uv_derivatives.find_steps`.
+    `uv_derivatives.find_uv_steps`.
     """
     ints, doubles, weights = block.ints, block.doubles, block.weights
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
-    is_narrow = reach == 0 and not may_be_wide(geometry.viewport)
+    is_narrow = reach == 0 and not may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         winding = placement.front_windings[np.int64(segment[rows.OWNER])]

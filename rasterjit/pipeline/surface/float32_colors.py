@@ -23,8 +23,8 @@ from rasterjit.pipeline.surface.attributes import (
     multiply_float32_colors,
     multiply_float32_span,
 )
-from rasterjit.pipeline.surface.barycentric_weights import may_be_wide
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.barycentric_weights import may_have_wide_faces
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import (
     LANES,
@@ -58,7 +58,7 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
     if float32_weights.weigh_mixed(segment, block, geometry, has_wide) != 0:
         return False
     s = np.int64(segment[rows.START])
-    e = s + whole_vectors(segment[rows.STOP] - s)
+    e = s + round_up_to_vectors(segment[rows.STOP] - s)
     samples, weights, floats = block.samples, block.float32_weights, block.floats
     patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
     gather_values(patches[0], patches[1], colors, block.ints, floats)
@@ -105,7 +105,7 @@ def blend_clipped_row(corners, out, memory, pixel, geometry, colors, base):
 
 
 @helper
-def edges_along_row(a, b, c, column, row, bits, xy):
+def evaluate_edges_along_row(a, b, c, column, row, bits, xy):
     """Return the edge functions of a face that is not wide at a pixel on it, and their steps."""
     half = np.int32(1) << (bits - 1)
     px, py = np.int32((column << bits) + half), np.int32((row << bits) + half)
@@ -137,7 +137,9 @@ def blend_row(corners, start, stop, pixel, block, geometry, has_wide, base, colo
         if blend_clipped_row(corners, out, memory, pixel, geometry, corner_colors, base) == 0:
             return
     elif not (is_clipped or (has_wide and float32_weights.is_wide(a, b, c, xy))):
-        edges, steps = edges_along_row(a, b, c, column, row, geometry.viewport.grid_bits, xy)
+        edges, steps = evaluate_edges_along_row(
+            a, b, c, column, row, geometry.viewport.grid_bits, xy
+        )
         one = np.float32(1.0)
         ratio_b, ratio_c = one, one
         if w.shape[0] != 0:
@@ -191,7 +193,7 @@ def blend_runs(segment, block, geometry, has_wide, base, colors):
         pixel = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
         if segment[rows.KIND] != rows.SPAN:
             pixel = np.int64(ints[rows.COLUMN, start]), np.int64(ints[rows.ROW, start])
-        corners = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        corners = get_patch_vertices(ints, r)
         blend_row(
             corners, np.int64(start), np.int64(ints[rows.FIRST, following]), pixel, block, geometry,
             has_wide, base, colors,
@@ -210,7 +212,7 @@ def find_float32_colors(
     For objects where ``is_float32``, (O,), is not 0; others in float64, as `mix_vertex_colors`
     does. One pass for both: vectors write past the end of a segment, which the next overwrites.
     """
-    has_wide = may_be_wide(geometry.viewport)
+    has_wide = may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])

@@ -20,8 +20,8 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.barycentric_weights import WIDE_EXTENT, span_start
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.barycentric_weights import WIDE_EXTENT, evaluate_edges
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
 
@@ -66,7 +66,7 @@ def gather_screen(first, end, geometry, has_wide, ints, floats):
     any_wide = False
     for r in range(np.uintp(first), np.uintp(end)):
         n = np.uintp(ints[rows.FIRST, r])
-        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        a, b, c = get_patch_vertices(ints, r)
         code |= codes[a] | codes[b] | codes[c]
         spread(ints[rows.AX], n, xy[a, 0])
         spread(ints[rows.AY], n, xy[a, 1])
@@ -123,7 +123,7 @@ def weigh_mixed(segment, block, geometry, has_wide):
     ints, floats, weights = block.ints, block.floats, block.float32_weights
     s = np.int64(segment[rows.START])
     count = np.int32(segment[rows.STOP] - s)
-    e = s + whole_vectors(count)
+    e = s + round_up_to_vectors(count)
     patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
     inexact = gather_screen(patches[0], patches[1], geometry, has_wide, ints, floats)
     bits = geometry.viewport.grid_bits
@@ -144,7 +144,7 @@ def weights_at(a, b, c, column, row, geometry):
     codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     if not (is_clipped or is_wide(a, b, c, xy)):
-        (e0, e1, e2), _, _, _ = span_start(a, b, c, column, row, bits, xy, w)
+        (e0, e1, e2), _, _, _ = evaluate_edges(a, b, c, column, row, bits, xy, w)
         w0, w1, w2 = np.float32(e0), np.float32(e1), np.float32(e2)
         if w.shape[0] != 0:
             w1, w2 = w1 * np.float32(w[a] / w[b]), w2 * np.float32(w[a] / w[c])

@@ -11,42 +11,50 @@ from rasterjit.runtime.intrinsics import LANES, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int32, int64, uint32
 
-MIN_SPAN = 16
+MIN_SPAN_SAMPLES = 16
 """
-Fewest columns of a span (a run of one face): face numbers in a 512-bit register.
+Least length of a span (a run of one face): as many face numbers as a 512-bit register holds.
 
 After shorter runs a span may begin at multiples of this only.
 """
 
 
 @helper
-def whole_vectors(count):
+def round_up_to_vectors(count):
     """Return a count rounded up to whole vectors."""
     return (np.int64(count) + (rows.VECTOR - 1)) & -rows.VECTOR
 
 
 @helper
-def run_end(faces, column):
-    """Return the first column that shows another face than this one."""
+def get_patch_vertices(ints, r):
+    """Return the vertex numbers of a patch's face."""
+    return np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+
+
+@helper
+def find_run_end(faces, column):
+    """Return the first column to the right that shows another face than ``column`` does."""
     face = faces[np.uintp(column)]
     return range_end(faces, column, face, np.int32(face + 1))
 
 
 @helper
-def mixed_end(faces, column, first, end):
+def find_mixed_end(faces, column, first, end):
     """Return where a mixed segment of faces first..end - 1 ends, or where a span begins."""
     stop = range_end(faces, column, np.int32(first), np.int32(end))
-    for start in range((column | (MIN_SPAN - 1)) + 1, stop - MIN_SPAN + 1, MIN_SPAN):
-        # Mostly one comparison rules a span out.
-        is_same = faces[np.uintp(start)] == faces[np.uintp(start + MIN_SPAN - 1)]
-        if is_same and run_end(faces, start) >= start + MIN_SPAN:
+    for start in range(
+        (column | (MIN_SPAN_SAMPLES - 1)) + 1, stop - MIN_SPAN_SAMPLES + 1, MIN_SPAN_SAMPLES
+    ):
+        # One comparison usually rules a span out.
+        is_same = faces[np.uintp(start)] == faces[np.uintp(start + MIN_SPAN_SAMPLES - 1)]
+        if is_same and find_run_end(faces, start) >= start + MIN_SPAN_SAMPLES:
             return start
     return stop
 
 
 @helper
 def list_patches(faces, n, r, ints):
-    """List the patches of some neighbours from sample ``n`` on; return the number of the next."""
+    """List patches of neighbouring samples, from sample ``n`` on; return the next patch's number."""
     previous = np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
         # Branchless: the next sample overwrites one that starts no patch.
@@ -58,22 +66,19 @@ def list_patches(faces, n, r, ints):
 
 
 @disjoint_helper
-def write_pixels(columns, rows, column, row):
+def write_pixels(pixel_columns, pixel_rows, column, row):
     """Write the pixels of neighbouring samples, given the first."""
-    for n in range(columns.shape[0]):
-        columns[n], rows[n] = column + n, row
+    for n in range(pixel_columns.shape[0]):
+        pixel_columns[n], pixel_rows[n] = column + n, row
 
 
 @helper
-def gather_corners(patches, faces, ints):
-    """Gather the vertex numbers of each patch."""
-    for r in range(np.uintp(patches)):
+def gather_vertex_numbers(patch_count, faces, ints):
+    """Gather the vertex numbers of each patch's face."""
+    for r in range(np.uintp(patch_count)):
         face = np.uintp(ints[rows.FACE, r])
-        ints[rows.A, r], ints[rows.B, r], ints[rows.C, r] = (
-            faces[face, 0],
-            faces[face, 1],
-            faces[face, 2],
-        )
+        for k in range(3):
+            ints[rows.A + k, r] = faces[face, k]
 
 
 @helper
@@ -98,13 +103,13 @@ def list_samples(
     Parameters
     ----------
     block : Block
-        ``counts`` is 0 where a band begins, and behind its end. Writes everything about segments,
-        patches, intervals.
+        ``counts`` is 0 where a band begins, and after its end. Writes segments, patches and
+        intervals.
     face_id : (R, W) int32
-        The visible faces of the band, -1 where nothing is; or several images of it, one below the
-        other.
+        The visible faces of the band, -1 where nothing is; or several images of the band, one below
+        the other.
     first_row : int
-        Where the band lies in the frame.
+        The frame's row where the band begins.
     height : int
         Rows of the band.
     faces : (F, 3) int32, vertex numbers
@@ -115,80 +120,86 @@ def list_samples(
         The background in sRGB codes: RGBA bytes from the lowest up.
     linear : (R, W, 4) float32, or (R, 0, 4)
     color : (R, W) uint32, or (R, 0)
-        May lie where the faces do: of these, none is looked at once something was written there.
+        May share memory with ``face_id``: no face is read after its pixel was written.
 
     Returns
     -------
     int
-        How many samples there are; -1 behind the last one.
+        Number of samples; -1 after the last one.
     """
     counts, segments, intervals, ints = block.counts, block.segments, block.intervals, block.ints
     row, column, owner = counts[rows.NEXT_ROW], counts[rows.NEXT_COLUMN], counts[rows.LAST_OWNER]
-    lowest, end_face = face_starts[owner], face_starts[owner + 1]
+    first_face, end_face = face_starts[owner], face_starts[owner + 1]
     row_count, width = face_id.shape
-    n, r, k, last = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
-    is_open, interval_end = False, np.int64(-1)
+    n, r, k, last_interval = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
+    is_mixed_open, interval_end = False, np.int64(-1)
     while row < row_count and n < rows.SAMPLES:
         row_faces, frame_row = face_id[row], first_row + row % height
         while column < width and n < rows.SAMPLES:
             face = np.int64(row_faces[np.uintp(column)])
             if face < 0:
-                end = run_end(row_faces, column)
+                end = find_run_end(row_faces, column)
                 paint_background(
                     background, np.uint32(code), linear[row, column:end], color[row, column:end]
                 )
                 column = end
                 continue
-            if not lowest <= face < end_face:
+            if not first_face <= face < end_face:
                 owner = last_at_most(face_starts, face)
-                lowest, end_face = face_starts[owner], face_starts[owner + 1]
-                is_open = False
+                first_face, end_face = face_starts[owner], face_starts[owner + 1]
+                is_mixed_open = False
             # A block may be full before the row ends.
-            limited = row_faces[: min(width, column + rows.SAMPLES - n)]
-            end = run_end(limited, column)
-            if end >= column + MIN_SPAN:
+            unlisted_faces = row_faces[: min(width, column + rows.SAMPLES - n)]
+            end = find_run_end(unlisted_faces, column)
+            if end >= column + MIN_SPAN_SAMPLES:
                 ints[rows.FIRST, r], ints[rows.FACE, r] = n, face
                 segments[k, rows.KIND], segments[k, rows.OWNER] = rows.SPAN, owner
                 segments[k, rows.START], segments[k, rows.FIRST_PATCH] = n, r
                 segments[k, rows.COLUMN_OF], segments[k, rows.ROW_OF] = column, frame_row
                 r += np.uintp(1)
                 k += 1
-                is_open = False
+                is_mixed_open = False
             else:
-                end = mixed_end(limited, column, lowest, end_face)
-                if not is_open:
+                end = find_mixed_end(unlisted_faces, column, first_face, end_face)
+                if not is_mixed_open:
                     segments[k, rows.KIND], segments[k, rows.OWNER] = rows.MIXED, owner
                     segments[k, rows.START], segments[k, rows.FIRST_PATCH] = n, r
                     k += 1
-                    is_open = True
-                stop = n + whole_vectors(end - column)
+                    is_mixed_open = True
+                stop = n + round_up_to_vectors(end - column)
                 write_pixels(
                     part(ints, rows.COLUMN, n, stop), part(ints, rows.ROW, n, stop),
                     np.int32(column), np.int32(frame_row),
                 )  # fmt: skip
-                r = list_patches(limited[column:end], n, r, ints)
+                r = list_patches(unlisted_faces[column:end], n, r, ints)
             if interval_end != column:
-                last += 1
-                intervals[last, rows.INTERVAL_ROW], intervals[last, rows.INTERVAL_COLUMN] = (
+                last_interval += 1
+                (
+                    intervals[last_interval, rows.INTERVAL_ROW],
+                    intervals[last_interval, rows.INTERVAL_COLUMN],
+                ) = (
                     row,
                     column,
                 )
-                intervals[last, rows.INTERVAL_START], intervals[last, rows.INTERVAL_FRAME_ROW] = (
+                (
+                    intervals[last_interval, rows.INTERVAL_START],
+                    intervals[last_interval, rows.INTERVAL_FRAME_ROW],
+                ) = (
                     n,
                     frame_row,
                 )
             n += end - column
             segments[k - 1, rows.STOP], segments[k - 1, rows.END_PATCH] = n, r
-            intervals[last, rows.INTERVAL_STOP] = n
+            intervals[last_interval, rows.INTERVAL_STOP] = n
             column = interval_end = end
         if column >= width:
             row, column, interval_end = row + 1, np.int64(0), np.int64(-1)
     counts[rows.NEXT_ROW], counts[rows.NEXT_COLUMN], counts[rows.LAST_OWNER] = row, column, owner
-    counts[rows.SEGMENTS], counts[rows.PATCHES], counts[rows.INTERVALS] = k, r, last + 1
+    counts[rows.SEGMENTS], counts[rows.PATCHES], counts[rows.INTERVALS] = k, r, last_interval + 1
     if n == 0:
         for number in range(rows.COUNTS):
             counts[number] = 0
         return np.int64(-1)
     ints[rows.FIRST, r] = n
-    gather_corners(r, faces, ints)
+    gather_vertex_numbers(r, faces, ints)
     return n

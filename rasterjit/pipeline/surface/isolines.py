@@ -16,9 +16,10 @@ from rasterjit.pipeline.geometry.barycentric import relative_to_sample
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.scalar_colors import VALUE, is_finite
-from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state_block import float32, float64, int64
 
@@ -144,11 +145,7 @@ def draw_contours(
         half = np.float64(lines[owner, HALF_WIDTH])
         # Their faces whose scalars differ.
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-            a, b, c = (
-                np.uintp(ints[rows.A, r]),
-                np.uintp(ints[rows.B, r]),
-                np.uintp(ints[rows.C, r]),
-            )
+            a, b, c = get_patch_vertices(ints, r)
             scalars = values[a], values[b], values[c]
             if scalars[0] == scalars[1] and scalars[1] == scalars[2]:
                 continue
@@ -182,5 +179,5 @@ def draw_contours(
                     is_drawn = lies_on_line(level, half, scalars, edges)
                 if is_drawn:
                     for i in range(3):
-                        block.colors[SHOWN + i, n] = lines[owner, LINE_RED + i]
-                    block.colors[SHOWN + 3, n] = np.float32(1.0)
+                        block.colors[TEXTURE_RED + i, n] = lines[owner, LINE_RED + i]
+                    block.colors[TEXTURE_RED + 3, n] = np.float32(1.0)

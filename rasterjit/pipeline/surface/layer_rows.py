@@ -57,5 +57,5 @@ def scale_by_textures(block: Block, count, first: int64, channel: int64, height:
     """Multiply ``height`` rows of samples by the textures' channels, from ``channel`` on."""
     for k in range(height):
         for n in range(count):
-            texel = block.colors[texture_lookup.SHOWN + channel + k, n]
+            texel = block.colors[texture_lookup.TEXTURE_RED + channel + k, n]
             block.samples[first + k, n] *= texel

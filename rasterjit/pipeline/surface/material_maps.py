@@ -21,6 +21,7 @@ from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import LANES, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
@@ -101,8 +102,8 @@ def replace_perturbed(perturbed, is_valid, normal):
 def scale_metallic_roughness(samples, count, colors):
     """Multiply metallic and roughness by the blue and green channels of the textures."""
     for n in range(count):
-        samples[rows.METALLIC, n] *= colors[texture_lookup.SHOWN + 2, n]
-        samples[rows.ROUGHNESS, n] *= colors[texture_lookup.SHOWN + 1, n]
+        samples[rows.METALLIC, n] *= colors[texture_lookup.TEXTURE_RED + 2, n]
+        samples[rows.ROUGHNESS, n] *= colors[texture_lookup.TEXTURE_RED + 1, n]
 
 
 @helper
@@ -110,8 +111,8 @@ def scale_occlusion(samples, count, places, colors, factors):
     """Multiply the occlusion factor by the red channel of the textures."""
     one = np.float32(1.0)
     for n in range(count):
-        owner = np.int64(places[texture_lookup.OWNER, n])
-        texel = colors[texture_lookup.SHOWN, n]
+        owner = np.int64(places[texture_lookup.UV_OWNER, n])
+        texel = colors[texture_lookup.TEXTURE_RED, n]
         visible = one + factors[owner, OCCLUSION_STRENGTH] * (texel - one)
         samples[rows.OCCLUSION, n] *= max(min(visible, one), np.float32(0.0))
 
@@ -121,7 +122,7 @@ def scale_emission(samples, count, colors):
     """Multiply emitted light by the textures."""
     for k in range(3):
         for n in range(count):
-            samples[rows.EMISSIVE_RED + k, n] *= colors[texture_lookup.SHOWN + k, n]
+            samples[rows.EMISSIVE_RED + k, n] *= colors[texture_lookup.TEXTURE_RED + k, n]
 
 
 @disjoint_helper
@@ -140,9 +141,7 @@ def gather_tangents(segment, block, uv, tangents, mirrored):
     """Gather the tangents of a segment's vertices, and the sign of the bitangent."""
     ints, floats, handed = block.ints, block.floats, block.doubles[0]
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-        a, b, c = (
-            np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
-        )  # fmt: skip
+        a, b, c = get_patch_vertices(ints, r)
         is_flipped = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
         sign = np.float64(tangents[a, is_flipped, 3]) * mirrored
         first, end = np.int64(ints[rows.FIRST, r]), np.int64(ints[rows.FIRST, r + np.uintp(1)])
@@ -166,7 +165,7 @@ def perturb_segment(segment, block, uv, tangents, scale, matrix, mirrored):
     perturb_normals(
         nx, ny, nz, bx, by, bz, valid, *three_parts(f, 4, a, e), part(f, 7, a, e), part(f, 8, a, e),
         part(block.doubles, 0, a, e), part(w, 0, a, e), part(w, 1, a, e),
-        part(block.ints, rows.BACKFACE, a, e), *three_parts(colors, texture_lookup.SHOWN, a, e),
+        part(block.ints, rows.BACKFACE, a, e), *three_parts(colors, texture_lookup.TEXTURE_RED, a, e),
         scale, matrix,
     )  # fmt: skip
     replace_perturbed(bx, valid, nx)
@@ -199,7 +198,7 @@ def apply_metallic_roughness_maps(block: Block, count):
 @stage
 def apply_occlusion_maps(block: Block, count, factors: float32[:, ::1]):
     """Multiply the occlusion factor by the red channel of the textures."""
-    scale_occlusion(block.samples, count, block.places, block.colors, factors)
+    scale_occlusion(block.samples, count, block.uv_rows, block.colors, factors)
 
 
 @stage

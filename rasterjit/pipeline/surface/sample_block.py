@@ -1,5 +1,5 @@
 """
-Define the block of samples that shading stages work on (structure of arrays), row by row.
+Define the block of samples that shading stages work on.
 
 A block holds some hundred covered samples of a band of rows, one row of memory for each quantity
 (structure of arrays), so that the loops of a stage vectorize. Its samples come in *segments* of one
@@ -107,8 +107,8 @@ VECTOR = 16
 
 BLOCK_ROWS = 81
 """Number of rows of samples."""
-PLACE_ROWS, PLACE_OWNER = 14, 2
-"""Rows of ``places``; that of a sample's object, by which textures are looked up."""
+UV_ROWS, LOOKUP_INT_ROWS, LOOKUP_WEIGHT_ROWS, TEXTURE_COLOR_ROWS = 14, 11, 3, 12
+"""Numbers of rows for texture lookups: see ``texture_lookup``."""
 
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
@@ -136,12 +136,12 @@ class Block(NamedTuple):
     doubles: float64[VERTEX_ROWS, STRIDE]
     floats: float32[VERTEX_ROWS, STRIDE]
     """Vertex attributes of a mixed segment's faces, as a stage gathers them."""
-    places: float64[PLACE_ROWS, STRIDE]
+    uv_rows: float64[UV_ROWS, STRIDE]
     """Texture coordinates ...: see ``texture_lookup``."""
-    numbers: int32[11, STRIDE]
-    shares: float32[3, STRIDE]
+    lookup_ints: int32[LOOKUP_INT_ROWS, STRIDE]
+    lookup_weights: float32[LOOKUP_WEIGHT_ROWS, STRIDE]
     """Scratch memory for texture lookups."""
-    colors: float32[12, STRIDE]
+    colors: float32[TEXTURE_COLOR_ROWS, STRIDE]
     """Texture colours, and scratch memory for lookups."""
     receivers: float64[RECEIVER_ROWS, STRIDE]
     """Points and normals for shadows."""

@@ -13,9 +13,9 @@ from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
 from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.attributes import span_corners
+from rasterjit.pipeline.surface.attributes import get_span_vertices
 from rasterjit.pipeline.surface.sample_block import Block
-from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.intrinsics import part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8
@@ -116,8 +116,8 @@ def apply_colormaps(
         owner = np.uintp(segment[rows.OWNER])
         s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
         out = (
-            part(block.colors, SHOWN, s, e), part(block.colors, SHOWN + 1, s, e),
-            part(block.colors, SHOWN + 2, s, e), part(block.colors, SHOWN + 3, s, e),
+            part(block.colors, TEXTURE_RED, s, e), part(block.colors, TEXTURE_RED + 1, s, e),
+            part(block.colors, TEXTURE_RED + 2, s, e), part(block.colors, TEXTURE_RED + 3, s, e),
         )  # fmt: skip
         if entries[owner, ENTRIES] == 0:
             fill_white(out)
@@ -130,7 +130,7 @@ def apply_colormaps(
             )
             interpolate_scalars(scalars, *three_parts(doubles, 0, s, e), second, third)
         else:
-            a, b, c = span_corners(segment, ints)
+            a, b, c = get_span_vertices(segment, ints)
             interpolate_span_scalars(scalars, second, third, values[a], values[b], values[c])
         look_up_colors(
             out, scalars, (intervals[owner, LOW], intervals[owner, WIDTH]),
@@ -146,7 +146,7 @@ def multiply_alphas(block: Block, count, is_blended: uint8[::1]):
         segment = block.segments[k]
         if is_blended[np.uintp(segment[rows.OWNER])] != 0:
             for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
-                samples[rows.ALPHA, n] *= colors[SHOWN + 3, n]
+                samples[rows.ALPHA, n] *= colors[TEXTURE_RED + 3, n]
 
 
 @kernel

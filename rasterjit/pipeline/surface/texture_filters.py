@@ -61,15 +61,15 @@ CODE_CHANNELS, FIRST_CODE, CODE_CURVE = 7, 8, 9
 """Columns of ``Textures.table``."""
 TABLE_COLUMNS = 10
 
-SRGB, SHARES, OPAQUE = 0, 1, 2
-"""Rows of ``Textures.curves``: sRGB; shares of 1, as codes of alpha are; 1 for any code."""
+SRGB, LINEAR, OPAQUE = 0, 1, 2
+"""Rows of ``Textures.curves``: sRGB; code / 255, as for alpha; 1 for any code."""
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Textures.levels``."""
 
-TEXEL_STEPS = 2.0**24
+STEPS_PER_TEXEL = 2.0**24
 """
-Positions are rounded to 1/TEXEL_STEPS texel.
+Positions are rounded to 1/STEPS_PER_TEXEL texel.
 
 So fine a step fits float32 weights exactly, and is far above the rounding errors of interpolated
 coordinates: a sample on the middle of a texel shows that texel alone, one on a border is on it.
@@ -80,27 +80,27 @@ MAX_STEP_SQUARED = 1e30
 
 
 @helper
-def level_at(levels, n):
+def get_level(levels, n):
     """Return first texel, width and height of a level."""
     return levels[n, FIRST_TEXEL], levels[n, LEVEL_WIDTH], levels[n, LEVEL_HEIGHT]
 
 
 @helper
-def scaled_slopes(per_sum, ratios, across, down):
+def differentiate_weights(inverse_sum, ratios, right, down):
     """
-    Return the derivatives of weights, given the steps of their edge functions right and down.
+    Return the derivatives of weights to the right and down, from those of their edge functions.
 
     Takes one over the weights' sum, in the unit of the steps, and smallest w / w of each vertex.
     """
-    p, q, r = ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
+    p, q, r = ratios[0] * inverse_sum, ratios[1] * inverse_sum, ratios[2] * inverse_sum
     return (
-        (p * across[0], q * across[1], r * across[2]),
+        (p * right[0], q * right[1], r * right[2]),
         (p * down[0], q * down[1], r * down[2]),
     )
 
 
 @helper
-def clipped_slopes(a, b, c, column, row, clip, viewport):
+def differentiate_clipped_weights(a, b, c, column, row, clip, viewport):
     """
     Return the derivatives of a clipped face's weights at a pixel's centre, over their sum.
 
@@ -122,21 +122,18 @@ def clipped_slopes(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def place_step(slopes, place, place0, place1, place2):
-    """Return the change of u and v for the given derivatives of the weights."""
-    rest = slopes[0] + slopes[1] + slopes[2]
+def differentiate_uv(weight_derivatives, uv, uv0, uv1, uv2):
+    """Return the derivatives of u and v, given those of the weights."""
+    d0, d1, d2 = weight_derivatives
+    total = d0 + d1 + d2
     return (
-        slopes[1] * (place1[0] - place0[0])
-        + slopes[2] * (place2[0] - place0[0])
-        - rest * (place[0] - place0[0]),
-        slopes[1] * (place1[1] - place0[1])
-        + slopes[2] * (place2[1] - place0[1])
-        - rest * (place[1] - place0[1]),
+        d1 * (uv1[0] - uv0[0]) + d2 * (uv2[0] - uv0[0]) - total * (uv[0] - uv0[0]),
+        d1 * (uv1[1] - uv0[1]) + d2 * (uv2[1] - uv0[1]) - total * (uv[1] - uv0[1]),
     )
 
 
 @helper
-def length_squared(step, width, height):
+def square_length(step, width, height):
     """Return the squared length of a step, in texels of a level."""
     u, v = step[0] * width, step[1] * height
     return u * u + v * v
@@ -144,42 +141,46 @@ def length_squared(step, width, height):
 
 @helper
 def level_of_detail(squared):
-    """Return log2 of the length of a step, given its square; 0 where a texel covers the pixel."""
+    """Return log2 of a step's length, given its square; 0 where a texel covers the pixel."""
     if not squared > 1.0:
         return np.float32(0.0)
     return np.float32(0.5) * log2(np.float32(min(squared, MAX_STEP_SQUARED)))
 
 
 @helper
-def vertex_place(uv, vertex):
-    """Return the texture coordinates of a vertex."""
-    return np.float64(uv[vertex, 0]), np.float64(uv[vertex, 1])
+def read_vertex_uvs(uv, a, b, c):
+    """Return the texture coordinates of a face's three vertices."""
+    return (
+        (np.float64(uv[a, 0]), np.float64(uv[a, 1])),
+        (np.float64(uv[b, 0]), np.float64(uv[b, 1])),
+        (np.float64(uv[c, 0]), np.float64(uv[c, 1])),
+    )
 
 
 @helper
-def plain_footprint(right, down):
+def make_isotropic_footprint(right_squared, down_squared):
     """Return an isotropic footprint: the longer step's squared length, one tap, no axis."""
-    return max(right, down), np.int64(1), (0.0, 0.0)
+    return max(right_squared, down_squared), np.int64(1), (0.0, 0.0)
 
 
 @helper
-def long_footprint(right, down, step_right, step_down, limit):
+def make_anisotropic_footprint(right_squared, down_squared, right_step, down_step, max_parts):
     """
     Return an anisotropic footprint: a squared length, a number of taps, and their axis.
 
-    The footprint is divided along its longer step into at most ``limit`` parts, each as long as
+    The footprint is divided along its longer step into at most ``max_parts`` parts, each as long as
     the shorter step, or as a texel if that is shorter. Takes squared lengths in texels, and steps.
     """
-    longest, shortest = max(right, down), max(min(right, down), 1.0)
-    if not (longest > shortest and limit > 1):
-        return plain_footprint(right, down)
-    parts = min(np.sqrt(longest / shortest), np.float64(limit))
-    way = step_right if right > down else step_down
-    return longest / (parts * parts), np.int64(np.ceil(parts)), way
+    longer, shorter = max(right_squared, down_squared), max(min(right_squared, down_squared), 1.0)
+    if not (longer > shorter and max_parts > 1):
+        return make_isotropic_footprint(right_squared, down_squared)
+    parts = min(np.sqrt(longer / shorter), np.float64(max_parts))
+    axis = right_step if right_squared > down_squared else down_step
+    return longer / (parts * parts), np.int64(np.ceil(parts)), axis
 
 
 @helper
-def split_detail(detail, count):
+def split_level_of_detail(detail, count):
     """Split a level of detail into the finer mip level and the weight of the coarser one."""
     finer, last = np.int32(detail), count - np.int32(1)
     is_last = finer >= last
@@ -187,9 +188,9 @@ def split_detail(detail, count):
 
 
 @helper
-def tap_place(place, way, n, taps):
-    """Return the position of tap ``n`` of a footprint; a single one is centred."""
+def position_tap(uv, axis, tap, taps):
+    """Return the position of tap ``tap`` of a footprint; a single one is centred."""
     if taps == 1:
-        return place
-    shift = np.float64(2 * n + 1 - taps) / np.float64(2 * taps + 2)
-    return place[0] + shift * way[0], place[1] + shift * way[1]
+        return uv
+    shift = np.float64(2 * tap + 1 - taps) / np.float64(2 * taps + 2)
+    return uv[0] + shift * axis[0], uv[1] + shift * axis[1]

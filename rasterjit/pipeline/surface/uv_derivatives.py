@@ -12,10 +12,10 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import interpolate
 from rasterjit.pipeline.geometry.setup import CLIPPED, narrow_edge
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.surface import sample_block
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_filters as texturing
-from rasterjit.pipeline.surface.barycentric_weights import span_start
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.barycentric_weights import evaluate_edges
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_filters import FILTER, FIRST_LEVEL, TRILINEAR
 from rasterjit.pipeline.surface.texture_lookup import DOWN_U, DOWN_V, RIGHT_U, RIGHT_V, U, V
@@ -25,7 +25,7 @@ from rasterjit.runtime.state_block import float32, int64
 
 
 @helper
-def wants_steps(owner, table):
+def has_mipmapped_texture(owner, table):
     """Return whether any texture of an object is mipmapped."""
     for kind in range(np.uintp(table.shape[1])):
         if table[owner, kind, FIRST_LEVEL] >= 0 and table[owner, kind, FILTER] == TRILINEAR:
@@ -34,76 +34,84 @@ def wants_steps(owner, table):
 
 
 @disjoint_helper
-def fill_places(u, v, owners, second, third, ends, owner):
-    """Write the coordinates of samples of one face, given those of its vertices, and the object."""
-    pa, pb, pc = ends
+def interpolate_span_uv(u, v, owners, second, third, vertex_uvs, owner):
+    """Write texture coordinates of samples of one face, and the object."""
+    uv_a, uv_b, uv_c = vertex_uvs
     for n in range(u.shape[0]):
         weights = 0.0, second[n], third[n]
-        u[n] = interpolate(weights, pa[0], pb[0], pc[0])
-        v[n] = interpolate(weights, pa[1], pb[1], pc[1])
+        u[n] = interpolate(weights, uv_a[0], uv_b[0], uv_c[0])
+        v[n] = interpolate(weights, uv_a[1], uv_b[1], uv_c[1])
         owners[n] = owner
 
 
 @helper
-def sum_of_weights(e0, e1, e2, ratios, is_affine):
+def add_up_weights(e0, e1, e2, ratios, is_affine):
     """Return the sum of a face's edge functions, each times the smallest w over its own."""
     total = np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
     return np.float64(e0 + e1 + e2) if is_affine else total
 
 
 @disjoint_helper
-def fill_steps(
-    right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, spacing, is_affine
+def write_span_uv_steps(
+    right_u, right_v, down_u, down_v, u, v, vertex_uvs, row_start, bits, spacing, is_affine
 ):  # fmt: skip
     """Write the steps of neighbouring samples of one face that was not clipped."""
-    (e0, e1, e2), (x0, x1, x2), downs, ratios = row_start
-    unit = spacing * np.float64(np.int64(1) << bits)
-    across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
-    fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
+    (e0, e1, e2), (x0, x1, x2), (y0, y1, y2), ratios = row_start
+    uv_a, uv_b, uv_c = vertex_uvs
+    units_per_step = spacing * np.float64(np.int64(1) << bits)
+    right_steps = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
+    down_steps = np.float64(y0 >> bits), np.float64(y1 >> bits), np.float64(y2 >> bits)
     for n in range(u.shape[0]):
-        total = sum_of_weights(e0, e1, e2, ratios, is_affine)
-        right, down = texturing.scaled_slopes(unit / total, ratios, across, fall)
-        place = u[n], v[n]
-        right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
-        down_u[n], down_v[n] = texturing.place_step(down, place, ends[0], ends[1], ends[2])
+        total = add_up_weights(e0, e1, e2, ratios, is_affine)
+        right, down = texturing.differentiate_weights(
+            units_per_step / total, ratios, right_steps, down_steps
+        )
+        uv = u[n], v[n]
+        right_u[n], right_v[n] = texturing.differentiate_uv(right, uv, uv_a, uv_b, uv_c)
+        down_u[n], down_v[n] = texturing.differentiate_uv(down, uv, uv_a, uv_b, uv_c)
         e0 += x0
         e1 += x1
         e2 += x2
 
 
 @helper
-def note_clipped_steps(places, n, a, b, c, column, row, uv, clip_positions, viewport):
+def write_clipped_uv_step(uv_rows, n, a, b, c, column, row, uv, clip_positions, viewport):
     """Write the steps of one sample of a face that was clipped."""
-    right, down = texturing.clipped_slopes(a, b, c, column, row, clip_positions, viewport)
-    pa, pb, pc = (
-        texturing.vertex_place(uv, a), texturing.vertex_place(uv, b), texturing.vertex_place(uv, c)
-    )  # fmt: skip
-    place = places[U, n], places[V, n]
-    places[RIGHT_U, n], places[RIGHT_V, n] = texturing.place_step(right, place, pa, pb, pc)
-    places[DOWN_U, n], places[DOWN_V, n] = texturing.place_step(down, place, pa, pb, pc)
+    right, down = texturing.differentiate_clipped_weights(
+        a, b, c, column, row, clip_positions, viewport
+    )
+    uv_a, uv_b, uv_c = texturing.read_vertex_uvs(uv, a, b, c)
+    sample_uv = uv_rows[U, n], uv_rows[V, n]
+    uv_rows[RIGHT_U, n], uv_rows[RIGHT_V, n] = texturing.differentiate_uv(
+        right, sample_uv, uv_a, uv_b, uv_c
+    )
+    uv_rows[DOWN_U, n], uv_rows[DOWN_V, n] = texturing.differentiate_uv(
+        down, sample_uv, uv_a, uv_b, uv_c
+    )
 
 
 @disjoint_helper
-def fill_clipped_steps(
-    right_u, right_v, down_u, down_v, u, v, corners, ends, column, row, clip, viewport
+def write_clipped_uv_steps(
+    right_u, right_v, down_u, down_v, u, v, corners, vertex_uvs, column, row, clip, viewport
 ):  # fmt: skip
     """
-    Write the steps of neighbouring samples of one face that was clipped, the first at a pixel.
+    Write the steps of neighbouring samples of one clipped face, the first at a pixel.
 
-    Those of `note_clipped_steps`, without branches or calls between samples, so that it vectorizes.
+    Like `write_clipped_uv_step`, without branches or calls between samples, so that it vectorizes.
     """
     a, b, c = corners
+    uv_a, uv_b, uv_c = vertex_uvs
     for n in range(u.shape[0]):
-        here = column + np.float64(np.int32(n))
-        right, down = texturing.clipped_slopes(a, b, c, here, row, clip, viewport)
-        place = u[n], v[n]
-        right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
-        down_u[n], down_v[n] = texturing.place_step(down, place, ends[0], ends[1], ends[2])
+        x = column + np.float64(np.int32(n))
+        right, down = texturing.differentiate_clipped_weights(a, b, c, x, row, clip, viewport)
+        uv = u[n], v[n]
+        right_u[n], right_v[n] = texturing.differentiate_uv(right, uv, uv_a, uv_b, uv_c)
+        down_u[n], down_v[n] = texturing.differentiate_uv(down, uv, uv_a, uv_b, uv_c)
 
 
 @disjoint_helper
-def mix_places(u, v, owners, ua, va, ub, vb, uc, vc, second, third, owner):
-    """Write the coordinates of samples, each of a face of its own, and the object."""
+def interpolate_mixed_uv(u, v, owners, ua, va, ub, vb, uc, vc, second, third, owner):
+    """Write texture coordinates of samples, each of a face of its own, and the object."""
     for n in range(u.shape[0]):
         weights = 0.0, second[n], third[n]
         u[n] = interpolate(weights, np.float64(ua[n]), np.float64(ub[n]), np.float64(uc[n]))
@@ -112,190 +120,162 @@ def mix_places(u, v, owners, ua, va, ub, vb, uc, vc, second, third, owner):
 
 
 @helper
-def float_difference(one, other):
-    """Return the difference of two int32 as float64; it fits 32 bits."""
-    return np.float64(np.int32(one - other))
+def subtract_int32(a, b):
+    """Return the difference of two int32 as float64; the difference fits 32 bits."""
+    return np.float64(np.int32(a - b))
 
 
 @disjoint_helper
-def mix_steps(
+def write_mixed_uv_steps(
     right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy,
-    wa, wb, wc, columns, rows, bits, spacing, is_affine,
+    wa, wb, wc, pixel_columns, pixel_rows, bits, spacing, is_affine,
 ):  # fmt: skip
     """Write the steps of samples, each of a face of its own that was not clipped."""
     half = np.int32(1) << (bits - 1)
-    unit = spacing * np.float64(np.int64(1) << bits)
+    units_per_step = spacing * np.float64(np.int64(1) << bits)
     for n in range(u.shape[0]):
-        px = np.int32((columns[n] << bits) + half)
-        py = np.int32((rows[n] << bits) + half)
+        px = np.int32((pixel_columns[n] << bits) + half)
+        py = np.int32((pixel_rows[n] << bits) + half)
         x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
         smallest = min(wa[n], min(wb[n], wc[n]))
         ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
-        total = sum_of_weights(
+        total = add_up_weights(
             narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
             narrow_edge(x0, y0, x1, y1, px, py), ratios, is_affine,
         )  # fmt: skip
-        right, down = texturing.scaled_slopes(
-            unit / total,
+        right, down = texturing.differentiate_weights(
+            units_per_step / total,
             ratios,
-            (float_difference(y1, y2), float_difference(y2, y0), float_difference(y0, y1)),
-            (float_difference(x2, x1), float_difference(x0, x2), float_difference(x1, x0)),
+            (subtract_int32(y1, y2), subtract_int32(y2, y0), subtract_int32(y0, y1)),
+            (subtract_int32(x2, x1), subtract_int32(x0, x2), subtract_int32(x1, x0)),
         )
-        place = u[n], v[n]
-        pa = np.float64(ua[n]), np.float64(va[n])
-        pb = np.float64(ub[n]), np.float64(vb[n])
-        pc = np.float64(uc[n]), np.float64(vc[n])
-        right_u[n], right_v[n] = texturing.place_step(right, place, pa, pb, pc)
-        down_u[n], down_v[n] = texturing.place_step(down, place, pa, pb, pc)
-
-
-# The stages
+        uv = u[n], v[n]
+        uv_a = np.float64(ua[n]), np.float64(va[n])
+        uv_b = np.float64(ub[n]), np.float64(vb[n])
+        uv_c = np.float64(uc[n]), np.float64(vc[n])
+        right_u[n], right_v[n] = texturing.differentiate_uv(right, uv, uv_a, uv_b, uv_c)
+        down_u[n], down_v[n] = texturing.differentiate_uv(down, uv, uv_a, uv_b, uv_c)
 
 
 @helper
-def gather_vertex_places(first, end, uv, whole, single):
+def gather_vertex_uv(first, end, uv, ints, floats):
     """Gather the texture coordinates of the vertices of some patches."""
     for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = (
-            np.uintp(whole[sample_block.A, r]), np.uintp(whole[sample_block.B, r]),
-            np.uintp(whole[sample_block.C, r]),
-        )  # fmt: skip
-        n = np.uintp(whole[sample_block.FIRST, r])
-        spread(single[0], n, uv[a, 0])
-        spread(single[1], n, uv[a, 1])
-        spread(single[2], n, uv[b, 0])
-        spread(single[3], n, uv[b, 1])
-        spread(single[4], n, uv[c, 0])
-        spread(single[5], n, uv[c, 1])
+        a, b, c = get_patch_vertices(ints, r)
+        n = np.uintp(ints[rows.FIRST, r])
+        spread(floats[0], n, uv[a, 0])
+        spread(floats[1], n, uv[a, 1])
+        spread(floats[2], n, uv[b, 0])
+        spread(floats[3], n, uv[b, 1])
+        spread(floats[4], n, uv[c, 0])
+        spread(floats[5], n, uv[c, 1])
 
 
 @helper
-def span_places(segment, whole, uv):
+def read_span_vertices(segment, ints, uv):
     """Return the vertices of a span's face, and their texture coordinates."""
-    r = np.uintp(segment[sample_block.FIRST_PATCH])
-    a, b, c = (
-        np.uintp(whole[sample_block.A, r]), np.uintp(whole[sample_block.B, r]),
-        np.uintp(whole[sample_block.C, r])
-    )  # fmt: skip
-    ends = (
-        texturing.vertex_place(uv, a), texturing.vertex_place(uv, b), texturing.vertex_place(uv, c)
-    )  # fmt: skip
-    return (a, b, c), ends
+    a, b, c = get_patch_vertices(ints, np.uintp(segment[rows.FIRST_PATCH]))
+    return (a, b, c), texturing.read_vertex_uvs(uv, a, b, c)
 
 
 @stage
-def find_coordinates(block: Block, count, uv: float32[:, ::1]):
+def interpolate_uv(block: Block, count, uv: float32[:, ::1]):
     """
     Write the texture coordinates of each sample, and its object.
 
-    Leaves those of the vertices of mixed segments in ``floats``, for `find_steps`.
+    Leaves the coordinates of mixed segments' vertices in ``floats``, for `find_uv_steps`.
     """
-    whole, weights, places, single = block.ints, block.weights, block.places, block.floats
-    for k in range(block.counts[sample_block.SEGMENTS]):
+    ints, weights, uv_rows, floats = block.ints, block.weights, block.uv_rows, block.floats
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        s, e = np.int64(segment[sample_block.START]), np.int64(segment[sample_block.STOP])
-        owner = np.float64(segment[sample_block.OWNER])
-        if segment[sample_block.KIND] == sample_block.MIXED:
-            e = s + whole_vectors(e - s)
-            gather_vertex_places(
-                segment[sample_block.FIRST_PATCH],
-                segment[sample_block.END_PATCH],
-                uv,
-                whole,
-                single,
-            )
-            mix_places(
-                *three_parts(places, U, s, e), *six_parts(single, 0, s, e), part(weights, 0, s, e),
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        owner = np.float64(segment[rows.OWNER])
+        if segment[rows.KIND] == rows.MIXED:
+            e = s + round_up_to_vectors(e - s)
+            gather_vertex_uv(segment[rows.FIRST_PATCH], segment[rows.END_PATCH], uv, ints, floats)
+            interpolate_mixed_uv(
+                *three_parts(uv_rows, U, s, e), *six_parts(floats, 0, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), owner,
             )  # fmt: skip
         else:
-            _, ends = span_places(segment, whole, uv)
-            fill_places(
-                *three_parts(places, U, s, e), part(weights, 0, s, e), part(weights, 1, s, e), ends,
-                owner,
+            _, vertex_uvs = read_span_vertices(segment, ints, uv)
+            interpolate_span_uv(
+                *three_parts(uv_rows, U, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                vertex_uvs, owner,
             )  # fmt: skip
 
 
 @helper
-def find_steps_of_mixed(segment, block, viewport, is_affine):
+def find_mixed_uv_steps(segment, block, viewport, is_affine):
     """Write the steps of the samples of a mixed segment, as if none of its faces was clipped."""
-    whole, real, single, places = block.ints, block.doubles, block.floats, block.places
-    s = np.int64(segment[sample_block.START])
-    e = s + whole_vectors(segment[sample_block.STOP] - s)
-    mix_steps(
-        *three_parts(places, RIGHT_U, s, e), part(places, DOWN_V, s, e), part(places, U, s, e),
-        part(places, V, s, e), *six_parts(single, 0, s, e),
-        *six_parts(whole, sample_block.AX, s, e),
-        *three_parts(real, 0, s, e), part(whole, sample_block.COLUMN, s, e),
-        part(whole, sample_block.ROW, s, e), viewport.grid_bits, viewport.spacing, is_affine,
+    ints, doubles, floats, uv_rows = block.ints, block.doubles, block.floats, block.uv_rows
+    s = np.int64(segment[rows.START])
+    e = s + round_up_to_vectors(segment[rows.STOP] - s)
+    write_mixed_uv_steps(
+        *three_parts(uv_rows, RIGHT_U, s, e), part(uv_rows, DOWN_V, s, e), part(uv_rows, U, s, e),
+        part(uv_rows, V, s, e), *six_parts(floats, 0, s, e), *six_parts(ints, rows.AX, s, e),
+        *three_parts(doubles, 0, s, e), part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e),
+        viewport.grid_bits, viewport.spacing, is_affine,
     )  # fmt: skip
 
 
 @helper
-def find_steps_of_span(segment, block, uv, viewport, xy, codes, w):
+def find_span_uv_steps(segment, block, uv, viewport, xy, codes, w):
     """Write the steps of the samples of a span, unless its face was clipped."""
-    places, bits = block.places, viewport.grid_bits
-    s, e = np.int64(segment[sample_block.START]), np.int64(segment[sample_block.STOP])
-    column, row = np.int64(segment[sample_block.COLUMN_OF]), np.int64(segment[sample_block.ROW_OF])
-    (a, b, c), ends = span_places(segment, block.ints, uv)
+    uv_rows, bits = block.uv_rows, viewport.grid_bits
+    s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+    column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
+    (a, b, c), vertex_uvs = read_span_vertices(segment, block.ints, uv)
     if (codes[a] | codes[b] | codes[c]) & CLIPPED:
         return
-    fill_steps(
-        *three_parts(places, RIGHT_U, s, e), part(places, DOWN_V, s, e), part(places, U, s, e),
-        part(places, V, s, e), ends, span_start(a, b, c, column, row, bits, xy, w), bits,
+    write_span_uv_steps(
+        *three_parts(uv_rows, RIGHT_U, s, e), part(uv_rows, DOWN_V, s, e), part(uv_rows, U, s, e),
+        part(uv_rows, V, s, e), vertex_uvs, evaluate_edges(a, b, c, column, row, bits, xy, w), bits,
         viewport.spacing, w.shape[0] == 0,
     )  # fmt: skip
 
 
 @helper
-def find_steps_of_clipped(segment, whole, places, uv, codes, clip_positions, viewport):
+def find_clipped_uv_steps(segment, ints, uv_rows, uv, codes, clip_positions, viewport):
     """Write the steps of the samples of a segment whose faces were clipped."""
-    for r in range(
-        np.uintp(segment[sample_block.FIRST_PATCH]), np.uintp(segment[sample_block.END_PATCH])
-    ):
-        a, b, c = (
-            np.uintp(whole[sample_block.A, r]), np.uintp(whole[sample_block.B, r]),
-            np.uintp(whole[sample_block.C, r]),
-        )  # fmt: skip
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+        a, b, c = get_patch_vertices(ints, r)
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             s, e = (
-                np.int64(whole[sample_block.FIRST, r]),
-                np.int64(whole[sample_block.FIRST, r + np.uintp(1)]),
+                np.int64(ints[rows.FIRST, r]),
+                np.int64(ints[rows.FIRST, r + np.uintp(1)]),
             )
-            ends = (
-                texturing.vertex_place(uv, a), texturing.vertex_place(uv, b),
-                texturing.vertex_place(uv, c),
-            )  # fmt: skip
-            fill_clipped_steps(
-                *three_parts(places, RIGHT_U, s, e), part(places, DOWN_V, s, e),
-                part(places, U, s, e), part(places, V, s, e), (a, b, c), ends,
-                np.float64(whole[sample_block.COLUMN, s]), np.int64(whole[sample_block.ROW, s]),
+            vertex_uvs = texturing.read_vertex_uvs(uv, a, b, c)
+            write_clipped_uv_steps(
+                *three_parts(uv_rows, RIGHT_U, s, e), part(uv_rows, DOWN_V, s, e),
+                part(uv_rows, U, s, e), part(uv_rows, V, s, e), (a, b, c), vertex_uvs,
+                np.float64(ints[rows.COLUMN, s]), np.int64(ints[rows.ROW, s]),
                 clip_positions, viewport,
             )  # fmt: skip
 
 
 @stage
-def find_steps(
+def find_uv_steps(
     block: Block, count, uv: float32[:, ::1], table: int64[:, :, ::1], geometry: Geometry
 ):
     """
     Write the texture coordinates' differences to the next sample right and down, for mip levels.
 
-    These lie ``viewport.spacing`` pixels away. Only for objects with mipmapped textures.
-    After `find_coordinates`, as long as ``floats``, ``doubles`` and ``ints`` hold what that and the
-    weights have gathered.
+    The next sample lies ``viewport.spacing`` pixels away. Only for objects with mipmapped textures.
+    After `interpolate_uv`, while ``floats``, ``doubles`` and ``ints`` hold what `interpolate_uv` and
+    `find_weights` have gathered.
     """
     xy, codes, w, clip_positions = geometry.xy, geometry.codes, geometry.w, geometry.clip_positions
     viewport = geometry.viewport
-    for k in range(block.counts[sample_block.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        if not wants_steps(np.int64(segment[sample_block.OWNER]), table):
+        if not has_mipmapped_texture(np.int64(segment[rows.OWNER]), table):
             continue
-        if segment[sample_block.KIND] == sample_block.MIXED:
-            find_steps_of_mixed(segment, block, viewport, w.shape[0] == 0)
+        if segment[rows.KIND] == rows.MIXED:
+            find_mixed_uv_steps(segment, block, viewport, w.shape[0] == 0)
         else:
-            find_steps_of_span(segment, block, uv, viewport, xy, codes, w)
+            find_span_uv_steps(segment, block, uv, viewport, xy, codes, w)
         if clip_positions.shape[0] != 0:
-            find_steps_of_clipped(
-                segment, block.ints, block.places, uv, codes, clip_positions, viewport
+            find_clipped_uv_steps(
+                segment, block.ints, block.uv_rows, uv, codes, clip_positions, viewport
             )

@@ -1,9 +1,9 @@
 """
 Interpolate texture coordinates straight from edge functions, in float64.
 
-Used where nothing else reads weights, in place of `weights` and `texture_gradients`. Edge functions
-are integers, exact in float64 here, and of one sign on a face that a sample lies on, as w is. The
-weights
+Used where nothing else reads weights, in place of `barycentric_weights` and `uv_derivatives`. Edge
+functions are integers, exact in float64 here, and of one sign on a face that a sample lies on, as w
+is. The weights
 
     b_k = e_k w_i w_j / (e_0 w_1 w_2 + e_1 w_2 w_0 + e_2 w_0 w_1)
 
@@ -24,117 +24,118 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.barycentric_weights import may_be_wide
-from rasterjit.pipeline.surface.float32_colors import edges_along_row
+from rasterjit.pipeline.surface.barycentric_weights import may_have_wide_faces
+from rasterjit.pipeline.surface.float32_colors import evaluate_edges_along_row
 from rasterjit.pipeline.surface.float32_weights import is_wide
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices
 from rasterjit.pipeline.surface.sample_block import Block
-from rasterjit.pipeline.surface.texture_filters import vertex_place
-from rasterjit.pipeline.surface.texture_lookup import OWNER as OWNERS
-from rasterjit.pipeline.surface.texture_lookup import U, V
+from rasterjit.pipeline.surface.texture_filters import read_vertex_uvs
+from rasterjit.pipeline.surface.texture_lookup import UV_OWNER, U, V
 from rasterjit.runtime.intrinsics import part, place_run
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32
 
-MIN_FACTOR, MAX_FACTOR = 2.0**-900, 2.0**900
+MIN_W_PRODUCT, MAX_W_PRODUCT = 2.0**-900, 2.0**900
 """Products of w between these keep sums of weights far from where float64 loses bits."""
 
 
 @helper
-def factors_of(a, b, c, w):
-    """Return the products of w that a face's edge functions are multiplied by, one per vertex."""
+def multiply_other_ws(a, b, c, w):
+    """Return for each vertex the product of the other two vertices' w, 1 if affine."""
     if w.shape[0] == 0:
         return 1.0, 1.0, 1.0
     return w[b] * w[c], w[c] * w[a], w[a] * w[b]
 
 
 @helper
-def are_accurate(factors):
-    """Return whether sums of edge functions times the factors are accurate on the face."""
+def are_sums_accurate(factors):
+    """Return whether float64 sums of edge functions times the factors are accurate on the face."""
     least = min(factors[0], min(factors[1], factors[2]))
     largest = max(factors[0], max(factors[1], factors[2]))
-    return (least > MIN_FACTOR) & (largest < MAX_FACTOR)
+    return (least > MIN_W_PRODUCT) & (largest < MAX_W_PRODUCT)
 
 
 @helper
-def place_exactly(first, end, corners, ends, column, row, places, geometry):
-    """Write the coordinates of some samples of a face, the first of which is at a pixel."""
+def interpolate_uv_exactly(first, end, corners, vertex_uvs, column, row, uv_rows, geometry):
+    """Write texture coordinates of neighbouring samples of a face, the first at a pixel."""
     for n in range(np.uintp(first), np.uintp(end)):
-        exact = barycentric.sample_weights(
+        weights = barycentric.sample_weights(
             corners[0], corners[1], corners[2], column + np.int64(n) - first, row, geometry
         )
-        places[U, n] = barycentric.interpolate(exact, ends[0][0], ends[1][0], ends[2][0])
-        places[V, n] = barycentric.interpolate(exact, ends[0][1], ends[1][1], ends[2][1])
+        uv_rows[U, n] = barycentric.interpolate(
+            weights, vertex_uvs[0][0], vertex_uvs[1][0], vertex_uvs[2][0]
+        )
+        uv_rows[V, n] = barycentric.interpolate(
+            weights, vertex_uvs[0][1], vertex_uvs[1][1], vertex_uvs[2][1]
+        )
 
 
 @disjoint_helper
-def place_clipped(u, v, corners, ends, column, row, clip, viewport):
+def interpolate_clipped_uv(u, v, corners, vertex_uvs, column, row, clip, viewport):
     """
-    Write the coordinates of some samples of a clipped face, with the bits of `place_exactly`.
+    Write texture coordinates on a clipped face, with the bits of `interpolate_uv_exactly`.
 
-    Takes the parts of rows U and V that hold these samples. The loop has no branch for faces that
+    Takes the parts of rows U and V that hold the samples. The loop has no branch for faces that
     were not clipped, so that it vectorizes.
     """
     a, b, c = corners
-    pa, pb, pc = ends
+    uv_a, uv_b, uv_c = vertex_uvs
     for n in range(u.shape[0]):
         w0, w1, w2 = barycentric.clipped_face_weights(
             a, b, c, column + np.int64(n), row, clip, viewport
         )
         weights = barycentric.normalized(w0, w1, w2)
-        u[n] = barycentric.interpolate(weights, pa[0], pb[0], pc[0])
-        v[n] = barycentric.interpolate(weights, pa[1], pb[1], pc[1])
+        u[n] = barycentric.interpolate(weights, uv_a[0], uv_b[0], uv_c[0])
+        v[n] = barycentric.interpolate(weights, uv_a[1], uv_b[1], uv_c[1])
 
 
 @helper
-def place_patch(first, end, corners, column, row, has_wide, places, uv, geometry):
-    """Write the coordinates of the samples of a patch, the first of which is at a pixel."""
+def interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv, geometry):
+    """Write texture coordinates of the samples of a patch, the first at a pixel."""
     codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
     a, b, c = corners
-    pa, pb, pc = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
-    factors = factors_of(a, b, c, w)
+    uv_a, uv_b, uv_c = read_vertex_uvs(uv, a, b, c)
+    factors = multiply_other_ws(a, b, c, w)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     if is_clipped:
-        place_clipped(
-            part(places, U, first, end), part(places, V, first, end), corners, (pa, pb, pc), column,
-            row, geometry.clip_positions, geometry.viewport,
+        interpolate_clipped_uv(
+            part(uv_rows, U, first, end), part(uv_rows, V, first, end), corners, (uv_a, uv_b, uv_c),
+            column, row, geometry.clip_positions, geometry.viewport,
         )  # fmt: skip
         return
-    if (has_wide and is_wide(a, b, c, xy)) or not are_accurate(factors):
-        place_exactly(first, end, corners, (pa, pb, pc), column, row, places, geometry)
+    if (has_wide and is_wide(a, b, c, xy)) or not are_sums_accurate(factors):
+        interpolate_uv_exactly(
+            first, end, corners, (uv_a, uv_b, uv_c), column, row, uv_rows, geometry
+        )
         return
-    edges, steps = edges_along_row(a, b, c, column, row, bits, xy)
+    edges, steps = evaluate_edges_along_row(a, b, c, column, row, bits, xy)
     stop = end + rows.VECTOR
     place_run(
-        part(places, U, first, stop), part(places, V, first, stop), end - first,
-        edges, steps, factors, pa,
-        (pb[0] - pa[0], pb[1] - pa[1], pc[0] - pa[0], pc[1] - pa[1]),
+        part(uv_rows, U, first, stop), part(uv_rows, V, first, stop), end - first, edges, steps,
+        factors, uv_a, (uv_b[0] - uv_a[0], uv_b[1] - uv_a[1], uv_c[0] - uv_a[0], uv_c[1] - uv_a[1]),
     )  # fmt: skip
 
 
 @stage
-def find_places(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
+def interpolate_uv_from_edges(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
     """
     Write the texture coordinates of each sample, which lies on its face, and its object.
 
-    Instead of weights and `uv_derivatives.find_coordinates`, where nothing else reads weights.
+    In place of weights and `uv_derivatives.interpolate_uv`, where nothing else reads weights.
     """
-    whole, places, has_wide = block.ints, block.places, may_be_wide(geometry.viewport)
+    ints, uv_rows, has_wide = block.ints, block.uv_rows, may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             first, end = (
-                np.int64(whole[rows.FIRST, r]),
-                np.int64(whole[rows.FIRST, r + np.uintp(1)]),
+                np.int64(ints[rows.FIRST, r]),
+                np.int64(ints[rows.FIRST, r + np.uintp(1)]),
             )
-            corners = (
-                np.uintp(whole[rows.A, r]),
-                np.uintp(whole[rows.B, r]),
-                np.uintp(whole[rows.C, r]),
-            )
+            corners = get_patch_vertices(ints, r)
             column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
             if segment[rows.KIND] != rows.SPAN:
-                column, row = np.int64(whole[rows.COLUMN, first]), np.int64(whole[rows.ROW, first])
-            place_patch(first, end, corners, column, row, has_wide, places, uv, geometry)
+                column, row = np.int64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
+            interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv, geometry)
         owner = np.float64(segment[rows.OWNER])
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
-            places[OWNERS, n] = owner
+            uv_rows[UV_OWNER, n] = owner

@@ -31,7 +31,7 @@ from rasterjit.pipeline.records import AlphaTests
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_lookup, uv_derivatives
 from rasterjit.pipeline.surface.barycentric_weights import weigh
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.texture_filters import (
     ALPHA_USE,
     BASE_COLOR,
@@ -40,7 +40,14 @@ from rasterjit.pipeline.surface.texture_filters import (
     MASK,
     TRILINEAR,
 )
-from rasterjit.pipeline.surface.texture_lookup import DOWN_V, RIGHT_U, SHOWN, U, V, show_textures
+from rasterjit.pipeline.surface.texture_lookup import (
+    DOWN_V,
+    RIGHT_U,
+    TEXTURE_RED,
+    U,
+    V,
+    look_up_textures,
+)
 from rasterjit.pipeline.visibility.hashed_alpha import apply_hashed_alpha
 from rasterjit.runtime.intrinsics import (
     LANES,
@@ -152,7 +159,7 @@ def gather_patches(faces, faces_of, xy, codes, w, ints, doubles):
 @helper
 def find_weights(weights, count, patches, shift, ints, doubles, geometry):
     """Write the barycentric weights of samples from gathered vertices and pixels."""
-    size, bits = whole_vectors(count), geometry.viewport.grid_bits
+    size, bits = round_up_to_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
     inexact = weigh(
         *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
@@ -163,11 +170,7 @@ def find_weights(weights, count, patches, shift, ints, doubles, geometry):
     )  # fmt: skip
     if inexact != 0:
         for r in range(patches):
-            a, b, c = (
-                np.uintp(ints[rows.A, r]),
-                np.uintp(ints[rows.B, r]),
-                np.uintp(ints[rows.C, r]),
-            )
+            a, b, c = get_patch_vertices(ints, r)
             for i in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)]):
                 if ints[rows.INEXACT, i] != 0:
                     column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
@@ -198,7 +201,7 @@ def multiply_vertex_alphas(alphas, patches, size, weights, ints, floats, vertex_
 
 
 @helper
-def find_coordinates(
+def interpolate_uv(
     lookups, size, patches, weights, owner, ints, doubles, floats, geometry, textures
 ):  # fmt: skip
     """Write the texture coordinates of samples, and their derivatives if a texture needs them."""
@@ -209,14 +212,14 @@ def find_coordinates(
             vertex = np.uintp(ints[rows.A + k, r])
             spread(floats[2 * k], n, uv[vertex, 0])
             spread(floats[2 * k + 1], n, uv[vertex, 1])
-    uv_derivatives.mix_places(
+    uv_derivatives.interpolate_mixed_uv(
         *three_parts(lookups, U, 0, size), *six_parts(floats, 0, 0, size),
         part(weights, 0, 0, size), part(weights, 1, 0, size), np.float64(owner),
     )  # fmt: skip
-    if not uv_derivatives.wants_steps(owner, textures.table):
+    if not uv_derivatives.has_mipmapped_texture(owner, textures.table):
         return
     viewport = geometry.viewport
-    uv_derivatives.mix_steps(
+    uv_derivatives.write_mixed_uv_steps(
         *three_parts(lookups, RIGHT_U, 0, size), part(lookups, DOWN_V, 0, size),
         part(lookups, U, 0, size), part(lookups, V, 0, size), *six_parts(floats, 0, 0, size),
         *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
@@ -226,11 +229,11 @@ def find_coordinates(
     if geometry.clip_positions.shape[0] == 0:
         return
     for r in range(patches):
-        a, b, c = np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+        a, b, c = get_patch_vertices(ints, r)
         if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
             for i in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)]):
                 column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
-                uv_derivatives.note_clipped_steps(
+                uv_derivatives.write_clipped_uv_step(
                     lookups, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
 
@@ -265,24 +268,30 @@ def find_alphas(
         alphas[n] = alpha_tests.materials[owner, ALPHA]
     if alpha_tests.vertex_colors.shape[0] > 0:
         multiply_vertex_alphas(
-            alphas, patches, whole_vectors(count), weights, ints, floats, alpha_tests.vertex_colors
+            alphas,
+            patches,
+            round_up_to_vectors(count),
+            weights,
+            ints,
+            floats,
+            alpha_tests.vertex_colors,
         )
     if alpha_tests.face_colors.shape[0] > 0:
         for n in range(count):
             alphas[n] *= alpha_tests.face_colors[np.int64(faces[n]), ALPHA]
     if textures.table.shape[0] == 0 or textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
         return
-    find_coordinates(
-        lookups, whole_vectors(count), patches, weights, owner, ints, doubles, floats, geometry,
+    interpolate_uv(
+        lookups, round_up_to_vectors(count), patches, weights, owner, ints, doubles, floats, geometry,
         textures,
     )  # fmt: skip
-    show_textures(lookups, memory[6:], count, BASE_COLOR, textures)
+    look_up_textures(lookups, memory[6:], count, BASE_COLOR, textures)
     row = textures.table[owner, BASE_COLOR]
     if row[ALPHA_USE] == MASK and row[FILTER] == TRILINEAR:
         cutoff = alpha_tests.cutoffs[owner] / alpha_tests.materials[owner, ALPHA]
         apply_hashed_alpha(count, cutoff, textures, owner, BASE_COLOR, lookups, memory[6:])
     for n in range(count):
-        alphas[n] *= memory[8][SHOWN + ALPHA, n]
+        alphas[n] *= memory[8][TEXTURE_RED + ALPHA, n]
 
 
 @helper
@@ -463,7 +472,7 @@ def keep(n, owner, holes):
 
 def alpha_memory(capacity: int = MAX_TOGETHER) -> tuple[Any, ...]:
     """Return a thread's memory for computing the alphas of up to ``capacity`` samples together."""
-    # As `whole_vectors`, which is compiled: calling it here would wait for Numba.
+    # As `round_up_to_vectors`, which is compiled: calling it here would wait for Numba.
     capacity = -(-capacity // rows.VECTOR) * rows.VECTOR + LANES
     return (
         np.empty((rows.INT_ROWS, capacity), np.int32),
@@ -471,8 +480,8 @@ def alpha_memory(capacity: int = MAX_TOGETHER) -> tuple[Any, ...]:
         np.empty((rows.VERTEX_ROWS, capacity), np.float32),
         np.empty(capacity, np.float32),
         np.empty((2, capacity), np.float64),
-        np.empty((texture_lookup.SCRATCH_ROWS, capacity), np.float64),
-        *texture_lookup.lookup_memory(capacity),
+        np.empty((rows.UV_ROWS, capacity), np.float64),
+        *texture_lookup.allocate_lookup_memory(capacity),
     )
 
 

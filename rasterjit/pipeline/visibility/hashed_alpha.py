@@ -25,9 +25,9 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.surface import texture_lookup
-from rasterjit.pipeline.surface.gather_samples import whole_vectors
+from rasterjit.pipeline.surface.gather_samples import round_up_to_vectors
 from rasterjit.pipeline.surface.texture_filters import FIRST_LEVEL, LEVEL_COUNT
-from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper
 
@@ -120,17 +120,17 @@ def apply_hashed_alpha(count, cutoff, textures, owner, kind, lookups, lookup):
     owner, kind : int
         Row of its table.
     lookups, lookup : arrays
-        As `texture_lookup.show_textures` takes them.
+        As `texture_lookup.look_up_textures` takes them.
     """
     ints, floats, colors = lookup
-    row, size = textures.table[owner, kind], whole_vectors(count)
+    row, size = textures.table[owner, kind], round_up_to_vectors(count)
     first = row[FIRST_LEVEL]
     texture_lookup.gather_levels(
         size, 0, first, first + row[LEVEL_COUNT] - 1, textures.levels, ints
     )
-    u, v = texture_lookup.places_seen(0, size, owner, kind, textures, lookups)
+    u, v = texture_lookup.get_transformed_uv(0, size, owner, kind, textures, lookups)
     compare_hashed(
-        part(colors, SHOWN + ALPHA, 0, size), u, v, part(ints, texture_lookup.WIDTH, 0, size),
-        part(ints, texture_lookup.HEIGHT, 0, size), part(ints, texture_lookup.LEVEL, 0, size),
-        part(floats, texture_lookup.COARSER, 0, size), np.int32(first), cutoff,
+        part(colors, TEXTURE_RED + ALPHA, 0, size), u, v, part(ints, texture_lookup.LEVEL_WIDTH, 0, size),
+        part(ints, texture_lookup.LEVEL_HEIGHT, 0, size), part(ints, texture_lookup.LEVEL, 0, size),
+        part(floats, texture_lookup.COARSER_WEIGHT, 0, size), np.int32(first), cutoff,
     )  # fmt: skip
