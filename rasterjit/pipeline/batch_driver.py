@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.setup import CLIPPED
-from rasterjit.pipeline.surface.sample_block import COUNTS
+from rasterjit.pipeline.surface.sample_block import COUNT_ELEMENTS
 from rasterjit.runtime.intrinsics import call_at, call_bound, load_int64, store_int64
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import WORD, float32, float64, int32, int64, uint8, uint32
@@ -157,7 +157,7 @@ def call_all(calls, limits, number):
             continue
         block, number_address = calls[k, CALL_BLOCK], calls[k, CALL_NUMBER]
         if block != 0:
-            for n in range(COUNTS):
+            for n in range(COUNT_ELEMENTS):
                 store_int64(block + n * WORD, np.int64(0))
         if number_address != 0:
             store_int64(number_address, number)

@@ -93,7 +93,7 @@ def light_vertices(
     """
     listed = vertices, vertex_starts
     steps = vertex_steps(needs, listed, placement, surface, lighting, effects, lit_vertices)
-    BLOCKS.block[: rows.COUNTS] = 0
+    BLOCKS.block[: rows.COUNT_ELEMENTS] = 0
     StageList(steps).run(BLOCKS.block, BLOCK)
 
 
@@ -319,7 +319,7 @@ class Shading:
         color: NDArray[np.uint32],
     ) -> list[Step | StageList]:
         """Return the stages from listing samples to their colours, with an empty block at hand."""
-        BLOCKS.block[: rows.COUNTS] = 0
+        BLOCKS.block[: rows.COUNT_ELEMENTS] = 0
         listed = (
             faces, first_row, height, self._faces, self._face_starts, *painted, linear, color,
         )  # fmt: skip

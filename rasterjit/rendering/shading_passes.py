@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.fragments.coverage_resolve import accumulate_layers, encode_samples
 from rasterjit.pipeline.lighting import light_stages as lights
-from rasterjit.pipeline.lighting.gouraud import list_vertices, write_vertices
+from rasterjit.pipeline.lighting.gouraud import gather_vertices, store_lit_vertices
 from rasterjit.pipeline.passes import Pass, PyrenderNeeds, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Placement
 from rasterjit.pipeline.srgb_encoding import encoding_table
@@ -114,14 +114,14 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list
     if needs.alphas:
         passes.append(alpha_pass(has_base_texture))
         if needs.fields:
-            alphas = Pass(scalar_colors.multiply_alphas, lambda a: (a.surface.alphas.is_blended,))
+            alphas = Pass(scalar_colors.multiply_colormap_alphas, lambda a: (a.surface.alphas.is_blended,))
             passes += [*field_passes(needs), alphas]
     if not needs.is_lit:
         return passes + emission_passes(needs, rows.RED)
-    passes.append(Pass(attributes.find_reflectance, lambda a: (a.lit_base,)))
+    passes.append(Pass(attributes.fill_highlights, lambda a: (a.lit_base,)))
     if needs.microfacets:
         passes.append(
-            Pass(attributes.find_microfacets, lambda a: (a.surface.microfacets.factors, a.lit_base))
+            Pass(attributes.fill_microfacets, lambda a: (a.surface.microfacets.factors, a.lit_base))
         )
     passes += place_passes(needs)
     if needs.points:
@@ -167,7 +167,9 @@ def color_pass(needs: ShadingNeeds) -> Pass:
     if not needs.vertex_colors:
         return Pass(attributes.fill_base_colors, lambda a: (a.lit_base,))
     if not needs.some_in_float32:
-        return Pass(attributes.mix_vertex_colors, lambda a: (a.surface.vertex_colors, a.lit_base))
+        return Pass(
+            attributes.interpolate_vertex_colors, lambda a: (a.surface.vertex_colors, a.lit_base)
+        )
     return Pass(
         float32_colors.find_float32_colors,
         lambda a: (a.geometry, a.lit_base, a.surface.vertex_colors, a.surface.in_float32),
@@ -201,7 +203,7 @@ def field_passes(needs: ShadingNeeds) -> list[Pass]:
         def lines(a: ShadingArrays) -> tuple[Any, ...]:
             return a.surface.fields.values, *a.surface.fields.contours, a.geometry
 
-        passes.append(Pass(isolines.draw_contours, lines))
+        passes.append(Pass(isolines.draw_isolines, lines))
     return passes
 
 
@@ -330,12 +332,12 @@ def scaled_passes(
     needs: ShadingNeeds, scales: Sequence[tuple[int, tuple[int, int, int]]]
 ) -> list[Pass]:
     """Return the passes that scale rows by textures: of each kind first row, channel, number."""
-    from rasterjit.pipeline.surface.layer_rows import scale_by_textures
+    from rasterjit.pipeline.surface.layer_rows import multiply_rows_by_textures
 
     passes = []
     for kind, scaled in scales:
         if needs.has(kind):
-            passes += map_read_passes(needs, kind, fixed(scale_by_textures, *scaled))
+            passes += map_read_passes(needs, kind, fixed(multiply_rows_by_textures, *scaled))
     return passes
 
 
@@ -399,7 +401,7 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
     if not needs.maps:
         return []
     passes, kind = (
-        [Pass(material_maps.find_emission, lambda a: (a.surface.maps.factors,))],
+        [Pass(material_maps.fill_emission, lambda a: (a.surface.maps.factors,))],
         texture_filters.EMISSIVE,
     )
     if needs.has(kind):
@@ -639,12 +641,10 @@ def vertex_passes(
         return first, end, vertex_starts, a.placement, materials, colors, normals
 
     return [
-        Pass(list_vertices, own),
-        ambient_pass(),
-        fixed(lights.normalize_normals),
+        Pass(gather_vertices, own), ambient_pass(), fixed(lights.normalize_normals),
         *passes_of_lights(needs, effects, of_vertices=True),
-        fixed(write_vertices, lit_vertices),
-    ]
+        fixed(store_lit_vertices, lit_vertices),
+    ]  # fmt: skip
 
 
 def mixing_passes(

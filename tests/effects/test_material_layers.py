@@ -466,7 +466,7 @@ def test_the_terms_of_a_pixel_add_up_to_its_colour(name):
 @pytest.mark.parametrize("row", [(0.4, 0.5, 0.9, 0, 1, 0.5, 0.2), (1e18, 2.0, 1e18, 1, 3, 2, 9)])
 def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
     rng, count = np.random.default_rng(3), 96
-    samples = rng.uniform(0.1, 1.0, (rows.BLOCK_ROWS, count)).astype(np.float32)
+    samples = rng.uniform(0.1, 1.0, (rows.SAMPLE_ROWS, count)).astype(np.float32)
     samples[rows.LIT] = samples[rows.COAT_LIT] = 0.0
     samples[rows.MICROFACET] = samples[rows.IS_DIELECTRIC] = 1.0
     offs = (1e18, -4e18, 1e19, 1e30, -3e38, np.inf, -np.inf, np.nan)

@@ -81,7 +81,7 @@ LEANING = "sheen.bend_normals"
 VARNISH = {"clearcoat.blend_clearcoats"}
 FIBRES = {"sheen.light_sheen", "sheen.add_ambient_sheen", LEANING}
 MIRRORS = {"dielectrics.add_dielectric_light", "dielectrics.add_dielectric_ambient"}
-SCALED = "layer_rows.scale_by_textures"
+SCALED = "layer_rows.multiply_rows_by_textures"
 
 GONE = {
     "textures": {
@@ -92,20 +92,20 @@ GONE = {
     "texture transforms": set(),
     "anisotropic filter": set(),
     "maps and emission": {
-        *MAPS, "material_maps.find_emission", "material_maps.add_emission", SCALED,
+        *MAPS, "material_maps.fill_emission", "material_maps.add_emission", SCALED,
     },
     "normal maps": {"material_maps.apply_normal_maps"},
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
-    "vertex colors": {"attributes.mix_vertex_colors", *TESTED},
+    "vertex colors": {"attributes.interpolate_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
     "scalar fields": {
-        "isolines.draw_contours", "scalar_colors.multiply_alphas", "scalar_colors.apply_colormaps",
+        "isolines.draw_isolines", "scalar_colors.multiply_colormap_alphas", "scalar_colors.apply_colormaps",
     },
     "highlights": {"light_stages.add_blinn_phong_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
-        "attributes.find_microfacets", "environment.add_reflections",
+        "attributes.fill_microfacets", "environment.add_reflections",
         "light_stages.add_microfacet_lights", "light_stages.set_microfacet_ambient",
         "material_maps.apply_metallic_roughness_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED,
         *THROUGH,
@@ -115,8 +115,8 @@ GONE = {
     "sheen": FIBRES,
     "specular and ior": MIRRORS,
     "Gouraud": {
-        "attributes.interpolate_lit_vertices", BELOW, FACES_BELOW, DULL, "gouraud.list_vertices",
-        "gouraud.write_vertices",
+        "attributes.interpolate_lit_vertices", BELOW, FACES_BELOW, DULL, "gouraud.gather_vertices",
+        "gouraud.store_lit_vertices",
     },
     "flat": {"attributes.find_centroids"},
     "shadows": {
@@ -153,7 +153,7 @@ GONE = {
     "labels": set(),
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.composite_under",
-        "compositing.start_sums", "srgb_encoding.encode_rows", "scalar_colors.multiply_alphas",
+        "compositing.start_sums", "srgb_encoding.encode_rows", "scalar_colors.multiply_colormap_alphas",
         "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.map_over_color",
     },
     "anti-aliasing": {

@@ -28,7 +28,7 @@ def units(rng, count):
 
 def samples_of(rng, count, *, faceted):
     """Return random samples; normals of length one."""
-    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, count), np.float32)
     samples[block.RED : block.ALPHA + 1] = rng.uniform(0, 1, (4, count))
     samples[block.NORMAL_X : block.NORMAL_Z + 1] = units(rng, count).T
     samples[block.POINT_X : block.POINT_Z + 1] = -3.0 * units(rng, count).T

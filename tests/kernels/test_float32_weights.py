@@ -16,12 +16,12 @@ from rasterjit.pipeline.surface import float32_weights
 from rasterjit.pipeline.surface.float32_colors import find_float32_colors
 from rasterjit.pipeline.surface.gather_samples import list_samples
 from rasterjit.pipeline.surface.sample_block import (
-    COUNTS,
+    COUNT_ELEMENTS,
     INTERVAL_COLUMN,
+    INTERVAL_COUNT,
     INTERVAL_ROW,
     INTERVAL_START,
     INTERVAL_STOP,
-    INTERVALS,
     Block,
 )
 from rasterjit.pipeline.visibility import visibility_pass
@@ -43,7 +43,7 @@ MILLIONTH = 1e-6
 @stage
 def take_colors(block: Block, count, taken: float32[:, :, ::1]):
     """Write the colours of a block to the pixels of its samples."""
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[INTERVAL_COUNT]):
         interval = block.intervals[k]
         row, column = interval[INTERVAL_ROW], interval[INTERVAL_COLUMN]
         start = interval[INTERVAL_START]
@@ -73,7 +73,7 @@ def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None):
         np.zeros(4, np.float32), 0, np.empty((size[1], 0, 4), np.float32),
         np.empty((size[1], 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNTS] = 0
+    BLOCKS.block[:COUNT_ELEMENTS] = 0
     # Of vertices that are red, green and blue.
     shown = geometry, np.ones((1, 7), np.float32), np.eye(3, 4, dtype=np.float32)
     found = [Step(find_float32_colors, (*shown, np.ones(1, np.uint8)))]
@@ -395,9 +395,11 @@ def test_explain_names_it_and_the_stages():
     assert "colours in float32" in str(plan)
     names = [told.name for told in list_passes(plan)]
     assert f"float32_colors.{find_float32_colors.__name__}" in names
-    assert not {"barycentric_weights.find_weights", "attributes.mix_vertex_colors"} & {*names}
+    assert not {"barycentric_weights.find_weights", "attributes.interpolate_vertex_colors"} & {
+        *names
+    }
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
     assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)
-    assert {"barycentric_weights.find_weights", "attributes.mix_vertex_colors"} <= {
+    assert {"barycentric_weights.find_weights", "attributes.interpolate_vertex_colors"} <= {
         told.name for told in list_passes(plan)
     }

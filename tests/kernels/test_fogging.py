@@ -37,7 +37,7 @@ def cover(samples, record, viewer):
 def covered(fog, eye, points, viewer=(0.0, 0.0, 0.0, 1.0)):
     """Return black and white samples at points relative to the eye, covered with fog."""
     camera = rj.PerspectiveCamera(eye=eye, target=(eye[0], eye[1], eye[2] - 1.0))
-    samples = np.zeros((block.BLOCK_ROWS, len(points)), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, len(points)), np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     samples[block.OUT_GREEN] = 1.0
     record = fog_record(fog, camera)
@@ -86,7 +86,7 @@ def test_parallel_rays_start_on_the_plane_of_the_camera(fog):
     points = (rng.normal(size=(60, 3)) * rng.uniform(0.1, 6.0, (60, 1))).astype(np.float32)
     points = points[points @ toward < 0.0]
     camera = rj.OrthographicCamera(eye=eye, target=eye - toward, height=2.0)
-    samples = np.zeros((block.BLOCK_ROWS, len(points)), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, len(points)), np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     viewer = np.array([*toward, 0.0], np.float32)
     cover(samples, fog_record(fog, camera), viewer)
@@ -103,7 +103,7 @@ def test_fog_of_density_zero_changes_no_bit(fog):
     rng = np.random.default_rng(2)
     points = (rng.normal(size=(50, 3)) * 100.0).astype(np.float32)
     record = fog_record(fog, rj.PerspectiveCamera((0, 0, 1), (0, 0, 0)))
-    samples = rng.uniform(0, 4, (block.BLOCK_ROWS, 50)).astype(np.float32)
+    samples = rng.uniform(0, 4, (block.SAMPLE_ROWS, 50)).astype(np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     before = samples.copy()
     empty = record._replace(fog=dataclasses.replace(fog, density=0.0))

@@ -75,7 +75,7 @@ def test_power_equals_the_math_library():
 
 
 def random_samples(rng, count):
-    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, count), np.float32)
     samples[block.RED : block.ALPHA + 1] = rng.uniform(0, 1, (4, count))
     samples[block.NORMAL_X : block.NORMAL_Z + 1] = rng.normal(size=(3, count))
     samples[block.POINT_X : block.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
@@ -188,7 +188,7 @@ def test_samples_that_are_not_lit_keep_their_colour():
 
 
 def one_sample(normal, point=(0, 0, -4), shininess=32.0, specular=1.0, color=(0, 0, 0)):
-    sample = np.zeros((block.BLOCK_ROWS, 1), np.float32)
+    sample = np.zeros((block.SAMPLE_ROWS, 1), np.float32)
     sample[block.RED : block.ALPHA, 0] = color
     sample[block.NORMAL_X : block.NORMAL_Z + 1, 0] = normal
     sample[block.POINT_X : block.POINT_Z + 1, 0] = point

@@ -22,7 +22,7 @@ PARTS = np.ones(2, np.float32)
 
 
 def random_samples(rng, count, least_roughness=0.2):
-    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, count), np.float32)
     samples[block.RED : block.ALPHA + 1] = rng.uniform(0, 1, (4, count))
     normals = rng.normal(size=(3, count))
     samples[block.NORMAL_X : block.NORMAL_Z + 1] = normals / np.linalg.norm(normals, axis=0)
@@ -65,7 +65,7 @@ def light(samples, lights, ambient=DARK, viewer=VIEWER):
 
 
 def one_sample(base=(1.0, 1.0, 1.0), metallic=0.0, roughness=0.5, normal=(0, 0, 1), count=1):
-    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, count), np.float32)
     for k in range(3):
         samples[block.RED + k] = base[k]
         samples[block.NORMAL_X + k] = normal[k]

@@ -30,11 +30,11 @@ def part_in_two(block: Block, count, middle: int64):
         block.segments[k, rows.OWNER] = k
         block.segments[k, rows.START] = 0 if k == 0 else min(middle, count)
         block.segments[k, rows.STOP] = min(middle, count) if k == 0 else count
-    block.counts[rows.SEGMENTS] = 2
+    block.counts[rows.SEGMENT_COUNT] = 2
 
 
 def random_samples(rng):
-    samples = np.zeros((rows.BLOCK_ROWS, COUNT), np.float32)
+    samples = np.zeros((rows.SAMPLE_ROWS, COUNT), np.float32)
     samples[rows.RED : rows.ALPHA] = rng.uniform(0, 1, (3, COUNT))
     normals = rng.normal(size=(3, COUNT))
     samples[rows.NORMAL_X : rows.NORMAL_Z + 1] = normals / np.linalg.norm(normals, axis=0)

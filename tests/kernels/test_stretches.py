@@ -9,13 +9,13 @@ import stages
 import rasterjit as rj
 from rasterjit.pipeline.surface.gather_samples import MIN_SPAN_SAMPLES
 from rasterjit.pipeline.surface.sample_block import (
+    MAX_SAMPLES,
+    MAX_VECTOR_SAMPLES,
     MIXED,
-    SAMPLES,
+    ROW_STRIDE,
     SPAN,
     START,
     STOP,
-    STRIDE,
-    VECTOR,
     Block,
 )
 from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
@@ -26,7 +26,7 @@ WIDTHS = [1, 2, 3, 1, 40, 1, 1, 16, 5, 17, 1, 64, 2, 31, 7, 8, 1]
 """Columns of neighbouring strips: 201, about one pixel each."""
 
 ACROSS_SAMPLES = [name for name, kind in zip(Block._fields, BLOCK.fields, strict=True)
-                  if kind.shape[-1] % STRIDE == 0]  # fmt: skip
+                  if kind.shape[-1] % ROW_STRIDE == 0]  # fmt: skip
 """The arrays of a block that have columns for every sample."""
 
 
@@ -185,7 +185,7 @@ def full_scene():
 @pytest.mark.needs_jit
 def test_where_a_block_begins_changes_no_bit():
     for shading, faces, first_row, *pictures in shaded(full_scene(), camera()):
-        assert (faces >= 0).sum() > 3 * SAMPLES
+        assert (faces >= 0).sum() > 3 * MAX_SAMPLES
         # Each left out pixel of the first row lets all later blocks begin one sample later.
         for count in (1, 7, 16, 100, 151):
             some = faces.copy()
@@ -218,23 +218,23 @@ def test_rows_have_room_for_what_is_written_behind_the_last_sample():
     assert {*Block._fields} - {*ACROSS_SAMPLES} == {"counts", "segments", "intervals"}
     for name, kind in zip(Block._fields, BLOCK.fields, strict=True):
         if name in ACROSS_SAMPLES:
-            room = kind.shape[-1] if kind.shape[-1] < 4 * STRIDE else kind.shape[-1] // 4
+            room = kind.shape[-1] if kind.shape[-1] < 4 * ROW_STRIDE else kind.shape[-1] // 4
             # A segment in whole vectors may begin with the last sample, and so may a patch.
-            assert room >= SAMPLES + VECTOR - 1
-            assert room >= SAMPLES - 1 + intrinsics.LANES
-    lists = {"segments": SAMPLES, "intervals": SAMPLES}
+            assert room >= MAX_SAMPLES + MAX_VECTOR_SAMPLES - 1
+            assert room >= MAX_SAMPLES - 1 + intrinsics.LANES
+    lists = {"segments": MAX_SAMPLES, "intervals": MAX_SAMPLES}
     for name, most in lists.items():
         assert BLOCK.fields[Block._fields.index(name)].shape[0] >= most
     # The first samples of patches, and one past the last sample.
-    assert BLOCK.fields[Block._fields.index("ints")].shape[1] > SAMPLES
+    assert BLOCK.fields[Block._fields.index("ints")].shape[1] > MAX_SAMPLES
 
 
-@pytest.mark.parametrize("split", [SAMPLES - 1, 120, 113, 1])
+@pytest.mark.parametrize("split", [MAX_SAMPLES - 1, 120, 113, 1])
 def test_nothing_is_written_beyond_the_rows(split):
     scene = scene_of(strips("phong", texture(4)), strips("phong", texture(4)))
     shading = shaded(scene, camera())[0][0]
     # No two neighbours show one face, and from ``split`` on they show the other object.
-    faces = np.arange(SAMPLES, dtype=np.int32)[np.newaxis] % 5
+    faces = np.arange(MAX_SAMPLES, dtype=np.int32)[np.newaxis] % 5
     faces[0, split:] += 2 * len(WIDTHS)
     mark = 0x4D4D_4D4D_4D4D_4D4D
     BLOCKS.block[:] = mark
@@ -246,13 +246,15 @@ def test_nothing_is_written_beyond_the_rows(split):
         return (np.ascontiguousarray(part).view(np.uint8) == 0x4D).all(axis=-1)
 
     assert block.segments[:2, [START, STOP]].tolist() == [
-        [0, split], [split, SAMPLES],
+        [0, split], [split, MAX_SAMPLES],
     ]  # fmt: skip
     for name in ACROSS_SAMPLES:
         part = getattr(block, name)
-        assert is_marked(part[..., part.shape[-1] // STRIDE * (SAMPLES + VECTOR) :]).all()
+        assert is_marked(
+            part[..., part.shape[-1] // ROW_STRIDE * (MAX_SAMPLES + MAX_VECTOR_SAMPLES) :]
+        ).all()
     # Between the arrays lies what fills their last cache line.
-    end = split + -(-(SAMPLES - split) // VECTOR) * VECTOR
+    end = split + -(-(MAX_SAMPLES - split) // MAX_VECTOR_SAMPLES) * MAX_VECTOR_SAMPLES
     weights = block.weights.view(np.int64)
     assert (weights[:, end - 1] != mark).all()
     assert (weights[:, end:] == mark).all()

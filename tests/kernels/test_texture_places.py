@@ -17,22 +17,22 @@ from rasterjit.pipeline.surface import uv_derivatives, uv_interpolation
 from rasterjit.pipeline.surface.gather_samples import list_samples
 from rasterjit.pipeline.surface.sample_block import (
     COLUMN,
-    COLUMN_OF,
-    COUNTS,
+    COUNT_ELEMENTS,
     END_PATCH,
-    FIRST,
     FIRST_PATCH,
+    FIRST_SAMPLE,
     INTERVAL_COLUMN,
+    INTERVAL_COUNT,
     INTERVAL_ROW,
     INTERVAL_START,
     INTERVAL_STOP,
-    INTERVALS,
     KIND,
-    PATCHES,
+    PATCH_COUNT,
     ROW,
-    ROW_OF,
-    SEGMENTS,
+    SEGMENT_COUNT,
     SPAN,
+    SPAN_COLUMN,
+    SPAN_ROW,
     A,
     B,
     Block,
@@ -58,7 +58,7 @@ ROUNDINGS = Fraction(2) ** -48
 @stage
 def take_places(block: Block, count, taken: float64[:, :, ::1]):
     """Write the coordinates of a block to the pixels of its samples."""
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[INTERVAL_COUNT]):
         interval = block.intervals[k]
         row, column = interval[INTERVAL_ROW], interval[INTERVAL_COLUMN]
         start = interval[INTERVAL_START]
@@ -71,12 +71,15 @@ def take_places(block: Block, count, taken: float64[:, :, ::1]):
 def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
     """Write all coordinates exactly: the twin of `interpolate_uv_from_edges`."""
     whole = block.ints
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            first, end = np.int64(whole[FIRST, r]), np.int64(whole[FIRST, r + np.uintp(1)])
+            first, end = (
+                np.int64(whole[FIRST_SAMPLE, r]),
+                np.int64(whole[FIRST_SAMPLE, r + np.uintp(1)]),
+            )
             a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-            column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+            column, row = np.int64(segment[SPAN_COLUMN]), np.int64(segment[SPAN_ROW])
             if segment[KIND] != SPAN:
                 column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
             ends = read_vertex_uvs(uv, a, b, c)
@@ -89,10 +92,10 @@ def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
 def step_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
     """Write the steps of samples on clipped faces one by one, over those of `find_uv_steps`."""
     whole, codes = block.ints, geometry.codes
-    for r in range(np.uintp(block.counts[PATCHES])):
+    for r in range(np.uintp(block.counts[PATCH_COUNT])):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         if np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0:
-            for n in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
+            for n in range(whole[FIRST_SAMPLE, r], whole[FIRST_SAMPLE, r + np.uintp(1)]):
                 uv_derivatives.write_clipped_uv_step(
                     block.uv_rows, n, a, b, c, whole[COLUMN, n], whole[ROW, n], uv,
                     geometry.clip_positions, geometry.viewport,
@@ -111,7 +114,7 @@ def take(positions, uv, face_id, viewport, by=uv_interpolation.interpolate_uv_fr
         np.zeros(4, np.float32), 0, np.empty((columns, 0, 4), np.float32),
         np.empty((columns, 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNTS] = 0
+    BLOCKS.block[:COUNT_ELEMENTS] = 0
     steps = [
         Step(list_samples, listed), Step(by, (np.float32(uv), geometry)),
         Step(take_places, (taken,)),

@@ -11,12 +11,12 @@ from rasterjit.pipeline.surface.barycentric_weights import find_weights
 from rasterjit.pipeline.surface.gather_samples import list_samples
 from rasterjit.pipeline.surface.sample_block import (
     BACKFACE,
-    COUNTS,
+    COUNT_ELEMENTS,
     INTERVAL_COLUMN,
+    INTERVAL_COUNT,
     INTERVAL_ROW,
     INTERVAL_START,
     INTERVAL_STOP,
-    INTERVALS,
     Block,
 )
 from rasterjit.pipeline.visibility import visibility_pass
@@ -44,7 +44,7 @@ TRIANGLES = {
 @stage
 def take_weights(block: Block, count, taken: float64[:, :, ::1]):
     """Write the weights of a block to the pixels of its samples, and which side is seen."""
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[INTERVAL_COUNT]):
         interval = block.intervals[k]
         row, column = interval[INTERVAL_ROW], interval[INTERVAL_COLUMN]
         start = interval[INTERVAL_START]
@@ -81,7 +81,7 @@ def weigh_all(geometry, face_id, mirrored=1.0):
         face_id, 0, SIZE[1], faces, np.array([0, 1]), np.zeros(4, np.float32), 0,
         np.empty((SIZE[1], 0, 4), np.float32), np.empty((SIZE[1], 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNTS] = 0
+    BLOCKS.block[:COUNT_ELEMENTS] = 0
     steps = [
         Step(list_samples, listed), Step(find_weights, (geometry, placement)),
         Step(take_weights, (taken,)),

@@ -196,7 +196,7 @@ def test_matrices_of_normals_keep_lengths_where_objects_are_scaled_evenly():
 
 
 def test_vertices_are_lit_with_normals_of_length_one():
-    samples = np.zeros((block.BLOCK_ROWS, 4), np.float32)
+    samples = np.zeros((block.SAMPLE_ROWS, 4), np.float32)
     samples[block.NORMAL_Z] = 0.5
     blocks.run(samples, (light_stages.normalize_normals,))
     assert (samples[block.NORMAL_Z] == 1.0).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.surface.sample_block import COUNTS, NEXT_COLUMN, SAMPLES, Block
+from rasterjit.pipeline.surface.sample_block import COUNT_ELEMENTS, MAX_SAMPLES, NEXT_COLUMN, Block
 from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
@@ -15,7 +15,7 @@ from rasterjit.runtime.state_block import float32
 def take_samples(block: Block, count, given: float32[:, ::1]):
     """Fill a block with the next columns of some rows; return how many there are, or -1."""
     first = block.counts[NEXT_COLUMN]
-    stop = min(first + SAMPLES, np.int64(given.shape[1]))
+    stop = min(first + MAX_SAMPLES, np.int64(given.shape[1]))
     for row in range(given.shape[0]):
         for n in range(first, stop):
             block.samples[row, n - first] = given[row, n]
@@ -34,7 +34,7 @@ def give_samples(block: Block, count, taken: float32[:, ::1]):
 
 def run(samples, *steps):
     """Run stages, each a tuple of it and its arguments, on samples, (rows, N) float32; in place."""
-    BLOCKS.block[:COUNTS] = 0
+    BLOCKS.block[:COUNT_ELEMENTS] = 0
     some = [Step(own, tuple(arguments)) for own, *arguments in steps]
     taken, given = Step(take_samples, (samples,)), Step(give_samples, (samples,))
     StageList([taken, *some, given]).run(BLOCKS.block, BLOCK)

@@ -8,7 +8,14 @@ from unittest import mock
 import numpy as np
 
 from rasterjit.pipeline.surface.gather_samples import list_samples
-from rasterjit.pipeline.surface.sample_block import COUNTS, KIND, SEGMENTS, START, STOP, Block
+from rasterjit.pipeline.surface.sample_block import (
+    COUNT_ELEMENTS,
+    KIND,
+    SEGMENT_COUNT,
+    START,
+    STOP,
+    Block,
+)
 from rasterjit.rendering.pass_runner import BLOCK, BLOCKS, Shading
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
@@ -50,7 +57,7 @@ def bands_shaded():
 @stage
 def count_samples(block: Block, count, kinds: int64[::1]):
     """Add how many samples lie in spans, and how many in mixed segments."""
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         kinds[segment[KIND]] += segment[STOP] - segment[START]
 
@@ -67,7 +74,7 @@ def samples_listed(faces):
         np.zeros(4, np.float32), 0, np.empty((len(faces), 0, 4), np.float32),
         np.empty((len(faces), 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNTS] = 0
+    BLOCKS.block[:COUNT_ELEMENTS] = 0
     steps = [Step(list_samples, listed), Step(count_samples, (kinds,))]
     StageList(steps).run(BLOCKS.block, BLOCK)
     return tuple(kinds.tolist())

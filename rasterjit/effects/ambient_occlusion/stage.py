@@ -32,7 +32,7 @@ from rasterjit.pipeline.geometry.unproject import scaled_derivative, unproject_p
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.sample_block import VECTOR, Block
+from rasterjit.pipeline.surface.sample_block import MAX_VECTOR_SAMPLES, Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import call_bound, flat, part
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel, stage
@@ -166,7 +166,7 @@ def gather_faces(faces, depth, left, s, geometry, placement):
         s[COLUMN + count], s[DEPTH + count] = np.float32(left + np.int64(column)), depth[column]
         s[NX + count], s[NY + count], s[NZ + count] = x, y, z
         count += 1
-    while count % VECTOR != 0:
+    while count % MAX_VECTOR_SAMPLES != 0:
         s[COLUMN + count], s[DEPTH + count] = s[COLUMN + count - 1], s[DEPTH + count - 1]
         s[NX + count], s[NY + count], s[NZ + count] = x, y, z
         count += 1
@@ -554,7 +554,7 @@ def occlude_samples(block: Block, count, occlusion: float32[:, ::1]):
         Of the frame, 0..1.
     """
     visibility = block.samples[rows.OCCLUSION]
-    for k in range(block.counts[rows.INTERVALS]):
+    for k in range(block.counts[rows.INTERVAL_COUNT]):
         _, column, start, stop = interval_of(block, k)
         row = block.intervals[k, rows.INTERVAL_FRAME_ROW]
         pixels = occlusion[row, column : column + stop - start]

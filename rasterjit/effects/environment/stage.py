@@ -37,7 +37,6 @@ import numpy as np
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.lighting import pbr
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import three_rows
 from rasterjit.pipeline.srgb_encoding import encode_pixel
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
@@ -443,11 +442,11 @@ def add_sky(block: Block, count, irradiance: Irradiance, yaw: float32[::1], inte
     """
     s = block.samples
     if pbr.is_any_above_zero(s[rows.LIT, :count]):
-        light = three_rows(block.colors, IRRADIANCE, count)
-        find_irradiance(irradiance, yaw, *three_rows(s, rows.NORMAL_X, count), *light)
+        light = three_parts(block.colors, IRRADIANCE, 0, count)
+        find_irradiance(irradiance, yaw, *three_parts(s, rows.NORMAL_X, 0, count), *light)
         add_irradiance(
             intensity, part(s, rows.OCCLUSION, 0, count), part(s, rows.LIT, 0, count), *light,
-            *three_rows(s, rows.RED, count), *three_rows(s, rows.OUT_RED, count),
+            *three_parts(s, rows.RED, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
         )  # fmt: skip
 
 
@@ -472,13 +471,13 @@ def add_reflections(
     microfacet = part(s, rows.MICROFACET, 0, count)
     if not pbr.is_any_above_zero(microfacet):
         return
-    normals, roughness = three_rows(s, rows.NORMAL_X, count), part(s, rows.ROUGHNESS, 0, count)
+    normals, roughness = three_parts(s, rows.NORMAL_X, 0, count), part(s, rows.ROUGHNESS, 0, count)
     x, y, z = three_parts(r, DIRECTION, 0, count)
     level, facing = part(r, LEVEL, 0, count), part(r, COSINE, 0, count)
     u, v = part(r, UV, 0, count), part(r, UV + 1, 0, count)
     find_reflections(
-        environment.yaw, toward_viewer, *normals, *three_rows(s, rows.POINT_X, count), roughness,
-        x, y, z, level, facing,
+        environment.yaw, toward_viewer, *normals, *three_parts(s, rows.POINT_X, 0, count),
+        roughness, x, y, z, level, facing,
     )  # fmt: skip
     find_uvs(x, y, z, u, v)
     if environment.width == 0:
@@ -487,7 +486,7 @@ def add_reflections(
         environment, environment.reflections, microfacet, u, v, y, level,
         *three_parts(c, 0, 0, count),
     )  # fmt: skip
-    light = three_rows(c, IRRADIANCE, count)
+    light = three_parts(c, IRRADIANCE, 0, count)
     find_irradiance(environment.irradiance, environment.yaw, *normals, *light)
     for k in range(3):
         reflection, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)

@@ -20,7 +20,7 @@ from rasterjit.effects.shadows import filters, maps, receivers, visible_cells
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.surface import point_normals
-from rasterjit.pipeline.surface.sample_block import OFFSET_POINT, POINT
+from rasterjit.pipeline.surface.sample_block import OFFSET_POINT, RECEIVER_POINT
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
@@ -226,7 +226,7 @@ class ShadowMaps(ScreenEffect):
         passes = []
         if has_map.sum() == 1 and not of_vertices:
             passes += receiver_passes(needs)
-        point = POINT
+        point = RECEIVER_POINT
         # A vertex's own plane faces the light where it is lit.
         if needs.normals and not of_vertices:
 

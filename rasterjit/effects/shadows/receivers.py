@@ -39,7 +39,9 @@ def gather_corners(patches, values, ints, out):
     """Gather three numbers for each vertex of the faces of all patches, for each sample."""
     for r in range(np.uintp(patches)):
         a, b, c = get_patch_vertices(ints, r)
-        for start in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)], LANES):
+        for start in range(
+            ints[rows.FIRST_SAMPLE, r], ints[rows.FIRST_SAMPLE, r + np.uintp(1)], LANES
+        ):
             n = np.uintp(start)
             for k in range(3):
                 spread(out[k], n, values[a, k])
@@ -98,15 +100,16 @@ def find_receivers(
     block.counts[rows.IS_LIT] = np.int64(is_lit)
     if block.counts[rows.IS_LIT] == 0:
         return
-    gather_corners(block.counts[rows.PATCHES], positions, ints, doubles)
+    gather_corners(block.counts[rows.PATCH_COUNT], positions, ints, doubles)
     m = relative_from_model
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner, s = np.uintp(segment[rows.OWNER]), np.int64(segment[rows.START])
         e = s + round_up_to_vectors(segment[rows.STOP] - s)
         find_points(
-            *six_parts(r, rows.POINT, s, e), *nine_parts(doubles, 0, s, e), part(w, 0, s, e),
-            part(w, 1, s, e), matrix_of(m, owner), (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
+            *six_parts(r, rows.RECEIVER_POINT, s, e), *nine_parts(doubles, 0, s, e),
+            part(w, 0, s, e), part(w, 1, s, e), matrix_of(m, owner),
+            (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
         )  # fmt: skip
 
 
@@ -208,27 +211,27 @@ def offset_turned_away(
         return
     s, r, w, p, bent = block.samples, block.receivers, block.weights, block.doubles, block.floats
     is_any = find_turned_away(
-        light, *six_parts(r, rows.POINT, 0, count), *three_parts(s, rows.NORMAL_X, 0, count),
-        part(s, rows.TURNED_AWAY, 0, count),
+        light, *six_parts(r, rows.RECEIVER_POINT, 0, count),
+        *three_parts(s, rows.NORMAL_X, 0, count), part(s, rows.TURNED_AWAY, 0, count),
     )  # fmt: skip
     if is_any == 0:
         for k in range(6):
             for n in range(np.uintp(count)):
-                r[rows.OFFSET_POINT + k, n] = r[rows.POINT + k, n]
+                r[rows.OFFSET_POINT + k, n] = r[rows.RECEIVER_POINT + k, n]
         return
-    gather_corners(block.counts[rows.PATCHES], normals, block.ints, bent)
-    for k in range(block.counts[rows.SEGMENTS]):
+    gather_corners(block.counts[rows.PATCH_COUNT], normals, block.ints, bent)
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         a = np.int64(segment[rows.START])
         e = a + round_up_to_vectors(segment[rows.STOP] - a)
         offset_points(
             *nine_parts(p, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
             part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[rows.OWNER])),
-            *three_parts(r, rows.POINT, a, e), *three_parts(s, rows.NORMAL_X, a, e),
+            *three_parts(r, rows.RECEIVER_POINT, a, e), *three_parts(s, rows.NORMAL_X, a, e),
             part(s, rows.TURNED_AWAY, a, e), *three_parts(r, rows.OFFSET_POINT, a, e),
         )  # fmt: skip
     choose_normals(
-        *three_parts(r, rows.NORMAL, 0, count), *three_parts(s, rows.NORMAL_X, 0, count),
+        *three_parts(r, rows.RECEIVER_NORMAL, 0, count), *three_parts(s, rows.NORMAL_X, 0, count),
         part(s, rows.TURNED_AWAY, 0, count), *three_parts(r, rows.OFFSET_NORMAL, 0, count),
     )  # fmt: skip
 

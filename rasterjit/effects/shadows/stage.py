@@ -33,18 +33,18 @@ from rasterjit.effects.shadows.filters import (
 )
 from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
 from rasterjit.pipeline.lighting.blinn_phong import light_at
-from rasterjit.pipeline.surface.attributes import fill_row
+from rasterjit.pipeline.surface.gather_samples import fill_row
 from rasterjit.pipeline.surface.sample_block import (
-    BLOCKED,
+    BLOCKED_SHARE,
     DEPTH_DOWN,
     DEPTH_RIGHT,
     IS_LIT,
-    MAP_U,
+    MAX_VECTOR_SAMPLES,
     NORMAL_X,
     POINT_X,
     SHADOW,
+    SHADOW_MAP_U,
     TURNED_AWAY,
-    VECTOR,
     Block,
 )
 from rasterjit.runtime.float_math import clamped
@@ -204,7 +204,7 @@ def project_to_map(block: Block, count, point: int64, row: float64[::1]):
     Parameters
     ----------
     block : Block
-        After ``receivers.find_receivers``. Writes rows MAP_U.. to BIAS.
+        After ``receivers.find_receivers``. Writes rows SHADOW_MAP_U.. to BIAS.
     count : int
     point : int
         Where ``receivers`` has the points, and the normals behind them: POINT or OFFSET_POINT.
@@ -214,7 +214,7 @@ def project_to_map(block: Block, count, point: int64, row: float64[::1]):
     if block.counts[IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    project_samples(*six_parts(r, 0, 0, count), row, *six_parts(s, MAP_U, 0, count))
+    project_samples(*six_parts(r, 0, 0, count), row, *six_parts(s, SHADOW_MAP_U, 0, count))
 
 
 @stage
@@ -223,7 +223,9 @@ def project_to_cube(block: Block, count, point: int64, row: float64[::1], size: 
     if block.counts[IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    project_samples_to_cube(*six_parts(r, 0, 0, count), row, size, *six_parts(s, MAP_U, 0, count))
+    project_samples_to_cube(
+        *six_parts(r, 0, 0, count), row, size, *six_parts(s, SHADOW_MAP_U, 0, count)
+    )
 
 
 @helper
@@ -232,8 +234,9 @@ def remove_light_leaks(s, count, texels, size, sides):
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
-            *three_parts(s, MAP_U, a, e), part(s, DEPTH_RIGHT, a, e), part(s, DEPTH_DOWN, a, e),
-            texels, size, np.float32(sides), part(s, BLOCKED, a, e), part(s, SHADOW, a, e),
+            *three_parts(s, SHADOW_MAP_U, a, e), part(s, DEPTH_RIGHT, a, e),
+            part(s, DEPTH_DOWN, a, e), texels, size, np.float32(sides),
+            part(s, BLOCKED_SHARE, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
 
 
@@ -247,7 +250,7 @@ def filter_hard(
     Parameters
     ----------
     block : Block
-        After `project_to_map` or `project_to_cube`. Writes rows SHADOW and BLOCKED.
+        After `project_to_map` or `project_to_cube`. Writes rows SHADOW and BLOCKED_SHARE.
     count : int
     texels : (sides * size**2,) float32
         Stored depth, of the light's maps, one below the other.
@@ -261,8 +264,9 @@ def filter_hard(
         return
     s = block.samples
     read_hard(
-        *six_parts(s, MAP_U, 0, count), texels, size, np.float32(sides), part(s, SHADOW, 0, count)
-    )
+        *six_parts(s, SHADOW_MAP_U, 0, count), texels, size, np.float32(sides),
+        part(s, SHADOW, 0, count),
+    )  # fmt: skip
     remove_light_leaks(s, count * on_faces, texels, size, sides)
 
 
@@ -275,8 +279,9 @@ def filter_pcf(
         return
     s = block.samples
     read_pcf(
-        *six_parts(s, MAP_U, 0, count), texels, size, np.float32(sides), part(s, SHADOW, 0, count)
-    )
+        *six_parts(s, SHADOW_MAP_U, 0, count), texels, size, np.float32(sides),
+        part(s, SHADOW, 0, count),
+    )  # fmt: skip
     remove_light_leaks(s, count * on_faces, texels, size, sides)
 
 
@@ -304,20 +309,20 @@ def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         mark_shaded(
-            *six_parts(s, MAP_U, a, e), texels, size, sides, widening, cells, spiral,
-            part(s, TURNED_AWAY, a, e), part(s, BLOCKED, a, e),
+            *six_parts(s, SHADOW_MAP_U, a, e), texels, size, sides, widening, cells, spiral,
+            part(s, TURNED_AWAY, a, e), part(s, BLOCKED_SHARE, a, e),
         )  # fmt: skip
     fill_row(part(s, SHADOW, 0, count), np.float32(1.0))
     for n in range(np.uintp(count)):
         indices[np.uintp(shaded)] = n
-        shaded += np.int64(s[BLOCKED, n] > np.float32(0.0))
+        shaded += np.int64(s[BLOCKED_SHARE, n] > np.float32(0.0))
     # The last one once more, until vectors are full.
-    while shaded % VECTOR != 0:
+    while shaded % MAX_VECTOR_SAMPLES != 0:
         indices[np.uintp(shaded)] = indices[np.uintp(shaded - 1)]
         shaded += 1
     for k in range(6):
         for n in range(np.uintp(shaded)):
-            gathered[k, n] = s[MAP_U + k, np.uintp(indices[n])]
+            gathered[k, n] = s[SHADOW_MAP_U + k, np.uintp(indices[n])]
     # Find what light reaches these.
     for a in range(0, shaded, NEIGHBOURS):
         e = min(a + NEIGHBOURS, shaded)

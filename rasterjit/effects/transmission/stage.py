@@ -241,7 +241,7 @@ def transmit(
     """
     s = block.samples
     steps = log2(np.float32(size[0]))
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
@@ -251,7 +251,7 @@ def transmit(
                 find_lookup(
                     block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
                 )
-    for k in range(block.counts[rows.INTERVALS]):
+    for k in range(block.counts[rows.INTERVAL_COUNT]):
         _, column, start, stop = interval_of(block, k)
         row = np.int64(block.intervals[k, rows.INTERVAL_FRAME_ROW]) + corner[1]
         for n in range(start, stop):

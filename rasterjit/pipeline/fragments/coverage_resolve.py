@@ -22,10 +22,10 @@ from rasterjit.pipeline.srgb_encoding import encode, encode_channels
 from rasterjit.pipeline.surface.sample_block import (
     ALPHA,
     INTERVAL_COLUMN,
+    INTERVAL_COUNT,
     INTERVAL_ROW,
     INTERVAL_START,
     INTERVAL_STOP,
-    INTERVALS,
     Block,
 )
 from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING
@@ -278,7 +278,7 @@ def accumulate_layers(
         What is behind all faces, straight alpha; changed.
     """
     s, height = block.samples, rest.shape[0]
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[INTERVAL_COUNT]):
         interval = block.intervals[k]
         row, left = np.int64(interval[INTERVAL_ROW]), np.int64(interval[INTERVAL_COLUMN])
         first, end = np.int64(interval[INTERVAL_START]), np.int64(interval[INTERVAL_STOP])

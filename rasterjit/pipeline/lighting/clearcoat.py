@@ -16,11 +16,10 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import three_rows
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC_F0, schlick_weight
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state_block import float32, int64
 
@@ -52,7 +51,7 @@ def blend_clearcoats(block: Block, count, toward_viewer: float32[::1], shown: in
     s = block.samples
     for k in range(3):
         blend_clearcoat(
-            toward_viewer, *three_rows(s, rows.COAT_NORMAL_X, count),
-            *three_rows(s, rows.POINT_X, count), part(s, rows.COAT, 0, count),
+            toward_viewer, *three_parts(s, rows.COAT_NORMAL_X, 0, count),
+            *three_parts(s, rows.POINT_X, 0, count), part(s, rows.COAT, 0, count),
             part(s, shown + k, 0, count), part(s, below + k, 0, count),
         )  # fmt: skip

@@ -17,12 +17,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, MULTIPLE, four_rows, three_rows
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, MULTIPLE
 from rasterjit.pipeline.lighting.pbr import find_env_brdf, is_any_above_zero, scattering_albedos
 from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.gather_samples import four_parts
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state_block import float32, int64
 
@@ -55,23 +56,23 @@ def add_dielectric_light(
     block: Block, count, lights: float32[:, ::1], light: int64, lobes: float32[::1]
 ):
     """
-    Light samples with custom specular again, from rows PRIOR_RED on.
+    Light samples with custom specular again, from rows BEFORE_SPECULAR_RED on.
 
-    Right after `light_stages.add_microfacet_lights` of this light alone, which leaves the terms
-    of `pbr.find_specular_terms` in ``floats``, and the multiple scattering of metals in ``lookup_weights``.
+    Right after `light_stages.add_microfacet_lights` of this light alone, which leaves the terms of
+    `pbr.find_specular_terms` in ``floats``, and metals' multiple scattering in ``lookup_weights``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     for k in range(3):
         add_channel_light(
-            lights[light, 4 + k], lobes, *four_rows(block.floats, LIGHT_DIR, count),
+            lights[light, 4 + k], lobes, *four_parts(block.floats, LIGHT_DIR, 0, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
             part(s, rows.METALLIC, 0, count), part(s, rows.IS_DIELECTRIC, 0, count),
-            part(s, rows.F90, 0, count), *three_rows(s, rows.F0_RED, count),
+            part(s, rows.F90, 0, count), *three_parts(s, rows.F0_RED, 0, count),
             part(s, rows.F0_RED + k, 0, count), part(s, rows.RED + k, 0, count),
             part(block.lookup_weights, MULTIPLE + k, 0, count),
-            part(s, rows.PRIOR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
+            part(s, rows.BEFORE_SPECULAR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip
 
 
@@ -101,7 +102,7 @@ def add_channel_ambient(
 @stage
 def add_dielectric_ambient(block: Block, count, toward_viewer: float32[::1]):
     """
-    Add ambient light to samples with custom specular again, from rows PRIOR_RED on.
+    Add ambient light to samples with custom specular again, from rows BEFORE_SPECULAR_RED on.
 
     Reads the probes in rows MIRROR_PROBE_RED and LAYER_OUT.
     """
@@ -110,15 +111,15 @@ def add_dielectric_ambient(block: Block, count, toward_viewer: float32[::1]):
         return
     scale, offset = part(r, 0, 0, count), part(r, 1, 0, count)
     find_env_brdf(
-        toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
-        part(s, rows.ROUGHNESS, 0, count), scale, offset,
+        toward_viewer, *three_parts(s, rows.NORMAL_X, 0, count),
+        *three_parts(s, rows.POINT_X, 0, count), part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
     for k in range(3):
         add_channel_ambient(
             scale, offset, part(s, rows.MICROFACET, 0, count), part(s, rows.METALLIC, 0, count),
             part(s, rows.IS_DIELECTRIC, 0, count), part(s, rows.F90, 0, count),
-            *three_rows(s, rows.F0_RED, count), part(s, rows.F0_RED + k, 0, count),
+            *three_parts(s, rows.F0_RED, 0, count), part(s, rows.F0_RED + k, 0, count),
             part(s, rows.RED + k, 0, count),
             part(s, rows.MIRROR_PROBE_RED + k, 0, count), part(s, rows.LAYER_OUT + k, 0, count),
-            part(s, rows.PRIOR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
+            part(s, rows.BEFORE_SPECULAR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip

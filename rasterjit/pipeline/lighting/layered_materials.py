@@ -84,9 +84,9 @@ def light_passes(needs: ShadingNeeds, n: int, blinn_phong: Pass, microfacets: Pa
 
     passes = [blinn_phong]
     if needs.sheens:
-        passes.append(copy(rows.OUT_RED, rows.BELOW_RED))
+        passes.append(copy(rows.OUT_RED, rows.BEFORE_SHEEN_RED))
     if needs.dielectrics:
-        passes.append(copy(rows.OUT_RED, rows.PRIOR_RED))
+        passes.append(copy(rows.OUT_RED, rows.BEFORE_SPECULAR_RED))
     passes.append(microfacets)
     if needs.dielectrics:
         passes.append(Pass(dielectrics.add_dielectric_light, lit_by))
@@ -114,8 +114,8 @@ def ambient_passes(
     """
     passes: list[Pass] = []
     for is_needed, target in (
-        (needs.sheens, rows.BELOW_RED),
-        (needs.dielectrics, rows.PRIOR_RED),
+        (needs.sheens, rows.BEFORE_SHEEN_RED),
+        (needs.dielectrics, rows.BEFORE_SPECULAR_RED),
     ):
         if is_needed:
             passes.append(fill_black(target) if is_first else copy(rows.OUT_RED, target))
@@ -152,14 +152,14 @@ def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
     """
     passes: list[Pass] = []
     if needs.transmission:
-        passes.append(fill_black(rows.BELOW_RED))
+        passes.append(fill_black(rows.BEFORE_SHEEN_RED))
         if needs.sheens:
             swap = fixed(swap_rows, rows.OUT_RED, rows.TINT_RED, COLOR_ROWS)
             passes += [fill_black(rows.LAYER_OUT), swap, sheen_ambient(), swap]
     if needs.coats:
         passes.append(clearcoat_over(rows.COAT_OUT, rows.OUT_RED))
         if needs.transmission:
-            passes.append(clearcoat_over(rows.BELOW_RED, rows.TINT_RED))
+            passes.append(clearcoat_over(rows.BEFORE_SHEEN_RED, rows.TINT_RED))
     return passes
 
 

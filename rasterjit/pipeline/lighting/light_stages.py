@@ -7,6 +7,7 @@ import numpy as np
 from rasterjit.pipeline.lighting import blinn_phong, pbr
 from rasterjit.pipeline.srgb_encoding import encode_channels, encode_span
 from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.gather_samples import four_parts
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import helper, stage
@@ -36,21 +37,6 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
     )  # fmt: skip
 
 
-@helper
-def three_rows(samples, first, count):
-    """Return three rows that follow each other: of normals, points or colours."""
-    return three_parts(samples, first, 0, count)
-
-
-@helper
-def four_rows(scratch, first, count):
-    """Return four rows of scratch memory that follow each other: a direction and a number."""
-    return (
-        part(scratch, first, 0, count), part(scratch, first + 1, 0, count),
-        part(scratch, first + 2, 0, count), part(scratch, first + 3, 0, count),
-    )  # fmt: skip
-
-
 @stage
 def add_blinn_phong_lights(
     block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
@@ -65,9 +51,12 @@ def add_blinn_phong_lights(
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
-    normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
+    normals, points = (
+        three_parts(s, rows.NORMAL_X, 0, count),
+        three_parts(s, rows.POINT_X, 0, count),
+    )
     viewer, light = (
-        four_rows(block.floats, VIEW_DIR, count), four_rows(block.floats, LIGHT_DIR, count)
+        four_parts(block.floats, VIEW_DIR, 0, count), four_parts(block.floats, LIGHT_DIR, 0, count)
     )  # fmt: skip
     blinn_phong.find_view_directions(toward_viewer, *points, *viewer)
     for n in range(first, end):
@@ -79,8 +68,8 @@ def add_blinn_phong_lights(
         blinn_phong.find_highlight(part(s, rows.SHININESS, 0, count), n_h, highlight)
         blinn_phong.add_blinn_phong_light(
             lights[n], n_l, highlight, falloff, part(s, rows.LIT, 0, count),
-            part(s, rows.SHADOW, 0, count), *three_rows(s, rows.RED, count),
-            *three_rows(s, rows.OUT_RED, count),
+            part(s, rows.SHADOW, 0, count), *three_parts(s, rows.RED, 0, count),
+            *three_parts(s, rows.OUT_RED, 0, count),
         )  # fmt: skip
 
 
@@ -90,13 +79,15 @@ def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int6
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
-    light = four_rows(block.floats, LIGHT_DIR, count)
+    light = four_parts(block.floats, LIGHT_DIR, 0, count)
     for n in range(first, end):
-        blinn_phong.find_light_directions(lights[n], *three_rows(s, rows.POINT_X, count), *light)
+        blinn_phong.find_light_directions(
+            lights[n], *three_parts(s, rows.POINT_X, 0, count), *light
+        )
         blinn_phong.add_diffuse_light(
-            lights[n], *three_rows(s, rows.NORMAL_X, count), *light, part(s, rows.LIT, 0, count),
-            part(s, rows.SHADOW, 0, count), *three_rows(s, rows.RED, count),
-            *three_rows(s, rows.OUT_RED, count),
+            lights[n], *three_parts(s, rows.NORMAL_X, 0, count), *light,
+            part(s, rows.LIT, 0, count), part(s, rows.SHADOW, 0, count),
+            *three_parts(s, rows.RED, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
         )  # fmt: skip
 
 
@@ -110,14 +101,14 @@ def set_microfacet_ambient(block: Block, count, ambient: float32[::1], toward_vi
     scale, offset = part(floats, ENV_BRDF, 0, count), part(floats, ENV_BRDF + 1, 0, count)
     reflected = three_parts(floats, AMBIENT, 0, count)
     pbr.find_env_brdf(
-        toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
-        part(s, rows.ROUGHNESS, 0, count), scale, offset,
+        toward_viewer, *three_parts(s, rows.NORMAL_X, 0, count),
+        *three_parts(s, rows.POINT_X, 0, count), part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
     pbr.find_ambient(
         ambient, part(s, rows.OCCLUSION, 0, count), part(s, rows.METALLIC, 0, count), scale, offset,
-        *three_rows(s, rows.RED, count), *reflected,
+        *three_parts(s, rows.RED, 0, count), *reflected,
     )  # fmt: skip
-    red, green, blue = three_rows(s, rows.OUT_RED, count)
+    red, green, blue = three_parts(s, rows.OUT_RED, 0, count)
     pbr.write_microfacets(reflected[0], microfacet, red)
     pbr.write_microfacets(reflected[1], microfacet, green)
     pbr.write_microfacets(reflected[2], microfacet, blue)
@@ -132,16 +123,19 @@ def add_microfacet_lights(
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
+    normals, points = (
+        three_parts(s, rows.NORMAL_X, 0, count),
+        three_parts(s, rows.POINT_X, 0, count),
+    )
     viewer, light = (
-        four_rows(block.floats, VIEW_DIR, count), four_rows(block.floats, LIGHT_DIR, count)
+        four_parts(block.floats, VIEW_DIR, 0, count), four_parts(block.floats, LIGHT_DIR, 0, count)
     )  # fmt: skip
     blinn_phong.find_view_directions(toward_viewer, *points, *viewer)
-    multiple = three_rows(block.lookup_weights, MULTIPLE, count)
+    multiple = three_parts(block.lookup_weights, MULTIPLE, 0, count)
     if pbr.is_any_above_zero(part(s, rows.METALLIC, 0, count)):
         pbr.find_multiple_scattering(
             viewer[0], viewer[1], viewer[2], *normals, part(s, rows.ROUGHNESS, 0, count),
-            part(s, rows.METALLIC, 0, count), *three_rows(s, rows.RED, count), *multiple,
+            part(s, rows.METALLIC, 0, count), *three_parts(s, rows.RED, 0, count), *multiple,
         )  # fmt: skip
     else:
         pbr.write_zeros(*multiple)
@@ -154,7 +148,7 @@ def add_microfacet_lights(
         pbr.add_microfacet_light(
             lights[n], lobes, n_l, specular, schlick, falloff, part(s, rows.METALLIC, 0, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
-            *three_rows(s, rows.RED, count), *multiple, *three_rows(s, rows.OUT_RED, count),
+            *three_parts(s, rows.RED, 0, count), *multiple, *three_parts(s, rows.OUT_RED, 0, count),
         )  # fmt: skip
 
 
@@ -172,7 +166,7 @@ def interval_of(block, k):
 def write_opaque_codes(block: Block, count, first: int64, table: int32[::1], color: uint32[:, ::1]):
     """Write three rows of samples, from ``first`` on, as opaque sRGB codes."""
     s = block.samples
-    for k in range(block.counts[rows.INTERVALS]):
+    for k in range(block.counts[rows.INTERVAL_COUNT]):
         row, column, start, stop = interval_of(block, k)
         encode_span(
             *three_parts(s, first, start, stop), table, color[row, column : column + stop - start]
@@ -185,7 +179,7 @@ def write_blended_codes(
 ):
     """Write three rows of samples, from ``first`` on, as sRGB codes with alpha."""
     s = block.samples
-    for k in range(block.counts[rows.INTERVALS]):
+    for k in range(block.counts[rows.INTERVAL_COUNT]):
         row, column, start, stop = interval_of(block, k)
         encode_channels(
             *three_parts(s, first, start, stop), part(s, rows.ALPHA, start, stop), table,
@@ -197,7 +191,7 @@ def write_blended_codes(
 def write_linear(block: Block, count, first: int64, has_alpha: int64, linear: float32[:, :, ::1]):
     """Write three rows of samples, from ``first`` on, in linear light, and alpha, 1 without."""
     s = block.samples
-    for k in range(block.counts[rows.INTERVALS]):
+    for k in range(block.counts[rows.INTERVAL_COUNT]):
         row, column, start, stop = interval_of(block, k)
         out = linear[row, column : column + stop - start]
         for i in range(out.shape[0]):

@@ -2,7 +2,7 @@
 Light metallic-roughness samples as the fragment shader of pyrender 0.1.45 does.
 
 Used by `compat.pyrender`; a microfacet model that differs from glTF's (``lighting.pbr``). With the
-cosines midpoint normal n, light l, viewer v and their half vector h, each clamped (n·l and |n·v| to
+cosines between normal n, light l, viewer v and their half vector h, each clamped (n·l and |n·v| to
 0.001..1), base colour b, metallic m and roughness r, clamped to 0.04..1:
 
 - specular is F G D / (4 n·l n·v + 0.001): Schlick's F of 0.04 (1 - m) + b m; Schlick's form of
@@ -33,11 +33,12 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import transform_point
 from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR, four_rows, three_rows
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.attributes import owner_end
-from rasterjit.pipeline.surface.sample_block import OWNER, SEGMENTS, START, STOP, Block
+from rasterjit.pipeline.surface.attributes import find_object_end
+from rasterjit.pipeline.surface.gather_samples import four_parts
+from rasterjit.pipeline.surface.sample_block import OWNER, SEGMENT_COUNT, START, STOP, Block
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part, three_parts
@@ -61,7 +62,7 @@ OVER_PI = np.float32(1.0 / math.pi)
 def turn_to_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: float32[::1]):
     """Turn the normals of some objects toward the viewer."""
     s = block.samples
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         if faces_viewer[np.uintp(segment[OWNER])] == 0:
             continue
@@ -86,7 +87,7 @@ def center_on_squares(
 ):
     """Move samples of a square's triangles to its centre, the midpoint of the longest edge."""
     s, ints, m, p = block.samples, block.ints, placement.relative_from_model, placement.positions
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
         if are_squares[owner] == 0:
@@ -105,7 +106,8 @@ def center_on_squares(
             if squared > longest_squared:
                 longest_center, longest_squared = center, squared
             for n in range(
-                np.uintp(ints[rows.FIRST, r]), np.uintp(ints[rows.FIRST, r + np.uintp(1)])
+                np.uintp(ints[rows.FIRST_SAMPLE, r]),
+                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
             ):
                 s[rows.POINT_X, n] = np.float32(longest_center[0])
                 s[rows.POINT_Y, n] = np.float32(longest_center[1])
@@ -204,17 +206,21 @@ def add_lights_as_pyrender(
 ):  # fmt: skip
     """Add lights ``first`` to ``end``, each to the samples of the objects it falls on."""
     samples, floats = block.samples, block.floats
-    points = three_rows(samples, rows.POINT_X, count)
-    blinn_phong.find_view_directions(toward_viewer, *points, *four_rows(floats, VIEW_DIR, count))
+    points = three_parts(samples, rows.POINT_X, 0, count)
+    blinn_phong.find_view_directions(
+        toward_viewer, *points, *four_parts(floats, VIEW_DIR, 0, count)
+    )
     for n in range(first, end):
-        blinn_phong.find_light_directions(lights[n], *points, *four_rows(floats, LIGHT_DIR, count))
+        blinn_phong.find_light_directions(
+            lights[n], *points, *four_parts(floats, LIGHT_DIR, 0, count)
+        )
         find_reflection_terms(
-            *three_rows(samples, rows.NORMAL_X, count), part(samples, rows.ROUGHNESS, 0, count),
-            *three_rows(floats, VIEW_DIR, count), *three_rows(floats, LIGHT_DIR, count),
+            *three_parts(samples, rows.NORMAL_X, 0, count), part(samples, rows.ROUGHNESS, 0, count),
+            *three_parts(floats, VIEW_DIR, 0, count), *three_parts(floats, LIGHT_DIR, 0, count),
         )  # fmt: skip
         k = np.int64(0)
-        while k < block.counts[SEGMENTS]:
-            stop = owner_end(block, k)
+        while k < block.counts[SEGMENT_COUNT]:
+            stop = find_object_end(block, k)
             s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
             e = np.int64(block.segments[stop - 1, STOP])
             k = stop
@@ -311,7 +317,7 @@ def multiply_by_occlusion(block: Block, count):
 def amplify(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
     """Multiply three rows by factors of each object, which stand from column ``first`` on."""
     s = block.samples
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
         for channel in range(3):

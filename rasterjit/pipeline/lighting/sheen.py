@@ -5,7 +5,7 @@ The sheen is ``color D V``: Charlie's distribution ``D = (2 + 1/a) sin(h)**(1/a)
 h is the angle between normal and half vector and ``a = roughness**2``, and the fitted shadowing
 ``V = 1 / ((1 + L(n l) + L(n v)) 4 n_l n_v)`` [1]_, [2]_. As everywhere here, it is multiplied by
 pi. The base layer is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is the directional albedo
-of ``D V``, from a table, clamped to 1, which very smooth fibres exceed at schlick_weight angles.
+of ``D V``, from a table, clamped to 1, which very smooth fibres exceed at grazing angles.
 
 Ambient light adds ``color E(n v)`` times the irradiance along a normal bent toward the viewer,
 since fibres scatter back; the lobe is so wide that no prefiltered map is needed. Under a sky with a
@@ -23,12 +23,13 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR, four_rows, three_rows
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR
 from rasterjit.pipeline.lighting.pbr import MIN_COSINE, is_any_above_zero
 from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.gather_samples import four_parts
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped, exp2, power
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int64
 
@@ -129,7 +130,7 @@ def blend_sheen(
     light, table, n_l, brdf, n_v, falloff, microfacet, visibility, roughness, red, green, blue,
     below_red, below_green, below_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Blend sheen over the light added to samples since rows BELOW_RED were copied."""
+    """Blend sheen over the light added to samples since rows BEFORE_SHEEN_RED were copied."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out_red.shape[0]):
         r, g, b = min(red[i], one), min(green[i], one), min(blue[i], one)
@@ -162,15 +163,15 @@ def light_sheen(
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     roughness = part(s, rows.SHEEN_ROUGHNESS, 0, count)
-    n_l, specular, schlick, falloff = four_rows(block.floats, LIGHT_DIR, count)
+    n_l, specular, schlick, falloff = four_parts(block.floats, LIGHT_DIR, 0, count)
     find_sheen_terms(
-        lobes, *three_rows(s, rows.NORMAL_X, count), roughness,
-        *three_rows(block.floats, VIEW_DIR, count), n_l, specular, schlick,
+        lobes, *three_parts(s, rows.NORMAL_X, 0, count), roughness,
+        *three_parts(block.floats, VIEW_DIR, 0, count), n_l, specular, schlick,
     )  # fmt: skip
     blend_sheen(
         lights[light], table, n_l, specular, schlick, falloff, part(s, rows.MICROFACET, 0, count),
-        part(s, rows.SHADOW, 0, count), roughness, *three_rows(s, rows.SHEEN_RED, count),
-        *three_rows(s, rows.BELOW_RED, count), *three_rows(s, rows.OUT_RED, count),
+        part(s, rows.SHADOW, 0, count), roughness, *three_parts(s, rows.SHEEN_RED, 0, count),
+        *three_parts(s, rows.BEFORE_SHEEN_RED, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip
 
 
@@ -198,8 +199,8 @@ def bend_normals(block: Block, count, toward_viewer: float32[::1]):
     """Write the bent normals for the sheen's ambient light to rows BENT_NORMAL_X to Z."""
     s = block.samples
     bend_rows(
-        toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
-        *three_rows(s, rows.BENT_NORMAL_X, count),
+        toward_viewer, *three_parts(s, rows.NORMAL_X, 0, count),
+        *three_parts(s, rows.POINT_X, 0, count), *three_parts(s, rows.BENT_NORMAL_X, 0, count),
     )  # fmt: skip
 
 
@@ -237,9 +238,9 @@ def add_ambient_sheen(block: Block, count, toward_viewer: float32[::1], table: f
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     blend_ambient_sheen(
-        toward_viewer, table, *three_rows(s, rows.NORMAL_X, count),
-        *three_rows(s, rows.POINT_X, count), part(s, rows.MICROFACET, 0, count),
-        part(s, rows.SHEEN_ROUGHNESS, 0, count), *three_rows(s, rows.SHEEN_RED, count),
-        *three_rows(s, rows.LAYER_OUT, count), *three_rows(s, rows.BELOW_RED, count),
-        *three_rows(s, rows.OUT_RED, count),
+        toward_viewer, table, *three_parts(s, rows.NORMAL_X, 0, count),
+        *three_parts(s, rows.POINT_X, 0, count), part(s, rows.MICROFACET, 0, count),
+        part(s, rows.SHEEN_ROUGHNESS, 0, count), *three_parts(s, rows.SHEEN_RED, 0, count),
+        *three_parts(s, rows.LAYER_OUT, 0, count), *three_parts(s, rows.BEFORE_SHEEN_RED, 0, count),
+        *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip

@@ -26,24 +26,25 @@ from rasterjit.pipeline.records import (
     Placement,
 )
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
+from rasterjit.pipeline.surface.gather_samples import (
+    fill_row,
+    get_patch_vertices,
+    round_up_to_vectors,
+)
 from rasterjit.pipeline.surface.sample_block import (
     BACKFACE,
     END_PATCH,
     FACE,
-    FIRST,
     FIRST_PATCH,
+    FIRST_SAMPLE,
     KIND,
     MIXED,
     OWNER,
-    PATCHES,
-    SEGMENTS,
+    PATCH_COUNT,
+    SEGMENT_COUNT,
     START,
     STOP,
-    A,
-    B,
     Block,
-    C,
 )
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED, multiply_diffuse_part
 from rasterjit.runtime.intrinsics import nine_parts, part, spread, three_parts
@@ -84,11 +85,11 @@ def blend_point(second, third, point):
 
 
 @helper
-def gather_values(first, end, values, ints, out):
-    """Gather three numbers for each vertex of the faces of some patches."""
+def gather_vertex_values(first, end, values, ints, out):
+    """Gather three numbers of each vertex of some patches' faces."""
     for r in range(np.uintp(first), np.uintp(end)):
         a, b, c = get_patch_vertices(ints, r)
-        n = np.uintp(ints[FIRST, r])
+        n = np.uintp(ints[FIRST_SAMPLE, r])
         spread(out[0], n, values[a, 0])
         spread(out[1], n, values[a, 1])
         spread(out[2], n, values[a, 2])
@@ -106,22 +107,15 @@ def get_span_vertices(segment, ints):
     return get_patch_vertices(ints, np.uintp(segment[FIRST_PATCH]))
 
 
-@disjoint_helper
-def fill_row(values, value):
-    """Write one number."""
-    for n in range(values.shape[0]):
-        values[n] = value
-
-
 @helper
-def owner_end(block, k):
+def find_object_end(block, k):
     """
     Return one past the last of the segments from ``k`` on that belong to the same object.
 
-    They follow each other without a gap.
+    The samples of these follow each other without a gap.
     """
     owner, stop = block.segments[k, OWNER], block.segments[k, START]
-    while k < block.counts[SEGMENTS]:
+    while k < block.counts[SEGMENT_COUNT]:
         if block.segments[k, OWNER] != owner or block.segments[k, START] != stop:
             return k
         stop = block.segments[k, STOP]
@@ -133,8 +127,8 @@ def owner_end(block, k):
 def fill_base_colors(block: Block, count, materials: float32[:, ::1]):
     """Write the base colour of each sample's material."""
     samples, k = block.samples, np.int64(0)
-    while k < block.counts[SEGMENTS]:
-        end = owner_end(block, k)
+    while k < block.counts[SEGMENT_COUNT]:
+        end = find_object_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
         e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
         fill_row(part(samples, rows.RED, s, e), materials[owner, 0])
@@ -147,9 +141,11 @@ def fill_base_colors(block: Block, count, materials: float32[:, ::1]):
 def multiply_face_colors(block: Block, count, face_colors: float32[:, ::1]):
     """Multiply the base colours by those of the faces."""
     samples, ints = block.samples, block.ints
-    for r in range(np.uintp(block.counts[PATCHES])):
+    for r in range(np.uintp(block.counts[PATCH_COUNT])):
         face = np.uintp(ints[FACE, r])
-        for n in range(np.uintp(ints[FIRST, r]), np.uintp(ints[FIRST, r + np.uintp(1)])):
+        for n in range(
+            np.uintp(ints[FIRST_SAMPLE, r]), np.uintp(ints[FIRST_SAMPLE, r + np.uintp(1)])
+        ):
             for k in range(3):
                 samples[rows.RED + k, n] *= face_colors[face, k]
 
@@ -165,15 +161,17 @@ def multiply_face_colors_below_highlights(
     ``first`` on; it is multiplied too.
     """
     samples, ints = block.samples, block.ints
-    for s in range(block.counts[SEGMENTS]):
+    for s in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[s]
-        is_lit = np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) == GOURAUD
+        is_gouraud = np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) == GOURAUD
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
             face = np.uintp(ints[FACE, r])
-            for n in range(np.uintp(ints[FIRST, r]), np.uintp(ints[FIRST, r + np.uintp(1)])):
+            for n in range(
+                np.uintp(ints[FIRST_SAMPLE, r]), np.uintp(ints[FIRST_SAMPLE, r + np.uintp(1)])
+            ):
                 for k in range(3):
                     color, factor = samples[rows.RED + k, n], face_colors[face, k]
-                    if is_lit:
+                    if is_gouraud:
                         diffuse = samples[first + k, n]
                         samples[rows.RED + k, n] = multiply_diffuse_part(color, factor, diffuse)
                         samples[first + k, n] = diffuse * factor
@@ -229,7 +227,7 @@ def interpolate_segment_colors(segment, block, vertex_colors, materials):
     red, green, blue = three_parts(samples, rows.RED, s, e)
     second, third = part(weights, 0, s, e), part(weights, 1, s, e)
     if segment[KIND] == MIXED:
-        gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, ints, floats)
+        gather_vertex_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, ints, floats)
         interpolate_colors(red, green, blue, *nine_parts(floats, 0, s, e), second, third, base)
     else:
         a, b, c = get_span_vertices(segment, ints)
@@ -240,11 +238,11 @@ def interpolate_segment_colors(segment, block, vertex_colors, materials):
 
 
 @stage
-def mix_vertex_colors(
+def interpolate_vertex_colors(
     block: Block, count, vertex_colors: float32[:, ::1], materials: float32[:, ::1]
 ):
     """Write the base colour of each sample's material times those of the vertices, interpolated."""
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         interpolate_segment_colors(block.segments[k], block, vertex_colors, materials)
 
 
@@ -271,17 +269,17 @@ def multiply_float32_span(red, green, blue, first, second, third, at_a, at_b, at
 
 
 @helper
-def color_of(vertex_colors, vertex):
+def read_vertex_color(vertex_colors, vertex):
     """Return red, green and blue of a vertex."""
     return vertex_colors[vertex, 0], vertex_colors[vertex, 1], vertex_colors[vertex, 2]
 
 
 @helper
-def gather_light(first, end, lit_vertices, ints, out):
-    """Gather the light on the vertices of some patches, on the visible side."""
+def gather_vertex_light(first, end, lit_vertices, ints, out):
+    """Gather the light on some patches' vertices, on the visible side."""
     for r in range(np.uintp(first), np.uintp(end)):
         a, b, c = get_patch_vertices(ints, r)
-        n = np.uintp(ints[FIRST, r])
+        n = np.uintp(ints[FIRST_SAMPLE, r])
         side = np.uintp(ints[BACKFACE, n])
         for k in range(3):
             spread(out[k], n, lit_vertices[a, side, k])
@@ -300,13 +298,15 @@ def interpolate_lit_vertices(
     """
     samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
     white = np.float32(1.0), np.float32(1.0), np.float32(1.0)
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != GOURAUD:
             continue
         s, e = np.int64(segment[START]), np.int64(segment[STOP])
         if segment[KIND] == MIXED:
-            gather_light(segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, ints, floats)
+            gather_vertex_light(
+                segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, ints, floats
+            )
         red, green, blue = three_parts(samples, first, s, e)
         if segment[KIND] == MIXED:
             interpolate_colors(
@@ -324,15 +324,15 @@ def interpolate_lit_vertices(
 
 
 @stage
-def find_reflectance(block: Block, count, materials: float32[:, ::1]):
+def fill_highlights(block: Block, count, materials: float32[:, ::1]):
     """
     Write strength and exponent of the highlight, and whether light falls on a sample.
 
     Set ``SHADOW`` and ``OCCLUSION`` to 1; later stages lower them.
     """
     samples, k = block.samples, np.int64(0)
-    while k < block.counts[SEGMENTS]:
-        end = owner_end(block, k)
+    while k < block.counts[SEGMENT_COUNT]:
+        end = find_object_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
         e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
         model = np.int64(materials[owner, MATERIAL_MODEL])
@@ -346,11 +346,11 @@ def find_reflectance(block: Block, count, materials: float32[:, ::1]):
 
 
 @stage
-def find_microfacets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
-    """Write metallic and roughness, and 1 where an object is shaded by microfacets, else 0."""
+def fill_microfacets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
+    """Write metallic, roughness, and 1 where an object is shaded by microfacets, else 0."""
     samples, k = block.samples, np.int64(0)
-    while k < block.counts[SEGMENTS]:
-        end = owner_end(block, k)
+    while k < block.counts[SEGMENT_COUNT]:
+        end = find_object_end(block, k)
         s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
         e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
         is_pbr = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
@@ -363,10 +363,10 @@ def find_microfacets(block: Block, count, factors: float32[:, ::1], materials: f
 @stage
 def gather_positions(block: Block, count, positions: float64[:, ::1]):
     """Gather the vertex positions of the faces of mixed segments, model space."""
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         if segment[KIND] == MIXED:
-            gather_values(
+            gather_vertex_values(
                 segment[FIRST_PATCH], segment[END_PATCH], positions, block.ints, block.doubles
             )
 
@@ -388,7 +388,7 @@ def interpolate_normals(
 
 @disjoint_helper
 def interpolate_span_normals(nx, ny, nz, second, third, normal):
-    """Write the normals of one face."""
+    """Write the interpolated normals of samples of one face."""
     for n in range(nx.shape[0]):
         nx[n], ny[n], nz[n] = blend_normal(second[n], third[n], normal)
 
@@ -407,10 +407,10 @@ def find_smooth_normals(
     """
     Write the interpolated vertex normals of objects that are smooth, world axes, any length.
 
-    Before `find_face_normals`: it writes arbitrary values on other objects.
+    Before `find_face_normals`, because vectors overwrite the start of other objects' segments.
     """
     samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         if not is_smooth(segment[OWNER], materials):
             continue
@@ -418,7 +418,7 @@ def find_smooth_normals(
         e = s + round_up_to_vectors(segment[STOP] - s)
         matrix = matrix_of(normal_matrices, owner)
         if segment[KIND] == MIXED:
-            gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, ints, floats)
+            gather_vertex_values(segment[FIRST_PATCH], segment[END_PATCH], normals, ints, floats)
             interpolate_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), *nine_parts(floats, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), part(ints, BACKFACE, s, e), matrix,
@@ -452,19 +452,19 @@ def find_mixed_face_normals(
 
 @stage
 def find_face_normals(
-    block: Block, count, placement: Placement, materials: float32[:, ::1], leaves_smooth: int64
+    block: Block, count, placement: Placement, materials: float32[:, ::1], skips_smooth: int64
 ):
     """
     Write the geometric normals of faces, world axes.
 
-    After `gather_positions`. If ``leaves_smooth`` is not 0, skip objects with smooth normals, which
+    After `gather_positions`. If ``skips_smooth`` is not 0, skip objects with smooth normals, which
     `find_smooth_normals` has written.
     """
     samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
-        if leaves_smooth != 0 and is_smooth(segment[OWNER], materials):
+        if skips_smooth != 0 and is_smooth(segment[OWNER], materials):
             continue
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         if segment[KIND] == MIXED:
@@ -487,7 +487,7 @@ def find_face_normals(
 def interpolate_points(
     px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
 ):  # fmt: skip
-    """Write the positions of samples."""
+    """Write the positions of samples, each of its own face."""
     for n in range(px.shape[0]):
         point = (
             transform_point(xa[n], ya[n], za[n], owner, matrices),
@@ -545,11 +545,11 @@ def find_points(
     placement : Placement
     materials : (O, M) float32
     only_flat : int
-        Not 0: write those of flat objects alone, after these are lit at their faces' centroids.
+        Not 0: write positions of flat objects alone, once these are lit at their faces' centroids.
     """
     samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     p, matrices = placement.positions, placement.relative_from_model
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         if only_flat == 0:
@@ -577,7 +577,7 @@ def find_centroids(block: Block, count, placement: Placement, materials: float32
     samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     zero, center = (0.0, 0.0, 0.0), (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
     matrices = placement.relative_from_model
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != FLAT:
             continue
@@ -602,11 +602,11 @@ def fill_placeholders(block: Block, count, is_placeholder: uint8[::1]):
     """
     Write placeholder normals and points on objects whose colour does not depend on them.
 
-    They are lit at their vertices, without fog. Light computed with the placeholders is not used,
-    but must be finite.
+    Such objects are lit at their vertices, without fog. Light computed with the placeholders is not
+    used, but must be finite.
     """
     samples, zero, one = block.samples, np.float32(0.0), np.float32(1.0)
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         if is_placeholder[np.uintp(segment[OWNER])] == 0:
             continue
@@ -636,9 +636,9 @@ def find_alphas(
     face_colors: float32[:, ::1], vertex_colors: float32[:, ::1], has_textures: int64,
 ):  # fmt: skip
     """
-    Write the alpha of each sample: that of material, colours and texture, multiplied.
+    Write the alpha of each sample: the product of material's, colours' and texture's.
 
-    1 on objects that are not blended. Right backface `read_textures` of base colours if
+    1 on objects that are not blended. Right after `read_textures` of base colours if
     ``has_textures`` is not 0.
 
     Parameters
@@ -650,7 +650,7 @@ def find_alphas(
     has_textures : int
     """
     samples, ints, weights = block.samples, block.ints, block.weights
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
         s, e = np.uintp(segment[START]), np.uintp(segment[STOP])
@@ -660,7 +660,10 @@ def find_alphas(
         if is_blended[owner] == 0:
             continue
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            first, end = np.uintp(ints[FIRST, r]), np.uintp(ints[FIRST, r + np.uintp(1)])
+            first, end = (
+                np.uintp(ints[FIRST_SAMPLE, r]),
+                np.uintp(ints[FIRST_SAMPLE, r + np.uintp(1)]),
+            )
             if face_colors.shape[0] > 0:
                 for n in range(first, end):
                     samples[rows.ALPHA, n] *= face_colors[np.uintp(ints[FACE, r]), 3]

@@ -25,12 +25,12 @@ def may_have_wide_faces(viewport):
 
 
 @disjoint_helper
-def weigh(
+def weigh_samples(
     ax, ay, bx, by, cx, cy, wa, wb, wc, xs, ys, count, offset, bits, reach, is_affine,
     front_sign, inexact, backface, second, third,
 ):  # fmt: skip
     """
-    Write the weights of ``count`` samples, each of its own face, and whether it is back-facing.
+    Write the weights of ``count`` samples, each of its own face, and whether this is back-facing.
 
     ``offset`` is the sample's position in its pixel, sub-pixel units. Returns whether any sample
     needs the exact path: its face was clipped, or its weights may be inaccurate.
@@ -77,7 +77,7 @@ def narrow_edges(ax, ay, bx, by, cx, cy, column, row, bits, half):
 def weigh_affine(
     ax, ay, bx, by, cx, cy, xs, ys, bits, front_sign, backface, second, third
 ):  # fmt: skip
-    """Write affine weights of samples on faces that are not wide, as `weigh` does."""
+    """Write affine weights of samples on faces that are not wide, as `weigh_samples` does."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
         k0, k1, k2 = narrow_edges(
@@ -93,7 +93,7 @@ def weigh_affine(
 def weigh_perspective(
     ax, ay, bx, by, cx, cy, wa, wb, wc, xs, ys, bits, front_sign, inexact, backface, second, third,
 ):  # fmt: skip
-    """Write perspective-correct weights on faces that are not wide, as `weigh` does."""
+    """Write perspective-correct weights on faces that are not wide, as `weigh_samples` does."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
         k0, k1, k2 = narrow_edges(
@@ -110,7 +110,7 @@ def weigh_perspective(
 
 @helper
 def is_any_inexact(inexact, count):
-    """Return not 0 if any of the first samples needs the exact path."""
+    """Return not 0 if any of the first ``count`` samples needs the exact path."""
     any_inexact = np.int32(0)
     for n in range(inexact.shape[0]):
         any_inexact |= inexact[n] if np.int32(n) < count else np.int32(0)
@@ -122,7 +122,7 @@ def gather_screen(first, end, xy, codes, w, ints, doubles):
     """Gather screen positions, clipped flags and w of patches' vertices; w is 1 if affine."""
     is_affine = w.shape[0] == 0
     for r in range(np.uintp(first), np.uintp(end)):
-        n, code = np.uintp(ints[rows.FIRST, r]), codes[np.uintp(ints[rows.A, r])]
+        n, code = np.uintp(ints[rows.FIRST_SAMPLE, r]), codes[np.uintp(ints[rows.A, r])]
         for k in range(3):
             vertex = np.uintp(ints[rows.A + k, r])
             spread(ints[rows.AX + 2 * k], n, xy[vertex, 0])
@@ -177,7 +177,7 @@ def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_n
             )  # fmt: skip
         return is_any_inexact(inexact, np.int32(count))
     half = np.int32(1) << (bits - 1)
-    return weigh(
+    return weigh_samples(
         *six_parts(ints, rows.AX, s, e), *three_parts(doubles, 0, s, e),
         part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e), count, (half, half), bits, reach,
         w.shape[0] == 0, front_sign, part(ints, rows.INEXACT, s, e),
@@ -186,21 +186,21 @@ def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_n
 
 
 @helper
-def evaluate_edges(a, b, c, column, row, bits, xy, w):
+def evaluate_edges(a, b, c, column, row, grid_bits, xy, w):
     """
-    Return the edge functions of a face at a pixel, and their gains to the right and down.
+    Return the edge functions of a face at a pixel, and their steps to the right and down.
 
-    Also returns, for each vertex, the smallest w over its own; 1 if affine.
+    Also returns, for each vertex, the smallest w over the vertex's; 1 if affine.
     """
     ax, ay, bx = np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0])
     by, cx, cy = np.int64(xy[b, 1]), np.int64(xy[c, 0]), np.int64(xy[c, 1])
-    half = np.int64(1) << (bits - 1)
-    px, py = (column << bits) + half, (row << bits) + half
+    half = np.int64(1) << (grid_bits - 1)
+    px, py = (column << grid_bits) + half, (row << grid_bits) + half
     edges = (
         edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py)
     )  # fmt: skip
-    right = (by - cy) << bits, (cy - ay) << bits, (ay - by) << bits
-    down = (cx - bx) << bits, (ax - cx) << bits, (bx - ax) << bits
+    right = (by - cy) << grid_bits, (cy - ay) << grid_bits, (ay - by) << grid_bits
+    down = (cx - bx) << grid_bits, (ax - cx) << grid_bits, (bx - ax) << grid_bits
     if w.shape[0] == 0:
         return edges, right, down, (1.0, 1.0, 1.0)
     smallest = min(w[a], min(w[b], w[c]))
@@ -208,12 +208,12 @@ def evaluate_edges(a, b, c, column, row, bits, xy, w):
 
 
 @helper
-def are_exact(edges, steps, count):
-    """Return whether float64 holds edge functions along a row, and their steps, exactly."""
-    last, limit = np.int64(count - 1), np.int64(1 << 52)
+def are_edges_exact(edges, steps, count):
+    """Return whether float64 holds the edge functions along a row exactly."""
+    last, max_edge = np.int64(count - 1), np.int64(1 << 52)
     e0, e1, e2 = edges
     ends = abs(e0 + last * steps[0]) | abs(e1 + last * steps[1]) | abs(e2 + last * steps[2])
-    return (abs(e0) | abs(e1) | abs(e2) | ends) < limit
+    return (abs(e0) | abs(e1) | abs(e2) | ends) < max_edge
 
 
 @disjoint_helper
@@ -253,13 +253,13 @@ def mark_inexact(s, e, column, row, row_start, is_inexact, front_sign, ints):
     """
     Mark the samples of a span that need the exact path: off the face, or all if ``is_inexact``.
 
-    Writes their pixels, too, and whether they are back-facing. Returns whether any is marked.
+    Also writes their pixels and facing. Returns whether any is marked.
     """
     (e0, e1, e2), steps, _, _ = row_start
     is_backface = np.int32(np.float64(e0 + e1 + e2) * front_sign < 0.0)
-    side, any_inexact = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
+    face_sign, any_inexact = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
     for n in range(np.uintp(s), np.uintp(e)):
-        is_outside = min(side * e0, min(side * e1, side * e2)) < 0
+        is_outside = min(face_sign * e0, min(face_sign * e1, face_sign * e2)) < 0
         inexact = is_inexact | np.int32(is_outside)
         ints[rows.COLUMN, n], ints[rows.ROW, n], ints[rows.INEXACT, n] = column, row, inexact
         ints[rows.BACKFACE, n] = is_backface
@@ -280,20 +280,22 @@ def weigh_span(segment, ints, weights, xy, codes, w, bits, reach, front_sign):
         np.int64(segment[rows.STOP]),
     )
     a, b, c = get_patch_vertices(ints, r)
-    column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
+    column, row = np.int64(segment[rows.SPAN_COLUMN]), np.int64(segment[rows.SPAN_ROW])
     row_start = evaluate_edges(a, b, c, column, row, bits, xy, w)
     edges, steps, _, ratios = row_start
     is_inexact = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
-    is_inexact |= np.int32(not are_exact(edges, steps, e - s))
+    is_inexact |= np.int32(not are_edges_exact(edges, steps, e - s))
     if is_inexact == 0:
         stop = s + round_up_to_vectors(e - s)
         second, third = part(weights, 0, s, stop), part(weights, 1, s, stop)
-        first = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
-        gains = np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])
+        float_edges = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
+        float_steps = np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])
         if w.shape[0] == 0:
-            weigh_affine_row(second, third, first, gains)
+            weigh_affine_row(second, third, float_edges, float_steps)
         else:
-            is_inexact = weigh_perspective_row(second, third, np.int32(e - s), first, gains, ratios)
+            is_inexact = weigh_perspective_row(
+                second, third, np.int32(e - s), float_edges, float_steps, ratios
+            )
         area = np.float64(edges[0] + edges[1] + edges[2])
         fill_backface(part(ints, rows.BACKFACE, s, stop), np.int32(area * front_sign < 0.0))
     if is_inexact == 0 and reach == 0:
@@ -302,11 +304,12 @@ def weigh_span(segment, ints, weights, xy, codes, w, bits, reach, front_sign):
 
 
 @disjoint_helper
-def weigh_clipped(second, third, backface, corners, column, row, is_backface, clip, viewport):
+def weigh_clipped_row(second, third, backface, corners, column, row, is_backface, clip, viewport):
     """
-    Write weights, and whether it is back-facing, along a row of one clipped face.
+    Write weights and facing along a row of one clipped face.
 
-    Those of `sample_weights`, without branches or calls between samples, so that it vectorizes.
+    The weights are those of `sample_weights`, without branches or calls between samples, so that
+    the loop vectorizes.
     """
     a, b, c = corners
     if b == c:
@@ -324,17 +327,20 @@ def weigh_clipped(second, third, backface, corners, column, row, is_backface, cl
 
 
 @helper
-def recompute_exact(segment, ints, weights, geometry, placement):
-    """Recompute the marked samples of a segment by the exact path, with their facing."""
+def recompute_inexact_samples(segment, ints, weights, geometry, placement):
+    """Recompute weights and facing of a segment's marked samples by the exact path."""
     owner, codes = np.int64(segment[rows.OWNER]), geometry.codes
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
-        first, end = np.int64(ints[rows.FIRST, r]), np.int64(ints[rows.FIRST, r + np.uintp(1)])
+        first, end = (
+            np.int64(ints[rows.FIRST_SAMPLE, r]),
+            np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
+        )
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             column, row = np.float64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
             # Segments and points have no back.
             is_backface = b != c and barycentric.is_plane_back_facing(a, b, c, owner, placement)
-            weigh_clipped(
+            weigh_clipped_row(
                 part(weights, 0, first, end), part(weights, 1, first, end),
                 part(ints, rows.BACKFACE, first, end), (a, b, c), column, row,
                 np.int32(is_backface), geometry.clip_positions, geometry.viewport,
@@ -353,14 +359,14 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     """
     Write the weights of a block's samples, and whether their faces are back-facing.
 
-    Leaves the pixels of clipped faces and what `weigh_mixed` gathers of the others, for
+    Leaves what `weigh_mixed` gathers, and the pixels of clipped faces, for
     `uv_derivatives.find_uv_steps`.
     """
     ints, doubles, weights = block.ints, block.doubles, block.weights
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
     is_narrow = reach == 0 and not may_have_wide_faces(geometry.viewport)
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         winding = placement.front_windings[np.int64(segment[rows.OWNER])]
         if segment[rows.KIND] == rows.SPAN:
@@ -370,4 +376,4 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
                 segment, ints, doubles, weights, xy, codes, w, bits, reach, is_narrow, winding
             )
         if inexact != 0:
-            recompute_exact(segment, ints, weights, geometry, placement)
+            recompute_inexact_samples(segment, ints, weights, geometry, placement)

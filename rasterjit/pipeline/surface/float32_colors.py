@@ -1,10 +1,10 @@
 """
 Interpolate vertex colours in float32.
 
-A run of neighbours of one face is one loop: edge functions step in registers, and weights are never
-stored. Where most runs are shorter than `LONG_RUN`, starting one would cost more than its samples;
-there vertices are gathered for each sample. Both follow the arithmetic of ``float32_weights``, so a
-sample has the same bits either way.
+Neighbouring samples of one face (a run) are one loop: edge functions step in registers, and weights
+are never stored. Where most runs are shorter than `MIN_MEAN_PATCH_SAMPLES`, starting one would cost
+more than its samples; there vertices are gathered for each sample. Both follow the arithmetic of
+``float32_weights``, so a sample has the same bits either way.
 """
 
 from __future__ import annotations
@@ -17,14 +17,18 @@ from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import (
-    color_of,
-    gather_values,
+    gather_vertex_values,
     interpolate_segment_colors,
     multiply_float32_colors,
     multiply_float32_span,
+    read_vertex_color,
 )
 from rasterjit.pipeline.surface.barycentric_weights import may_have_wide_faces
-from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
+from rasterjit.pipeline.surface.gather_samples import (
+    get_patch_vertices,
+    get_pixel,
+    round_up_to_vectors,
+)
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import (
     LANES,
@@ -37,15 +41,15 @@ from rasterjit.runtime.intrinsics import (
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, uint8
 
-LONG_RUN = 4
-"""Least average length of patches, samples, for processing run by run."""
+MIN_MEAN_PATCH_SAMPLES = 4
+"""Least average length of patches for processing run by run."""
 
 
 @disjoint_helper
-def fill_color(red, green, blue, base):
+def fill_color(red, green, blue, color):
     """Write one colour to all samples of three rows."""
     for n in range(red.shape[0]):
-        red[n], green[n], blue[n] = base
+        red[n], green[n], blue[n] = color
 
 
 @helper
@@ -61,7 +65,7 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
     e = s + round_up_to_vectors(segment[rows.STOP] - s)
     samples, weights, floats = block.samples, block.float32_weights, block.floats
     patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
-    gather_values(patches[0], patches[1], colors, block.ints, floats)
+    gather_vertex_values(patches[0], patches[1], colors, block.ints, floats)
     red, green, blue = three_parts(samples, rows.RED, s, e)
     fill_color(red, green, blue, base)
     multiply_float32_colors(
@@ -71,8 +75,8 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
 
 
 @disjoint_helper
-def weigh_clipped(first, second, third, a, b, c, column, row, clip, viewport):
-    """Write the weights along a row of one face that was clipped: in float64, rounded once."""
+def weigh_clipped_row(first, second, third, a, b, c, column, row, clip, viewport):
+    """Write the weights along a row of one clipped face: computed in float64, rounded once."""
     if b == c:
         for n in range(first.shape[0]):
             x = column + np.float64(np.int32(n))
@@ -106,7 +110,7 @@ def blend_clipped_row(corners, out, memory, pixel, geometry, colors, base):
 
 @helper
 def evaluate_edges_along_row(a, b, c, column, row, bits, xy):
-    """Return the edge functions of a face that is not wide at a pixel on it, and their steps."""
+    """Return a narrow face's edge functions at a pixel, and their steps to the right."""
     half = np.int32(1) << (bits - 1)
     px, py = np.int32((column << bits) + half), np.int32((row << bits) + half)
     x0, y0 = np.float64(np.int32(xy[a, 0] - px)), np.float64(np.int32(xy[a, 1] - py))
@@ -121,10 +125,14 @@ def evaluate_edges_along_row(a, b, c, column, row, bits, xy):
 
 @helper
 def blend_row(corners, start, stop, pixel, block, geometry, has_wide, base, colors):
-    """Write the colours of neighbouring samples of one face, given by its corners."""
+    """Write the colours of neighbouring samples of one face."""
     xy, codes, w, samples = geometry.xy, geometry.codes, geometry.w, block.samples
     (a, b, c), (column, row) = corners, pixel
-    at_a, at_b, at_c = color_of(colors, a), color_of(colors, b), color_of(colors, c)
+    at_a, at_b, at_c = (
+        read_vertex_color(colors, a),
+        read_vertex_color(colors, b),
+        read_vertex_color(colors, c),
+    )
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     end, corner_colors = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
     out = three_parts(samples, rows.RED, start, end)
@@ -156,7 +164,7 @@ def blend_row(corners, start, stop, pixel, block, geometry, has_wide, base, colo
     weights = block.float32_weights
     first, second, third = three_parts(weights, 0, start, stop)
     if is_clipped:
-        weigh_clipped(
+        weigh_clipped_row(
             first, second, third, a, b, c, np.float64(column), row, geometry.clip_positions,
             geometry.viewport,
         )  # fmt: skip
@@ -173,7 +181,7 @@ def blend_row(corners, start, stop, pixel, block, geometry, has_wide, base, colo
 @helper
 def continues_run(ints, r, following, start):
     """Return whether a patch continues the run of one face that begins with patch ``r``."""
-    n = np.uintp(ints[rows.FIRST, following])
+    n = np.uintp(ints[rows.FIRST_SAMPLE, following])
     return (
         ints[rows.FACE, following] == ints[rows.FACE, r]
         and ints[rows.ROW, n] == ints[rows.ROW, start]
@@ -187,16 +195,14 @@ def blend_runs(segment, block, geometry, has_wide, base, colors):
     ints = block.ints
     r, end = np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])
     while r < end:
-        start, following = np.uintp(ints[rows.FIRST, r]), r + np.uintp(1)
+        start, following = np.uintp(ints[rows.FIRST_SAMPLE, r]), r + np.uintp(1)
         while following < end and continues_run(ints, r, following, start):
             following += np.uintp(1)
-        pixel = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
-        if segment[rows.KIND] != rows.SPAN:
-            pixel = np.int64(ints[rows.COLUMN, start]), np.int64(ints[rows.ROW, start])
+        pixel = get_pixel(start, segment, ints)
         corners = get_patch_vertices(ints, r)
         blend_row(
-            corners, np.int64(start), np.int64(ints[rows.FIRST, following]), pixel, block, geometry,
-            has_wide, base, colors,
+            corners, np.int64(start), np.int64(ints[rows.FIRST_SAMPLE, following]), pixel, block,
+            geometry, has_wide, base, colors,
         )  # fmt: skip
         r = following
 
@@ -207,13 +213,13 @@ def find_float32_colors(
     is_float32: uint8[::1],
 ):  # fmt: skip
     """
-    Write the base colours times those of the vertices, (V, 4), interpolated in float32.
+    Write the base colours times the vertex colours, (V, 4), interpolated in float32.
 
-    For objects where ``is_float32``, (O,), is not 0; others in float64, as `mix_vertex_colors`
+    For objects where ``is_float32``, (O,), is not 0; others in float64, as `interpolate_vertex_colors`
     does. One pass for both: vectors write past the end of a segment, which the next overwrites.
     """
     has_wide = may_have_wide_faces(geometry.viewport)
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         if is_float32[owner] == 0:
@@ -221,6 +227,6 @@ def find_float32_colors(
             continue
         base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
         patches = segment[rows.END_PATCH] - segment[rows.FIRST_PATCH]
-        is_short = segment[rows.STOP] - segment[rows.START] < LONG_RUN * patches
+        is_short = segment[rows.STOP] - segment[rows.START] < MIN_MEAN_PATCH_SAMPLES * patches
         if not (is_short and blend_patches(segment, block, geometry, has_wide, base, colors)):
             blend_runs(segment, block, geometry, has_wide, base, colors)

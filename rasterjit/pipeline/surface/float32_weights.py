@@ -65,7 +65,7 @@ def gather_screen(first, end, geometry, has_wide, ints, floats):
     is_affine, code, one = w.shape[0] == 0, np.uint8(0), np.float32(1.0)
     any_wide = False
     for r in range(np.uintp(first), np.uintp(end)):
-        n = np.uintp(ints[rows.FIRST, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         a, b, c = get_patch_vertices(ints, r)
         code |= codes[a] | codes[b] | codes[c]
         spread(ints[rows.AX], n, xy[a, 0])

@@ -22,13 +22,38 @@ After shorter runs a span may begin at multiples of this only.
 @helper
 def round_up_to_vectors(count):
     """Return a count rounded up to whole vectors."""
-    return (np.int64(count) + (rows.VECTOR - 1)) & -rows.VECTOR
+    return (np.int64(count) + (rows.MAX_VECTOR_SAMPLES - 1)) & -rows.MAX_VECTOR_SAMPLES
+
+
+@disjoint_helper
+def fill_row(row, value):
+    """Write one number to all samples of a row."""
+    for n in range(row.shape[0]):
+        row[n] = value
+
+
+@helper
+def four_parts(rows, first, start, stop):
+    """Return a part of each of four rows that follow each other."""
+    return (
+        part(rows, first, start, stop), part(rows, first + 1, start, stop),
+        part(rows, first + 2, start, stop), part(rows, first + 3, start, stop),
+    )  # fmt: skip
 
 
 @helper
 def get_patch_vertices(ints, r):
     """Return the vertex numbers of a patch's face."""
     return np.uintp(ints[rows.A, r]), np.uintp(ints[rows.B, r]), np.uintp(ints[rows.C, r])
+
+
+@helper
+def get_pixel(n, segment, ints):
+    """Return the column and the row of a sample."""
+    if segment[rows.KIND] == rows.SPAN:
+        column = np.int64(segment[rows.SPAN_COLUMN]) + np.int64(n) - np.int64(segment[rows.START])
+        return column, np.int64(segment[rows.SPAN_ROW])
+    return np.int64(ints[rows.COLUMN, n]), np.int64(ints[rows.ROW, n])
 
 
 @helper
@@ -54,12 +79,12 @@ def find_mixed_end(faces, column, first, end):
 
 @helper
 def list_patches(faces, n, r, ints):
-    """List patches of neighbouring samples, from sample ``n`` on; return the next patch's number."""
+    """List patches of neighbouring samples from sample ``n`` on; return the next patch's number."""
     previous = np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
         # Branchless: the next sample overwrites one that starts no patch.
         face = faces[i]
-        ints[rows.FIRST, r], ints[rows.FACE, r] = n + i, face
+        ints[rows.FIRST_SAMPLE, r], ints[rows.FACE, r] = n + i, face
         r += np.uintp((face != previous) | (i % np.uintp(LANES) == np.uintp(0)))
         previous = face
     return r
@@ -133,9 +158,9 @@ def list_samples(
     row_count, width = face_id.shape
     n, r, k, last_interval = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
     is_mixed_open, interval_end = False, np.int64(-1)
-    while row < row_count and n < rows.SAMPLES:
+    while row < row_count and n < rows.MAX_SAMPLES:
         row_faces, frame_row = face_id[row], first_row + row % height
-        while column < width and n < rows.SAMPLES:
+        while column < width and n < rows.MAX_SAMPLES:
             face = np.int64(row_faces[np.uintp(column)])
             if face < 0:
                 end = find_run_end(row_faces, column)
@@ -149,13 +174,13 @@ def list_samples(
                 first_face, end_face = face_starts[owner], face_starts[owner + 1]
                 is_mixed_open = False
             # A block may be full before the row ends.
-            unlisted_faces = row_faces[: min(width, column + rows.SAMPLES - n)]
+            unlisted_faces = row_faces[: min(width, column + rows.MAX_SAMPLES - n)]
             end = find_run_end(unlisted_faces, column)
             if end >= column + MIN_SPAN_SAMPLES:
-                ints[rows.FIRST, r], ints[rows.FACE, r] = n, face
+                ints[rows.FIRST_SAMPLE, r], ints[rows.FACE, r] = n, face
                 segments[k, rows.KIND], segments[k, rows.OWNER] = rows.SPAN, owner
                 segments[k, rows.START], segments[k, rows.FIRST_PATCH] = n, r
-                segments[k, rows.COLUMN_OF], segments[k, rows.ROW_OF] = column, frame_row
+                segments[k, rows.SPAN_COLUMN], segments[k, rows.SPAN_ROW] = column, frame_row
                 r += np.uintp(1)
                 k += 1
                 is_mixed_open = False
@@ -174,20 +199,9 @@ def list_samples(
                 r = list_patches(unlisted_faces[column:end], n, r, ints)
             if interval_end != column:
                 last_interval += 1
-                (
-                    intervals[last_interval, rows.INTERVAL_ROW],
-                    intervals[last_interval, rows.INTERVAL_COLUMN],
-                ) = (
-                    row,
-                    column,
-                )
-                (
-                    intervals[last_interval, rows.INTERVAL_START],
-                    intervals[last_interval, rows.INTERVAL_FRAME_ROW],
-                ) = (
-                    n,
-                    frame_row,
-                )
+                interval = intervals[last_interval]
+                interval[rows.INTERVAL_ROW], interval[rows.INTERVAL_COLUMN] = row, column
+                interval[rows.INTERVAL_START], interval[rows.INTERVAL_FRAME_ROW] = n, frame_row
             n += end - column
             segments[k - 1, rows.STOP], segments[k - 1, rows.END_PATCH] = n, r
             intervals[last_interval, rows.INTERVAL_STOP] = n
@@ -195,11 +209,15 @@ def list_samples(
         if column >= width:
             row, column, interval_end = row + 1, np.int64(0), np.int64(-1)
     counts[rows.NEXT_ROW], counts[rows.NEXT_COLUMN], counts[rows.LAST_OWNER] = row, column, owner
-    counts[rows.SEGMENTS], counts[rows.PATCHES], counts[rows.INTERVALS] = k, r, last_interval + 1
+    counts[rows.SEGMENT_COUNT], counts[rows.PATCH_COUNT], counts[rows.INTERVAL_COUNT] = (
+        k,
+        r,
+        last_interval + 1,
+    )
     if n == 0:
-        for number in range(rows.COUNTS):
+        for number in range(rows.COUNT_ELEMENTS):
             counts[number] = 0
         return np.int64(-1)
-    ints[rows.FIRST, r] = n
+    ints[rows.FIRST_SAMPLE, r] = n
     gather_vertex_numbers(r, faces, ints)
     return n

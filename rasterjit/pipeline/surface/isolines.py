@@ -16,23 +16,27 @@ from rasterjit.pipeline.geometry.barycentric import relative_to_sample
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import get_patch_vertices
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, get_pixel
 from rasterjit.pipeline.surface.sample_block import Block
-from rasterjit.pipeline.surface.scalar_colors import VALUE, is_finite
+from rasterjit.pipeline.surface.scalar_colors import SCALAR, is_finite
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state_block import float32, float64, int64
 
-FIRST_LEVEL, LEVELS = 0, 1
-"""Columns of ``ranges``: an object's first level, and their number."""
+FIRST_LEVEL, LEVEL_COUNT = 0, 1
+"""Columns of ``ranges``: index of an object's first level, and the number of its levels."""
 
 HALF_WIDTH, LINE_RED = 0, 1
-"""Columns of ``lines``; LINE_RED is followed by green and blue."""
+"""Columns of ``lines``: half the width of lines, pixels; red, followed by green and blue."""
 
 
 @helper
-def snapped_edges(a, b, c, column, row, xy, w, bits):
-    """Return e r, and its steps right and down by a pixel, for a face that was not clipped."""
+def evaluate_unclipped_edges(a, b, c, column, row, xy, w, bits):
+    """
+    Evaluate ``e r`` of a face that was not clipped, at a pixel.
+
+    Returns three numbers each: the values, and their steps to the right and down by a pixel.
+    """
     ax, ay, bx = np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0])
     by, cx, cy = np.int64(xy[b, 1]), np.int64(xy[c, 0]), np.int64(xy[c, 1])
     half = np.int64(1) << (bits - 1)
@@ -59,8 +63,8 @@ def snapped_edges(a, b, c, column, row, xy, w, bits):
 
 
 @helper
-def clipped_edges(a, b, c, column, row, clip, viewport):
-    """Return e r, and its steps right and down by a pixel, for a clipped face."""
+def evaluate_clipped_edges(a, b, c, column, row, clip, viewport):
+    """Evaluate ``e r`` of a clipped face, as `evaluate_unclipped_edges` does."""
     (ax, bx, cx), (ay, by, cy) = relative_to_sample(a, b, c, column, row, clip, viewport)
     wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]
     width, height = whole_size(viewport)
@@ -73,35 +77,35 @@ def clipped_edges(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def dot3(a, b):
+def dot(a, b):
     """Return the dot product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @helper
-def lies_on_line(level, half, scalars, edges):
+def is_on_line(level, half_width, scalars, edges):
     """
-    Return whether a sample lies within half a width of a line.
+    Return whether a sample lies within half the width of a level's line.
 
-    At exactly half a width it counts on the side of higher values only, so that a line midway
-    between two rows of samples covers one of them.
+    At exactly half the width only samples with higher values count, so that a line midway between
+    two rows of samples covers one of them.
     """
-    here, right, down = edges
+    values, right, down = edges
     differences = scalars[0] - level, scalars[1] - level, scalars[2] - level
-    g, x, y = dot3(here, differences), dot3(right, differences), dot3(down, differences)
+    g, x, y = dot(values, differences), dot(right, differences), dot(down, differences)
     steepest = max(abs(x), abs(y))
     if not steepest > 0.0:
         return False
-    # Scale them first: squares of very large or very small ones overflow or vanish.
+    # Scale first: squares of very large or very small slopes overflow or vanish.
     distance, x, y = abs(g) / steepest, x / steepest, y / steepest
-    half_width = half * np.sqrt(x * x + y * y)
-    is_above = (g >= 0.0) == (here[0] + here[1] + here[2] > 0.0)
-    return distance <= half_width if is_above else distance < half_width
+    max_distance = half_width * np.sqrt(x * x + y * y)
+    is_above = (g >= 0.0) == (values[0] + values[1] + values[2] > 0.0)
+    return distance <= max_distance if is_above else distance < max_distance
 
 
 @helper
-def upper_bound(value, levels, first, count):
-    """Return one past the last of some ascending levels that is not above a value."""
+def find_first_above(value, levels, first, count):
+    """Return the index of the first of ``count`` ascending levels that is above a value."""
     low, high = first, first + count
     while low < high:
         middle = (low + high) >> 1
@@ -113,37 +117,35 @@ def upper_bound(value, levels, first, count):
 
 
 @stage
-def draw_contours(
+def draw_isolines(
     block: Block, count, values: float64[::1], levels: float64[::1], ranges: int64[:, ::1],
     lines: float32[:, ::1], geometry: Geometry,
 ):  # fmt: skip
     """
-    Replace the colormap's colour by that of iso-lines, where a sample lies on one.
+    Replace the colormap's colour by that of an iso-line, where a sample lies on one.
 
-    After `scalar_colors.apply_colormaps`. The levels above and below a sample's scalar are the
-    nearest lines. A face of three equal scalars has no line.
+    After `scalar_colors.apply_colormaps`. Only the levels next above and below a sample's scalar
+    are tested. A face of three equal scalars has no line.
 
     Parameters
     ----------
     values : (V,) float64
     levels : (N,) float64
-        Those of each object, ascending.
+        The levels of each object, ascending.
     ranges : (O, 2) int64
-        The first of an object's, and how many it has.
+        The index of an object's first level, and the number of its levels.
     lines : (O, 4) float32
         Half the width, pixels; red, green, blue, linear.
     geometry : Geometry
     """
     ints, viewport, xy, w = block.ints, geometry.viewport, geometry.xy, geometry.w
-    # The segments of objects with lines.
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
-        first_level, level_count = ranges[owner, FIRST_LEVEL], ranges[owner, LEVELS]
+        first_level, level_count = ranges[owner, FIRST_LEVEL], ranges[owner, LEVEL_COUNT]
         if level_count == 0:
             continue
-        half = np.float64(lines[owner, HALF_WIDTH])
-        # Their faces whose scalars differ.
+        half_width = np.float64(lines[owner, HALF_WIDTH])
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             a, b, c = get_patch_vertices(ints, r)
             scalars = values[a], values[b], values[c]
@@ -151,32 +153,28 @@ def draw_contours(
                 continue
             codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
             for n in range(
-                np.uintp(ints[rows.FIRST, r]), np.uintp(ints[rows.FIRST, r + np.uintp(1)])
+                np.uintp(ints[rows.FIRST_SAMPLE, r]),
+                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
             ):
-                value = block.doubles[VALUE, n]
+                value = block.doubles[SCALAR, n]
                 if not is_finite(value):
                     continue
-                column, row = np.int64(ints[rows.COLUMN, n]), np.int64(ints[rows.ROW, n])
-                if segment[rows.KIND] == rows.SPAN:
-                    row = np.int64(segment[rows.ROW_OF])
-                    column = (
-                        np.int64(segment[rows.COLUMN_OF])
-                        + np.int64(n)
-                        - np.int64(segment[rows.START])
-                    )
+                column, row = get_pixel(n, segment, ints)
                 if codes & CLIPPED:
-                    edges = clipped_edges(a, b, c, column, row, geometry.clip_positions, viewport)
+                    edges = evaluate_clipped_edges(
+                        a, b, c, column, row, geometry.clip_positions, viewport
+                    )
                 else:
-                    edges = snapped_edges(a, b, c, column, row, xy, w, viewport.grid_bits)
-                # The level above the sample, then that below it.
-                above = upper_bound(value, levels, first_level, level_count)
-                is_drawn = False
+                    edges = evaluate_unclipped_edges(
+                        a, b, c, column, row, xy, w, viewport.grid_bits
+                    )
+                is_drawn, above = False, find_first_above(value, levels, first_level, level_count)
                 if above > first_level:
                     level = levels[np.uintp(above - 1)]
-                    is_drawn = lies_on_line(level, half, scalars, edges)
+                    is_drawn = is_on_line(level, half_width, scalars, edges)
                 if not is_drawn and above < first_level + level_count:
                     level = levels[np.uintp(above)]
-                    is_drawn = lies_on_line(level, half, scalars, edges)
+                    is_drawn = is_on_line(level, half_width, scalars, edges)
                 if is_drawn:
                     for i in range(3):
                         block.colors[TEXTURE_RED + i, n] = lines[owner, LINE_RED + i]

@@ -15,9 +15,9 @@ from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state_block import float32, int64
 
-FOG_RED = rows.PRIOR_RED
+FOG_RED = rows.BEFORE_SPECULAR_RED
 """
-Rows, three: in-scattered light of the fog in front of a surface; reused after lighting.
+Rows, three: light scattered by the fog in front of a surface, after lighting.
 
 The background is seen through all of the fog, including that in front of the surface.
 """
@@ -26,7 +26,7 @@ The background is seen through all of the fog, including that in front of the su
 @stage
 def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
     """Write per-object factors, (O, N), to N rows of samples from ``first`` on."""
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         for n in range(factors.shape[1]):
@@ -35,17 +35,17 @@ def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
 
 
 @stage
-def copy_rows(block: Block, count, source: int64, target: int64, height: int64):
-    """Copy ``height`` rows of samples, from ``source`` on, to those from ``target`` on."""
-    for k in range(height):
+def copy_rows(block: Block, count, source: int64, target: int64, row_count: int64):
+    """Copy ``row_count`` rows of samples, from ``source`` on, to those from ``target`` on."""
+    for k in range(row_count):
         for n in range(count):
             block.samples[target + k, n] = block.samples[source + k, n]
 
 
 @stage
-def swap_rows(block: Block, count, first: int64, second: int64, height: int64):
-    """Swap ``height`` rows of samples, from ``first`` on, with those from ``second`` on."""
-    for k in range(height):
+def swap_rows(block: Block, count, first: int64, second: int64, row_count: int64):
+    """Swap ``row_count`` rows of samples, from ``first`` on, with those from ``second`` on."""
+    for k in range(row_count):
         for n in range(count):
             saved = block.samples[first + k, n]
             block.samples[first + k, n] = block.samples[second + k, n]
@@ -53,9 +53,9 @@ def swap_rows(block: Block, count, first: int64, second: int64, height: int64):
 
 
 @stage
-def scale_by_textures(block: Block, count, first: int64, channel: int64, height: int64):
-    """Multiply ``height`` rows of samples by the textures' channels, from ``channel`` on."""
-    for k in range(height):
+def multiply_rows_by_textures(block: Block, count, first: int64, channel: int64, row_count: int64):
+    """Multiply ``row_count`` rows of samples by the textures' channels, from ``channel`` on."""
+    for k in range(row_count):
         for n in range(count):
             texel = block.colors[texture_lookup.TEXTURE_RED + channel + k, n]
             block.samples[first + k, n] *= texel

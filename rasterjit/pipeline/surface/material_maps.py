@@ -5,7 +5,7 @@ All as glTF 2.0 defines them. A normal map holds normals in tangent space: x alo
 where u grows, y to the side of it where v grows, z along the shading normal. ``scene.normals``
 defines tangents, which may differ across a mirrored seam; here they are interpolated and
 orthogonalized against the shading normal. Without a tangent (no area in the texture, or parallel to
-the normal), the shading normal is kept.
+the normal), the shading normal stays.
 
 References
 ----------
@@ -30,8 +30,8 @@ from rasterjit.runtime.state_block import float32, int64
 NORMAL_SCALE, OCCLUSION_STRENGTH, EMISSIVE = 0, 1, 2
 """Columns of ``Maps.factors``; the last begins three."""
 
-MIN_TANGENT = 1e-10
-"""Least part of a tangent's squared length left after orthogonalization; below, there is none."""
+MIN_TANGENT_SHARE = 1e-10
+"""Least share of a tangent's squared length left by orthogonalization; with less, there is none."""
 
 
 @helper
@@ -45,15 +45,15 @@ def is_mirrored(a, b, c, uv):
 
 @disjoint_helper
 def perturb_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, handed, second, third, backface, red, green,
-    blue, scale, matrix,
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, bitangent_signs, second, third, backface, red,
+    green, blue, scale, matrix,
 ):  # fmt: skip
     """
     Write normals perturbed by a normal map, world axes, any length, and 1 where valid, else 0.
 
     Takes the shading normals and the tangents of the vertices, none of them normalized. Writes the
-    normals in place of the first vertex's tangents, and whether they are valid in place of x of the
-    second's: not where there is no tangent, or the map holds the shading normal.
+    normals over the first vertex's tangents, and their validity over x of the second's: invalid
+    without a tangent, and where the map holds the shading normal.
     """
     m = matrix
     for n in range(nx.shape[0]):
@@ -63,7 +63,7 @@ def perturb_normals(
         is_flat = (map_x == 0.0) & (map_y == 0.0)
         # A back face gets the perturbed normal of its front, flipped.
         map_x = (1.0 - 2.0 * np.float64(backface[n])) * map_x
-        map_y = handed[n] * map_y
+        map_y = bitangent_signs[n] * map_y
         # Interpolate the tangent.
         weights = (0.0, second[n], third[n])
         x = blend(weights, np.float64(xa[n]), np.float64(xb[n]), np.float64(xc[n]))
@@ -80,7 +80,7 @@ def perturb_normals(
         projection = tx * ux + ty * uy + tz * uz
         tx, ty, tz = tx - projection * ux, ty - projection * uy, tz - projection * uz
         remaining = tx * tx + ty * ty + tz * tz
-        is_valid = (length > 0.0) & (MIN_TANGENT * squared < remaining) & (remaining < np.inf)
+        is_valid = (length > 0.0) & (MIN_TANGENT_SHARE * squared < remaining) & (remaining < np.inf)
         length = np.sqrt(remaining)
         tx, ty, tz = tx / length, ty / length, tz / length
         bx = map_x * tx + map_y * (uy * tz - uz * ty) + map_z * ux
@@ -93,42 +93,13 @@ def perturb_normals(
 
 @disjoint_helper
 def replace_perturbed(perturbed, is_valid, normal):
-    """Replace one component of normals by that of the perturbed ones, where these are valid."""
+    """Replace one component of the normals by the perturbed one, where valid."""
     for n in range(normal.shape[0]):
         normal[n] = perturbed[n] if is_valid[n] > np.float32(0.0) else normal[n]
 
 
-@helper
-def scale_metallic_roughness(samples, count, colors):
-    """Multiply metallic and roughness by the blue and green channels of the textures."""
-    for n in range(count):
-        samples[rows.METALLIC, n] *= colors[texture_lookup.TEXTURE_RED + 2, n]
-        samples[rows.ROUGHNESS, n] *= colors[texture_lookup.TEXTURE_RED + 1, n]
-
-
-@helper
-def scale_occlusion(samples, count, places, colors, factors):
-    """Multiply the occlusion factor by the red channel of the textures."""
-    one = np.float32(1.0)
-    for n in range(count):
-        owner = np.int64(places[texture_lookup.UV_OWNER, n])
-        texel = colors[texture_lookup.TEXTURE_RED, n]
-        visible = one + factors[owner, OCCLUSION_STRENGTH] * (texel - one)
-        samples[rows.OCCLUSION, n] *= max(min(visible, one), np.float32(0.0))
-
-
-@helper
-def scale_emission(samples, count, colors):
-    """Multiply emitted light by the textures."""
-    for k in range(3):
-        for n in range(count):
-            samples[rows.EMISSIVE_RED + k, n] *= colors[texture_lookup.TEXTURE_RED + k, n]
-
-
 @disjoint_helper
-def add_colors(
-    emitted_red, emitted_green, emitted_blue, red, green, blue
-):  # fmt: skip
+def add_colors(emitted_red, emitted_green, emitted_blue, red, green, blue):
     """Add emitted light to three rows of colours."""
     for i in range(red.shape[0]):
         red[i] += emitted_red[i]
@@ -139,38 +110,42 @@ def add_colors(
 @helper
 def gather_tangents(segment, block, uv, tangents, mirrored):
     """Gather the tangents of a segment's vertices, and the sign of the bitangent."""
-    ints, floats, handed = block.ints, block.floats, block.doubles[0]
+    ints, floats, bitangent_signs = block.ints, block.floats, block.doubles[0]
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
-        is_flipped = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
-        sign = np.float64(tangents[a, is_flipped, 3]) * mirrored
-        first, end = np.int64(ints[rows.FIRST, r]), np.int64(ints[rows.FIRST, r + np.uintp(1)])
+        mirror_index = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
+        sign = np.float64(tangents[a, mirror_index, 3]) * mirrored
+        first, end = (
+            np.int64(ints[rows.FIRST_SAMPLE, r]),
+            np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
+        )
         for n in range(first, end, LANES):
             start = np.uintp(n)
-            spread(handed, start, sign)
+            spread(bitangent_signs, start, sign)
             for k in range(3):
-                spread(floats[k], start, tangents[a, is_flipped, k])
-                spread(floats[3 + k], start, tangents[b, is_flipped, k])
-                spread(floats[6 + k], start, tangents[c, is_flipped, k])
+                spread(floats[k], start, tangents[a, mirror_index, k])
+                spread(floats[3 + k], start, tangents[b, mirror_index, k])
+                spread(floats[6 + k], start, tangents[c, mirror_index, k])
 
 
 @helper
 def perturb_segment(segment, block, uv, tangents, scale, matrix, mirrored):
     """Perturb the normals of a segment by a normal map."""
     gather_tangents(segment, block, uv, tangents, mirrored)
-    s, f, w, colors = block.samples, block.floats, block.weights, block.colors
-    a, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
-    nx, ny, nz = three_parts(s, rows.NORMAL_X, a, e)
-    bx, by, bz, valid = part(f, 0, a, e), part(f, 1, a, e), part(f, 2, a, e), part(f, 3, a, e)
+    samples, floats, weights = block.samples, block.floats, block.weights
+    s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+    nx, ny, nz = three_parts(samples, rows.NORMAL_X, s, e)
+    bx, by, bz = three_parts(floats, 0, s, e)
+    is_valid = part(floats, 3, s, e)
     perturb_normals(
-        nx, ny, nz, bx, by, bz, valid, *three_parts(f, 4, a, e), part(f, 7, a, e), part(f, 8, a, e),
-        part(block.doubles, 0, a, e), part(w, 0, a, e), part(w, 1, a, e),
-        part(block.ints, rows.BACKFACE, a, e), *three_parts(colors, texture_lookup.TEXTURE_RED, a, e),
-        scale, matrix,
+        nx, ny, nz, bx, by, bz, is_valid, *three_parts(floats, 4, s, e), part(floats, 7, s, e),
+        part(floats, 8, s, e), part(block.doubles, 0, s, e), part(weights, 0, s, e),
+        part(weights, 1, s, e), part(block.ints, rows.BACKFACE, s, e),
+        *three_parts(block.colors, texture_lookup.TEXTURE_RED, s, e), scale, matrix,
     )  # fmt: skip
-    replace_perturbed(bx, valid, nx)
-    replace_perturbed(by, valid, ny)
-    replace_perturbed(bz, valid, nz)
+    replace_perturbed(bx, is_valid, nx)
+    replace_perturbed(by, is_valid, ny)
+    replace_perturbed(bz, is_valid, nz)
 
 
 @stage
@@ -179,7 +154,7 @@ def apply_normal_maps(
     tangents: float32[:, :, ::1], factors: float32[:, ::1], placement: Placement,
 ):  # fmt: skip
     """Perturb the normals by normal maps."""
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         if table[owner, texturing.NORMAL, texturing.FIRST_LEVEL] >= 0:
@@ -192,20 +167,28 @@ def apply_normal_maps(
 @stage
 def apply_metallic_roughness_maps(block: Block, count):
     """Multiply metallic and roughness by the blue and green channels of the textures."""
-    scale_metallic_roughness(block.samples, count, block.colors)
+    samples, colors = block.samples, block.colors
+    for n in range(count):
+        samples[rows.METALLIC, n] *= colors[texture_lookup.TEXTURE_RED + 2, n]
+        samples[rows.ROUGHNESS, n] *= colors[texture_lookup.TEXTURE_RED + 1, n]
 
 
 @stage
 def apply_occlusion_maps(block: Block, count, factors: float32[:, ::1]):
     """Multiply the occlusion factor by the red channel of the textures."""
-    scale_occlusion(block.samples, count, block.uv_rows, block.colors, factors)
+    one = np.float32(1.0)
+    for n in range(count):
+        owner = np.int64(block.uv_rows[texture_lookup.UV_OWNER, n])
+        texel = block.colors[texture_lookup.TEXTURE_RED, n]
+        visible = one + factors[owner, OCCLUSION_STRENGTH] * (texel - one)
+        block.samples[rows.OCCLUSION, n] *= max(min(visible, one), np.float32(0.0))
 
 
 @stage
-def find_emission(block: Block, count, factors: float32[:, ::1]):
+def fill_emission(block: Block, count, factors: float32[:, ::1]):
     """Write the objects' emissive factors."""
     samples = block.samples
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         red, green, blue = (
@@ -220,7 +203,10 @@ def find_emission(block: Block, count, factors: float32[:, ::1]):
 @stage
 def apply_emission_maps(block: Block, count):
     """Multiply emitted light by the textures."""
-    scale_emission(block.samples, count, block.colors)
+    for k in range(3):
+        for n in range(count):
+            texel = block.colors[texture_lookup.TEXTURE_RED + k, n]
+            block.samples[rows.EMISSIVE_RED + k, n] *= texel
 
 
 @stage

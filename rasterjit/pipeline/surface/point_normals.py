@@ -12,6 +12,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import find_object, transform_vertex
 from rasterjit.pipeline.records import Placement, Viewport
 from rasterjit.pipeline.surface import sample_block as rows
+from rasterjit.pipeline.surface.gather_samples import get_pixel
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.visibility import point_rasterizer
 from rasterjit.pipeline.visibility.point_rasterizer import PointRows, PointView
@@ -20,18 +21,8 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64
 
 
 @helper
-def pixel_of(n, segment, ints):
-    """Return the column and the row of a sample."""
-    if segment[rows.KIND] == rows.SPAN:
-        return np.int64(segment[rows.COLUMN_OF]) + (n - segment[rows.START]), np.int64(
-            segment[rows.ROW_OF]
-        )
-    return np.int64(ints[rows.COLUMN, n]), np.int64(ints[rows.ROW, n])
-
-
-@helper
-def hit_offset(face, vertex, owner, pixel, points, eye, placement, viewport):
-    """Return a sphere's centre, relative to the eye, and the offset from it to a pixel's hit."""
+def intersect_sphere(face, vertex, owner, pixel, points, eye, placement, viewport):
+    """Return a sphere's centre, relative to the eye, and the offset to what a pixel hits."""
     centre = transform_vertex(vertex, owner, placement)
     radius = point_rasterizer.radius_of(points, owner, face - placement.face_starts[owner])
     ndc = point_rasterizer.ndc_of(pixel[0], pixel[1], viewport)
@@ -40,22 +31,22 @@ def hit_offset(face, vertex, owner, pixel, points, eye, placement, viewport):
 
 
 @helper
-def hit_sphere(face, vertex, owner, pixel, points, eye, placement, viewport):
-    """Return the point of a sphere that a pixel hits, relative to the eye, and the normal there."""
-    c, offset = hit_offset(face, vertex, owner, pixel, points, eye, placement, viewport)
+def find_sphere_point(face, vertex, owner, pixel, points, eye, placement, viewport):
+    """Return the point of a sphere that a pixel hits, relative to the eye, and its normal."""
+    c, offset = intersect_sphere(face, vertex, owner, pixel, points, eye, placement, viewport)
     return (c[0] + offset[0], c[1] + offset[1], c[2] + offset[2]), offset
 
 
 @helper
-def toward_viewer(point, placement):
+def point_to_viewer(point, placement):
     """Return the direction from a point to the viewer, any length."""
     v = placement.toward_viewer
     return v[0] - v[3] * point[0], v[1] - v[3] * point[1], v[2] - v[3] * point[2]
 
 
 @helper
-def facing_normal(normal, direction):
-    """Return a normal flipped to the side of a direction; the direction if there is no normal."""
+def flip_toward(normal, direction):
+    """Return a normal, flipped to the side of a direction; the direction if the normal is zero."""
     cosine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
     if normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0:
         return direction
@@ -66,7 +57,7 @@ def facing_normal(normal, direction):
 
 @helper
 def normalize(x, y, z):
-    """Return a vector of length one; scaled first, so that no square overflows or vanishes."""
+    """Scale a vector to length one; no square overflows or vanishes."""
     largest = max(abs(x), max(abs(y), abs(z)))
     shrink = 1.0 / largest if largest > 0.0 else 0.0
     x, y, z = x * shrink, y * shrink, z * shrink
@@ -77,14 +68,14 @@ def normalize(x, y, z):
 
 @helper
 def load_vector(array, first, n):
-    """Return a vector of a sample, from three rows."""
+    """Read a sample's vector from three rows."""
     x, y, z = array[first, n], array[first + 1, n], array[first + 2, n]
     return np.float64(x), np.float64(y), np.float64(z)
 
 
 @helper
 def store_vector(array, first, n, values):
-    """Write a vector of a sample to three rows."""
+    """Write a sample's vector to three rows."""
     for k in range(3):
         array[first + k, n] = array.dtype.type(values[k])
 
@@ -95,7 +86,7 @@ def find_point_normals(
 ):
     """Write points and normals of the samples of spheres, and normals of other points."""
     samples, ints = block.samples, block.ints
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.int64(segment[rows.OWNER])
         shape = points.shapes[owner, 0]
@@ -104,17 +95,18 @@ def find_point_normals(
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             face, vertex = np.int64(ints[rows.FACE, r]), np.uintp(ints[rows.A, r])
             for n in range(
-                np.uintp(ints[rows.FIRST, r]), np.uintp(ints[rows.FIRST, r + np.uintp(1)])
+                np.uintp(ints[rows.FIRST_SAMPLE, r]),
+                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
             ):
                 point = load_vector(samples, rows.POINT_X, n)
                 normal = load_vector(samples, rows.NORMAL_X, n)
                 if shape == point_rasterizer.SPHERE:
-                    pixel = pixel_of(n, segment, ints)
-                    point, normal = hit_sphere(
+                    pixel = get_pixel(n, segment, ints)
+                    point, normal = find_sphere_point(
                         face, vertex, owner, pixel, points, eye, placement, viewport
                     )
                     store_vector(samples, rows.POINT_X, n, point)
-                facing = facing_normal(normal, toward_viewer(point, placement))
+                facing = flip_toward(normal, point_to_viewer(point, placement))
                 store_vector(samples, rows.NORMAL_X, n, normalize(facing[0], facing[1], facing[2]))
 
 
@@ -123,37 +115,38 @@ def find_point_receivers(
     block: Block, count, points: PointRows, eye: PointView, viewport: Viewport, placement: Placement
 ):
     """
-    Write shadow receivers on points: their normals, and positions of samples on spheres.
+    Write shadow receivers on points: normals, and positions of samples on spheres.
 
-    Right behind `receivers.find_receivers`.
+    Right after `receivers.find_receivers`.
     """
     samples, ints, receivers = block.samples, block.ints, block.receivers
     if block.counts[rows.IS_LIT] == 0:
         return
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.int64(segment[rows.OWNER])
         shape = points.shapes[owner, 0]
         if shape == point_rasterizer.NOT_POINTS:
             continue
-        for p in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-            face, vertex = np.int64(ints[rows.FACE, p]), np.uintp(ints[rows.A, p])
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            face, vertex = np.int64(ints[rows.FACE, r]), np.uintp(ints[rows.A, r])
             for n in range(
-                np.uintp(ints[rows.FIRST, p]), np.uintp(ints[rows.FIRST, p + np.uintp(1)])
+                np.uintp(ints[rows.FIRST_SAMPLE, r]),
+                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
             ):
                 normal = load_vector(samples, rows.NORMAL_X, n)
                 if shape == point_rasterizer.SPHERE:
-                    pixel = pixel_of(n, segment, ints)
-                    point, normal = hit_sphere(
+                    pixel = get_pixel(n, segment, ints)
+                    point, normal = find_sphere_point(
                         face, vertex, owner, pixel, points, eye, placement, viewport
                     )
-                    store_vector(receivers, rows.POINT, n, point)
-                store_vector(receivers, rows.NORMAL, n, normal)
+                    store_vector(receivers, rows.RECEIVER_POINT, n, point)
+                store_vector(receivers, rows.RECEIVER_NORMAL, n, normal)
 
 
 @kernel
 def fill_sphere_positions(
-    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    face_id: int32[:, ::1], row_range: (int64, int64), faces: int32[:, ::1], points: PointRows,
     eye: PointView, viewport: Viewport, placement: Placement, matrices: float64[:, :, ::1],
     from_world: float64[:, :, ::1], position: float32[:, :, ::1],
 ):  # fmt: skip
@@ -163,20 +156,20 @@ def fill_sphere_positions(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
         First row, and one past the last.
     faces : (F, 3) int32, vertex numbers
     points, eye, viewport, placement : records
     matrices : (O, 3, 4) float64
         Transforms of centres from model space to the space of the positions.
     from_world : (O, 3, 3) float64
-        Linear parts of the transforms from world axes to that space.
+        Linear parts of the transforms from world axes to the space of the positions.
     position : (H, W, 3) float32
         Written where spheres are.
     """
     p, m, t = placement.positions, matrices, from_world
     owner = np.int64(0)
-    for y in range(rows[0], rows[1]):
+    for y in range(row_range[0], row_range[1]):
         for x in range(face_id.shape[1]):
             face = np.int64(face_id[y, x])
             if face < 0:
@@ -185,7 +178,7 @@ def fill_sphere_positions(
             if points.shapes[owner, 0] != point_rasterizer.SPHERE:
                 continue
             v = np.uintp(faces[face, 0])
-            _, hit = hit_offset(face, v, owner, (x, y), points, eye, placement, viewport)
+            _, hit = intersect_sphere(face, v, owner, (x, y), points, eye, placement, viewport)
             for k in range(3):
                 centre = (
                     m[owner, k, 0] * p[v, 0] + m[owner, k, 1] * p[v, 1] + m[owner, k, 2] * p[v, 2]
@@ -198,7 +191,7 @@ def fill_sphere_positions(
 
 @kernel
 def fill_point_depths(
-    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    face_id: int32[:, ::1], row_range: (int64, int64), faces: int32[:, ::1], points: PointRows,
     eye: PointView, viewport: Viewport, placement: Placement,
     depth_coefficients: (float64, float64, float64), depth: float32[:, ::1],
 ):  # fmt: skip
@@ -208,7 +201,7 @@ def fill_point_depths(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
     faces : (F, 3) int32, vertex numbers
     points, eye, viewport, placement : records
     depth_coefficients : (float, float, float)
@@ -217,7 +210,7 @@ def fill_point_depths(
         Written where points are.
     """
     owner = np.int64(0)
-    for y in range(rows[0], rows[1]):
+    for y in range(row_range[0], row_range[1]):
         for x in range(face_id.shape[1]):
             face = np.int64(face_id[y, x])
             if face < 0:
@@ -229,13 +222,15 @@ def fill_point_depths(
             v = np.uintp(faces[face, 0])
             centre, hit = transform_vertex(v, owner, placement), (0.0, 0.0, 0.0)
             if shape == point_rasterizer.SPHERE:
-                centre, hit = hit_offset(face, v, owner, (x, y), points, eye, placement, viewport)
+                centre, hit = intersect_sphere(
+                    face, v, owner, (x, y), points, eye, placement, viewport
+                )
             depth[y, x] = point_rasterizer.depth_on_sphere(centre, hit, eye, depth_coefficients)
 
 
 @kernel
 def fill_point_normals(
-    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    face_id: int32[:, ::1], row_range: (int64, int64), faces: int32[:, ::1], points: PointRows,
     eye: PointView, viewport: Viewport, placement: Placement, normal: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -244,14 +239,14 @@ def fill_point_normals(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
     faces : (F, 3) int32, vertex numbers
     points, eye, viewport, placement : records
     normal : (H, W, 3) float32, world axes
         Changed where points are; read where these have normals, which are not zero.
     """
     owner = np.int64(0)
-    for y in range(rows[0], rows[1]):
+    for y in range(row_range[0], row_range[1]):
         for x in range(face_id.shape[1]):
             face = np.int64(face_id[y, x])
             if face < 0:
@@ -262,7 +257,7 @@ def fill_point_normals(
                 continue
             v = np.uintp(faces[face, 0])
             if shape == point_rasterizer.SPHERE:
-                point, surface_normal = hit_sphere(
+                point, surface_normal = find_sphere_point(
                     face, v, owner, (x, y), points, eye, placement, viewport
                 )
             else:
@@ -271,7 +266,7 @@ def fill_point_normals(
                     np.float64(normal[y, x, 0]), np.float64(normal[y, x, 1]),
                     np.float64(normal[y, x, 2]),
                 )  # fmt: skip
-            facing = facing_normal(surface_normal, toward_viewer(point, placement))
+            facing = flip_toward(surface_normal, point_to_viewer(point, placement))
             facing = normalize(facing[0], facing[1], facing[2])
             for k in range(3):
                 normal[y, x, k] = facing[k]

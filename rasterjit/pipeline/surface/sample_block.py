@@ -6,9 +6,9 @@ A block holds some hundred covered samples of a band of rows, one row of memory 
 object: a **span** is a long run of one face in a row, a **mixed** segment has patches of up to 8
 samples, each of a face of its own. A patch is a face and its first sample; a span is one patch.
 
-Loops of stages that write every segment run over whole vectors: what they write behind the end of
-one is overwritten by the next, and behind the last there is room for it. A stage that leaves some
-segments as they are, or changes what it finds, ends where the segment ends.
+Loops of stages that write every segment run over whole vectors: the next segment overwrites what
+they write past the end of one, and the last has room for it. A stage that skips some segments, or
+changes values in place, ends where the segment ends.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ SHADOW = 23
 """Row: visibility of the current light, 0..1."""
 TURNED_AWAY = 24
 """Row: 1 where a face turns away from the current light, though its shading normal faces it."""
-MAP_U, MAP_V, MAP_DEPTH = 25, 26, 27
+SHADOW_MAP_U, SHADOW_MAP_V, SHADOW_MAP_DEPTH = 25, 26, 27
 """Rows: position in the current shadow map, texels from its upper left corner; stored depth."""
 DEPTH_RIGHT, DEPTH_DOWN, BIAS = 28, 29, 30
 """Rows: change of stored depth per texel right and down; shadow bias, stored depth."""
-BLOCKED, BLOCKER_DEPTH = 31, 32
-"""Rows: blockers of a sample, as the share of the light that they hide, and that times how much
-nearer to the light they are, in stored depth."""
+BLOCKED_SHARE, BLOCKER_DEPTH = 31, 32
+"""Rows: the share of the light that blockers hide from a sample; the same times how much nearer to
+the light they are, in stored depth."""
 COAT_NORMAL_X, COAT = 33, 36
 COAT_RED, COAT_LIT, COAT_OUT, COAT_METALLIC, COAT_ROUGHNESS = 37, 40, 41, 44, 45
 """Rows of the clearcoat: normal, three; strength, 0..1; and the rows swapped with the base layer:
@@ -55,7 +55,7 @@ SHEEN_RED, SHEEN_ROUGHNESS = 46, 49
 F0_RED, F90, IS_DIELECTRIC = 50, 53, 54
 """Rows of the dielectric: F0, the first of three; specular strength, a factor on all it reflects; 1
 where the object overrides the defaults."""
-BELOW_RED, PRIOR_RED = 55, 58
+BEFORE_SHEEN_RED, BEFORE_SPECULAR_RED = 55, 58
 """Rows, three each: the colour before the sheen, and before the dielectric specular, is added."""
 LAYER_RED, LAYER_LIT, LAYER_OUT, LAYER_METALLIC, LAYER_ROUGHNESS = 61, 64, 65, 68, 69
 """Rows of a layer that is lit in place of the base layer: RED to BLUE, then LIT to ROUGHNESS."""
@@ -67,29 +67,31 @@ volume below, in units of the mesh."""
 BENT_NORMAL_X = 78
 """Rows, three: the normal bent to the viewer, by which the sheen reads ambient light."""
 
-SAMPLES = 256
+MAX_SAMPLES = 256
 """Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
 
-STRIDE = SAMPLES + 32
+ROW_STRIDE = MAX_SAMPLES + 32
 """Columns of a row of the block, padded: at a stride of a power of two, rows would evict each other
 from L1."""
 
-SEGMENTS, PATCHES, INTERVALS = 0, 1, 2
+SEGMENT_COUNT, PATCH_COUNT, INTERVAL_COUNT = 0, 1, 2
 """Elements of ``counts``: number of each."""
 NEXT_ROW, NEXT_COLUMN, LAST_OWNER = 3, 4, 5
 """Elements of ``counts``: where the next block begins; the object that was listed last."""
+NEXT_SIDE, NEXT_VERTEX = NEXT_ROW, NEXT_COLUMN
+"""The same elements while vertices are lit: side, 0 for the front; vertex, from the first."""
 IS_LIT = 6
 """Element of ``counts``: not 0 if light falls on any sample; set by the shadows' ``receivers``."""
-COUNTS = 7
+COUNT_ELEMENTS = 7
 
-KIND, OWNER, START, STOP, FIRST_PATCH, END_PATCH, COLUMN_OF, ROW_OF = range(8)
+KIND, OWNER, START, STOP, FIRST_PATCH, END_PATCH, SPAN_COLUMN, SPAN_ROW = range(8)
 """Columns of ``segments``: `SPAN` or `MIXED`, the object, samples and patches; a span's pixel."""
 SPAN, MIXED = 0, 1
 
 INTERVAL_ROW, INTERVAL_COLUMN, INTERVAL_START, INTERVAL_STOP, INTERVAL_FRAME_ROW = range(5)
 """Columns of ``intervals``: runs of pixels contiguous in a row of the picture and in the block."""
 
-A, B, C, FIRST, FACE = 0, 1, 2, 3, 4
+A, B, C, FIRST_SAMPLE, FACE = 0, 1, 2, 3, 4
 """Rows of ``ints``, for each patch: vertices; its first sample; its face."""
 AX, AY, BX, BY, CX, CY = 5, 6, 7, 8, 9, 10
 """Rows of ``ints``: where the vertices lie on the sub-pixel grid; of mixed segments."""
@@ -102,46 +104,45 @@ INT_ROWS = 15
 VERTEX_ROWS = 9
 """Rows of ``doubles`` and ``floats``: three for each vertex."""
 
-VECTOR = 16
-"""Samples of the longest vectors."""
+MAX_VECTOR_SAMPLES = 16
+"""Samples in the longest vector of a CPU."""
 
-BLOCK_ROWS = 81
-"""Number of rows of samples."""
+SAMPLE_ROWS = 81
 UV_ROWS, LOOKUP_INT_ROWS, LOOKUP_WEIGHT_ROWS, TEXTURE_COLOR_ROWS = 14, 11, 3, 12
 """Numbers of rows for texture lookups: see ``texture_lookup``."""
 
-POINT, NORMAL = 0, 3
+RECEIVER_POINT, RECEIVER_NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
 world axes, relative to the eye."""
 OFFSET_POINT, OFFSET_NORMAL = 6, 9
-"""Rows: the same, adjusted for one light, see ``effects.shadows.receivers``."""
+"""Rows of ``receivers``: the same, offset for one light, see ``effects.shadows.receivers``."""
 RECEIVER_ROWS = 12
 
 
 class Block(NamedTuple):
     """Some hundred samples, a row for each quantity and a column for each sample."""
 
-    counts: int64[COUNTS]
+    counts: int64[COUNT_ELEMENTS]
     """Counts, by the element names above; 0 before the first block of a picture."""
-    segments: int32[STRIDE, 8]
-    intervals: int32[STRIDE, 5]
-    ints: int32[INT_ROWS, STRIDE]
+    segments: int32[ROW_STRIDE, 8]
+    intervals: int32[ROW_STRIDE, 5]
+    ints: int32[INT_ROWS, ROW_STRIDE]
     """Patches, and integers of samples."""
-    weights: float64[2, STRIDE]
+    weights: float64[2, ROW_STRIDE]
     """Barycentric weights of the second and the third vertex of each sample's face."""
-    float32_weights: float32[3, STRIDE]
+    float32_weights: float32[3, ROW_STRIDE]
     """Barycentric weights of all three vertices: see ``float32_weights``."""
-    samples: float32[BLOCK_ROWS, STRIDE]
+    samples: float32[SAMPLE_ROWS, ROW_STRIDE]
     """Colours, normals ...: the rows named above."""
-    doubles: float64[VERTEX_ROWS, STRIDE]
-    floats: float32[VERTEX_ROWS, STRIDE]
+    doubles: float64[VERTEX_ROWS, ROW_STRIDE]
+    floats: float32[VERTEX_ROWS, ROW_STRIDE]
     """Vertex attributes of a mixed segment's faces, as a stage gathers them."""
-    uv_rows: float64[UV_ROWS, STRIDE]
+    uv_rows: float64[UV_ROWS, ROW_STRIDE]
     """Texture coordinates ...: see ``texture_lookup``."""
-    lookup_ints: int32[LOOKUP_INT_ROWS, STRIDE]
-    lookup_weights: float32[LOOKUP_WEIGHT_ROWS, STRIDE]
+    lookup_ints: int32[LOOKUP_INT_ROWS, ROW_STRIDE]
+    lookup_weights: float32[LOOKUP_WEIGHT_ROWS, ROW_STRIDE]
     """Scratch memory for texture lookups."""
-    colors: float32[TEXTURE_COLOR_ROWS, STRIDE]
+    colors: float32[TEXTURE_COLOR_ROWS, ROW_STRIDE]
     """Texture colours, and scratch memory for lookups."""
-    receivers: float64[RECEIVER_ROWS, STRIDE]
+    receivers: float64[RECEIVER_ROWS, ROW_STRIDE]
     """Points and normals for shadows."""

@@ -20,7 +20,7 @@ from rasterjit.runtime.intrinsics import part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8
 
-VALUE = 3
+SCALAR = 3
 """Row of ``doubles``: the scalar of each sample; the three rows before hold its face's vertices."""
 
 FIRST_ENTRY, ENTRIES = 0, 1
@@ -46,9 +46,9 @@ def interpolate_scalar(weights, value0, value1, value2):
 
 @helper
 def gather_scalars(first, end, values, ints, doubles):
-    """Gather the scalars of the vertices of the faces of some patches."""
+    """Gather the scalars of some patches' vertices."""
     for r in range(np.uintp(first), np.uintp(end)):
-        n = np.uintp(ints[rows.FIRST, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         spread(doubles[0], n, values[np.uintp(ints[rows.A, r])])
         spread(doubles[1], n, values[np.uintp(ints[rows.B, r])])
         spread(doubles[2], n, values[np.uintp(ints[rows.C, r])])
@@ -56,7 +56,7 @@ def gather_scalars(first, end, values, ints, doubles):
 
 @disjoint_helper
 def interpolate_scalars(scalars, at_a, at_b, at_c, second, third):
-    """Write the scalars of samples, each of a face of its own."""
+    """Write the scalars of samples, each of its own face."""
     for n in range(scalars.shape[0]):
         weights = 0.0, second[n], third[n]
         scalars[n] = interpolate_scalar(weights, at_a[n], at_b[n], at_c[n])
@@ -71,8 +71,8 @@ def interpolate_span_scalars(scalars, second, third, at_a, at_b, at_c):
 
 
 @helper
-def entry_of(value, low, width, count):
-    """Return a value's entry in a colormap; ``count`` for NaN and infinity."""
+def find_entry(value, low, width, count):
+    """Return the index of a value's entry in a colormap; ``count`` for NaN and infinity."""
     position = (value - low) / width * np.float64(count)
     clamped = position if position >= 0.0 else 0.0
     clamped = clamped if clamped <= np.float64(count - 1) else np.float64(count - 1)
@@ -82,18 +82,18 @@ def entry_of(value, low, width, count):
 
 @helper
 def look_up_colors(out, scalars, interval, entries, colors):
-    """Write the colours of scalars."""
+    """Write the colours of scalars, by a colormap."""
     low, width = interval
     first, count = entries
     for n in range(scalars.shape[0]):
-        entry = first + entry_of(scalars[n], low, width, count)
+        entry = first + find_entry(scalars[n], low, width, count)
         for k in range(4):
             out[k][n] = colors[np.uintp(entry), k]
 
 
 @helper
 def fill_white(out):
-    """Write white, which changes no colour."""
+    """Write white to four rows."""
     one = np.float32(1.0)
     for k in range(4):
         for n in range(out[k].shape[0]):
@@ -111,7 +111,7 @@ def apply_colormaps(
     White on objects without scalars.
     """
     ints, weights, doubles = block.ints, block.weights, block.doubles
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
@@ -122,7 +122,7 @@ def apply_colormaps(
         if entries[owner, ENTRIES] == 0:
             fill_white(out)
             continue
-        scalars = part(doubles, VALUE, s, e)
+        scalars = part(doubles, SCALAR, s, e)
         second, third = part(weights, 0, s, e), part(weights, 1, s, e)
         if segment[rows.KIND] == rows.MIXED:
             gather_scalars(
@@ -139,10 +139,10 @@ def apply_colormaps(
 
 
 @stage
-def multiply_alphas(block: Block, count, is_blended: uint8[::1]):
+def multiply_colormap_alphas(block: Block, count, is_blended: uint8[::1]):
     """Multiply the alphas of blended objects by those that `apply_colormaps` has written."""
     samples, colors = block.samples, block.colors
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         if is_blended[np.uintp(segment[rows.OWNER])] != 0:
             for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
@@ -155,7 +155,7 @@ def fill_scalars(
     scalar: float32[:, ::1],
 ):  # fmt: skip
     """
-    Interpolate the scalars of vertices at each sample.
+    Write the interpolated scalar of each sample.
 
     Parameters
     ----------

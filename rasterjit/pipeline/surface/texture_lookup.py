@@ -17,11 +17,11 @@ import numpy as np
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Textures
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_filters as texturing
-from rasterjit.pipeline.surface.gather_samples import round_up_to_vectors
+from rasterjit.pipeline.surface.gather_samples import fill_row, four_parts, round_up_to_vectors
 from rasterjit.pipeline.surface.sample_block import (
     LOOKUP_INT_ROWS,
     LOOKUP_WEIGHT_ROWS,
-    SEGMENTS,
+    SEGMENT_COUNT,
     START,
     STOP,
     TEXTURE_COLOR_ROWS,
@@ -284,15 +284,6 @@ def gather_levels(size, level_offset, first, last, levels, ints):
         ints[LEVEL_HEIGHT, n] = np.int32(levels[level, texturing.LEVEL_HEIGHT])
 
 
-@helper
-def four_parts(rows, first, start, stop):
-    """Return a part of each of four rows that follow each other."""
-    return (
-        part(rows, first, start, stop), part(rows, first + 1, start, stop),
-        part(rows, first + 2, start, stop), part(rows, first + 3, start, stop),
-    )  # fmt: skip
-
-
 @disjoint_helper
 def blend_coarser_level(weights, coarser, finer):
     """Blend one channel of the coarser level into the finer one, where its weight is not 0."""
@@ -454,13 +445,6 @@ def find_texels_and_weights(u, v, is_mipped, level_offset, row, levels, ints, we
         (encode_texel_wrap(wraps[0]), encode_texel_wrap(wraps[1])), corners[0], corners[1],
         corners[2], corners[3],
     )  # fmt: skip
-
-
-@disjoint_helper
-def fill_row(row, value):
-    """Write one number to all samples of a row."""
-    for n in range(row.shape[0]):
-        row[n] = value
 
 
 @helper
@@ -683,7 +667,7 @@ def multiply_textures_below_highlights(
     ``first_diffuse_row`` on.
     """
     samples, texture_colors = block.samples, block.colors
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
         s, e, owner = (
             np.int64(segment[START]),

@@ -162,7 +162,7 @@ def gather_vertex_uv(first, end, uv, ints, floats):
     """Gather the texture coordinates of the vertices of some patches."""
     for r in range(np.uintp(first), np.uintp(end)):
         a, b, c = get_patch_vertices(ints, r)
-        n = np.uintp(ints[rows.FIRST, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         spread(floats[0], n, uv[a, 0])
         spread(floats[1], n, uv[a, 1])
         spread(floats[2], n, uv[b, 0])
@@ -186,7 +186,7 @@ def interpolate_uv(block: Block, count, uv: float32[:, ::1]):
     Leaves the coordinates of mixed segments' vertices in ``floats``, for `find_uv_steps`.
     """
     ints, weights, uv_rows, floats = block.ints, block.weights, block.uv_rows, block.floats
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
         owner = np.float64(segment[rows.OWNER])
@@ -224,7 +224,7 @@ def find_span_uv_steps(segment, block, uv, viewport, xy, codes, w):
     """Write the steps of the samples of a span, unless its face was clipped."""
     uv_rows, bits = block.uv_rows, viewport.grid_bits
     s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
-    column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
+    column, row = np.int64(segment[rows.SPAN_COLUMN]), np.int64(segment[rows.SPAN_ROW])
     (a, b, c), vertex_uvs = read_span_vertices(segment, block.ints, uv)
     if (codes[a] | codes[b] | codes[c]) & CLIPPED:
         return
@@ -242,8 +242,8 @@ def find_clipped_uv_steps(segment, ints, uv_rows, uv, codes, clip_positions, vie
         a, b, c = get_patch_vertices(ints, r)
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             s, e = (
-                np.int64(ints[rows.FIRST, r]),
-                np.int64(ints[rows.FIRST, r + np.uintp(1)]),
+                np.int64(ints[rows.FIRST_SAMPLE, r]),
+                np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
             )
             vertex_uvs = texturing.read_vertex_uvs(uv, a, b, c)
             write_clipped_uv_steps(
@@ -262,12 +262,12 @@ def find_uv_steps(
     Write the texture coordinates' differences to the next sample right and down, for mip levels.
 
     The next sample lies ``viewport.spacing`` pixels away. Only for objects with mipmapped textures.
-    After `interpolate_uv`, while ``floats``, ``doubles`` and ``ints`` hold what `interpolate_uv` and
+    After `interpolate_uv`, while ``floats``, ``doubles`` and ``ints`` hold what that stage and
     `find_weights` have gathered.
     """
     xy, codes, w, clip_positions = geometry.xy, geometry.codes, geometry.w, geometry.clip_positions
     viewport = geometry.viewport
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         if not has_mipmapped_texture(np.int64(segment[rows.OWNER]), table):
             continue

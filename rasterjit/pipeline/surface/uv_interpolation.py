@@ -27,7 +27,7 @@ from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.barycentric_weights import may_have_wide_faces
 from rasterjit.pipeline.surface.float32_colors import evaluate_edges_along_row
 from rasterjit.pipeline.surface.float32_weights import is_wide
-from rasterjit.pipeline.surface.gather_samples import get_patch_vertices
+from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, get_pixel
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_filters import read_vertex_uvs
 from rasterjit.pipeline.surface.texture_lookup import UV_OWNER, U, V
@@ -109,7 +109,7 @@ def interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv
         )
         return
     edges, steps = evaluate_edges_along_row(a, b, c, column, row, bits, xy)
-    stop = end + rows.VECTOR
+    stop = end + rows.MAX_VECTOR_SAMPLES
     place_run(
         part(uv_rows, U, first, stop), part(uv_rows, V, first, stop), end - first, edges, steps,
         factors, uv_a, (uv_b[0] - uv_a[0], uv_b[1] - uv_a[1], uv_c[0] - uv_a[0], uv_c[1] - uv_a[1]),
@@ -124,17 +124,15 @@ def interpolate_uv_from_edges(block: Block, count, uv: float32[:, ::1], geometry
     In place of weights and `uv_derivatives.interpolate_uv`, where nothing else reads weights.
     """
     ints, uv_rows, has_wide = block.ints, block.uv_rows, may_have_wide_faces(geometry.viewport)
-    for k in range(block.counts[rows.SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             first, end = (
-                np.int64(ints[rows.FIRST, r]),
-                np.int64(ints[rows.FIRST, r + np.uintp(1)]),
+                np.int64(ints[rows.FIRST_SAMPLE, r]),
+                np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
             )
             corners = get_patch_vertices(ints, r)
-            column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
-            if segment[rows.KIND] != rows.SPAN:
-                column, row = np.int64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
+            column, row = get_pixel(first, segment, ints)
             interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv, geometry)
         owner = np.float64(segment[rows.OWNER])
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):

@@ -30,7 +30,7 @@ from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_lookup, uv_derivatives
-from rasterjit.pipeline.surface.barycentric_weights import weigh
+from rasterjit.pipeline.surface.barycentric_weights import weigh_samples
 from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
 from rasterjit.pipeline.surface.texture_filters import (
     ALPHA_USE,
@@ -138,13 +138,13 @@ def gather_patches(faces, faces_of, xy, codes, w, ints, doubles):
     for i in range(np.uintp(faces.shape[0])):
         # Without a branch: the next overwrites what starts no patch.
         face = faces[i]
-        ints[rows.FIRST, patches], ints[rows.FACE, patches] = i, face
+        ints[rows.FIRST_SAMPLE, patches], ints[rows.FACE, patches] = i, face
         patches += np.uintp((face != last_face) | (i % np.uintp(LANES) == np.uintp(0)))
         last_face = face
-    ints[rows.FIRST, patches] = faces.shape[0]
+    ints[rows.FIRST_SAMPLE, patches] = faces.shape[0]
     is_affine = w.shape[0] == 0
     for r in range(patches):
-        n = np.uintp(ints[rows.FIRST, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         a, b, c = corners_of(faces_of, np.uintp(ints[rows.FACE, r]))
         ints[rows.A, r], ints[rows.B, r], ints[rows.C, r] = a, b, c
         spread(ints[rows.INEXACT], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
@@ -161,7 +161,7 @@ def find_weights(weights, count, patches, shift, ints, doubles, geometry):
     """Write the barycentric weights of samples from gathered vertices and pixels."""
     size, bits = round_up_to_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
-    inexact = weigh(
+    inexact = weigh_samples(
         *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
         part(ints, rows.COLUMN, 0, size), part(ints, rows.ROW, 0, size), count,
         (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
@@ -171,7 +171,7 @@ def find_weights(weights, count, patches, shift, ints, doubles, geometry):
     if inexact != 0:
         for r in range(patches):
             a, b, c = get_patch_vertices(ints, r)
-            for i in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)]):
+            for i in range(ints[rows.FIRST_SAMPLE, r], ints[rows.FIRST_SAMPLE, r + np.uintp(1)]):
                 if ints[rows.INEXACT, i] != 0:
                     column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
                     exact = barycentric.shifted_weights(a, b, c, column, row, shift, geometry)
@@ -191,7 +191,7 @@ def multiply_interpolated(alphas, at_a, at_b, at_c, second, third):
 def multiply_vertex_alphas(alphas, patches, size, weights, ints, floats, vertex_colors):
     """Multiply alphas by those of the vertex colours."""
     for r in range(patches):
-        n = np.uintp(ints[rows.FIRST, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         for k in range(3):
             spread(floats[k], n, vertex_colors[np.uintp(ints[rows.A + k, r]), ALPHA])
     multiply_interpolated(
@@ -207,7 +207,7 @@ def interpolate_uv(
     """Write the texture coordinates of samples, and their derivatives if a texture needs them."""
     uv = textures.uv
     for r in range(patches):
-        n = np.uintp(ints[rows.FIRST, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         for k in range(3):
             vertex = np.uintp(ints[rows.A + k, r])
             spread(floats[2 * k], n, uv[vertex, 0])
@@ -231,7 +231,7 @@ def interpolate_uv(
     for r in range(patches):
         a, b, c = get_patch_vertices(ints, r)
         if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
-            for i in range(ints[rows.FIRST, r], ints[rows.FIRST, r + np.uintp(1)]):
+            for i in range(ints[rows.FIRST_SAMPLE, r], ints[rows.FIRST_SAMPLE, r + np.uintp(1)]):
                 column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
                 uv_derivatives.write_clipped_uv_step(
                     lookups, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
@@ -268,22 +268,17 @@ def find_alphas(
         alphas[n] = alpha_tests.materials[owner, ALPHA]
     if alpha_tests.vertex_colors.shape[0] > 0:
         multiply_vertex_alphas(
-            alphas,
-            patches,
-            round_up_to_vectors(count),
-            weights,
-            ints,
-            floats,
+            alphas, patches, round_up_to_vectors(count), weights, ints, floats,
             alpha_tests.vertex_colors,
-        )
+        )  # fmt: skip
     if alpha_tests.face_colors.shape[0] > 0:
         for n in range(count):
             alphas[n] *= alpha_tests.face_colors[np.int64(faces[n]), ALPHA]
     if textures.table.shape[0] == 0 or textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
         return
     interpolate_uv(
-        lookups, round_up_to_vectors(count), patches, weights, owner, ints, doubles, floats, geometry,
-        textures,
+        lookups, round_up_to_vectors(count), patches, weights, owner, ints, doubles, floats,
+        geometry, textures,
     )  # fmt: skip
     look_up_textures(lookups, memory[6:], count, BASE_COLOR, textures)
     row = textures.table[owner, BASE_COLOR]
@@ -473,16 +468,14 @@ def keep(n, owner, holes):
 def alpha_memory(capacity: int = MAX_TOGETHER) -> tuple[Any, ...]:
     """Return a thread's memory for computing the alphas of up to ``capacity`` samples together."""
     # As `round_up_to_vectors`, which is compiled: calling it here would wait for Numba.
-    capacity = -(-capacity // rows.VECTOR) * rows.VECTOR + LANES
+    capacity = -(-capacity // rows.MAX_VECTOR_SAMPLES) * rows.MAX_VECTOR_SAMPLES + LANES
     return (
         np.empty((rows.INT_ROWS, capacity), np.int32),
         np.empty((rows.VERTEX_ROWS, capacity), np.float64),
-        np.empty((rows.VERTEX_ROWS, capacity), np.float32),
-        np.empty(capacity, np.float32),
-        np.empty((2, capacity), np.float64),
-        np.empty((rows.UV_ROWS, capacity), np.float64),
+        np.empty((rows.VERTEX_ROWS, capacity), np.float32), np.empty(capacity, np.float32),
+        np.empty((2, capacity), np.float64), np.empty((rows.UV_ROWS, capacity), np.float64),
         *texture_lookup.allocate_lookup_memory(capacity),
-    )
+    )  # fmt: skip
 
 
 class AlphaTest:

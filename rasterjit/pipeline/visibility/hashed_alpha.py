@@ -130,7 +130,8 @@ def apply_hashed_alpha(count, cutoff, textures, owner, kind, lookups, lookup):
     )
     u, v = texture_lookup.get_transformed_uv(0, size, owner, kind, textures, lookups)
     compare_hashed(
-        part(colors, TEXTURE_RED + ALPHA, 0, size), u, v, part(ints, texture_lookup.LEVEL_WIDTH, 0, size),
+        part(colors, TEXTURE_RED + ALPHA, 0, size), u, v,
+        part(ints, texture_lookup.LEVEL_WIDTH, 0, size),
         part(ints, texture_lookup.LEVEL_HEIGHT, 0, size), part(ints, texture_lookup.LEVEL, 0, size),
         part(floats, texture_lookup.COARSER_WEIGHT, 0, size), np.int32(first), cutoff,
     )  # fmt: skip
