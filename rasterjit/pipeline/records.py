@@ -37,7 +37,7 @@ class Viewport(NamedTuple):
     """Vertices are rounded to multiples of ``2**-subpixel_bits`` pixel."""
     grid_bits: int64
     """Screen coordinates are integers in units of ``2**-grid_bits`` pixel."""
-    reach: int64 = 0
+    sample_radius: int64 = 0
     """Largest distance of samples from a pixel's centre, in those units; 0: one sample, centred."""
     left: int64 = 0
     """Columns of the whole picture before the first of this part."""

@@ -145,7 +145,7 @@ class Shading:
         background: NDArray[np.float32],
         viewer: NDArray[np.float32] | None = None,
     ) -> None:
-        self._needs = needs._replace(on_faces=geometry.viewport.reach == 0)
+        self._needs = needs._replace(on_faces=geometry.viewport.sample_radius == 0)
         own = self._needs, geometry, placement, surface, lighting, viewer
         self._arrays = shading_arrays(*own)
         passes, self._shown = shading_passes.shading_passes(self._needs, effects)

@@ -362,7 +362,9 @@ def find_visible(
     )  # fmt: skip
     wanted = plan.visibility._replace(**changes)
     if plan.layers is not None and not wanted.draws:
-        wanted = wanted._replace(reach=sampled_viewport(viewport, plan.layers.samples).reach)
+        wanted = wanted._replace(
+            sample_radius=sampled_viewport(viewport, plan.layers.samples).sample_radius
+        )
     drawable = visibility_pass.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=frame_shading.find_hit_tests(plan, cache),

@@ -114,7 +114,9 @@ def surface_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list
     if needs.alphas:
         passes.append(alpha_pass(has_base_texture))
         if needs.fields:
-            alphas = Pass(scalar_colors.multiply_colormap_alphas, lambda a: (a.surface.alphas.is_blended,))
+            alphas = Pass(
+                scalar_colors.multiply_colormap_alphas, lambda a: (a.surface.alphas.is_blended,)
+            )
             passes += [*field_passes(needs), alphas]
     if not needs.is_lit:
         return passes + emission_passes(needs, rows.RED)
@@ -423,29 +425,31 @@ def light_passes(needs: ShadingNeeds, effects: Sequence[ActiveEffect]) -> list[P
     if needs.renormalizes:
         passes.append(fixed(lights.normalize_normals))
     if needs.microfacets:
-        shown = Pass(lights.set_microfacet_ambient, lambda a: (a.lighting.ambient, a.viewer))
+        shown = Pass(lights.write_microfacet_ambient, lambda a: (a.lighting.ambient, a.viewer))
         passes += layered_ambient_passes(needs, shown) if needs.layers else [shown]
     passes += passes_of_lights(needs, effects)
     passes += emission_passes(needs, rows.OUT_RED)
     if needs.layers:
         from rasterjit.pipeline.lighting import layered_materials
 
-        passes += layered_materials.finishing_passes(needs)
+        passes += layered_materials.list_finishing_passes(needs)
     passes += seen_passes(effects, rows.OUT_RED)
     return passes + covering_passes(needs, effects)
 
 
 def ambient_pass() -> Pass:
     """Return the pass that shows ambient light."""
-    return Pass(lights.show_ambient, lambda a: (a.lighting.ambient,))
+    return Pass(lights.start_with_ambient, lambda a: (a.lighting.ambient,))
 
 
 def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
     """Return the passes that add ambient light to microfacet materials and their layers."""
     from rasterjit.pipeline.lighting import layered_materials
 
-    passes = layered_materials.starting_passes(needs, fixed(lights.normalize_normals))
-    return passes + layered_materials.ambient_passes(needs, shown, ambient_pass(), is_first=True)
+    passes = layered_materials.list_starting_passes(needs, fixed(lights.normalize_normals))
+    return passes + layered_materials.list_ambient_passes(
+        needs, shown, ambient_pass(), is_first=True
+    )
 
 
 def seen_passes(effects: Sequence[ActiveEffect], shown: int) -> list[Pass]:
@@ -507,7 +511,7 @@ def add_passes(needs: ShadingNeeds, first: int, end: int) -> list[Pass]:
         return [
             one
             for n in range(first, end)
-            for one in layered_materials.light_passes(
+            for one in layered_materials.list_light_passes(
                 needs, n, shiny_pass(needs, n, n + 1), facet_pass(n, n + 1)
             )
         ]
@@ -581,19 +585,24 @@ def imitating_passes(
     if imitated.has_squares:
         passes.append(
             Pass(
-                pyrender.center_on_squares,
+                pyrender.move_to_square_centers,
                 lambda a: (a.lighting.pyrender.are_squares, a.geometry.faces, a.placement),
             )
         )
     if imitated.faces_viewer:
         passes.append(
-            Pass(pyrender.turn_to_viewer, lambda a: (a.lighting.pyrender.faces_viewer, a.viewer))
+            Pass(
+                pyrender.point_normals_at_viewer,
+                lambda a: (a.lighting.pyrender.faces_viewer, a.viewer),
+            )
         )
     if imitated.has_gains:
-        passes.append(Pass(pyrender.amplify, lambda a: (a.lighting.pyrender.gains, 0, rows.RED)))
+        passes.append(
+            Pass(pyrender.multiply_by_gains, lambda a: (a.lighting.pyrender.gains, 0, rows.RED))
+        )
     passes += effect_passes(effects, "rows", needs)
     passes += [
-        Pass(pyrender.show_ambient_on_base, lambda a: (a.lighting.ambient,)),
+        Pass(pyrender.write_ambient_on_base, lambda a: (a.lighting.ambient,)),
         fixed(lights.normalize_normals),
         *passes_of_lights(needs, effects),
     ]
@@ -604,7 +613,7 @@ def imitating_passes(
         passes.append(fixed(pyrender.multiply_by_vertex_colors))
     if imitated.has_gains:
         passes.append(
-            Pass(pyrender.amplify, lambda a: (a.lighting.pyrender.gains, 3, rows.OUT_RED))
+            Pass(pyrender.multiply_by_gains, lambda a: (a.lighting.pyrender.gains, 3, rows.OUT_RED))
         )
     return passes + seen_passes(effects, rows.OUT_RED) + effect_passes(effects, "sample", needs)
 
@@ -618,7 +627,7 @@ def mapped_light_passes(needs: ShadingNeeds, n: int) -> list[Pass]:
         return a.lighting.lights[n], view, depths
 
     shadow = Pass(pyrender.read_shadow_map, found)
-    return [shadow, *add_passes(needs, n, n + 1), fixed(pyrender.make_visible)]
+    return [shadow, *add_passes(needs, n, n + 1), fixed(lights.reset_visibility)]
 
 
 # Vertices, and what becomes of colours.

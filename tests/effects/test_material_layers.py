@@ -485,16 +485,13 @@ def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
         1, microfacets=True, layers=True, coats=True, sheens=True, dielectrics=True
     )
     normalize = fixed(light_stages.normalize_normals)
-    around = Pass(light_stages.set_microfacet_ambient, lambda a: (a.lighting.ambient, a.viewer))
+    around = Pass(light_stages.write_microfacet_ambient, lambda a: (a.lighting.ambient, a.viewer))
     passes = [
-        *layered_materials.starting_passes(needs, normalize),
-        normalize,
-        *layered_materials.ambient_passes(
-            needs, around, shading_passes.ambient_pass(), is_first=True
-        ),
-        *shading_passes.add_passes(needs, 0, 1),
-        *layered_materials.finishing_passes(needs),
-    ]
+        *layered_materials.list_starting_passes(needs, normalize), normalize,
+        *layered_materials.list_ambient_passes(needs, around, shading_passes.ambient_pass(),
+        is_first=True), *shading_passes.add_passes(needs, 0, 1),
+        *layered_materials.list_finishing_passes(needs),
+    ]  # fmt: skip
     steps = bind(passes, arrays)
     blocks.run(samples, *((step.stage, *step.arguments) for step in steps))
     assert np.isfinite(samples[rows.OUT_RED : rows.OUT_RED + 3]).all()

@@ -79,7 +79,7 @@ DULL = "light_stages.add_diffuse_lights"
 LEANING = "sheen.bend_normals"
 """For light of an environment alone."""
 VARNISH = {"clearcoat.blend_clearcoats"}
-FIBRES = {"sheen.light_sheen", "sheen.add_ambient_sheen", LEANING}
+FIBRES = {"sheen.add_sheen_light", "sheen.add_ambient_sheen", LEANING}
 MIRRORS = {"dielectrics.add_dielectric_light", "dielectrics.add_dielectric_ambient"}
 SCALED = "layer_rows.multiply_rows_by_textures"
 
@@ -100,13 +100,14 @@ GONE = {
     "vertex colors": {"attributes.interpolate_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
     "scalar fields": {
-        "isolines.draw_isolines", "scalar_colors.multiply_colormap_alphas", "scalar_colors.apply_colormaps",
+        "isolines.draw_isolines", "scalar_colors.multiply_colormap_alphas",
+        "scalar_colors.apply_colormaps",
     },
     "highlights": {"light_stages.add_blinn_phong_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
         "attributes.fill_microfacets", "environment.add_reflections",
-        "light_stages.add_microfacet_lights", "light_stages.set_microfacet_ambient",
+        "light_stages.add_microfacet_lights", "light_stages.write_microfacet_ambient",
         "material_maps.apply_metallic_roughness_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED,
         *THROUGH,
         "layer_rows.copy_rows", "layer_rows.swap_rows", "layer_rows.fill_rows",
@@ -153,8 +154,8 @@ GONE = {
     "labels": set(),
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.composite_under",
-        "compositing.start_sums", "srgb_encoding.encode_rows", "scalar_colors.multiply_colormap_alphas",
-        "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.map_over_color",
+        "compositing.start_sums", "srgb_encoding.encode_rows",
+        "scalar_colors.multiply_colormap_alphas", "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.map_over_color",
     },
     "anti-aliasing": {
         "compositing.list_faces", "compositing.mix_samples", "coverage_resolve.finish_light",

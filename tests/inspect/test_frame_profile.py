@@ -235,7 +235,7 @@ def test_measurement_prints_plan_kernels_buffers_and_times(cube):
     scene.outline = rj.Outline()
     text = str(rj.profile(scene, looking(), size=SIZE, rounds=1))
     for words in (
-        "outline", "kernels", "outline.find_edges", "stages", "light_stages.show_ambient",
+        "outline", "kernels", "outline.find_edges", "stages", "light_stages.start_with_ambient",
         "buffers", "marks of outlines", "median of 1 frames", "outline: off", "visibility",
         "ambient occlusion: on", "tone mapping: curve neutral", "anti-aliasing: 4 samples",
     ):  # fmt: skip

@@ -13,7 +13,7 @@ import skies
 import rasterjit as rj
 from rasterjit.effects.environment import prefilter as maps
 from rasterjit.effects.environment import stage as environment_stage
-from rasterjit.pipeline.lighting.pbr import env_brdf
+from rasterjit.pipeline.lighting.pbr import approximate_env_brdf
 from rasterjit.pipeline.surface import sample_block as block
 from rasterjit.runtime.threads import Workers
 
@@ -222,7 +222,9 @@ def test_a_mirror_shows_what_lies_in_the_mirrored_direction():
         view = -point / np.linalg.norm(point)
         toward = rj.transforms.rotate_y(-40.0)[:3, :3] @ (2.0 * (normal @ view) * normal - view)
         # All of it but what the fit of the facets' integral leaves to several bounces.
-        scale, offset = env_brdf(np.float32(np.clip(normal @ view, 0.0, 1.0)), np.float32(0.0))
+        scale, offset = approximate_env_brdf(
+            np.float32(np.clip(normal @ view, 0.0, 1.0)), np.float32(0.0)
+        )
         rest = abs(1.0 - scale - offset)
         assert rest < 0.06
         assert np.abs(added[:, n] - naive.look_up(image, toward)).max() <= rest * 3.0 + 1e-3

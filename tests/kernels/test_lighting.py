@@ -120,8 +120,8 @@ def light_samples(samples, lighting, viewer):
     if lighting.highlights is None:
         adds = light_stages.add_diffuse_lights, *rows
     blocks.run(
-        samples, (light_stages.show_ambient, lighting.ambient), (light_stages.normalize_normals,),
-        adds,
+        samples, (light_stages.start_with_ambient, lighting.ambient),
+        (light_stages.normalize_normals,), adds,
     )  # fmt: skip
 
 
@@ -375,14 +375,14 @@ from rasterjit.pipeline.surface.material_maps import apply_normal_maps
 from rasterjit.runtime import compiler, store
 
 for own in (
-    lights.add_blinn_phong_lights, lights.add_diffuse_lights, lights.set_microfacet_ambient,
+    lights.add_blinn_phong_lights, lights.add_diffuse_lights, lights.write_microfacet_ambient,
     lights.add_microfacet_lights, add_reflections, apply_normal_maps,
 )[: int(sys.argv[1])]:
     _, module = compiler.lower(own, own.kind, own.__name__, store.host())
     print(own.__name__, len(re.findall(r"call .*@llvm[.]sqrt[.]v[0-9]+f", str(module))))
 """
 ROOTS = {
-    "add_blinn_phong_lights": 3, "add_diffuse_lights": 1, "set_microfacet_ambient": 1,
+    "add_blinn_phong_lights": 3, "add_diffuse_lights": 1, "write_microfacet_ambient": 1,
     "add_microfacet_lights": 5, "add_reflections": 3, "apply_normal_maps": 2,
 }  # fmt: skip
 """How many square roots a sample takes, at least, in each stage."""

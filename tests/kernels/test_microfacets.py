@@ -45,8 +45,8 @@ def light_rows(*rows):
 def start_light(samples, ambient, viewer=VIEWER):
     """Write what ambient light shows, as row OCCLUSION lets it."""
     blocks.run(
-        samples, (light_stages.show_ambient, ambient), (light_stages.normalize_normals,),
-        (light_stages.set_microfacet_ambient, ambient, viewer),
+        samples, (light_stages.start_with_ambient, ambient), (light_stages.normalize_normals,),
+        (light_stages.write_microfacet_ambient, ambient, viewer),
     )  # fmt: skip
 
 
@@ -243,7 +243,7 @@ def test_ambient_light_never_adds_nor_goes_below_zero(metallic, roughness):
 @pytest.mark.parametrize("cosine", [0.2, 0.6, 1.0])
 def test_what_facets_mirror_of_ambient_light_at_once_is_the_integral(roughness, cosine):
     """The fit against the integral of the naive BRDF, for perfect mirrors and for 0.04."""
-    scale, offset = pbr.env_brdf(np.float32(cosine), np.float32(roughness))
+    scale, offset = pbr.approximate_env_brdf(np.float32(cosine), np.float32(roughness))
     for base in (1.0, 0.04):
         want = naive_materials.directional_albedo(1.0, roughness, cosine, (base,) * 3, steps=64)[0]
         assert float(base * scale + offset) == pytest.approx(want, abs=0.05)
@@ -257,7 +257,7 @@ def test_samples_of_other_kinds_keep_every_bit():
     before = samples[block.OUT_RED : block.OUT_BLUE + 1].copy()
     samples[block.OCCLUSION] = samples[block.SHADOW] = 1.0
     ambient = np.float32([1, 1, 1])
-    blocks.run(samples, (light_stages.set_microfacet_ambient, ambient, VIEWER))
+    blocks.run(samples, (light_stages.write_microfacet_ambient, ambient, VIEWER))
     add_lights(samples, light_rows((0.1, 0.2, 1, 0, 1, 1, 1)))
     assert samples[block.OUT_RED : block.OUT_BLUE + 1].tobytes() == before.tobytes()
 

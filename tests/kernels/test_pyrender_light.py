@@ -59,7 +59,7 @@ def some_lights():
 
 def shaded(samples, lights, taken, ambient, middle=COUNT // 3):
     blocks.run(
-        samples, (part_in_two, middle), (pyrender.show_ambient_on_base, ambient),
+        samples, (part_in_two, middle), (pyrender.write_ambient_on_base, ambient),
         (light_stages.normalize_normals,),
         (pyrender.add_lights_as_pyrender, lights, 0, len(lights), taken, VIEWER),
     )  # fmt: skip

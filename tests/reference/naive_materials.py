@@ -48,7 +48,7 @@ def bounced(color, roughness, n_v):
     Each bounce leaves the facets with the share that a white mirror sends on at once, and takes
     the mean of Schlick's share over all angles.
     """
-    scale, offset = map(float, pbr.env_brdf(np.float32(n_v), np.float32(roughness)))
+    scale, offset = map(float, pbr.approximate_env_brdf(np.float32(n_v), np.float32(roughness)))
     mean = color + (1.0 - color) / 21.0
     total, held = 0.0, color * scale + offset
     for _ in range(400):

@@ -29,7 +29,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
 from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.geometry.unproject import scaled_derivative, unproject_pixel
-from rasterjit.pipeline.lighting.light_stages import interval_of
+from rasterjit.pipeline.lighting.light_stages import read_interval
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import MAX_VECTOR_SAMPLES, Block
@@ -555,7 +555,7 @@ def occlude_samples(block: Block, count, occlusion: float32[:, ::1]):
     """
     visibility = block.samples[rows.OCCLUSION]
     for k in range(block.counts[rows.INTERVAL_COUNT]):
-        _, column, start, stop = interval_of(block, k)
+        _, column, start, stop = read_interval(block, k)
         row = block.intervals[k, rows.INTERVAL_FRAME_ROW]
         pixels = occlusion[row, column : column + stop - start]
         for i in range(np.uintp(stop - start)):

@@ -197,7 +197,10 @@ class EnvironmentLight(BatchedEffect):
             return [light_pass, reflection_pass]
         from rasterjit.pipeline.lighting import layered_materials
 
-        return [light_pass, *layered_materials.ambient_passes(needs, reflection_pass, light_pass)]
+        return [
+            light_pass,
+            *layered_materials.list_ambient_passes(needs, reflection_pass, light_pass),
+        ]
 
     places: ClassVar = {"around": add_light}
 

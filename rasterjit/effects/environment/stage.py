@@ -36,7 +36,7 @@ import numpy as np
 
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.lighting import pbr
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import invert_length
 from rasterjit.pipeline.srgb_encoding import encode_pixel
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
@@ -216,7 +216,7 @@ def gradient_color(gradient, height):
 def sky_color(x, y, z, texels, width, height, gradient):
     """Return the colour of the sky along a direction of any length, in the axes of the picture."""
     if width == 0:
-        return gradient_color(gradient, y * unit_scale(x, y, z))
+        return gradient_color(gradient, y * invert_length(x, y, z))
     return filtered_texel(texels, np.int64(0), width, height, panorama_uv(x, y, z))
 
 
@@ -348,7 +348,7 @@ def mirror_direction(normal, point, toward_viewer, alpha):
     vx = toward_viewer[0] - toward_viewer[3] * point[0]
     vy = toward_viewer[1] - toward_viewer[3] * point[1]
     vz = toward_viewer[2] - toward_viewer[3] * point[2]
-    scale = unit_scale(vx, vy, vz)
+    scale = invert_length(vx, vy, vz)
     scale = scale if scale > np.float32(0.0) else np.float32(np.nan)
     vx, vy, vz = vx * scale, vy * scale, vz * scale
     facing = nx * vx + ny * vy + nz * vz
@@ -396,7 +396,7 @@ def find_uvs(x, y, z, u, v):
 def find_elevations(x, y, z):
     """Write the sines of the elevation of directions over y."""
     for i in range(x.shape[0]):
-        y[i] *= unit_scale(x[i], y[i], z[i])
+        y[i] *= invert_length(x[i], y[i], z[i])
 
 
 @disjoint_helper
@@ -418,7 +418,7 @@ def add_split_sum(
     """Write one channel of the shaded light over that of the reflection, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out.shape[0]):
-        brdf = pbr.env_brdf(facing[i], clamped(roughness[i], zero, one))
+        brdf = pbr.approximate_env_brdf(facing[i], clamped(roughness[i], zero, one))
         dielectric = pbr.scattering_albedos(pbr.DIELECTRIC_F0, brdf)
         metal = clamped(metallic[i], zero, one)
         direct, around = channel_weights(base[i], metal, dielectric, brdf)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.light_stages import interval_of
+from rasterjit.pipeline.lighting.light_stages import read_interval
 from rasterjit.pipeline.surface.sample_block import INTERVAL_COUNT, INTERVAL_FRAME_ROW, Block
 from rasterjit.runtime.float_math import MIN_NORMAL, exp2, log2
 from rasterjit.runtime.intrinsics import part
@@ -118,7 +118,7 @@ def darken_samples(block: Block, count, shading: float32[:, ::1], first: int64):
     """
     red, green, blue = block.samples[first], block.samples[first + 1], block.samples[first + 2]
     for k in range(block.counts[INTERVAL_COUNT]):
-        _, column, start, stop = interval_of(block, k)
+        _, column, start, stop = read_interval(block, k)
         row = block.intervals[k, INTERVAL_FRAME_ROW]
         shades = shading[row, column : column + stop - start]
         for i in range(np.uintp(stop - start)):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import invert_length
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import exp2
@@ -104,7 +104,7 @@ def blend_exponential(
 def normalize_viewer(toward_viewer):
     """Return the direction to the viewer with a length of one, if there is one, and w."""
     x, y, z, w = toward_viewer[0], toward_viewer[1], toward_viewer[2], toward_viewer[3]
-    scale = unit_scale(x, y, z)
+    scale = invert_length(x, y, z)
     return x * scale, y * scale, z * scale, w
 
 

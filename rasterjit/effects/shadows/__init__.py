@@ -18,6 +18,7 @@ import numpy as np
 
 from rasterjit.effects.shadows import filters, maps, receivers, visible_cells
 from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.pipeline.lighting import light_stages
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.surface import point_normals
 from rasterjit.pipeline.surface.sample_block import OFFSET_POINT, RECEIVER_POINT
@@ -222,7 +223,7 @@ class ShadowMaps(ScreenEffect):
         has_map = shadows.layouts[: n + 1, shadows_stage.FIRST] >= 0
         if first < 0:
             # Reset: the row holds the shadow of the light before.
-            return [fixed(shadows_stage.make_visible)] if has_map[:-1][-1:].any() else []
+            return [fixed(light_stages.reset_visibility)] if has_map[:-1][-1:].any() else []
         passes = []
         if has_map.sum() == 1 and not of_vertices:
             passes += receiver_passes(needs)

@@ -32,7 +32,7 @@ from rasterjit.effects.shadows.filters import (
     read_soft,
 )
 from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
-from rasterjit.pipeline.lighting.blinn_phong import light_at
+from rasterjit.pipeline.lighting.blinn_phong import aim_at_light
 from rasterjit.pipeline.surface.gather_samples import fill_row
 from rasterjit.pipeline.surface.sample_block import (
     BLOCKED_SHARE,
@@ -290,13 +290,13 @@ def find_facing(light, nx, ny, nz, px, py, pz, facing):
     """Write the cosine by which `light_stages` light a sample; NaN counts as above 0."""
     one, zero = np.float32(1.0), np.float32(0.0)
     if light[3] == zero:
-        lx, ly, lz, _ = light_at(light, zero, zero, zero)
+        lx, ly, lz, _ = aim_at_light(light, zero, zero, zero)
         for i in range(facing.shape[0]):
             cosine = nx[i] * lx + ny[i] * ly + nz[i] * lz
             facing[i] = zero if cosine <= zero else one
     else:
         for i in range(facing.shape[0]):
-            lx, ly, lz, _ = light_at(light, px[i], py[i], pz[i])
+            lx, ly, lz, _ = aim_at_light(light, px[i], py[i], pz[i])
             cosine = nx[i] * lx + ny[i] * ly + nz[i] * lz
             facing[i] = zero if cosine <= zero else one
 
@@ -371,10 +371,3 @@ def filter_soft(
         float_sides = np.float32(sides)
         filter_penumbrae(block, count, texels, size, float_sides, widening, cells, pattern, spiral)
     remove_light_leaks(s, count * on_faces, texels, size, sides)
-
-
-@stage
-def make_visible(block: Block, count):
-    """Write visibility 1, for a light without a map."""
-    for n in range(np.uintp(count)):
-        block.samples[SHADOW, n] = np.float32(1.0)

@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.light_stages import interval_of
-from rasterjit.pipeline.lighting.pbr import env_brdf, scattering_albedos
+from rasterjit.pipeline.lighting.light_stages import read_interval
+from rasterjit.pipeline.lighting.pbr import approximate_env_brdf, scattering_albedos
 from rasterjit.pipeline.records import ATTENUATION_COLOR, F0, F90, INVERSE_DISTANCE, IOR
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.layer_rows import FOG_RED
@@ -146,7 +146,7 @@ def find_lookup(block, i, factors, owner, scale, clip, size, viewer, levels_of_w
     bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)
     block.floats[LEVEL, i] = levels_of_width * rough * bending
     facing = normal[0] * toward[0] + normal[1] * toward[1] + normal[2] * toward[2]
-    brdf = env_brdf(clamped(np.float32(facing), zero, one), rough)
+    brdf = approximate_env_brdf(clamped(np.float32(facing), zero, one), rough)
     single, multiple = scattering_albedos(factors[owner, F0], brdf)
     transmitted = clamped(one - factors[owner, F90] * (single + multiple), zero, one)
     distance = np.float32(length) * factors[owner, INVERSE_DISTANCE]
@@ -252,7 +252,7 @@ def transmit(
                     block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
                 )
     for k in range(block.counts[rows.INTERVAL_COUNT]):
-        _, column, start, stop = interval_of(block, k)
+        _, column, start, stop = read_interval(block, k)
         row = np.int64(block.intervals[k, rows.INTERVAL_FRAME_ROW]) + corner[1]
         for n in range(start, stop):
             if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(

@@ -109,7 +109,7 @@ def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
     """Return the viewport of a frame whose samples may lie anywhere in their pixels."""
     if samples == 1:
         return viewport
-    return viewport._replace(reach=1 << (viewport.grid_bits - 1))
+    return viewport._replace(sample_radius=1 << (viewport.grid_bits - 1))
 
 
 def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
@@ -130,7 +130,7 @@ def split_tile_lists(
     if lists is None or lists.objects is None:
         raise ValueError("coverage must hold the lists of its tiles, got none")
     starts, binned = lists.starts, lists.binned
-    if viewport.reach != lists.reach:
+    if viewport.sample_radius != lists.sample_radius:
         # More triangles touch a tile if samples lie off the centres.
         starts, binned, _, _ = visibility_pass.set_up_and_bin(
             lists.faces, lists.objects, coverage.screen, viewport, workers, skipped=lists.skipped

@@ -135,7 +135,7 @@ def weights_over_w(e0, e1, e2, total, a, b, c, w):
 
 
 @helper
-def snapped_weights(a, b, c, px, py, xy, w, reach):
+def snapped_weights(a, b, c, px, py, xy, w, sample_radius):
     """Return the weights on a face that was not clipped, at a point of the sub-pixel grid."""
     ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
     bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
@@ -144,7 +144,7 @@ def snapped_weights(a, b, c, px, py, xy, w, reach):
         edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
     )  # fmt: skip
     k0, k1, k2, total = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
-    if reach != 0:
+    if sample_radius != 0:
         right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
         k0, k1, k2 = clamped_edges((e0, e1, e2), right, down)
         total = k0 + k1 + k2
@@ -231,7 +231,7 @@ def sample_weights(a, b, c, column, row, geometry):
     half = np.int64(1) << (viewport.grid_bits - 1)
     px = (np.int64(column) << viewport.grid_bits) + half
     py = (np.int64(row) << viewport.grid_bits) + half
-    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.reach)
+    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.sample_radius)
 
 
 @helper
@@ -251,7 +251,7 @@ def shifted_weights(a, b, c, column, row, shift, geometry):
         return normalized(w0, w1, w2)
     px = (np.int64(column) << bits) + half - np.int64(shift[0])
     py = (np.int64(row) << bits) + half - np.int64(shift[1])
-    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.reach)
+    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.sample_radius)
 
 
 @helper

@@ -171,17 +171,17 @@ LEFT_OF_ALL = np.uint32(1 << 30)
 
 
 @helper
-def sample_margin(grid_bits, reach):
+def sample_margin(grid_bits, sample_radius):
     """Return the least distance of a sample from the sides of its pixel, sub-pixel units."""
-    return (1 << (grid_bits - 1)) - reach
+    return (1 << (grid_bits - 1)) - sample_radius
 
 
 @helper
-def sample_rise(across, down, grid_bits, reach):
+def sample_rise(across, down, grid_bits, sample_radius):
     """Return how far an edge function at a pixel's samples may exceed that at its centre."""
-    if reach == 0:
+    if sample_radius == 0:
         return np.int64(0)
-    return (((abs(across) + abs(down)) * reach) >> grid_bits) + 1
+    return (((abs(across) + abs(down)) * sample_radius) >> grid_bits) + 1
 
 
 @helper
@@ -193,9 +193,9 @@ def pixel_of(coordinate, grid_bits):
 
 
 @helper
-def samples_between(a, b, c, grid_bits, reach):
+def samples_between(a, b, c, grid_bits, sample_radius):
     """Return the first and last pixel with a sample in the range of three coordinates, int32."""
-    half = np.int32(sample_margin(grid_bits, reach))
+    half = np.int32(sample_margin(grid_bits, sample_radius))
     first = pixel_of(np.int32(min(a, min(b, c)) + np.int32(half - 1)), grid_bits)
     last = pixel_of(np.int32(max(a, max(b, c)) - half), grid_bits)
     return np.int32(first), np.int32(last)
@@ -267,8 +267,8 @@ def classify_triangle(a, b, c, winding, viewport, culled_winding):
     """
     # The mask changes nothing, but tells the compiler that shifts stay within 32 bits.
     bits = np.uint32(viewport.grid_bits & 15)
-    first_column, last_column = samples_between(a[0], b[0], c[0], bits, viewport.reach)
-    first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.reach)
+    first_column, last_column = samples_between(a[0], b[0], c[0], bits, viewport.sample_radius)
+    first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.sample_radius)
     left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
     top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
     is_flipped = winding < 0
@@ -276,7 +276,9 @@ def classify_triangle(a, b, c, winding, viewport, culled_winding):
     third = b[0] if is_flipped else c[0], b[1] if is_flipped else c[1]
     beyond = np.int32(-np.int32(left == right)), np.int32(-np.int32(top == bottom))
     # Known only for samples at pixel centres.
-    is_missed = misses_samples(a, second, third, (left, top), beyond, bits) & (viewport.reach == 0)
+    is_missed = misses_samples(a, second, third, (left, top), beyond, bits) & (
+        viewport.sample_radius == 0
+    )
     is_tiny = (np.int32(last_column - first_column) <= np.int32(1)) & (
         np.int32(last_row - first_row) <= np.int32(1)
     )
@@ -310,16 +312,22 @@ def tile_edges(v0, v1, v2, xy, viewport):
     For each, the biased value at the first pixel of the image, and its steps right and down by a
     pixel. With several samples a pixel, the value bounds theirs from above.
     """
-    bits, reach = viewport.grid_bits, viewport.reach
+    bits, sample_radius = viewport.grid_bits, viewport.sample_radius
     ax, ay = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
     bx, by = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
     cx, cy = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
     if edge(ax, ay, bx, by, cx, cy) < 0:
         bx, by, cx, cy = cx, cy, bx, by
     zero = np.int64(0)
-    e0 = sign_at(bx, by, cx, cy, zero, zero, bits) + sample_rise(by - cy, cx - bx, bits, reach)
-    e1 = sign_at(cx, cy, ax, ay, zero, zero, bits) + sample_rise(cy - ay, ax - cx, bits, reach)
-    e2 = sign_at(ax, ay, bx, by, zero, zero, bits) + sample_rise(ay - by, bx - ax, bits, reach)
+    e0 = sign_at(bx, by, cx, cy, zero, zero, bits) + sample_rise(
+        by - cy, cx - bx, bits, sample_radius
+    )
+    e1 = sign_at(cx, cy, ax, ay, zero, zero, bits) + sample_rise(
+        cy - ay, ax - cx, bits, sample_radius
+    )
+    e2 = sign_at(ax, ay, bx, by, zero, zero, bits) + sample_rise(
+        ay - by, bx - ax, bits, sample_radius
+    )
     return (e0, by - cy, cx - bx), (e1, cy - ay, ax - cx), (e2, ay - by, bx - ax)
 
 

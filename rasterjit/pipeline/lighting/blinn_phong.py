@@ -27,7 +27,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper
 MIN_LENGTH_SQUARED = np.float32(1e-29)
 """Least squared distance, scene units squared: keeps the brightest light finite at its position."""
 
-MAX_IRRADIANCE, MIN_LIMITED = np.float32(1e38), np.float32(1e9)
+MAX_IRRADIANCE, MIN_LIMITED_INTENSITY = np.float32(1e38), np.float32(1e9)
 """Largest irradiance; intensities of up to the second number cannot exceed it."""
 
 IS_POSITIONAL = 3
@@ -47,7 +47,7 @@ LIGHT_COLUMNS = 13
 
 
 @disjoint_helper
-def start_colors(red, green, blue, lit, ambient, occlusion, out_red, out_green, out_blue):
+def write_ambient(red, green, blue, lit, ambient, occlusion, out_red, out_green, out_blue):
     """Write the colour of unlit samples, and ambient light on the others."""
     for i in range(out_red.shape[0]):
         unlit, ambient_weight = np.float32(1.0) - lit[i], lit[i] * occlusion[i]
@@ -68,7 +68,7 @@ def normalize_rows(x, y, z):
 
 
 @helper
-def unit_scale(x, y, z):
+def invert_length(x, y, z):
     """Return one over a vector's length; 0 where its square overflows."""
     return np.float32(1.0) / np.sqrt(max(MIN_LENGTH_SQUARED, x * x + y * y + z * z))
 
@@ -95,16 +95,18 @@ def cone_attenuation(dx, dy, dz, scale, offset):
 
 
 @helper
-def light_at(light, px, py, pz):
+def aim_at_light(light, px, py, pz):
     """
     Return the unit direction from a point toward a light, and its attenuation there.
 
     A light without range and cone is multiplied by exactly 1 for them.
     """
     lx, ly, lz = light[0] - light[3] * px, light[1] - light[3] * py, light[2] - light[3] * pz
-    scale = unit_scale(lx, ly, lz)
+    scale = invert_length(lx, ly, lz)
     falloff = light[3] * scale * scale + (np.float32(1.0) - light[3])
-    falloff = min(falloff, MAX_IRRADIANCE / max(MIN_LIMITED, light[4], light[5], light[6]))
+    falloff = min(
+        falloff, MAX_IRRADIANCE / max(MIN_LIMITED_INTENSITY, light[4], light[5], light[6])
+    )
     falloff *= range_attenuation(lx * lx + ly * ly + lz * lz, light[INVERSE_RANGE_SQUARED])
     lx, ly, lz = lx * scale, ly * scale, lz * scale
     dx, dy, dz = lx + light[DIRECTION_X], ly + light[DIRECTION_Y], lz + light[DIRECTION_Z]
@@ -135,41 +137,41 @@ def find_view_directions(toward_viewer, px, py, pz, vx, vy, vz, in_range):
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
-        scale = unit_scale(x, y, z)
+        scale = invert_length(x, y, z)
         vx[i], vy[i], vz[i] = x * scale, y * scale, z * scale
         in_range[i] = one if scale > zero else zero
 
 
 @disjoint_helper
 def find_light_directions(light, px, py, pz, lx, ly, lz, falloff):
-    """Write the unit directions toward a light, and its attenuation, by `light_at`."""
+    """Write the unit directions toward a light, and its attenuation, by `aim_at_light`."""
     zero = np.float32(0.0)
     if light[3] == zero:
         # A directional light is the same at every finite point.
-        x, y, z, attenuation = light_at(light, zero, zero, zero)
+        x, y, z, attenuation = aim_at_light(light, zero, zero, zero)
         for i in range(px.shape[0]):
             lx[i], ly[i], lz[i] = x, y, z
             falloff[i] = attenuation if zero * px[i] + zero * py[i] + zero * pz[i] == zero else zero
     else:
         for i in range(px.shape[0]):
-            lx[i], ly[i], lz[i], falloff[i] = light_at(light, px[i], py[i], pz[i])
+            lx[i], ly[i], lz[i], falloff[i] = aim_at_light(light, px[i], py[i], pz[i])
 
 
 @disjoint_helper
 def find_cosines(nx, ny, nz, specular, vx, vy, vz, in_range, lx, ly, lz):
-    """Overwrite a light's direction by n·l, n·h and the strength of its highlight."""
+    """Overwrite directions to a light by n·l, n·h and the strength of the highlight."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(nx.shape[0]):
         n_l = max(zero, nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
         # Find the half vector between light and viewer.
         hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
-        n_h = max(zero, (nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz))
+        n_h = max(zero, (nx[i] * hx + ny[i] * hy + nz[i] * hz) * invert_length(hx, hy, hz))
         lx[i], ly[i] = n_l, min(n_h, one)
         lz[i] = specular[i] if (n_l > zero) & (in_range[i] > zero) else zero
 
 
 @disjoint_helper
-def find_highlight(shininess, n_h, highlight):
+def scale_highlights(shininess, n_h, highlight):
     """Scale the strength of highlights by n·h raised to the shininess."""
     for i in range(highlight.shape[0]):
         highlight[i] *= power(n_h[i], shininess[i])
@@ -188,6 +190,6 @@ def add_blinn_phong_light(
 
 
 @helper
-def scale_normals(samples, count):
+def normalize_normals(samples, count):
     """Scale the normals to length one."""
     normalize_rows(*three_parts(samples, rows.NORMAL_X, 0, count))

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import invert_length
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC_F0, schlick_weight
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
@@ -34,7 +34,7 @@ def blend_clearcoat(toward_viewer, nx, ny, nz, px, py, pz, coat, coat_color, bel
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
-        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
+        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * invert_length(vx, vy, vz)
         reflectance = DIELECTRIC_F0 + (one - DIELECTRIC_F0) * schlick_weight(max(zero, abs(n_v)))
         weight = max(zero, min(coat[i], one)) * reflectance
         blended = below[i] * (one - weight) + weight * coat_color[i]
@@ -42,16 +42,18 @@ def blend_clearcoat(toward_viewer, nx, ny, nz, px, py, pz, coat, coat_color, bel
 
 
 @stage
-def blend_clearcoats(block: Block, count, toward_viewer: float32[::1], shown: int64, below: int64):
+def blend_clearcoats(
+    block: Block, count, toward_viewer: float32[::1], coat_red: int64, below_red: int64
+):
     """
-    Blend the clearcoat over three rows of samples, from ``below`` on.
+    Blend the clearcoat over three rows of samples, from ``below_red`` on.
 
-    Reads its rows, with unit normals, and its own colour from row ``shown`` on.
+    Reads the clearcoat's rows, with unit normals, and its colour from row ``coat_red`` on.
     """
     s = block.samples
     for k in range(3):
         blend_clearcoat(
             toward_viewer, *three_parts(s, rows.COAT_NORMAL_X, 0, count),
             *three_parts(s, rows.POINT_X, 0, count), part(s, rows.COAT, 0, count),
-            part(s, shown + k, 0, count), part(s, below + k, 0, count),
+            part(s, coat_red + k, 0, count), part(s, below_red + k, 0, count),
         )  # fmt: skip

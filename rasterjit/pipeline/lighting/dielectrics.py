@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, MULTIPLE
+from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, MULTIPLE_SCATTERING
 from rasterjit.pipeline.lighting.pbr import find_env_brdf, is_any_above_zero, scattering_albedos
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import four_parts
@@ -71,7 +71,7 @@ def add_dielectric_light(
             part(s, rows.METALLIC, 0, count), part(s, rows.IS_DIELECTRIC, 0, count),
             part(s, rows.F90, 0, count), *three_parts(s, rows.F0_RED, 0, count),
             part(s, rows.F0_RED + k, 0, count), part(s, rows.RED + k, 0, count),
-            part(block.lookup_weights, MULTIPLE + k, 0, count),
+            part(block.lookup_weights, MULTIPLE_SCATTERING + k, 0, count),
             part(s, rows.BEFORE_SPECULAR_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip
 

@@ -22,83 +22,85 @@ SWAP_NORMALS = fixed(swap_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL_ROWS)
 """Swaps the normals of the base layer and the clearcoat."""
 
 
-def copy(source: int, target: int, number: int = COLOR_ROWS) -> Pass:
-    """Return the pass that copies rows."""
-    return fixed(copy_rows, source, target, number)
+def copy_colors(source: int, target: int) -> Pass:
+    """Return the pass that copies three rows of colours."""
+    return fixed(copy_rows, source, target, COLOR_ROWS)
 
 
 def fill_black(target: int) -> Pass:
     """Return the pass that writes black to three rows."""
 
-    def black(a: ShadingArrays) -> tuple[Any, ...]:
+    def list_arguments(a: ShadingArrays) -> tuple[Any, ...]:
         return np.zeros((len(a.surface.layers.probe_rows), COLOR_ROWS), np.float32), target
 
-    return Pass(fill_rows, black)
+    return Pass(fill_rows, list_arguments)
 
 
-def swapped(base: int, lit: int, passes: list[Pass]) -> list[Pass]:
-    """Return passes that run with a layer's rows swapped in for the surface's."""
-    swap = [
-        fixed(swap_rows, rows.RED, base, BASE_ROWS),
-        fixed(swap_rows, rows.LIT, lit, LIGHTING_ROWS),
+def swap_rows_around(layer_red: int, layer_lit: int, passes: list[Pass]) -> list[Pass]:
+    """Return passes that run with a layer's rows swapped with the surface's."""
+    swaps = [
+        fixed(swap_rows, rows.RED, layer_red, BASE_ROWS),
+        fixed(swap_rows, rows.LIT, layer_lit, LIGHTING_ROWS),
     ]
-    return [*swap, *passes, *swap]
+    return [*swaps, *passes, *swaps]
 
 
-def on_clearcoat(passes: list[Pass]) -> list[Pass]:
+def light_clearcoat(passes: list[Pass]) -> list[Pass]:
     """Return passes that light the clearcoat instead of the surface."""
-    return [SWAP_NORMALS, *swapped(rows.COAT_RED, rows.COAT_LIT, passes), SWAP_NORMALS]
+    return [SWAP_NORMALS, *swap_rows_around(rows.COAT_RED, rows.COAT_LIT, passes), SWAP_NORMALS]
 
 
-def on_probe(passes: list[Pass]) -> list[Pass]:
+def light_probe(passes: list[Pass]) -> list[Pass]:
     """Return passes that light a probe: a white surface of the sample's roughness."""
     return [
         Pass(fill_rows, lambda a: (a.surface.layers.probe_rows, rows.LAYER_RED)),
-        copy(rows.ROUGHNESS, rows.LAYER_ROUGHNESS, 1),
-        *swapped(rows.LAYER_RED, rows.LAYER_LIT, passes),
+        fixed(copy_rows, rows.ROUGHNESS, rows.LAYER_ROUGHNESS, 1),
+        *swap_rows_around(rows.LAYER_RED, rows.LAYER_LIT, passes),
     ]
 
 
-def starting_passes(needs: ShadingNeeds, normalize: Pass) -> list[Pass]:
-    """Return the passes before all lights: they normalize the clearcoat's normals."""
+def list_starting_passes(needs: ShadingNeeds, normalize: Pass) -> list[Pass]:
+    """Return the passes before all lights, which normalize the clearcoat's normals."""
     return [SWAP_NORMALS, normalize, SWAP_NORMALS] if needs.coats else []
 
 
-def light_passes(needs: ShadingNeeds, n: int, blinn_phong: Pass, microfacets: Pass) -> list[Pass]:
+def list_light_passes(
+    needs: ShadingNeeds, light: int, blinn_phong: Pass, microfacets: Pass
+) -> list[Pass]:
     """
     Return the passes that add one light.
 
     Parameters
     ----------
     needs : ShadingNeeds
-    n : int
+    light : int
         Index of the light.
-    blinn_phong : Pass
-        That of Blinn-Phong materials.
-    microfacets : Pass
-        That of microfacets.
+    blinn_phong, microfacets : Pass
+        The passes that add the light to Blinn-Phong and to microfacet materials.
     """
 
-    def lit_by(a: ShadingArrays) -> tuple[Any, ...]:
-        return a.lighting.lights, n, a.surface.microfacets.lobes
+    def list_light_arguments(a: ShadingArrays) -> tuple[Any, ...]:
+        return a.lighting.lights, light, a.surface.microfacets.lobes
 
     passes = [blinn_phong]
     if needs.sheens:
-        passes.append(copy(rows.OUT_RED, rows.BEFORE_SHEEN_RED))
+        passes.append(copy_colors(rows.OUT_RED, rows.BEFORE_SHEEN_RED))
     if needs.dielectrics:
-        passes.append(copy(rows.OUT_RED, rows.BEFORE_SPECULAR_RED))
+        passes.append(copy_colors(rows.OUT_RED, rows.BEFORE_SPECULAR_RED))
     passes.append(microfacets)
     if needs.dielectrics:
-        passes.append(Pass(dielectrics.add_dielectric_light, lit_by))
+        passes.append(Pass(dielectrics.add_dielectric_light, list_light_arguments))
     if needs.sheens:
-        sheens = Pass(sheen.light_sheen, lambda a: (*lit_by(a), a.surface.layers.albedo))
+        sheens = Pass(
+            sheen.add_sheen_light, lambda a: (*list_light_arguments(a), a.surface.layers.albedo)
+        )
         passes.append(sheens)
     if needs.coats:
-        passes += on_clearcoat([microfacets])
+        passes += light_clearcoat([microfacets])
     return passes
 
 
-def ambient_passes(
+def list_ambient_passes(
     needs: ShadingNeeds, microfacets: Pass, diffuse: Pass, is_first: bool = False
 ) -> list[Pass]:
     """
@@ -108,7 +110,7 @@ def ambient_passes(
     ----------
     needs : ShadingNeeds
     microfacets, diffuse : Pass
-        Those that add it to microfacets, and to samples by their row LIT.
+        The passes that add ambient light to microfacets, and to samples by their row LIT.
     is_first : bool
         Whether no light was added before: colours are written, not added to.
     """
@@ -118,33 +120,33 @@ def ambient_passes(
         (needs.dielectrics, rows.BEFORE_SPECULAR_RED),
     ):
         if is_needed:
-            passes.append(fill_black(target) if is_first else copy(rows.OUT_RED, target))
+            passes.append(fill_black(target) if is_first else copy_colors(rows.OUT_RED, target))
     passes.append(microfacets)
     if needs.dielectrics:
-        passes += on_probe([microfacets])
-        passes.append(copy(rows.LAYER_OUT, rows.MIRROR_PROBE_RED))
+        passes += light_probe([microfacets])
+        passes.append(copy_colors(rows.LAYER_OUT, rows.MIRROR_PROBE_RED))
     if needs.dielectrics or (needs.sheens and is_first):
-        passes += on_probe([diffuse])
+        passes += light_probe([diffuse])
     if needs.dielectrics:
         passes.append(Pass(dielectrics.add_dielectric_ambient, lambda a: (a.viewer,)))
     if needs.sheens and not is_first:
         # Constant ambient light does not depend on the normal.
         bend = fixed(swap_rows, rows.NORMAL_X, rows.BENT_NORMAL_X, NORMAL_ROWS)
         passes += [Pass(sheen.bend_normals, lambda a: (a.viewer,)), bend]
-        passes += [*on_probe([diffuse]), bend]
+        passes += [*light_probe([diffuse]), bend]
     if needs.sheens:
-        passes.append(sheen_ambient())
+        passes.append(add_ambient_sheen())
     if needs.coats:
-        passes += on_clearcoat([microfacets])
+        passes += light_clearcoat([microfacets])
     return passes
 
 
-def sheen_ambient() -> Pass:
+def add_ambient_sheen() -> Pass:
     """Return the pass that adds ambient light to the sheen."""
     return Pass(sheen.add_ambient_sheen, lambda a: (a.viewer, a.surface.layers.albedo))
 
 
-def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
+def list_finishing_passes(needs: ShadingNeeds) -> list[Pass]:
     """
     Return the passes after all lights and emission.
 
@@ -155,14 +157,14 @@ def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
         passes.append(fill_black(rows.BEFORE_SHEEN_RED))
         if needs.sheens:
             swap = fixed(swap_rows, rows.OUT_RED, rows.TINT_RED, COLOR_ROWS)
-            passes += [fill_black(rows.LAYER_OUT), swap, sheen_ambient(), swap]
+            passes += [fill_black(rows.LAYER_OUT), swap, add_ambient_sheen(), swap]
     if needs.coats:
-        passes.append(clearcoat_over(rows.COAT_OUT, rows.OUT_RED))
+        passes.append(blend_clearcoat_over(rows.COAT_OUT, rows.OUT_RED))
         if needs.transmission:
-            passes.append(clearcoat_over(rows.BEFORE_SHEEN_RED, rows.TINT_RED))
+            passes.append(blend_clearcoat_over(rows.BEFORE_SHEEN_RED, rows.TINT_RED))
     return passes
 
 
-def clearcoat_over(coat: int, below: int) -> Pass:
+def blend_clearcoat_over(coat: int, below: int) -> Pass:
     """Return the pass that blends the clearcoat over three rows of colours."""
     return Pass(clearcoat.blend_clearcoats, lambda a: (a.viewer, coat, below))

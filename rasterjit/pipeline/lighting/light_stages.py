@@ -1,4 +1,4 @@
-"""Run lighting on a block of samples, and write the resulting colours."""
+"""Define the stages that light a block of samples, and write the resulting colours."""
 
 from __future__ import annotations
 
@@ -16,25 +16,33 @@ from rasterjit.runtime.state_block import float32, int32, int64, uint32
 ENV_BRDF, AMBIENT = 0, 2
 """Rows of ``floats``, two and three: what `find_env_brdf` and `find_ambient` write."""
 VIEW_DIR, LIGHT_DIR = 0, 4
-"""Rows of ``floats``, four each: directions toward viewer and light, each with a number."""
-MULTIPLE = 0
+"""Rows of ``floats``, four each: direction to the viewer, and whether float32 holds its length;
+direction to the light, and its attenuation."""
+MULTIPLE_SCATTERING = 0
 """Rows of ``lookup_weights``, three: what `find_multiple_scattering` writes."""
 
 
 @stage
 def normalize_normals(block: Block, count):
     """Scale the normals to length one."""
-    blinn_phong.scale_normals(block.samples, count)
+    blinn_phong.normalize_normals(block.samples, count)
 
 
 @stage
-def show_ambient(block: Block, count, ambient: float32[::1]):
+def start_with_ambient(block: Block, count, ambient: float32[::1]):
     """Write the colour of unlit samples, and ambient light on the others."""
     s = block.samples
-    blinn_phong.start_colors(
+    blinn_phong.write_ambient(
         *three_parts(s, rows.RED, 0, count), part(s, rows.LIT, 0, count), ambient,
         part(s, rows.OCCLUSION, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip
+
+
+@stage
+def reset_visibility(block: Block, count):
+    """Set the visibility of the next light to 1."""
+    for n in range(np.uintp(count)):
+        block.samples[rows.SHADOW, n] = np.float32(1.0)
 
 
 @stage
@@ -65,7 +73,7 @@ def add_blinn_phong_lights(
         blinn_phong.find_cosines(
             *normals, part(s, rows.SPECULAR, 0, count), *viewer, n_l, n_h, highlight
         )
-        blinn_phong.find_highlight(part(s, rows.SHININESS, 0, count), n_h, highlight)
+        blinn_phong.scale_highlights(part(s, rows.SHININESS, 0, count), n_h, highlight)
         blinn_phong.add_blinn_phong_light(
             lights[n], n_l, highlight, falloff, part(s, rows.LIT, 0, count),
             part(s, rows.SHADOW, 0, count), *three_parts(s, rows.RED, 0, count),
@@ -92,7 +100,9 @@ def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int6
 
 
 @stage
-def set_microfacet_ambient(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
+def write_microfacet_ambient(
+    block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]
+):
     """Write the ambient light that metallic-roughness samples reflect."""
     s, floats = block.samples, block.floats
     microfacet = part(s, rows.MICROFACET, 0, count)
@@ -131,7 +141,7 @@ def add_microfacet_lights(
         four_parts(block.floats, VIEW_DIR, 0, count), four_parts(block.floats, LIGHT_DIR, 0, count)
     )  # fmt: skip
     blinn_phong.find_view_directions(toward_viewer, *points, *viewer)
-    multiple = three_parts(block.lookup_weights, MULTIPLE, 0, count)
+    multiple = three_parts(block.lookup_weights, MULTIPLE_SCATTERING, 0, count)
     if pbr.is_any_above_zero(part(s, rows.METALLIC, 0, count)):
         pbr.find_multiple_scattering(
             viewer[0], viewer[1], viewer[2], *normals, part(s, rows.ROUGHNESS, 0, count),
@@ -153,7 +163,7 @@ def add_microfacet_lights(
 
 
 @helper
-def interval_of(block, k):
+def read_interval(block, k):
     """Return row, first column, first sample and one past the last of an interval."""
     interval = block.intervals[k]
     return (
@@ -167,7 +177,7 @@ def write_opaque_codes(block: Block, count, first: int64, table: int32[::1], col
     """Write three rows of samples, from ``first`` on, as opaque sRGB codes."""
     s = block.samples
     for k in range(block.counts[rows.INTERVAL_COUNT]):
-        row, column, start, stop = interval_of(block, k)
+        row, column, start, stop = read_interval(block, k)
         encode_span(
             *three_parts(s, first, start, stop), table, color[row, column : column + stop - start]
         )
@@ -180,7 +190,7 @@ def write_blended_codes(
     """Write three rows of samples, from ``first`` on, as sRGB codes with alpha."""
     s = block.samples
     for k in range(block.counts[rows.INTERVAL_COUNT]):
-        row, column, start, stop = interval_of(block, k)
+        row, column, start, stop = read_interval(block, k)
         encode_channels(
             *three_parts(s, first, start, stop), part(s, rows.ALPHA, start, stop), table,
             color[row, column : column + stop - start],
@@ -189,10 +199,10 @@ def write_blended_codes(
 
 @stage
 def write_linear(block: Block, count, first: int64, has_alpha: int64, linear: float32[:, :, ::1]):
-    """Write three rows of samples, from ``first`` on, in linear light, and alpha, 1 without."""
+    """Write three rows of samples, from ``first`` on, as linear RGBA."""
     s = block.samples
     for k in range(block.counts[rows.INTERVAL_COUNT]):
-        row, column, start, stop = interval_of(block, k)
+        row, column, start, stop = read_interval(block, k)
         out = linear[row, column : column + stop - start]
         for i in range(out.shape[0]):
             out[i, 0], out[i, 1] = s[first, start + i], s[first + 1, start + i]

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import invert_length
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 DIELECTRIC_F0 = np.float32(0.04)
@@ -87,13 +87,13 @@ def specular_f0(base, metallic):
 
 
 @helper
-def cubic(x, a, b, c, d):
+def evaluate_cubic(x, a, b, c, d):
     """Return a + b x + c x**2 + d x**3, float32."""
     return np.float32(a) + x * (np.float32(b) + x * (np.float32(c) + x * np.float32(d)))
 
 
 @helper
-def env_brdf(n_v, roughness):
+def approximate_env_brdf(n_v, roughness):
     """
     Return the scale and the offset of F0 in the directional albedo (split-sum BRDF).
 
@@ -102,19 +102,19 @@ def env_brdf(n_v, roughness):
     and 0.069 (the offset), where the viewer's cosine is below 0.1.
     """
     c, r, zero, one = n_v, roughness, np.float32(0.0), np.float32(1.0)
-    total = cubic(
+    total = evaluate_cubic(
         c,
-        cubic(r, 1.03258, -1.20292, 2.74047, -1.69267),
-        cubic(r, -0.0462228, 4.95571, -15.7929, 9.5428),
-        cubic(r, -0.13758, -4.45289, 18.0092, -12.2217),
-        cubic(r, 0.126206, 1.18405, -6.3583, 4.58152),
+        evaluate_cubic(r, 1.03258, -1.20292, 2.74047, -1.69267),
+        evaluate_cubic(r, -0.0462228, 4.95571, -15.7929, 9.5428),
+        evaluate_cubic(r, -0.13758, -4.45289, 18.0092, -12.2217),
+        evaluate_cubic(r, 0.126206, 1.18405, -6.3583, 4.58152),
     )
-    offset = cubic(
+    offset = evaluate_cubic(
         c,
-        cubic(r, 1.01424, -2.06212, 0.775402, 0.347573),
-        cubic(r, -4.28602, 11.3499, -9.19793, 1.87035),
-        cubic(r, 5.91556, -18.5306, 19.3117, -6.39416),
-        cubic(r, -2.66093, 9.34343, -11.0615, 4.26546),
+        evaluate_cubic(r, 1.01424, -2.06212, 0.775402, 0.347573),
+        evaluate_cubic(r, -4.28602, 11.3499, -9.19793, 1.87035),
+        evaluate_cubic(r, 5.91556, -18.5306, 19.3117, -6.39416),
+        evaluate_cubic(r, -2.66093, 9.34343, -11.0615, 4.26546),
     )
     total = max(min(total, one), zero)
     offset = max(min(offset, total), zero)
@@ -148,8 +148,8 @@ def find_env_brdf(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offse
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
-        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        scale[i], offset[i] = env_brdf(max(zero, n_v), roughness[i])
+        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * invert_length(vx, vy, vz)
+        scale[i], offset[i] = approximate_env_brdf(max(zero, n_v), roughness[i])
 
 
 @disjoint_helper
@@ -174,7 +174,7 @@ def find_ambient(
 
 @disjoint_helper
 def write_microfacets(color, microfacet, out):
-    """Write a channel of metallic-roughness samples; others stay."""
+    """Write a channel of metallic-roughness samples; leave others."""
     for i in range(out.shape[0]):
         out[i] = color[i] if microfacet[i] > np.float32(0.0) else out[i]
 
@@ -187,7 +187,7 @@ def find_multiple_scattering(
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(nx.shape[0]):
         n_v = nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i]
-        brdf, metal = env_brdf(max(zero, n_v), roughness[i]), metallic[i]
+        brdf, metal = approximate_env_brdf(max(zero, n_v), roughness[i]), metallic[i]
         out_red[i] = metal * scattering_albedos(min(red[i], one), brdf)[1]
         out_green[i] = metal * scattering_albedos(min(green[i], one), brdf)[1]
         out_blue[i] = metal * scattering_albedos(min(blue[i], one), brdf)[1]
@@ -205,15 +205,15 @@ def find_specular_terms(
     lobes, nx, ny, nz, roughness, vx, vy, vz, in_range, lx, ly, lz
 ):  # fmt: skip
     """
-    Overwrite a light's direction by the terms of its specular reflection.
+    Overwrite directions to a light by the terms of its specular reflection.
 
-    In turn: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
+    In order: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
     """
     zero = np.float32(0.0)
     for i in range(nx.shape[0]):
         # Find the half vector between light and viewer, and the cosines.
         hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
-        scale = unit_scale(hx, hy, hz)
+        scale = invert_length(hx, hy, hz)
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         x, y, z = nx[i], ny[i], nz[i]
         n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if in_range[i] > zero else zero

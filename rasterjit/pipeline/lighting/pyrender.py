@@ -32,12 +32,12 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import transform_point
 from rasterjit.pipeline.lighting import blinn_phong
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import invert_length
 from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import find_object_end
-from rasterjit.pipeline.surface.gather_samples import four_parts
+from rasterjit.pipeline.surface.gather_samples import four_parts, get_patch_samples
 from rasterjit.pipeline.surface.sample_block import OWNER, SEGMENT_COUNT, START, STOP, Block
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.float_math import clamped, power
@@ -53,14 +53,16 @@ MIN_ROUGHNESS = np.float32(0.04)
 DIELECTRIC_F0 = np.float32(0.04)
 DENOMINATOR_BIAS = np.float32(0.001)
 """Constant added to the denominator of the specular term."""
-MAX_OUTSIDE = np.float32(64.0)
-"""Largest distance outside a shadow map, in its sizes; positions are clamped to it."""
-OVER_PI = np.float32(1.0 / math.pi)
+MAX_MAP_SIZES_OUTSIDE = np.float32(64.0)
+"""Largest distance outside a shadow map, in map sizes; positions are clamped to it."""
+INVERSE_PI = np.float32(1.0 / math.pi)
 
 
 @stage
-def turn_to_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: float32[::1]):
-    """Turn the normals of some objects toward the viewer."""
+def point_normals_at_viewer(
+    block: Block, count, faces_viewer: uint8[::1], toward_viewer: float32[::1]
+):
+    """Replace the normals of some objects by the directions to the viewer."""
     s = block.samples
     for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]
@@ -74,15 +76,15 @@ def turn_to_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer:
 
 
 @helper
-def midpoint(a, b):
-    """Return the midpoint of two points, and their squared distance."""
+def measure_edge(a, b):
+    """Return the midpoint of an edge, and its squared length."""
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     middle = a[0] + 0.5 * x, a[1] + 0.5 * y, a[2] + 0.5 * z
     return middle, x * x + y * y + z * z
 
 
 @stage
-def center_on_squares(
+def move_to_square_centers(
     block: Block, count, are_squares: uint8[::1], faces: int32[:, ::1], placement: Placement
 ):
     """Move samples of a square's triangles to its centre, the midpoint of the longest edge."""
@@ -98,17 +100,15 @@ def center_on_squares(
             pa = transform_point(p[a, 0], p[a, 1], p[a, 2], owner, m)
             pb = transform_point(p[b, 0], p[b, 1], p[b, 2], owner, m)
             pc = transform_point(p[c, 0], p[c, 1], p[c, 2], owner, m)
-            longest_center, longest_squared = midpoint(pa, pb)
-            center, squared = midpoint(pb, pc)
+            longest_center, longest_squared = measure_edge(pa, pb)
+            center, squared = measure_edge(pb, pc)
             if squared > longest_squared:
                 longest_center, longest_squared = center, squared
-            center, squared = midpoint(pc, pa)
+            center, squared = measure_edge(pc, pa)
             if squared > longest_squared:
                 longest_center, longest_squared = center, squared
-            for n in range(
-                np.uintp(ints[rows.FIRST_SAMPLE, r]),
-                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-            ):
+            start, end = get_patch_samples(ints, r)
+            for n in range(start, end):
                 s[rows.POINT_X, n] = np.float32(longest_center[0])
                 s[rows.POINT_Y, n] = np.float32(longest_center[1])
                 s[rows.POINT_Z, n] = np.float32(longest_center[2])
@@ -131,7 +131,7 @@ def decode_textures(block: Block, count):
 
 
 @stage
-def show_ambient_on_base(block: Block, count, ambient: float32[::1]):
+def write_ambient_on_base(block: Block, count, ambient: float32[::1]):
     """Write the base colour times ambient light."""
     s = block.samples
     for k in range(3):
@@ -140,7 +140,7 @@ def show_ambient_on_base(block: Block, count, ambient: float32[::1]):
 
 
 @helper
-def specular_term(n_l, n_v, n_h, roughness):
+def compute_specular_term(n_l, n_v, n_h, roughness):
     """Return the specular term for F = 1."""
     one = np.float32(1.0)
     k = (roughness + one) * (roughness + one) * np.float32(0.125)
@@ -148,21 +148,21 @@ def specular_term(n_l, n_v, n_h, roughness):
     alpha = roughness * roughness
     squared = alpha * alpha
     denominator = n_h * n_h * (squared - one) + one
-    density = squared * OVER_PI / (denominator * denominator)
+    density = squared * INVERSE_PI / (denominator * denominator)
     return visibility * density / (np.float32(4.0) * n_l * n_v + DENOMINATOR_BIAS)
 
 
 @disjoint_helper
 def find_reflection_terms(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
     """
-    Overwrite a light's direction by the terms of its reflection.
+    Overwrite directions to a light by the terms of its reflection.
 
-    In turn: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
+    In order: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
     """
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(nx.shape[0]):
         hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
-        scale = unit_scale(hx, hy, hz)
+        scale = invert_length(hx, hy, hz)
         x, y, z = nx[i], ny[i], nz[i]
         n_l = clamped(x * lx[i] + y * ly[i] + z * lz[i], MIN_COSINE, one)
         n_v = clamped(abs(x * vx[i] + y * vy[i] + z * vz[i]), MIN_COSINE, one)
@@ -171,18 +171,18 @@ def find_reflection_terms(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
         rest = one - v_h
         squared = rest * rest
         lx[i] = n_l
-        ly[i] = specular_term(n_l, n_v, n_h, clamped(roughness[i], MIN_ROUGHNESS, one))
+        ly[i] = compute_specular_term(n_l, n_v, n_h, clamped(roughness[i], MIN_ROUGHNESS, one))
         lz[i] = squared * squared * rest
 
 
 @helper
-def brdf_channel(base, metallic, specular, schlick):
+def evaluate_brdf_channel(base, metallic, specular, schlick):
     """Return a channel of the BRDF, without n·l."""
     one = np.float32(1.0)
     f0 = DIELECTRIC_F0 + metallic * (base - DIELECTRIC_F0)
     fresnel = f0 + (one - f0) * schlick
     diffuse = base * (one - DIELECTRIC_F0) * (one - metallic)
-    return (one - fresnel) * diffuse * OVER_PI + fresnel * specular
+    return (one - fresnel) * diffuse * INVERSE_PI + fresnel * specular
 
 
 @disjoint_helper
@@ -194,9 +194,15 @@ def add_light(
     for i in range(out_red.shape[0]):
         metal = clamped(metallic[i], np.float32(0.0), np.float32(1.0))
         weight = falloff[i] * n_l[i] * visibility[i]
-        out_red[i] += weight * light[4] * brdf_channel(red[i], metal, specular[i], schlick[i])
-        out_green[i] += weight * light[5] * brdf_channel(green[i], metal, specular[i], schlick[i])
-        out_blue[i] += weight * light[6] * brdf_channel(blue[i], metal, specular[i], schlick[i])
+        out_red[i] += (
+            weight * light[4] * evaluate_brdf_channel(red[i], metal, specular[i], schlick[i])
+        )
+        out_green[i] += (
+            weight * light[5] * evaluate_brdf_channel(green[i], metal, specular[i], schlick[i])
+        )
+        out_blue[i] += (
+            weight * light[6] * evaluate_brdf_channel(blue[i], metal, specular[i], schlick[i])
+        )
 
 
 @stage
@@ -234,26 +240,26 @@ def add_lights_as_pyrender(
 
 
 @helper
-def pcf_shadow(depths, u, v, depth):
+def filter_shadow(depths, u, v, depth):
     """
-    Return the shadowed share of 3 x 3 PCF taps around a position.
+    Return the shadowed share of 3 x 3 bilinear PCF taps around a position.
 
-    Each tap is bilinear. The map repeats.
+    The map repeats.
     """
     one, size = np.float32(1.0), np.int64(depths.shape[0])
     first_u, first_v = np.floor(u), np.floor(v)
     fraction_u, fraction_v = u - first_u, v - first_v
-    column, line = np.int64(np.int32(first_u)) - 1, np.int64(np.int32(first_v)) - 1
+    first_column, first_row = np.int64(np.int32(first_u)) - 1, np.int64(np.int32(first_v)) - 1
     total = np.float32(0.0)
     for j in range(4):
-        texel_row = np.uintp((line + j) & (size - 1))
+        texel_row = np.uintp((first_row + j) & (size - 1))
         weight_v = one if 0 < j < 3 else (fraction_v if j == 3 else one - fraction_v)
-        behind = np.float32(0.0)
+        row_total = np.float32(0.0)
         for i in range(4):
             weight_u = one if 0 < i < 3 else (fraction_u if i == 3 else one - fraction_u)
-            is_behind = depth > depths[texel_row, np.uintp((column + i) & (size - 1))]
-            behind += weight_u if is_behind else np.float32(0.0)
-        total += weight_v * behind
+            is_behind = depth > depths[texel_row, np.uintp((first_column + i) & (size - 1))]
+            row_total += weight_u if is_behind else np.float32(0.0)
+        total += weight_v * row_total
     return total * np.float32(1.0 / 9.0)
 
 
@@ -270,9 +276,9 @@ def read_shadow_map(
     light : (13,) float32
         As ``Lighting.lights`` has it.
     view : (20,) float32
-        ``survey.light_culling.view_of_light``.
+        From ``survey.light_culling.view_of_light``.
     depths : (S, S) float32
-        As ``DepthMap`` has them.
+        As in ``DepthMap``.
     """
     s, zero, one, half = block.samples, np.float32(0.0), np.float32(1.0), np.float32(0.5)
     size = np.float32(depths.shape[0])
@@ -285,23 +291,22 @@ def read_shadow_map(
         window_z = (view[8] * x + view[9] * y + view[10] * z + view[11]) * inverse
         lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
         n_l = s[rows.NORMAL_X, n] * lx + s[rows.NORMAL_Y, n] * ly + s[rows.NORMAL_Z, n] * lz
-        n_l = clamped(n_l * unit_scale(lx, ly, lz), zero, one)
+        n_l = clamped(n_l * invert_length(lx, ly, lz), zero, one)
         # The bias; the map has window coordinates there.
         bias = max(np.float32(0.001) * (one - n_l), np.float32(0.0001)) * inverse
         biased = window_z - (bias + bias)
         depth = (view[16] - view[17] * biased) / (view[18] - view[19] * biased)
         # Far outside, the position does not matter.
-        u = clamped(ndc_x * half + half, -MAX_OUTSIDE, MAX_OUTSIDE) * size + half
-        v = clamped(ndc_y * half + half, -MAX_OUTSIDE, MAX_OUTSIDE) * size + half
-        shadow = pcf_shadow(depths, u, v, depth)
+        u = (
+            clamped(ndc_x * half + half, -MAX_MAP_SIZES_OUTSIDE, MAX_MAP_SIZES_OUTSIDE) * size
+            + half
+        )
+        v = (
+            clamped(ndc_y * half + half, -MAX_MAP_SIZES_OUTSIDE, MAX_MAP_SIZES_OUTSIDE) * size
+            + half
+        )
+        shadow = filter_shadow(depths, u, v, depth)
         s[rows.SHADOW, n] = one - (shadow if window_z <= one else zero)
-
-
-@stage
-def make_visible(block: Block, count):
-    """Set the visibility of the next light to 1."""
-    for n in range(count):
-        block.samples[rows.SHADOW, n] = np.float32(1.0)
 
 
 @stage
@@ -314,8 +319,8 @@ def multiply_by_occlusion(block: Block, count):
 
 
 @stage
-def amplify(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
-    """Multiply three rows by factors of each object, which stand from column ``first`` on."""
+def multiply_by_gains(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
+    """Multiply three rows, from ``row`` on, by each object's factors, from column ``first`` on."""
     s = block.samples
     for k in range(block.counts[SEGMENT_COUNT]):
         segment = block.segments[k]

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import invert_length
 from rasterjit.pipeline.lighting.light_stages import LIGHT_DIR, VIEW_DIR
 from rasterjit.pipeline.lighting.pbr import MIN_COSINE, is_any_above_zero
 from rasterjit.pipeline.surface import sample_block as rows
@@ -36,7 +36,7 @@ from rasterjit.runtime.state_block import float32, int64
 MIN_ROUGHNESS = np.float32(0.07)
 """Least roughness; lower ones are clamped to it."""
 
-BEND = np.float32(0.6)
+BEND_WEIGHT = np.float32(0.6)
 """Share of the viewer's tangential direction in the bent normal."""
 
 LOG2_E = np.float32(1.442695)
@@ -63,8 +63,8 @@ ALBEDO_THOUSANDTHS = (
     (864, 933, 922, 854, 777, 702, 631, 566, 504, 445, 389, 336, 289, 245, 204, 164),
 )
 """
-E in thousandths: a row for each roughness from 0 to 1 in equal steps, `MIN_ROUGHNESS` in place of
-less; a column for each cosine, whose roots go from 0 to 1 in equal steps, 0.001 in place of 0.
+E in thousandths: a row for each roughness from 0 to 1 in equal steps, at least `MIN_ROUGHNESS`; a
+column for each cosine, whose roots go from 0 to 1 in equal steps, 0.001 in place of 0.
 """
 
 ALBEDO = np.array(ALBEDO_THOUSANDTHS, np.float32) / np.float32(1000.0)
@@ -106,8 +106,8 @@ def find_sheen_terms(lobes, nx, ny, nz, roughness, vx, vy, vz, n_ls, specular, s
     Overwrite the specular terms of a light by the BRDF of white sheen, and n·v.
 
     Takes what `pbr.find_specular_terms` writes: the fifth root of the last is ``1 - v h``. The half
-    vector is the sum of two unit vectors over ``2 v h``, so ``n h`` is that of the cosines. Writes
-    the cosine between normal and viewer in its place.
+    vector is the sum of two unit vectors over ``2 v h``, so ``n h`` is ``(n l + n v) / (2 v h)``.
+    Writes the BRDF over the specular term, n·v over Schlick's weight.
     """
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for i in range(nx.shape[0]):
@@ -149,15 +149,15 @@ def blend_sheen(
 
 
 @stage
-def light_sheen(
+def add_sheen_light(
     block: Block, count, lights: float32[:, ::1], light: int64, lobes: float32[::1],
     table: float32[:, ::1],
 ):  # fmt: skip
     """
     Add the sheen of one light, and scale the base layer's part of it.
 
-    Behind `light_stages.add_microfacet_lights` of this light alone, which leaves the directions to
-    the viewer, and how the light falls, in ``floats``.
+    After `light_stages.add_microfacet_lights` of this light alone, which leaves the directions to
+    the viewer and the terms of the light in ``floats``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
@@ -176,7 +176,7 @@ def light_sheen(
 
 
 @disjoint_helper
-def bend_rows(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
+def write_bent_normals(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
     """Write normals bent toward the viewer."""
     for i in range(x.shape[0]):
         vx, vy, vz = (
@@ -184,13 +184,14 @@ def bend_rows(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
-        scale = unit_scale(vx, vy, vz)
+        scale = invert_length(vx, vy, vz)
         vx, vy, vz = vx * scale, vy * scale, vz * scale
-        weight = np.float32(1.0) - BEND * (nx[i] * vx + ny[i] * vy + nz[i] * vz)
+        weight = np.float32(1.0) - BEND_WEIGHT * (nx[i] * vx + ny[i] * vy + nz[i] * vz)
         mx, my, mz = (
-            weight * nx[i] + BEND * vx, weight * ny[i] + BEND * vy, weight * nz[i] + BEND * vz
+            weight * nx[i] + BEND_WEIGHT * vx, weight * ny[i] + BEND_WEIGHT * vy,
+            weight * nz[i] + BEND_WEIGHT * vz
         )  # fmt: skip
-        scale = unit_scale(mx, my, mz)
+        scale = invert_length(mx, my, mz)
         x[i], y[i], z[i] = mx * scale, my * scale, mz * scale
 
 
@@ -198,7 +199,7 @@ def bend_rows(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
 def bend_normals(block: Block, count, toward_viewer: float32[::1]):
     """Write the bent normals for the sheen's ambient light to rows BENT_NORMAL_X to Z."""
     s = block.samples
-    bend_rows(
+    write_bent_normals(
         toward_viewer, *three_parts(s, rows.NORMAL_X, 0, count),
         *three_parts(s, rows.POINT_X, 0, count), *three_parts(s, rows.BENT_NORMAL_X, 0, count),
     )  # fmt: skip
@@ -220,7 +221,7 @@ def blend_ambient_sheen(
                 toward_viewer[1] - toward_viewer[3] * py[i],
                 toward_viewer[2] - toward_viewer[3] * pz[i],
             )
-            n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
+            n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * invert_length(vx, vy, vz)
             energy = sheen_albedo(table, n_v, roughness[i])
             rest = one - largest * energy
             lit = (out_red[i] - below_red[i]) * rest + energy * r * lit_red[i]

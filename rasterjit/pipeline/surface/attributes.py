@@ -143,9 +143,8 @@ def multiply_face_colors(block: Block, count, face_colors: float32[:, ::1]):
     samples, ints = block.samples, block.ints
     for r in range(np.uintp(block.counts[PATCH_COUNT])):
         face = np.uintp(ints[FACE, r])
-        for n in range(
-            np.uintp(ints[FIRST_SAMPLE, r]), np.uintp(ints[FIRST_SAMPLE, r + np.uintp(1)])
-        ):
+        start, end = get_patch_samples(ints, r)
+        for n in range(start, end):
             for k in range(3):
                 samples[rows.RED + k, n] *= face_colors[face, k]
 
@@ -166,9 +165,8 @@ def multiply_face_colors_below_highlights(
         is_gouraud = np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) == GOURAUD
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
             face = np.uintp(ints[FACE, r])
-            for n in range(
-                np.uintp(ints[FIRST_SAMPLE, r]), np.uintp(ints[FIRST_SAMPLE, r + np.uintp(1)])
-            ):
+            start, end = get_patch_samples(ints, r)
+            for n in range(start, end):
                 for k in range(3):
                     color, factor = samples[rows.RED + k, n], face_colors[face, k]
                     if is_gouraud:
@@ -660,10 +658,8 @@ def find_alphas(
         if is_blended[owner] == 0:
             continue
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            first, end = (
-                np.uintp(ints[FIRST_SAMPLE, r]),
-                np.uintp(ints[FIRST_SAMPLE, r + np.uintp(1)]),
-            )
+            first, end = get_patch_samples(ints, r)
+
             if face_colors.shape[0] > 0:
                 for n in range(first, end):
                     samples[rows.ALPHA, n] *= face_colors[np.uintp(ints[FACE, r]), 3]

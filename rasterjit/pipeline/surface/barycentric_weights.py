@@ -26,7 +26,7 @@ def may_have_wide_faces(viewport):
 
 @disjoint_helper
 def weigh_samples(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, xs, ys, count, offset, bits, reach, is_affine,
+    ax, ay, bx, by, cx, cy, wa, wb, wc, xs, ys, count, offset, bits, sample_radius, is_affine,
     front_sign, inexact, backface, second, third,
 ):  # fmt: skip
     """
@@ -46,7 +46,7 @@ def weigh_samples(
         )  # fmt: skip
         k0, k1, k2, area = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
         backface[n] = np.int32(area * front_sign < 0.0)
-        if reach != 0:
+        if sample_radius != 0:
             right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
             k0, k1, k2 = barycentric.clamped_edges((e0, e1, e2), right, down)
             area = np.float64(k0 + k1 + k2)
@@ -143,7 +143,9 @@ def are_all_clipped(segment, ints, codes):
 
 
 @helper
-def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_narrow, front_sign):
+def weigh_mixed(
+    segment, ints, doubles, weights, xy, codes, w, bits, sample_radius, is_narrow, front_sign
+):
     """
     Write the weights of a mixed segment; return not 0 if any sample needs the exact path.
 
@@ -179,8 +181,8 @@ def weigh_mixed(segment, ints, doubles, weights, xy, codes, w, bits, reach, is_n
     half = np.int32(1) << (bits - 1)
     return weigh_samples(
         *six_parts(ints, rows.AX, s, e), *three_parts(doubles, 0, s, e),
-        part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e), count, (half, half), bits, reach,
-        w.shape[0] == 0, front_sign, part(ints, rows.INEXACT, s, e),
+        part(ints, rows.COLUMN, s, e), part(ints, rows.ROW, s, e), count, (half, half), bits,
+        sample_radius, w.shape[0] == 0, front_sign, part(ints, rows.INEXACT, s, e),
         part(ints, rows.BACKFACE, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
     )  # fmt: skip
 
@@ -272,7 +274,7 @@ def mark_inexact(s, e, column, row, row_start, is_inexact, front_sign, ints):
 
 
 @helper
-def weigh_span(segment, ints, weights, xy, codes, w, bits, reach, front_sign):
+def weigh_span(segment, ints, weights, xy, codes, w, bits, sample_radius, front_sign):
     """Write the weights of a span; return not 0 if any sample needs the exact path."""
     r, s, e = (
         np.uintp(segment[rows.FIRST_PATCH]),
@@ -298,7 +300,7 @@ def weigh_span(segment, ints, weights, xy, codes, w, bits, reach, front_sign):
             )
         area = np.float64(edges[0] + edges[1] + edges[2])
         fill_backface(part(ints, rows.BACKFACE, s, stop), np.int32(area * front_sign < 0.0))
-    if is_inexact == 0 and reach == 0:
+    if is_inexact == 0 and sample_radius == 0:
         return is_inexact
     return mark_inexact(s, e, column, row, row_start, is_inexact, front_sign, ints)
 
@@ -364,16 +366,17 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     """
     ints, doubles, weights = block.ints, block.doubles, block.weights
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
-    bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
-    is_narrow = reach == 0 and not may_have_wide_faces(geometry.viewport)
+    bits, sample_radius = geometry.viewport.grid_bits, geometry.viewport.sample_radius
+    is_narrow = sample_radius == 0 and not may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         winding = placement.front_windings[np.int64(segment[rows.OWNER])]
         if segment[rows.KIND] == rows.SPAN:
-            inexact = weigh_span(segment, ints, weights, xy, codes, w, bits, reach, winding)
+            inexact = weigh_span(segment, ints, weights, xy, codes, w, bits, sample_radius, winding)
         else:
             inexact = weigh_mixed(
-                segment, ints, doubles, weights, xy, codes, w, bits, reach, is_narrow, winding
-            )
+                segment, ints, doubles, weights, xy, codes, w, bits, sample_radius, is_narrow,
+                winding,
+            )  # fmt: skip
         if inexact != 0:
             recompute_inexact_samples(segment, ints, weights, geometry, placement)

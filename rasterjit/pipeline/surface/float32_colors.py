@@ -215,8 +215,8 @@ def find_float32_colors(
     """
     Write the base colours times the vertex colours, (V, 4), interpolated in float32.
 
-    For objects where ``is_float32``, (O,), is not 0; others in float64, as `interpolate_vertex_colors`
-    does. One pass for both: vectors write past the end of a segment, which the next overwrites.
+    For objects where ``is_float32``, (O,), is not 0; others in float64, by
+    `interpolate_vertex_colors`. One pass for both: vectors write past the end of a segment, which the next overwrites.
     """
     has_wide = may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENT_COUNT]):

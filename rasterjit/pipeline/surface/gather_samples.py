@@ -48,6 +48,12 @@ def get_patch_vertices(ints, r):
 
 
 @helper
+def get_patch_samples(ints, r):
+    """Return a patch's first sample, and one past its last."""
+    return np.uintp(ints[rows.FIRST_SAMPLE, r]), np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)])
+
+
+@helper
 def get_pixel(n, segment, ints):
     """Return the column and the row of a sample."""
     if segment[rows.KIND] == rows.SPAN:

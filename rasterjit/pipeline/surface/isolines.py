@@ -16,7 +16,11 @@ from rasterjit.pipeline.geometry.barycentric import relative_to_sample
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, get_pixel
+from rasterjit.pipeline.surface.gather_samples import (
+    get_patch_samples,
+    get_patch_vertices,
+    get_pixel,
+)
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.scalar_colors import SCALAR, is_finite
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
@@ -152,10 +156,8 @@ def draw_isolines(
             if scalars[0] == scalars[1] and scalars[1] == scalars[2]:
                 continue
             codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
-            for n in range(
-                np.uintp(ints[rows.FIRST_SAMPLE, r]),
-                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-            ):
+            start, end = get_patch_samples(ints, r)
+            for n in range(start, end):
                 value = block.doubles[SCALAR, n]
                 if not is_finite(value):
                     continue

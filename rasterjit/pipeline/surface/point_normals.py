@@ -12,7 +12,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import find_object, transform_vertex
 from rasterjit.pipeline.records import Placement, Viewport
 from rasterjit.pipeline.surface import sample_block as rows
-from rasterjit.pipeline.surface.gather_samples import get_pixel
+from rasterjit.pipeline.surface.gather_samples import get_patch_samples, get_pixel
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.visibility import point_rasterizer
 from rasterjit.pipeline.visibility.point_rasterizer import PointRows, PointView
@@ -94,10 +94,8 @@ def find_point_normals(
             continue
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             face, vertex = np.int64(ints[rows.FACE, r]), np.uintp(ints[rows.A, r])
-            for n in range(
-                np.uintp(ints[rows.FIRST_SAMPLE, r]),
-                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-            ):
+            start, end = get_patch_samples(ints, r)
+            for n in range(start, end):
                 point = load_vector(samples, rows.POINT_X, n)
                 normal = load_vector(samples, rows.NORMAL_X, n)
                 if shape == point_rasterizer.SPHERE:
@@ -130,10 +128,8 @@ def find_point_receivers(
             continue
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             face, vertex = np.int64(ints[rows.FACE, r]), np.uintp(ints[rows.A, r])
-            for n in range(
-                np.uintp(ints[rows.FIRST_SAMPLE, r]),
-                np.uintp(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-            ):
+            start, end = get_patch_samples(ints, r)
+            for n in range(start, end):
                 normal = load_vector(samples, rows.NORMAL_X, n)
                 if shape == point_rasterizer.SPHERE:
                     pixel = get_pixel(n, segment, ints)

@@ -164,9 +164,9 @@ def find_weights(weights, count, patches, shift, ints, doubles, geometry):
     inexact = weigh_samples(
         *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
         part(ints, rows.COLUMN, 0, size), part(ints, rows.ROW, 0, size), count,
-        (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
-        1.0, part(ints, rows.INEXACT, 0, size), part(ints, rows.BACKFACE, 0, size),
-        part(weights, 0, 0, size), part(weights, 1, 0, size),
+        (half - shift[0], half - shift[1]), bits, geometry.viewport.sample_radius,
+        geometry.w.shape[0] == 0, 1.0, part(ints, rows.INEXACT, 0, size),
+        part(ints, rows.BACKFACE, 0, size), part(weights, 0, 0, size), part(weights, 1, 0, size),
     )  # fmt: skip
     if inexact != 0:
         for r in range(patches):

@@ -95,8 +95,8 @@ class TileLists(NamedTuple):
     objects: records.Objects | None = None
     skipped: Sequence[tuple[int, int]] = ()
     """Runs of faces that are in no list."""
-    reach: int = 0
-    """As ``Viewport.reach``: how far from pixel centres the lists' samples may lie."""
+    sample_radius: int = 0
+    """As ``Viewport.sample_radius``: how far from pixel centres the lists' samples may lie."""
 
 
 class ModelVertices(NamedTuple):
@@ -452,9 +452,8 @@ class VisibilityOptions(NamedTuple):
     truncates."""
     precision: Any = np.float64
     """Type of the arithmetic that projects clip positions; for model positions it is their own."""
-    reach: int = 0
-    """How far from pixel centres samples lie that the lists are for, as ``Viewport.reach``; 0 for
-    drawing pictures."""
+    sample_radius: int = 0
+    """``Viewport.sample_radius`` of the samples that the lists are for; 0 for drawing pictures."""
 
 
 def run_visibility(
@@ -487,7 +486,7 @@ def run_visibility(
     """
     vertices, faces, objects, depth_coefficients, viewport, alpha_tests = drawable[:6]
     primitives, hidden, is_affine = drawable[6:]
-    reach, depth_type = wanted.reach, wanted.depth_type
+    sample_radius, depth_type = wanted.sample_radius, wanted.depth_type
     kept = kept or Kept(workers.memory, lasts=False)
     drawn_points: list[Primitive] = []
     if primitives is not None:
@@ -548,11 +547,14 @@ def run_visibility(
     # Set up triangles, and list those of each tile.
     if wanted.draws or wanted.lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
-            all_faces, objects, screen, viewport._replace(reach=reach) if reach else viewport,
-            workers, alpha_tests, depth_type, kept, seen, skipped,
+            all_faces, objects, screen,
+            viewport._replace(sample_radius=sample_radius) if sample_radius else viewport, workers,
+            alpha_tests, depth_type, kept, seen, skipped,
         )  # fmt: skip
         if wanted.lists:
-            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects, hidden, reach)
+            lists = TileLists(
+                starts, binned[: starts[-1]], all_faces, objects, hidden, sample_radius
+            )
     else:
         sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
@@ -763,7 +765,9 @@ def set_up_and_bin(
         ],
     )
     # A triangle that covers all centres of a tile need not cover all its samples.
-    with_large = [n for n in range(len(parts)) if viewport.reach == 0 and counts[n, tiles] != 0]
+    with_large = [
+        n for n in range(len(parts)) if viewport.sample_radius == 0 and counts[n, tiles] != 0
+    ]
     if not with_large:
         return starts, binned, kept.made("depths", _empty_depths, tiles, depth_type), sums
     tile_depths = np.full((len(with_large), tiles), tile_rasterizer.empty_depth(depth_type))
