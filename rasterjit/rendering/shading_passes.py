@@ -402,10 +402,8 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
     """Return the passes that add emission to three rows from ``shown`` on."""
     if not needs.maps:
         return []
-    passes, kind = (
-        [Pass(material_maps.fill_emission, lambda a: (a.surface.maps.factors,))],
-        texture_filters.EMISSIVE,
-    )
+    passes = [Pass(material_maps.fill_emission, lambda a: (a.surface.maps.factors,))]
+    kind = texture_filters.EMISSIVE
     if needs.has(kind):
         passes += lay_passes(needs, kind) if kind in needs.apart else []
         passes += [read_pass(kind), *decoding, fixed(material_maps.apply_emission_maps)]

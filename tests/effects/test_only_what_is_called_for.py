@@ -155,7 +155,8 @@ GONE = {
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.composite_under",
         "compositing.start_sums", "srgb_encoding.encode_rows",
-        "scalar_colors.multiply_colormap_alphas", "a_buffer.find_layers", "a_buffer.split_lists", "tone_map.map_over_color",
+        "scalar_colors.multiply_colormap_alphas", "a_buffer.find_layers",
+        "a_buffer.split_lists", "tone_map.map_over_color",
     },
     "anti-aliasing": {
         "compositing.list_faces", "compositing.mix_samples", "coverage_resolve.finish_light",

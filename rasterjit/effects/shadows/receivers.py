@@ -56,17 +56,11 @@ def find_points(
     """Write the points of samples of one object, and the normals of their faces, any length."""
     for i in range(px.shape[0]):
         x, y, z = bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]
-        ux, uy, uz = (
-            m[0] * x + m[1] * y + m[2] * z,
-            m[3] * x + m[4] * y + m[5] * z,
-            m[6] * x + m[7] * y + m[8] * z,
-        )
+        ux, uy = m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z
+        uz = m[6] * x + m[7] * y + m[8] * z
         x, y, z = cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]
-        vx, vy, vz = (
-            m[0] * x + m[1] * y + m[2] * z,
-            m[3] * x + m[4] * y + m[5] * z,
-            m[6] * x + m[7] * y + m[8] * z,
-        )
+        vx, vy = m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z
+        vz = m[6] * x + m[7] * y + m[8] * z
         x, y, z = ax[i], ay[i], az[i]
         px[i] = (m[0] * x + m[1] * y + m[2] * z + translation[0]) + (second[i] * ux + third[i] * vx)
         py[i] = (m[3] * x + m[4] * y + m[5] * z + translation[1]) + (second[i] * uy + third[i] * vy)

@@ -33,20 +33,9 @@ from rasterjit.effects.shadows.filters import (
 )
 from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
 from rasterjit.pipeline.lighting.blinn_phong import aim_at_light
+from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import fill_row
-from rasterjit.pipeline.surface.sample_block import (
-    BLOCKED_SHARE,
-    DEPTH_DOWN,
-    DEPTH_RIGHT,
-    IS_LIT,
-    MAX_VECTOR_SAMPLES,
-    NORMAL_X,
-    POINT_X,
-    SHADOW,
-    SHADOW_MAP_U,
-    TURNED_AWAY,
-    Block,
-)
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import part, six_parts, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
@@ -211,20 +200,20 @@ def project_to_map(block: Block, count, point: int64, row: float64[::1]):
     row : (MAP_COLUMNS,) float64
         The light's, of ``ShadowRecord.maps``.
     """
-    if block.counts[IS_LIT] == 0:
+    if block.counts[rows.IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    project_samples(*six_parts(r, 0, 0, count), row, *six_parts(s, SHADOW_MAP_U, 0, count))
+    project_samples(*six_parts(r, 0, 0, count), row, *six_parts(s, rows.SHADOW_MAP_U, 0, count))
 
 
 @stage
 def project_to_cube(block: Block, count, point: int64, row: float64[::1], size: int64):
     """Project samples to the six maps of a point light, whose sides have ``size`` texels."""
-    if block.counts[IS_LIT] == 0:
+    if block.counts[rows.IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
     project_samples_to_cube(
-        *six_parts(r, 0, 0, count), row, size, *six_parts(s, SHADOW_MAP_U, 0, count)
+        *six_parts(r, 0, 0, count), row, size, *six_parts(s, rows.SHADOW_MAP_U, 0, count)
     )
 
 
@@ -234,9 +223,9 @@ def remove_light_leaks(s, count, texels, size, sides):
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
-            *three_parts(s, SHADOW_MAP_U, a, e), part(s, DEPTH_RIGHT, a, e),
-            part(s, DEPTH_DOWN, a, e), texels, size, np.float32(sides),
-            part(s, BLOCKED_SHARE, a, e), part(s, SHADOW, a, e),
+            *three_parts(s, rows.SHADOW_MAP_U, a, e), part(s, rows.DEPTH_RIGHT, a, e),
+            part(s, rows.DEPTH_DOWN, a, e), texels, size, np.float32(sides),
+            part(s, rows.BLOCKED_SHARE, a, e), part(s, rows.SHADOW, a, e),
         )  # fmt: skip
 
 
@@ -260,12 +249,12 @@ def filter_hard(
         0 if the samples are vertices, whose planes say nothing of their faces: they are not looked
         at for contacts.
     """
-    if block.counts[IS_LIT] == 0:
+    if block.counts[rows.IS_LIT] == 0:
         return
     s = block.samples
     read_hard(
-        *six_parts(s, SHADOW_MAP_U, 0, count), texels, size, np.float32(sides),
-        part(s, SHADOW, 0, count),
+        *six_parts(s, rows.SHADOW_MAP_U, 0, count), texels, size, np.float32(sides),
+        part(s, rows.SHADOW, 0, count),
     )  # fmt: skip
     remove_light_leaks(s, count * on_faces, texels, size, sides)
 
@@ -275,12 +264,12 @@ def filter_pcf(
     block: Block, count, texels: float32[::1], size: int64, sides: int64, on_faces: int64
 ):  # fmt: skip
     """Find the visibility of a light by 3 x 3 texels: percentage-closer filtering."""
-    if block.counts[IS_LIT] == 0:
+    if block.counts[rows.IS_LIT] == 0:
         return
     s = block.samples
     read_pcf(
-        *six_parts(s, SHADOW_MAP_U, 0, count), texels, size, np.float32(sides),
-        part(s, SHADOW, 0, count),
+        *six_parts(s, rows.SHADOW_MAP_U, 0, count), texels, size, np.float32(sides),
+        part(s, rows.SHADOW, 0, count),
     )  # fmt: skip
     remove_light_leaks(s, count * on_faces, texels, size, sides)
 
@@ -303,26 +292,26 @@ def find_facing(light, nx, ny, nz, px, py, pz, facing):
 
 @helper
 def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern, spiral):
-    """Write the visibility of samples, those of row TURNED_AWAY above 0 by their penumbrae."""
+    """Write the visibility of samples, those of row rows.TURNED_AWAY above 0 by their penumbrae."""
     s, gathered, indices, shaded = block.samples, block.floats, block.lookup_ints[0], np.int64(0)
     # Gather the samples that something shades.
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         mark_shaded(
-            *six_parts(s, SHADOW_MAP_U, a, e), texels, size, sides, widening, cells, spiral,
-            part(s, TURNED_AWAY, a, e), part(s, BLOCKED_SHARE, a, e),
+            *six_parts(s, rows.SHADOW_MAP_U, a, e), texels, size, sides, widening, cells, spiral,
+            part(s, rows.TURNED_AWAY, a, e), part(s, rows.BLOCKED_SHARE, a, e),
         )  # fmt: skip
-    fill_row(part(s, SHADOW, 0, count), np.float32(1.0))
+    fill_row(part(s, rows.SHADOW, 0, count), np.float32(1.0))
     for n in range(np.uintp(count)):
         indices[np.uintp(shaded)] = n
-        shaded += np.int64(s[BLOCKED_SHARE, n] > np.float32(0.0))
+        shaded += np.int64(s[rows.BLOCKED_SHARE, n] > np.float32(0.0))
     # The last one once more, until vectors are full.
-    while shaded % MAX_VECTOR_SAMPLES != 0:
+    while shaded % rows.MAX_VECTOR_SAMPLES != 0:
         indices[np.uintp(shaded)] = indices[np.uintp(shaded - 1)]
         shaded += 1
     for k in range(6):
         for n in range(np.uintp(shaded)):
-            gathered[k, n] = s[SHADOW_MAP_U + k, np.uintp(indices[n])]
+            gathered[k, n] = s[rows.SHADOW_MAP_U + k, np.uintp(indices[n])]
     # Find what light reaches these.
     for a in range(0, shaded, NEIGHBOURS):
         e = min(a + NEIGHBOURS, shaded)
@@ -331,7 +320,7 @@ def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern
             *three_parts(gathered, 6, a, e),
         )  # fmt: skip
     for n in range(np.uintp(shaded)):
-        s[SHADOW, np.uintp(indices[n])] = gathered[8, n]
+        s[rows.SHADOW, np.uintp(indices[n])] = gathered[8, n]
 
 
 @stage
@@ -353,17 +342,18 @@ def filter_soft(
         As ``ShadowRecord`` has them.
     light : (LIGHT_COLUMNS,) float32, or (0,)
         See ``blinn_phong``: samples that turn away from it are left out. None: all are looked at.
-        Row TURNED_AWAY is written over.
+        Row rows.TURNED_AWAY is written over.
     """
-    if block.counts[IS_LIT] == 0:
+    if block.counts[rows.IS_LIT] == 0:
         return
     s = block.samples
-    facing = part(s, TURNED_AWAY, 0, count)
+    facing = part(s, rows.TURNED_AWAY, 0, count)
     fill_row(facing, np.float32(1.0))
     if light.shape[0] > 0:
         find_facing(
-            light, *three_parts(s, NORMAL_X, 0, count), *three_parts(s, POINT_X, 0, count), facing
-        )
+            light, *three_parts(s, rows.NORMAL_X, 0, count),
+            *three_parts(s, rows.POINT_X, 0, count), facing,
+        )  # fmt: skip
     if sides == 1:
         # Which of several maps a sample lies in takes a division at each point.
         filter_penumbrae(block, count, texels, size, None, widening, cells, pattern, spiral)

@@ -86,11 +86,8 @@ def clamped_edges(edges, right, down):
         How edges change from pixel to pixel, in any unit.
     """
     sign = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
-    e0, e1, e2 = (
-        sign * np.float64(edges[0]),
-        sign * np.float64(edges[1]),
-        sign * np.float64(edges[2]),
-    )
+    e0, e1 = sign * np.float64(edges[0]), sign * np.float64(edges[1])
+    e2 = sign * np.float64(edges[2])
     d01 = scalar_product(right[0], down[0], right[1], down[1])
     d12 = scalar_product(right[1], down[1], right[2], down[2])
     d20 = scalar_product(right[2], down[2], right[0], down[0])
@@ -330,11 +327,8 @@ def matrix_of(matrices, owner):
 def view_direction(point, placement):
     """Return the unit vector from a point, relative to the eye, toward the viewer; or zero."""
     viewer = placement.toward_viewer
-    x, y, z = (
-        viewer[0] - viewer[3] * point[0],
-        viewer[1] - viewer[3] * point[1],
-        viewer[2] - viewer[3] * point[2],
-    )
+    x, y = viewer[0] - viewer[3] * point[0], viewer[1] - viewer[3] * point[1]
+    z = viewer[2] - viewer[3] * point[2]
     # Scale it first: squares of very long or very short ones overflow or vanish.
     size = max(abs(x), max(abs(y), abs(z)))
     shrink = 1.0 / size if size > 0.0 else 0.0

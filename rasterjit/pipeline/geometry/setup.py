@@ -231,11 +231,8 @@ def misses_samples(a, b, c, first, beyond, grid_bits):
     bx, by = np.int32(b[0] - x), np.int32(b[1] - y)
     cx, cy = np.int32(c[0] - x), np.int32(c[1] - y)
     # Biased edge functions at the sample, one to the right, one down, and both: negative outside.
-    e0, e1, e2 = (
-        edge_from_origin(bx, by, cx, cy),
-        edge_from_origin(cx, cy, ax, ay),
-        edge_from_origin(ax, ay, bx, by),
-    )
+    e0, e1 = edge_from_origin(bx, by, cx, cy), edge_from_origin(cx, cy, ax, ay)
+    e2 = edge_from_origin(ax, ay, bx, by)
     right0 = np.int32(e0 + np.int32(np.int32(by - cy) << grid_bits))
     right1 = np.int32(e1 + np.int32(np.int32(cy - ay) << grid_bits))
     right2 = np.int32(e2 + np.int32(np.int32(ay - by) << grid_bits))

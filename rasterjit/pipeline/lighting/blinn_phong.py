@@ -132,11 +132,9 @@ def find_view_directions(toward_viewer, px, py, pz, vx, vy, vz, in_range):
     """Write unit directions toward the viewer, and 1; 0 where they exceed the range of float32."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(px.shape[0]):
-        x, y, z = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
+        x = toward_viewer[0] - toward_viewer[3] * px[i]
+        y = toward_viewer[1] - toward_viewer[3] * py[i]
+        z = toward_viewer[2] - toward_viewer[3] * pz[i]
         scale = invert_length(x, y, z)
         vx[i], vy[i], vz[i] = x * scale, y * scale, z * scale
         in_range[i] = one if scale > zero else zero

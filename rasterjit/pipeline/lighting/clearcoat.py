@@ -29,11 +29,9 @@ def blend_clearcoat(toward_viewer, nx, ny, nz, px, py, pz, coat, coat_color, bel
     """Blend one channel of the clearcoat over the base layer."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(below.shape[0]):
-        vx, vy, vz = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
+        vx = toward_viewer[0] - toward_viewer[3] * px[i]
+        vy = toward_viewer[1] - toward_viewer[3] * py[i]
+        vz = toward_viewer[2] - toward_viewer[3] * pz[i]
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * invert_length(vx, vy, vz)
         reflectance = DIELECTRIC_F0 + (one - DIELECTRIC_F0) * schlick_weight(max(zero, abs(n_v)))
         weight = max(zero, min(coat[i], one)) * reflectance

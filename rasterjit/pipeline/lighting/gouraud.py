@@ -49,11 +49,8 @@ def gather_vertices(
         Number of samples; -1 after the last one.
     """
     counts, samples, receivers, ints = block.counts, block.samples, block.receivers, block.ints
-    side, vertex, one = (
-        counts[rows.NEXT_SIDE],
-        first_vertex + counts[rows.NEXT_VERTEX],
-        np.float32(1.0),
-    )
+    side, vertex = counts[rows.NEXT_SIDE], first_vertex + counts[rows.NEXT_VERTEX]
+    one = np.float32(1.0)
     # After the last vertex's front, the first one's back.
     if vertex >= vertex_end:
         side, vertex = side + 1, first_vertex
@@ -96,11 +93,8 @@ def gather_vertices(
                 vertex = index + 1
         if n == 0:
             side, vertex = side + 1, first_vertex
-    counts[rows.NEXT_SIDE], counts[rows.NEXT_VERTEX], counts[rows.IS_LIT] = (
-        side,
-        vertex - first_vertex,
-        1,
-    )
+    counts[rows.NEXT_SIDE], counts[rows.NEXT_VERTEX] = side, vertex - first_vertex
+    counts[rows.IS_LIT] = 1
     return n if n > 0 else np.int64(-1)
 
 

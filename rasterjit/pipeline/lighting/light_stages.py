@@ -59,10 +59,8 @@ def add_blinn_phong_lights(
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
-    normals, points = (
-        three_parts(s, rows.NORMAL_X, 0, count),
-        three_parts(s, rows.POINT_X, 0, count),
-    )
+    normals = three_parts(s, rows.NORMAL_X, 0, count)
+    points = three_parts(s, rows.POINT_X, 0, count)
     viewer, light = (
         four_parts(block.floats, VIEW_DIR, 0, count), four_parts(block.floats, LIGHT_DIR, 0, count)
     )  # fmt: skip
@@ -133,10 +131,8 @@ def add_microfacet_lights(
     s = block.samples
     if not pbr.is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    normals, points = (
-        three_parts(s, rows.NORMAL_X, 0, count),
-        three_parts(s, rows.POINT_X, 0, count),
-    )
+    normals = three_parts(s, rows.NORMAL_X, 0, count)
+    points = three_parts(s, rows.POINT_X, 0, count)
     viewer, light = (
         four_parts(block.floats, VIEW_DIR, 0, count), four_parts(block.floats, LIGHT_DIR, 0, count)
     )  # fmt: skip

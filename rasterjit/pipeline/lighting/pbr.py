@@ -143,11 +143,9 @@ def find_env_brdf(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offse
     """Write the scale and the offset of F0 in each sample's directional albedo."""
     zero = np.float32(0.0)
     for i in range(nx.shape[0]):
-        vx, vy, vz = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
+        vx = toward_viewer[0] - toward_viewer[3] * px[i]
+        vy = toward_viewer[1] - toward_viewer[3] * py[i]
+        vz = toward_viewer[2] - toward_viewer[3] * pz[i]
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * invert_length(vx, vy, vz)
         scale[i], offset[i] = approximate_env_brdf(max(zero, n_v), roughness[i])
 

@@ -38,7 +38,7 @@ from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import find_object_end
 from rasterjit.pipeline.surface.gather_samples import four_parts, get_patch_samples
-from rasterjit.pipeline.surface.sample_block import OWNER, SEGMENT_COUNT, START, STOP, Block
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED
 from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part, three_parts
@@ -64,11 +64,11 @@ def point_normals_at_viewer(
 ):
     """Replace the normals of some objects by the directions to the viewer."""
     s = block.samples
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if faces_viewer[np.uintp(segment[OWNER])] == 0:
+        if faces_viewer[np.uintp(segment[rows.OWNER])] == 0:
             continue
-        for n in range(segment[START], segment[STOP]):
+        for n in range(segment[rows.START], segment[rows.STOP]):
             for axis in range(3):
                 s[rows.NORMAL_X + axis, n] = (
                     toward_viewer[axis] - toward_viewer[3] * s[rows.POINT_X + axis, n]
@@ -89,9 +89,9 @@ def move_to_square_centers(
 ):
     """Move samples of a square's triangles to its centre, the midpoint of the longest edge."""
     s, ints, m, p = block.samples, block.ints, placement.relative_from_model, placement.positions
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
+        owner = np.uintp(segment[rows.OWNER])
         if are_squares[owner] == 0:
             continue
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
@@ -225,10 +225,11 @@ def add_lights_as_pyrender(
             *three_parts(floats, VIEW_DIR, 0, count), *three_parts(floats, LIGHT_DIR, 0, count),
         )  # fmt: skip
         k = np.int64(0)
-        while k < block.counts[SEGMENT_COUNT]:
+        while k < block.counts[rows.SEGMENT_COUNT]:
             stop = find_object_end(block, k)
-            s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-            e = np.int64(block.segments[stop - 1, STOP])
+            s = np.int64(block.segments[k, rows.START])
+            owner = np.uintp(block.segments[k, rows.OWNER])
+            e = np.int64(block.segments[stop - 1, rows.STOP])
             k = stop
             if falls_on[owner, n] != 0:
                 add_light(
@@ -322,12 +323,12 @@ def multiply_by_occlusion(block: Block, count):
 def multiply_by_gains(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
     """Multiply three rows, from ``row`` on, by each object's factors, from column ``first`` on."""
     s = block.samples
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
+        owner = np.uintp(segment[rows.OWNER])
         for channel in range(3):
             gain = gains[owner, np.uintp(first + channel)]
-            for n in range(segment[START], segment[STOP]):
+            for n in range(segment[rows.START], segment[rows.STOP]):
                 s[np.uintp(row + channel), n] *= gain
 
 

@@ -179,11 +179,9 @@ def add_sheen_light(
 def write_bent_normals(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
     """Write normals bent toward the viewer."""
     for i in range(x.shape[0]):
-        vx, vy, vz = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
+        vx = toward_viewer[0] - toward_viewer[3] * px[i]
+        vy = toward_viewer[1] - toward_viewer[3] * py[i]
+        vz = toward_viewer[2] - toward_viewer[3] * pz[i]
         scale = invert_length(vx, vy, vz)
         vx, vy, vz = vx * scale, vy * scale, vz * scale
         weight = np.float32(1.0) - BEND_WEIGHT * (nx[i] * vx + ny[i] * vy + nz[i] * vz)
@@ -216,11 +214,9 @@ def blend_ambient_sheen(
         r, g, b = min(red[i], one), min(green[i], one), min(blue[i], one)
         largest = max(r, max(g, b))
         if microfacet[i] * largest > zero:
-            vx, vy, vz = (
-                toward_viewer[0] - toward_viewer[3] * px[i],
-                toward_viewer[1] - toward_viewer[3] * py[i],
-                toward_viewer[2] - toward_viewer[3] * pz[i],
-            )
+            vx = toward_viewer[0] - toward_viewer[3] * px[i]
+            vy = toward_viewer[1] - toward_viewer[3] * py[i]
+            vz = toward_viewer[2] - toward_viewer[3] * pz[i]
             n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * invert_length(vx, vy, vz)
             energy = sheen_albedo(table, n_v, roughness[i])
             rest = one - largest * energy

@@ -28,24 +28,11 @@ from rasterjit.pipeline.records import (
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import (
     fill_row,
+    get_patch_samples,
     get_patch_vertices,
     round_up_to_vectors,
 )
-from rasterjit.pipeline.surface.sample_block import (
-    BACKFACE,
-    END_PATCH,
-    FACE,
-    FIRST_PATCH,
-    FIRST_SAMPLE,
-    KIND,
-    MIXED,
-    OWNER,
-    PATCH_COUNT,
-    SEGMENT_COUNT,
-    START,
-    STOP,
-    Block,
-)
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_lookup import TEXTURE_RED, multiply_diffuse_part
 from rasterjit.runtime.intrinsics import nine_parts, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
@@ -85,11 +72,11 @@ def blend_point(second, third, point):
 
 
 @helper
-def gather_vertex_values(first, end, values, ints, out):
+def gather_vertex_values(segment, values, ints, out):
     """Gather three numbers of each vertex of some patches' faces."""
-    for r in range(np.uintp(first), np.uintp(end)):
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
-        n = np.uintp(ints[FIRST_SAMPLE, r])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         spread(out[0], n, values[a, 0])
         spread(out[1], n, values[a, 1])
         spread(out[2], n, values[a, 2])
@@ -104,7 +91,7 @@ def gather_vertex_values(first, end, values, ints, out):
 @helper
 def get_span_vertices(segment, ints):
     """Return the vertex numbers of a span's face."""
-    return get_patch_vertices(ints, np.uintp(segment[FIRST_PATCH]))
+    return get_patch_vertices(ints, np.uintp(segment[rows.FIRST_PATCH]))
 
 
 @helper
@@ -114,11 +101,11 @@ def find_object_end(block, k):
 
     The samples of these follow each other without a gap.
     """
-    owner, stop = block.segments[k, OWNER], block.segments[k, START]
-    while k < block.counts[SEGMENT_COUNT]:
-        if block.segments[k, OWNER] != owner or block.segments[k, START] != stop:
+    owner, stop = block.segments[k, rows.OWNER], block.segments[k, rows.START]
+    while k < block.counts[rows.SEGMENT_COUNT]:
+        if block.segments[k, rows.OWNER] != owner or block.segments[k, rows.START] != stop:
             return k
-        stop = block.segments[k, STOP]
+        stop = block.segments[k, rows.STOP]
         k += 1
     return k
 
@@ -127,10 +114,10 @@ def find_object_end(block, k):
 def fill_base_colors(block: Block, count, materials: float32[:, ::1]):
     """Write the base colour of each sample's material."""
     samples, k = block.samples, np.int64(0)
-    while k < block.counts[SEGMENT_COUNT]:
+    while k < block.counts[rows.SEGMENT_COUNT]:
         end = find_object_end(block, k)
-        s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-        e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
+        s, owner = np.int64(block.segments[k, rows.START]), np.uintp(block.segments[k, rows.OWNER])
+        e = s + round_up_to_vectors(block.segments[end - 1, rows.STOP] - s)
         fill_row(part(samples, rows.RED, s, e), materials[owner, 0])
         fill_row(part(samples, rows.GREEN, s, e), materials[owner, 1])
         fill_row(part(samples, rows.BLUE, s, e), materials[owner, 2])
@@ -141,8 +128,8 @@ def fill_base_colors(block: Block, count, materials: float32[:, ::1]):
 def multiply_face_colors(block: Block, count, face_colors: float32[:, ::1]):
     """Multiply the base colours by those of the faces."""
     samples, ints = block.samples, block.ints
-    for r in range(np.uintp(block.counts[PATCH_COUNT])):
-        face = np.uintp(ints[FACE, r])
+    for r in range(np.uintp(block.counts[rows.PATCH_COUNT])):
+        face = np.uintp(ints[rows.FACE, r])
         start, end = get_patch_samples(ints, r)
         for n in range(start, end):
             for k in range(3):
@@ -160,11 +147,11 @@ def multiply_face_colors_below_highlights(
     ``first`` on; it is multiplied too.
     """
     samples, ints = block.samples, block.ints
-    for s in range(block.counts[SEGMENT_COUNT]):
+    for s in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[s]
-        is_gouraud = np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) == GOURAUD
-        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            face = np.uintp(ints[FACE, r])
+        is_gouraud = np.int64(materials[np.uintp(segment[rows.OWNER]), MATERIAL_MODEL]) == GOURAUD
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            face = np.uintp(ints[rows.FACE, r])
             start, end = get_patch_samples(ints, r)
             for n in range(start, end):
                 for k in range(3):
@@ -219,13 +206,13 @@ def interpolate_span_colors(red, green, blue, second, third, at_a, at_b, at_c, b
 def interpolate_segment_colors(segment, block, vertex_colors, materials):
     """Write the base colour of a segment's material times those of the vertices, interpolated."""
     samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
-    s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
-    e = s + round_up_to_vectors(segment[STOP] - s)
+    s, owner = np.int64(segment[rows.START]), np.uintp(segment[rows.OWNER])
+    e = s + round_up_to_vectors(segment[rows.STOP] - s)
     base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
     red, green, blue = three_parts(samples, rows.RED, s, e)
     second, third = part(weights, 0, s, e), part(weights, 1, s, e)
-    if segment[KIND] == MIXED:
-        gather_vertex_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, ints, floats)
+    if segment[rows.KIND] == rows.MIXED:
+        gather_vertex_values(segment, vertex_colors, ints, floats)
         interpolate_colors(red, green, blue, *nine_parts(floats, 0, s, e), second, third, base)
     else:
         a, b, c = get_span_vertices(segment, ints)
@@ -240,7 +227,7 @@ def interpolate_vertex_colors(
     block: Block, count, vertex_colors: float32[:, ::1], materials: float32[:, ::1]
 ):
     """Write the base colour of each sample's material times those of the vertices, interpolated."""
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         interpolate_segment_colors(block.segments[k], block, vertex_colors, materials)
 
 
@@ -273,12 +260,12 @@ def read_vertex_color(vertex_colors, vertex):
 
 
 @helper
-def gather_vertex_light(first, end, lit_vertices, ints, out):
+def gather_vertex_light(segment, lit_vertices, ints, out):
     """Gather the light on some patches' vertices, on the visible side."""
-    for r in range(np.uintp(first), np.uintp(end)):
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
-        n = np.uintp(ints[FIRST_SAMPLE, r])
-        side = np.uintp(ints[BACKFACE, n])
+        n = np.uintp(ints[rows.FIRST_SAMPLE, r])
+        side = np.uintp(ints[rows.BACKFACE, n])
         for k in range(3):
             spread(out[k], n, lit_vertices[a, side, k])
             spread(out[3 + k], n, lit_vertices[b, side, k])
@@ -296,24 +283,22 @@ def interpolate_lit_vertices(
     """
     samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
     white = np.float32(1.0), np.float32(1.0), np.float32(1.0)
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != GOURAUD:
+        if np.int64(materials[np.uintp(segment[rows.OWNER]), MATERIAL_MODEL]) != GOURAUD:
             continue
-        s, e = np.int64(segment[START]), np.int64(segment[STOP])
-        if segment[KIND] == MIXED:
-            gather_vertex_light(
-                segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, ints, floats
-            )
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        if segment[rows.KIND] == rows.MIXED:
+            gather_vertex_light(segment, lit_vertices, ints, floats)
         red, green, blue = three_parts(samples, first, s, e)
-        if segment[KIND] == MIXED:
+        if segment[rows.KIND] == rows.MIXED:
             interpolate_colors(
                 red, green, blue, *nine_parts(floats, 0, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), white,
             )  # fmt: skip
         else:
             a, b, c = get_span_vertices(segment, ints)
-            side = np.uintp(ints[BACKFACE, s])
+            side = np.uintp(ints[rows.BACKFACE, s])
             interpolate_span_colors(
                 red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
                 triple_at(lit_vertices[a], side), triple_at(lit_vertices[b], side),
@@ -329,10 +314,10 @@ def fill_highlights(block: Block, count, materials: float32[:, ::1]):
     Set ``SHADOW`` and ``OCCLUSION`` to 1; later stages lower them.
     """
     samples, k = block.samples, np.int64(0)
-    while k < block.counts[SEGMENT_COUNT]:
+    while k < block.counts[rows.SEGMENT_COUNT]:
         end = find_object_end(block, k)
-        s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-        e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
+        s, owner = np.int64(block.segments[k, rows.START]), np.uintp(block.segments[k, rows.OWNER])
+        e = s + round_up_to_vectors(block.segments[end - 1, rows.STOP] - s)
         model = np.int64(materials[owner, MATERIAL_MODEL])
         fill_row(part(samples, rows.SPECULAR, s, e), materials[owner, MATERIAL_SPECULAR])
         fill_row(part(samples, rows.SHININESS, s, e), materials[owner, MATERIAL_SHININESS])
@@ -347,10 +332,10 @@ def fill_highlights(block: Block, count, materials: float32[:, ::1]):
 def fill_microfacets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
     """Write metallic, roughness, and 1 where an object is shaded by microfacets, else 0."""
     samples, k = block.samples, np.int64(0)
-    while k < block.counts[SEGMENT_COUNT]:
+    while k < block.counts[rows.SEGMENT_COUNT]:
         end = find_object_end(block, k)
-        s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
-        e = s + round_up_to_vectors(block.segments[end - 1, STOP] - s)
+        s, owner = np.int64(block.segments[k, rows.START]), np.uintp(block.segments[k, rows.OWNER])
+        e = s + round_up_to_vectors(block.segments[end - 1, rows.STOP] - s)
         is_pbr = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
         fill_row(part(samples, rows.METALLIC, s, e), factors[owner, 0])
         fill_row(part(samples, rows.ROUGHNESS, s, e), factors[owner, 1])
@@ -361,12 +346,10 @@ def fill_microfacets(block: Block, count, factors: float32[:, ::1], materials: f
 @stage
 def gather_positions(block: Block, count, positions: float64[:, ::1]):
     """Gather the vertex positions of the faces of mixed segments, model space."""
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if segment[KIND] == MIXED:
-            gather_vertex_values(
-                segment[FIRST_PATCH], segment[END_PATCH], positions, block.ints, block.doubles
-            )
+        if segment[rows.KIND] == rows.MIXED:
+            gather_vertex_values(segment, positions, block.ints, block.doubles)
 
 
 @disjoint_helper
@@ -408,23 +391,24 @@ def find_smooth_normals(
     Before `find_face_normals`, because vectors overwrite the start of other objects' segments.
     """
     samples, ints, weights, floats = block.samples, block.ints, block.weights, block.floats
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if not is_smooth(segment[OWNER], materials):
+        if not is_smooth(segment[rows.OWNER], materials):
             continue
-        s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
-        e = s + round_up_to_vectors(segment[STOP] - s)
+        s, owner = np.int64(segment[rows.START]), np.uintp(segment[rows.OWNER])
+        e = s + round_up_to_vectors(segment[rows.STOP] - s)
         matrix = matrix_of(normal_matrices, owner)
-        if segment[KIND] == MIXED:
-            gather_vertex_values(segment[FIRST_PATCH], segment[END_PATCH], normals, ints, floats)
+        if segment[rows.KIND] == rows.MIXED:
+            gather_vertex_values(segment, normals, ints, floats)
             interpolate_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), *nine_parts(floats, 0, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), part(ints, BACKFACE, s, e), matrix,
+                part(weights, 0, s, e), part(weights, 1, s, e), part(ints, rows.BACKFACE, s, e),
+                matrix,
             )  # fmt: skip
         else:
             a, b, c = get_span_vertices(segment, ints)
             corners = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
-            sign = 1.0 - 2.0 * np.float64(ints[BACKFACE, s])
+            sign = 1.0 - 2.0 * np.float64(ints[rows.BACKFACE, s])
             interpolate_span_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), (corners, matrix, sign),
@@ -460,21 +444,22 @@ def find_face_normals(
     """
     samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if skips_smooth != 0 and is_smooth(segment[OWNER], materials):
+        if skips_smooth != 0 and is_smooth(segment[rows.OWNER], materials):
             continue
-        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
-        if segment[KIND] == MIXED:
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        owner = np.int64(segment[rows.OWNER])
+        if segment[rows.KIND] == rows.MIXED:
             find_mixed_face_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), *nine_parts(doubles, 0, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), part(ints, BACKFACE, s, e), owner,
-                placement.relative_from_model, placement.mirrored[owner],
+                part(weights, 0, s, e), part(weights, 1, s, e), part(ints, rows.BACKFACE, s, e),
+                owner, placement.relative_from_model, placement.mirrored[owner],
             )  # fmt: skip
         else:
             a, b, c = get_span_vertices(segment, ints)
             flat = face_normal(a, b, c, owner, placement)
-            sign = 1.0 - 2.0 * np.float64(ints[BACKFACE, s])
+            sign = 1.0 - 2.0 * np.float64(ints[rows.BACKFACE, s])
             interpolate_span_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), ((flat, flat, flat), unit, sign),
@@ -547,15 +532,16 @@ def find_points(
     """
     samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     p, matrices = placement.positions, placement.relative_from_model
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        owner = np.int64(segment[rows.OWNER])
         if only_flat == 0:
             e = s + round_up_to_vectors(e - s)
         elif np.int64(materials[np.uintp(owner), MATERIAL_MODEL]) != FLAT:
             continue
         matrix = matrix_of(matrices, owner)
-        if segment[KIND] == MIXED:
+        if segment[rows.KIND] == rows.MIXED:
             interpolate_points(
                 *three_parts(samples, rows.POINT_X, s, e), *nine_parts(doubles, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
@@ -575,13 +561,14 @@ def find_centroids(block: Block, count, placement: Placement, materials: float32
     samples, ints, weights, doubles = block.samples, block.ints, block.weights, block.doubles
     zero, center = (0.0, 0.0, 0.0), (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
     matrices = placement.relative_from_model
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != FLAT:
+        if np.int64(materials[np.uintp(segment[rows.OWNER]), MATERIAL_MODEL]) != FLAT:
             continue
-        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        owner = np.int64(segment[rows.OWNER])
         matrix = matrix_of(matrices, owner)
-        if segment[KIND] == MIXED:
+        if segment[rows.KIND] == rows.MIXED:
             find_mixed_centroids(
                 *three_parts(samples, rows.POINT_X, s, e), *nine_parts(doubles, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
@@ -604,11 +591,11 @@ def fill_placeholders(block: Block, count, is_placeholder: uint8[::1]):
     used, but must be finite.
     """
     samples, zero, one = block.samples, np.float32(0.0), np.float32(1.0)
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        if is_placeholder[np.uintp(segment[OWNER])] == 0:
+        if is_placeholder[np.uintp(segment[rows.OWNER])] == 0:
             continue
-        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+        for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
             samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n] = zero, zero
             samples[rows.NORMAL_Z, n] = one
             samples[rows.POINT_X, n], samples[rows.POINT_Y, n] = zero, zero
@@ -648,21 +635,20 @@ def find_alphas(
     has_textures : int
     """
     samples, ints, weights = block.samples, block.ints, block.weights
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
-        s, e = np.uintp(segment[START]), np.uintp(segment[STOP])
+        owner = np.uintp(segment[rows.OWNER])
+        s, e = np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])
         alpha = materials[owner, 3] if is_blended[owner] != 0 else np.float32(1.0)
         for n in range(s, e):
             samples[rows.ALPHA, n] = alpha
         if is_blended[owner] == 0:
             continue
-        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             first, end = get_patch_samples(ints, r)
-
             if face_colors.shape[0] > 0:
                 for n in range(first, end):
-                    samples[rows.ALPHA, n] *= face_colors[np.uintp(ints[FACE, r]), 3]
+                    samples[rows.ALPHA, n] *= face_colors[np.uintp(ints[rows.FACE, r]), 3]
             if vertex_colors.shape[0] > 0:
                 corners = get_patch_vertices(ints, r)
                 multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors)

@@ -118,10 +118,10 @@ def is_any_inexact(inexact, count):
 
 
 @helper
-def gather_screen(first, end, xy, codes, w, ints, doubles):
+def gather_screen(segment, xy, codes, w, ints, doubles):
     """Gather screen positions, clipped flags and w of patches' vertices; w is 1 if affine."""
     is_affine = w.shape[0] == 0
-    for r in range(np.uintp(first), np.uintp(end)):
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         n, code = np.uintp(ints[rows.FIRST_SAMPLE, r]), codes[np.uintp(ints[rows.A, r])]
         for k in range(3):
             vertex = np.uintp(ints[rows.A + k, r])
@@ -156,7 +156,7 @@ def weigh_mixed(
     e = s + round_up_to_vectors(count)
     if are_all_clipped(segment, ints, codes):
         return np.int32(1)
-    gather_screen(segment[rows.FIRST_PATCH], segment[rows.END_PATCH], xy, codes, w, ints, doubles)
+    gather_screen(segment, xy, codes, w, ints, doubles)
     if is_narrow:
         ax, ay, bx, by, cx, cy, xs, ys = (
             part(ints, rows.AX, s, e), part(ints, rows.AY, s, e), part(ints, rows.BX, s, e),
@@ -276,11 +276,8 @@ def mark_inexact(s, e, column, row, row_start, is_inexact, front_sign, ints):
 @helper
 def weigh_span(segment, ints, weights, xy, codes, w, bits, sample_radius, front_sign):
     """Write the weights of a span; return not 0 if any sample needs the exact path."""
-    r, s, e = (
-        np.uintp(segment[rows.FIRST_PATCH]),
-        np.int64(segment[rows.START]),
-        np.int64(segment[rows.STOP]),
-    )
+    r, s = np.uintp(segment[rows.FIRST_PATCH]), np.int64(segment[rows.START])
+    e = np.int64(segment[rows.STOP])
     a, b, c = get_patch_vertices(ints, r)
     column, row = np.int64(segment[rows.SPAN_COLUMN]), np.int64(segment[rows.SPAN_ROW])
     row_start = evaluate_edges(a, b, c, column, row, bits, xy, w)
@@ -334,10 +331,8 @@ def recompute_inexact_samples(segment, ints, weights, geometry, placement):
     owner, codes = np.int64(segment[rows.OWNER]), geometry.codes
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
-        first, end = (
-            np.int64(ints[rows.FIRST_SAMPLE, r]),
-            np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-        )
+        first = np.int64(ints[rows.FIRST_SAMPLE, r])
+        end = np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             column, row = np.float64(ints[rows.COLUMN, first]), np.int64(ints[rows.ROW, first])
             # Segments and points have no back.

@@ -64,8 +64,7 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
     s = np.int64(segment[rows.START])
     e = s + round_up_to_vectors(segment[rows.STOP] - s)
     samples, weights, floats = block.samples, block.float32_weights, block.floats
-    patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
-    gather_vertex_values(patches[0], patches[1], colors, block.ints, floats)
+    gather_vertex_values(segment, colors, block.ints, floats)
     red, green, blue = three_parts(samples, rows.RED, s, e)
     fill_color(red, green, blue, base)
     multiply_float32_colors(
@@ -128,11 +127,8 @@ def blend_row(corners, start, stop, pixel, block, geometry, has_wide, base, colo
     """Write the colours of neighbouring samples of one face."""
     xy, codes, w, samples = geometry.xy, geometry.codes, geometry.w, block.samples
     (a, b, c), (column, row) = corners, pixel
-    at_a, at_b, at_c = (
-        read_vertex_color(colors, a),
-        read_vertex_color(colors, b),
-        read_vertex_color(colors, c),
-    )
+    at_a, at_b = read_vertex_color(colors, a), read_vertex_color(colors, b)
+    at_c = read_vertex_color(colors, c)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     end, corner_colors = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
     out = three_parts(samples, rows.RED, start, end)
@@ -216,7 +212,8 @@ def find_float32_colors(
     Write the base colours times the vertex colours, (V, 4), interpolated in float32.
 
     For objects where ``is_float32``, (O,), is not 0; others in float64, by
-    `interpolate_vertex_colors`. One pass for both: vectors write past the end of a segment, which the next overwrites.
+    `interpolate_vertex_colors`. One pass for both: vectors write past the end of a segment, which
+    the next overwrites.
     """
     has_wide = may_have_wide_faces(geometry.viewport)
     for k in range(block.counts[rows.SEGMENT_COUNT]):

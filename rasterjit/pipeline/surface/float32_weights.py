@@ -55,7 +55,7 @@ def is_wide(a, b, c, xy):
 
 
 @helper
-def gather_screen(first, end, geometry, has_wide, ints, floats):
+def gather_screen(segment, geometry, has_wide, ints, floats):
     """
     Gather screen positions of patches' vertices, and ratios of w.
 
@@ -64,7 +64,7 @@ def gather_screen(first, end, geometry, has_wide, ints, floats):
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     is_affine, code, one = w.shape[0] == 0, np.uint8(0), np.float32(1.0)
     any_wide = False
-    for r in range(np.uintp(first), np.uintp(end)):
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         a, b, c = get_patch_vertices(ints, r)
         code |= codes[a] | codes[b] | codes[c]
@@ -124,8 +124,7 @@ def weigh_mixed(segment, block, geometry, has_wide):
     s = np.int64(segment[rows.START])
     count = np.int32(segment[rows.STOP] - s)
     e = s + round_up_to_vectors(count)
-    patches = segment[rows.FIRST_PATCH], segment[rows.END_PATCH]
-    inexact = gather_screen(patches[0], patches[1], geometry, has_wide, ints, floats)
+    inexact = gather_screen(segment, geometry, has_wide, ints, floats)
     bits = geometry.viewport.grid_bits
     edge_a, edge_b, edge_c = three_parts(floats, EDGE_A, s, e)
     find_edges(

@@ -215,11 +215,8 @@ def list_samples(
         if column >= width:
             row, column, interval_end = row + 1, np.int64(0), np.int64(-1)
     counts[rows.NEXT_ROW], counts[rows.NEXT_COLUMN], counts[rows.LAST_OWNER] = row, column, owner
-    counts[rows.SEGMENT_COUNT], counts[rows.PATCH_COUNT], counts[rows.INTERVAL_COUNT] = (
-        k,
-        r,
-        last_interval + 1,
-    )
+    counts[rows.SEGMENT_COUNT], counts[rows.PATCH_COUNT] = k, r
+    counts[rows.INTERVAL_COUNT] = last_interval + 1
     if n == 0:
         for number in range(rows.COUNT_ELEMENTS):
             counts[number] = 0

@@ -115,10 +115,8 @@ def gather_tangents(segment, block, uv, tangents, mirrored):
         a, b, c = get_patch_vertices(ints, r)
         mirror_index = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
         sign = np.float64(tangents[a, mirror_index, 3]) * mirrored
-        first, end = (
-            np.int64(ints[rows.FIRST_SAMPLE, r]),
-            np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-        )
+        first = np.int64(ints[rows.FIRST_SAMPLE, r])
+        end = np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)])
         for n in range(first, end, LANES):
             start = np.uintp(n)
             spread(bitangent_signs, start, sign)

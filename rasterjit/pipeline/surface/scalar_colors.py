@@ -45,9 +45,9 @@ def interpolate_scalar(weights, value0, value1, value2):
 
 
 @helper
-def gather_scalars(first, end, values, ints, doubles):
+def gather_scalars(segment, values, ints, doubles):
     """Gather the scalars of some patches' vertices."""
-    for r in range(np.uintp(first), np.uintp(end)):
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         spread(doubles[0], n, values[np.uintp(ints[rows.A, r])])
         spread(doubles[1], n, values[np.uintp(ints[rows.B, r])])
@@ -125,9 +125,7 @@ def apply_colormaps(
         scalars = part(doubles, SCALAR, s, e)
         second, third = part(weights, 0, s, e), part(weights, 1, s, e)
         if segment[rows.KIND] == rows.MIXED:
-            gather_scalars(
-                segment[rows.FIRST_PATCH], segment[rows.END_PATCH], values, ints, doubles
-            )
+            gather_scalars(segment, values, ints, doubles)
             interpolate_scalars(scalars, *three_parts(doubles, 0, s, e), second, third)
         else:
             a, b, c = get_span_vertices(segment, ints)

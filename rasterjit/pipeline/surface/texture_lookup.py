@@ -18,15 +18,7 @@ from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Textures
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.surface.gather_samples import fill_row, four_parts, round_up_to_vectors
-from rasterjit.pipeline.surface.sample_block import (
-    LOOKUP_INT_ROWS,
-    LOOKUP_WEIGHT_ROWS,
-    SEGMENT_COUNT,
-    START,
-    STOP,
-    TEXTURE_COLOR_ROWS,
-    Block,
-)
+from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import (
     CHANNELS,
     HALVES,
@@ -190,10 +182,8 @@ def find_repeated_corner_texels(
     Takes the level's first texel, width and height.
     """
     first, width, height = level
-    across, up = (
-        np.float64(width) * texturing.STEPS_PER_TEXEL,
-        np.float64(height) * texturing.STEPS_PER_TEXEL,
-    )
+    across = np.float64(width) * texturing.STEPS_PER_TEXEL
+    up = np.float64(height) * texturing.STEPS_PER_TEXEL
     one, zero = np.int32(1), np.int32(0)
     last_column, last_row = np.uint32(width - one), np.uint32(height - one)
     # Rows of texels run down.
@@ -226,10 +216,8 @@ def find_repeated_texels(u, v, level, texels):
     Takes the level's first texel, width and height.
     """
     first, width, height = level
-    across, up = (
-        np.float64(width) * texturing.STEPS_PER_TEXEL,
-        np.float64(height) * texturing.STEPS_PER_TEXEL,
-    )
+    across = np.float64(width) * texturing.STEPS_PER_TEXEL
+    up = np.float64(height) * texturing.STEPS_PER_TEXEL
     zero, bottom = np.int32(0), np.int32(height - np.int32(1))
     for n in range(u.shape[0]):
         x, y = u[n] - np.floor(u[n]), v[n] - np.floor(v[n])
@@ -393,10 +381,8 @@ def find_texels_and_weights(u, v, is_mipped, level_offset, row, levels, ints, we
     base, last = levels[level, texturing.FIRST_TEXEL], level + row[texturing.LEVEL_COUNT] - 1
     is_smooth = row[texturing.FILTER] != texturing.NEAREST
     details, corners = part(ints, LEVEL, 0, size), four_parts(ints, CORNERS, 0, size)
-    right_weights, upper_weights = (
-        part(weights, RIGHT_WEIGHT, 0, size),
-        part(weights, UPPER_WEIGHT, 0, size),
-    )
+    right_weights = part(weights, RIGHT_WEIGHT, 0, size)
+    upper_weights = part(weights, UPPER_WEIGHT, 0, size)
     is_repeated = (
         row[texturing.WRAP_U] == texturing.REPEAT and row[texturing.WRAP_V] == texturing.REPEAT
     )
@@ -536,17 +522,12 @@ def find_levels(first, count, owner, kind, textures, uv_rows, ints, weights):
     """
     row, size = textures.table[owner, kind], round_up_to_vectors(count)
     level, stop = np.int32(row[texturing.FIRST_LEVEL]), first + size
-    levels, coarser, taps = (
-        part(ints, LEVEL, 0, size),
-        part(weights, COARSER_WEIGHT, 0, size),
-        part(ints, TAPS, 0, size),
-    )
+    levels, coarser = part(ints, LEVEL, 0, size), part(weights, COARSER_WEIGHT, 0, size)
+    taps = part(ints, TAPS, 0, size)
     right_u, right_v, down_u, down_v = four_parts(uv_rows, RIGHT_U, first, stop)
     if textures.transforms.shape[0] > 0:
-        transform, transformed = (
-            textures.transforms[owner, kind],
-            four_parts(uv_rows, TRANSFORMED_U, 0, size),
-        )
+        transform = textures.transforms[owner, kind]
+        transformed = four_parts(uv_rows, TRANSFORMED_U, 0, size)
         transform_uv_steps(right_u, right_v, transform, transformed[0], transformed[1])
         transform_uv_steps(down_u, down_v, transform, transformed[2], transformed[3])
         right_u, right_v, down_u, down_v = transformed
@@ -567,10 +548,8 @@ def get_transformed_uv(first, size, owner, kind, textures, uv_rows):
     """Return the coordinates of neighbouring samples, with their texture's transform."""
     u, v = part(uv_rows, U, first, first + size), part(uv_rows, V, first, first + size)
     if textures.transforms.shape[0] > 0:
-        transformed_u, transformed_v = (
-            part(uv_rows, TRANSFORMED_U, 0, size),
-            part(uv_rows, TRANSFORMED_V, 0, size),
-        )
+        transformed_u = part(uv_rows, TRANSFORMED_U, 0, size)
+        transformed_v = part(uv_rows, TRANSFORMED_V, 0, size)
         transform_uv(u, v, textures.transforms[owner, kind], transformed_u, transformed_v)
         return transformed_u, transformed_v
     return u, v
@@ -667,19 +646,14 @@ def multiply_textures_below_highlights(
     ``first_diffuse_row`` on.
     """
     samples, texture_colors = block.samples, block.colors
-    for k in range(block.counts[SEGMENT_COUNT]):
+    for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
-        s, e, owner = (
-            np.int64(segment[START]),
-            np.int64(segment[STOP]),
-            np.uintp(segment[rows.OWNER]),
-        )
+        s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+        owner = np.uintp(segment[rows.OWNER])
         is_lit = np.int64(materials[owner, MATERIAL_MODEL]) == GOURAUD
         for i in range(3):
-            colors, texels = (
-                part(samples, rows.RED + i, s, e),
-                part(texture_colors, TEXTURE_RED + i, s, e),
-            )
+            colors = part(samples, rows.RED + i, s, e)
+            texels = part(texture_colors, TEXTURE_RED + i, s, e)
             if is_lit:
                 multiply_diffuse_row(colors, texels, part(samples, first_diffuse_row + i, s, e))
             else:
@@ -689,9 +663,9 @@ def multiply_textures_below_highlights(
 def allocate_lookup_memory(max_samples: int) -> tuple[Any, Any, Any]:
     """Allocate a thread's memory for looking up textures of up to ``max_samples`` samples."""
     return (
-        np.empty((LOOKUP_INT_ROWS, max_samples), np.int32),
-        np.empty((LOOKUP_WEIGHT_ROWS, max_samples), np.float32),
-        np.empty((TEXTURE_COLOR_ROWS, max_samples), np.float32),
+        np.empty((rows.LOOKUP_INT_ROWS, max_samples), np.int32),
+        np.empty((rows.LOOKUP_WEIGHT_ROWS, max_samples), np.float32),
+        np.empty((rows.TEXTURE_COLOR_ROWS, max_samples), np.float32),
     )
 
 

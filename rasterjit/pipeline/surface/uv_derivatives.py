@@ -158,9 +158,9 @@ def write_mixed_uv_steps(
 
 
 @helper
-def gather_vertex_uv(first, end, uv, ints, floats):
+def gather_vertex_uv(segment, uv, ints, floats):
     """Gather the texture coordinates of the vertices of some patches."""
-    for r in range(np.uintp(first), np.uintp(end)):
+    for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
         n = np.uintp(ints[rows.FIRST_SAMPLE, r])
         spread(floats[0], n, uv[a, 0])
@@ -192,7 +192,7 @@ def interpolate_uv(block: Block, count, uv: float32[:, ::1]):
         owner = np.float64(segment[rows.OWNER])
         if segment[rows.KIND] == rows.MIXED:
             e = s + round_up_to_vectors(e - s)
-            gather_vertex_uv(segment[rows.FIRST_PATCH], segment[rows.END_PATCH], uv, ints, floats)
+            gather_vertex_uv(segment, uv, ints, floats)
             interpolate_mixed_uv(
                 *three_parts(uv_rows, U, s, e), *six_parts(floats, 0, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), owner,
@@ -241,10 +241,8 @@ def find_clipped_uv_steps(segment, ints, uv_rows, uv, codes, clip_positions, vie
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = get_patch_vertices(ints, r)
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
-            s, e = (
-                np.int64(ints[rows.FIRST_SAMPLE, r]),
-                np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-            )
+            s = np.int64(ints[rows.FIRST_SAMPLE, r])
+            e = np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)])
             vertex_uvs = texturing.read_vertex_uvs(uv, a, b, c)
             write_clipped_uv_steps(
                 *three_parts(uv_rows, RIGHT_U, s, e), part(uv_rows, DOWN_V, s, e),

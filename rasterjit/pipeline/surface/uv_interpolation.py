@@ -127,10 +127,8 @@ def interpolate_uv_from_edges(block: Block, count, uv: float32[:, ::1], geometry
     for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
-            first, end = (
-                np.int64(ints[rows.FIRST_SAMPLE, r]),
-                np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)]),
-            )
+            first = np.int64(ints[rows.FIRST_SAMPLE, r])
+            end = np.int64(ints[rows.FIRST_SAMPLE, r + np.uintp(1)])
             corners = get_patch_vertices(ints, r)
             column, row = get_pixel(first, segment, ints)
             interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv, geometry)
