@@ -24,7 +24,7 @@ from benchmarks.contestants.rasterjit_ import Visibility
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry import triangle_batches as batches
-from rasterjit.pipeline.geometry.triangle_batches import at
+from rasterjit.pipeline.geometry.triangle_batches import flat_index
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.runtime.intrinsics import draw_box
 from rasterjit.runtime.jit import Helper, disjoint_helper, helper
@@ -94,16 +94,16 @@ def is_above(ax, ay, bx, by):
 @disjoint_helper
 def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
     """Write the box of samples of each triangle inside a window; any vertex may be topmost."""
-    blocks = batches.BLOCK_BITS
+    blocks = batches.COLUMN_BLOCK_BITS
     for n in range(ax.shape[0]):
-        first = setup.first_sample(min(ax[n], min(bx[n], cx[n])), bits)
-        last = setup.last_sample(max(ax[n], max(bx[n], cx[n])), bits)
-        is_wide = last - first >= batches.SMALL_PIXELS
+        first = setup.find_first_pixel(min(ax[n], min(bx[n], cx[n])), bits)
+        last = setup.find_last_pixel(max(ax[n], max(bx[n], cx[n])), bits)
+        is_wide = last - first >= batches.MAX_SMALL_PIXELS
         wide[n] = is_wide
         left[n] = max(first, (window[0] >> blocks) << blocks if is_wide else window[0])
-        top[n] = max(setup.first_sample(min(ay[n], min(by[n], cy[n])), bits), window[1])
+        top[n] = max(setup.find_first_pixel(min(ay[n], min(by[n], cy[n])), bits), window[1])
         right[n] = min(last, window[2])
-        bottom[n] = min(setup.last_sample(max(ay[n], max(by[n], cy[n])), bits), window[3])
+        bottom[n] = min(setup.find_last_pixel(max(ay[n], max(by[n], cy[n])), bits), window[3])
 
 
 @disjoint_helper
@@ -223,23 +223,27 @@ def depth_from(plane, edge_bc, edge_ca):
 @helper
 def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle against edges in float32, row by row."""
-    left, top = np.int64(whole[at(batches.LEFT, n)]), np.int64(whole[at(batches.TOP, n)])
+    left, top = (
+        np.int64(whole[flat_index(batches.LEFT, n)]),
+        np.int64(whole[flat_index(batches.TOP, n)]),
+    )
     first = (top - origin[1]) * tile_rasterizer.SCRATCH_SHAPE[1] + left - origin[0]
-    rows = np.int64(whole[at(batches.BOTTOM, n)]) - top + 1
-    columns = np.int32(whole[at(batches.RIGHT, n)] - left + 1)
-    e0, e1 = real[at(batches.EDGE, n)], real[at(batches.EDGE + 1, n)]
-    across0, across1 = real[at(batches.ACROSS, n)], real[at(batches.ACROSS + 1, n)]
-    down0, down1 = real[at(batches.DOWN, n)], real[at(batches.DOWN + 1, n)]
+    rows = np.int64(whole[flat_index(batches.BOTTOM, n)]) - top + 1
+    columns = np.int32(whole[flat_index(batches.RIGHT, n)] - left + 1)
+    e0, e1 = real[flat_index(batches.EDGE, n)], real[flat_index(batches.EDGE + 1, n)]
+    across0, across1 = real[flat_index(batches.ACROSS, n)], real[flat_index(batches.ACROSS + 1, n)]
+    down0, down1 = real[flat_index(batches.DOWN, n)], real[flat_index(batches.DOWN + 1, n)]
     edges = (
-        e0, e1, real[at(batches.EDGE + 2, n)], across0, across1, real[at(batches.ACROSS + 2, n)],
-        down0, down1, real[at(batches.DOWN + 2, n)],
+        e0, e1, real[flat_index(batches.EDGE + 2, n)], across0, across1,
+        real[flat_index(batches.ACROSS + 2, n)], down0, down1,
+        real[flat_index(batches.DOWN + 2, n)],
     )  # fmt: skip
     depth = (
         e0, e1, across0, across1, down0, down1, plane[0], plane[1], plane[2], plane[4], plane[5],
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(tile_rasterizer.SCRATCH_SHAPE[1]), rows, columns, edges,
-        depth, np.int32(whole[at(batches.FACE, n)]), is_mixed,
+        depth, np.int32(whole[flat_index(batches.FACE, n)]), is_mixed,
     )  # fmt: skip
 
 

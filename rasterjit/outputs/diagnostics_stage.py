@@ -55,7 +55,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry import setup
-from rasterjit.pipeline.geometry.barycentric import relative_to_sample
+from rasterjit.pipeline.geometry.barycentric import offset_from_sample
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import tile_rasterizer
@@ -226,7 +226,7 @@ def find_fates(
     for face in range(face_count):
         while face >= objects.face_starts[owner + 1]:
             owner += 1
-        corners = setup.corners_of(vertices, face)
+        corners = setup.get_face_vertices(vertices, face)
         code0, code1, code2 = codes[corners[0]], codes[corners[1]], codes[corners[2]]
         any_code = code0 | code1 | code2
         winding = objects.culled_windings[owner]
@@ -240,7 +240,7 @@ def find_fates(
             has_pieces = piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face
             fate = DEGENERATE if has_pieces else OUTSIDE
             while piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face:
-                corners = setup.corners_of(faces.pieces, piece)
+                corners = setup.get_face_vertices(faces.pieces, piece)
                 covered = samples[face_count + piece]
                 fate = max(fate, find_fate(corners, screen, viewport, winding, covered))
                 piece += 1
@@ -264,8 +264,8 @@ def bound_segment_error(a, b, column, row, geometry):
     product is off by at most 16 units of rounding of them.
     """
     clip = geometry.clip_positions
-    width, height = setup.whole_size(geometry.viewport)
-    (u0, u1, _), (v0, v1, _) = relative_to_sample(
+    width, height = setup.get_picture_size(geometry.viewport)
+    (u0, u1, _), (v0, v1, _) = offset_from_sample(
         a, b, b, column, row, clip, geometry.viewport
     )  # fmt: skip
     w0, w1 = abs(clip[a, 3]), abs(clip[b, 3])
@@ -300,7 +300,7 @@ def bound_clipped_error(a, b, c, column, row, geometry):
     w0, w1, w2 = abs(clip[a, 3]), abs(clip[b, 3]), abs(clip[c, 3])
     p0, p1, p2 = abs(clip[a, 0]) + w0, abs(clip[b, 0]) + w1, abs(clip[c, 0]) + w2
     q0, q1, q2 = abs(clip[a, 1]) + w0, abs(clip[b, 1]) + w1, abs(clip[c, 1]) + w2
-    (u0, u1, u2), (v0, v1, v2) = relative_to_sample(a, b, c, column, row, clip, geometry.viewport)
+    (u0, u1, u2), (v0, v1, v2) = offset_from_sample(a, b, c, column, row, clip, geometry.viewport)
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     s0 = bound_weight_error(p1, u1, q1, v1, p2, u2, q2, v2)
     s1 = bound_weight_error(p2, u2, q2, v2, p0, u0, q0, v0)
@@ -341,7 +341,7 @@ def find_largest_error(
             face = face_id[row, column]
             if face < 0:
                 continue
-            a, b, c = setup.corners_of(geometry.faces, face)
+            a, b, c = setup.get_face_vertices(geometry.faces, face)
             if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & setup.CLIPPED:
                 bound = max(bound, bound_clipped_error(a, b, c, column, row, geometry))
             else:

@@ -402,7 +402,7 @@ def depth_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that compute the reversed depth of pixels, if a pass reads it."""
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
-    rows = [KernelRow(reversed_depth.fill_depths, _weights_note(plan))]
+    rows = [KernelRow(reversed_depth.fill_reversed_depths, _weights_note(plan))]
     if plan.facts.counts.points:
         rows.append(KernelRow(point_normals.fill_point_depths))
     return rows
@@ -438,7 +438,7 @@ def add_reversed_depth(
         vertex_depths = _reversed_vertex_depths(depth_format, coefficients, coverage)
         depth = workers.memory.empty(coverage.face_id.shape, np.float32)
         arguments = geometry, vertex_depths, coefficients, depth
-        fill_rows(reversed_depth.fill_depths, coverage.face_id, arguments, workers)
+        fill_rows(reversed_depth.fill_reversed_depths, coverage.face_id, arguments, workers)
         if coverage.points is not None:
             points = geometry.faces, *coverage.points.read, placement, coefficients, depth
             fill_rows(point_normals.fill_point_depths, coverage.face_id, points, workers)

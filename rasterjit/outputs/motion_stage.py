@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry import barycentric
-from rasterjit.pipeline.geometry.setup import corners_of
+from rasterjit.pipeline.geometry.setup import get_face_vertices
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int8, int32, int64, uint8
@@ -94,7 +94,7 @@ def evaluate_face(corners, owner, positions, matrices, x, y):
     if corners[1] == corners[2]:
         dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
         first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
-        t = barycentric.segment_parameter(first, second, w0, w1)
+        t = barycentric.find_segment_parameter(first, second, w0, w1)
         return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0, False
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     winding = b0 * w0 + b1 * w1 + b2 * w2
@@ -162,7 +162,7 @@ def was_visible(face, owner, point, corners, x, y, before, face_starts):
             if other < 0 or other == face or is_known:
                 continue
             other_owner = barycentric.find_object(other, face_starts, owner)
-            other_corners = corners_of(faces, other)
+            other_corners = get_face_vertices(faces, other)
             other_depth, _, covers = evaluate_face(
                 other_corners, other_owner, positions, matrices, x, y
             )
@@ -173,7 +173,7 @@ def was_visible(face, owner, point, corners, x, y, before, face_starts):
     if other < 0:
         return True
     other_owner = barycentric.find_object(other, face_starts, owner)
-    other_corners = corners_of(faces, other)
+    other_corners = get_face_vertices(faces, other)
     if other_owner == owner and share_vertex(corners, other_corners, positions):
         return True
     nearest, _, _ = evaluate_face(
@@ -218,9 +218,9 @@ def fill_motion(
             if face < 0:
                 continue
             owner = barycentric.find_object(face, face_starts, owner)
-            a, b, c = corners_of(geometry.faces, face)
-            weights = barycentric.sample_weights(a, b, c, column, row, geometry)
-            i, j, k = corners_of(before[2], face)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            weights = barycentric.compute_sample_weights(a, b, c, column, row, geometry)
+            i, j, k = get_face_vertices(before[2], face)
             x, y, w = project_to_pixels(interpolate_point(weights, a, b, c, now[0]), owner, now[1])
             point = interpolate_point(weights, i, j, k, before[0])
             old_x, old_y, old_w = project_to_pixels(point, owner, before[1])
@@ -259,9 +259,9 @@ def fill_motion_visible(
             if face < 0:
                 continue
             owner = barycentric.find_object(face, face_starts, owner)
-            a, b, c = corners_of(geometry.faces, face)
-            weights = barycentric.sample_weights(a, b, c, column, row, geometry)
-            corners = corners_of(before[2], face)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            weights = barycentric.compute_sample_weights(a, b, c, column, row, geometry)
+            corners = get_face_vertices(before[2], face)
             point = interpolate_point(weights, corners[0], corners[1], corners[2], before[0])
             x, y, w = project_to_pixels(point, owner, before[1])
             if w > 0.0 and 0.0 <= x < width and 0.0 <= y < height:

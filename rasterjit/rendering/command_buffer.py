@@ -307,7 +307,7 @@ class CommandBuffer:
         # Vertices to the screen.
         relative = self._field("relative_from_model", (objects, 4, 4), kind)
         clip = self._field("clip_from_relative", (4, 4), kind)
-        model, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
+        model, scratch = (arrays.vertex_starts, relative), projection.allocate_scratch(kind)
         transformed = self._calls.bound(
             projection.transform_vertices, (0, count), positions, model, clip, (0.0, 0.0, 0.0),
             viewport, screen, scratch,

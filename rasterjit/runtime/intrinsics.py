@@ -325,7 +325,7 @@ def blend_clipped_run(
     """
     Do what `blend_run` does for a face that was clipped, whose weights are worked out in float64.
 
-    Takes the steps of ``barycentric.clipped_weights`` and ``normalized``.
+    Takes the steps of ``barycentric.compute_clipped_weights`` and ``divide_by_sum``.
 
     Parameters
     ----------

@@ -333,7 +333,7 @@ def _count_covered(
     transform = Bound(
         projection.transform_vertices, (0, len(positions)), positions,
         (arrays.vertex_starts, views.relative_from_model), matrix, (0.0, 0.0, 0.0), viewport,
-        screen, projection.scratch_memory(positions.dtype),
+        screen, projection.allocate_scratch(positions.dtype),
     )  # fmt: skip
     # Count the directions whose silhouettes cover each texel.
     objects = cull_objects(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, first_sample, winding_of
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, find_first_pixel, get_winding
 from rasterjit.pipeline.records import Objects, ScreenVertices
 from rasterjit.runtime.intrinsics import call_bound
 from rasterjit.runtime.jit import helper, kernel
@@ -94,7 +94,7 @@ def find_windings(faces, objects, screen, any_codes, windings):
                     continue
                 if bits & CLIPPED:
                     return False
-            winding = winding_of((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
+            winding = get_winding((xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]))
             windings[face] = np.int8(0 if winding == culled else winding)
     return True
 
@@ -108,8 +108,8 @@ def add_edge(xy, first, last, layers, bits, change, ends):
         change = -change
     else:
         ax, ay, bx, by = bx, by, ax, ay
-    top = max(first_sample(ay, bits), np.int64(0))
-    bottom = min(first_sample(by, bits), np.int64(layers.shape[0]))
+    top = max(find_first_pixel(ay, bits), np.int64(0))
+    bottom = min(find_first_pixel(by, bits), np.int64(layers.shape[0]))
     if top >= bottom:
         return
     # The edge crosses a row at value / denominator texels; the half makes the floor exact.

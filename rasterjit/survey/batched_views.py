@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.geometry.unproject_matrix import lens_of
+from rasterjit.pipeline.geometry.unproject_matrix import build_unprojection_matrix
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
@@ -78,12 +78,12 @@ class ViewGroup:
         return self.in_view & ~np.isfinite(self.corners).all(axis=(2, 3))
 
     def lens_matrices(self, units: Sequence[float]) -> NDArray[np.float32]:
-        """Return `lens_of` each view, (N, 4, 4), in its own unit or a common one; 0 if empty."""
+        """Return the unprojection matrix of each view, (N, 4, 4), by its unit; 0 if it is empty."""
         count = len(self.cameras)
         matrices, has_objects = np.zeros((count, 4, 4), np.float32), self.in_view.any(axis=1)
         for n in np.flatnonzero(has_objects & self.views.is_finite).tolist():
             unit = units[n if len(units) == count else 0]
-            matrices[n] = lens_of(self.cameras[n], self.size, unit)
+            matrices[n] = build_unprojection_matrix(self.cameras[n], self.size, unit)
         return matrices
 
     def compute_max_distance(self) -> Float64:

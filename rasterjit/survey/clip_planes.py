@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry import depth_range
-from rasterjit.pipeline.geometry.depth_range import DEPTH, SURE
+from rasterjit.pipeline.geometry.depth_range import DEPTH_ROW, RELATIVE_ERROR
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MAX_PLANE_STEPS, Camera, NearFar, OrthographicCamera, near_far
@@ -341,7 +341,7 @@ def _find_primitive_depths(
     # All but spheres have the depth of their centre.
     radius = _max_half_size(mesh, relative_from_model)
     rows = rows.copy()
-    rows[:DEPTH, 3] += radius * _gradient_lengths(rows[:DEPTH])
+    rows[:DEPTH_ROW, 3] += radius * _gradient_lengths(rows[:DEPTH_ROW])
     nearest, farthest, *_ = _find_mesh_depths(mesh, rows, relative_from_model, planes)
     return nearest, farthest, 0.0, 0.0
 
@@ -352,10 +352,10 @@ def _find_sphere_depths(
     """Find the depth range of visible spheres that reach a plane; counts none."""
     radius = _max_half_size(mesh, relative_from_model)
     gradients = _gradient_lengths(rows)
-    depth_radius = float(radius * gradients[DEPTH])
+    depth_radius = float(radius * gradients[DEPTH_ROW])
     if _is_between(
         _find_bounding_sphere(mesh),
-        rows[DEPTH],
+        rows[DEPTH_ROW],
         relative_from_model,
         (planes[0] + depth_radius, planes[1] - depth_radius),
     ):
@@ -373,14 +373,14 @@ def _find_sphere_depths(
             nearest, farthest = math.inf, -math.inf
             cosine = _compute_min_cosine(rows)
             blocks = _find_blocks_outside(mesh, widened, safe_depths)
-            count = VERTICES_PER_CHUNK // depth_range.BLOCK
+            count = VERTICES_PER_CHUNK // depth_range.FACES_PER_BOX
             for first in range(0, len(blocks), count):
-                starts = blocks[first : first + count, np.newaxis] * depth_range.BLOCK
-                indices = (starts + np.arange(depth_range.BLOCK)).ravel()
+                starts = blocks[first : first + count, np.newaxis] * depth_range.FACES_PER_BOX
+                indices = (starts + np.arange(depth_range.FACES_PER_BOX)).ravel()
                 indices = indices[indices < len(mesh)]
                 distances = dot_planes(widened, mesh.vertices[indices].T) + widened[:, 3:]
-                depths = distances[DEPTH]
-                may_reach = (distances[:DEPTH] >= 0.0).all(axis=0) & (depths > 0.0)
+                depths = distances[DEPTH_ROW]
+                may_reach = (distances[:DEPTH_ROW] >= 0.0).all(axis=0) & (depths > 0.0)
                 numbers = indices[
                     may_reach & ((depths < safe_depths[0]) | (depths > safe_depths[1]))
                 ]
@@ -421,8 +421,8 @@ def _find_visible_depths(
     centers = dot_planes(matrix, mesh.vertices[numbers].T) + matrix[:, 3:]
     distances = dot_planes(rows, centers) + rows[:, 3:]
     plane_radii = _gradient_lengths(rows)[:, np.newaxis] * radii
-    depths, depth_radii = distances[DEPTH], plane_radii[DEPTH]
-    is_visible = (distances[:DEPTH] + plane_radii[:DEPTH] >= 0.0).all(axis=0) & (
+    depths, depth_radii = distances[DEPTH_ROW], plane_radii[DEPTH_ROW]
+    is_visible = (distances[:DEPTH_ROW] + plane_radii[:DEPTH_ROW] >= 0.0).all(axis=0) & (
         depths + depth_radii > 0.0
     )
     low = np.maximum(depths - depth_radii, 0.0)
@@ -430,22 +430,22 @@ def _find_visible_depths(
         x, y, z = centers
         distance = np.sqrt((x * x + y * y) + z * z)
         # No ray hits a sphere nearer than its surface is to the eye.
-        low = np.maximum(low, cosine * (np.abs(distance - radii) - SURE * distance))
+        low = np.maximum(low, cosine * (np.abs(distance - radii) - RELATIVE_ERROR * distance))
         # Spheres outside a cone around the view are not visible.
         sine = np.minimum(radii / distance, 1.0)
         min_cosine = cosine * np.sqrt(1.0 - sine * sine) - math.sqrt(1.0 - cosine * cosine) * sine
-        is_visible &= (distance <= radii) | (depths >= (min_cosine - SURE) * distance)
+        is_visible &= (distance <= radii) | (depths >= (min_cosine - RELATIVE_ERROR) * distance)
     return np.where(is_visible, low, np.inf), np.where(is_visible, depths + depth_radii, -np.inf)
 
 
 def _compute_min_cosine(rows: Float64) -> float:
     """Return the least depth per distance along rays in view; 0 if rays do not meet."""
     # Depth is 0, and all sides meet, at the eye.
-    if (np.abs(rows[:, 3]) > SURE * _gradient_lengths(rows)).any():
+    if (np.abs(rows[:, 3]) > RELATIVE_ERROR * _gradient_lengths(rows)).any():
         return 0.0
-    normals, depth, cosines = rows[:DEPTH, :3].tolist(), rows[DEPTH, :3].tolist(), []
-    for k in range(DEPTH):
-        edge = cross(normals[k], normals[(k + 1) % DEPTH])
+    normals, depth, cosines = rows[:DEPTH_ROW, :3].tolist(), rows[DEPTH_ROW, :3].tolist(), []
+    for k in range(DEPTH_ROW):
+        edge = cross(normals[k], normals[(k + 1) % DEPTH_ROW])
         cosines.append(abs(dot(edge, depth)) / (length(edge) or 1.0))
     return min(1.0, *cosines)
 
@@ -482,7 +482,7 @@ def _find_mesh_depths(
     planes : (float, float)
         Depths of the near and the far plane.
     """
-    if _is_between(_find_bounding_sphere(mesh), rows[DEPTH], relative_from_model, planes):
+    if _is_between(_find_bounding_sphere(mesh), rows[DEPTH_ROW], relative_from_model, planes):
         return EMPTY_RANGE
     with np.errstate(all="ignore"):
         rows = dot_planes(rows, relative_from_model[:3]) + rows[:, 3:] * (0.0, 0.0, 0.0, 1.0)
@@ -511,7 +511,7 @@ def _is_between(
     x, y, z, constant = columns
     depth = x * sphere.x + y * sphere.y + z * sphere.z + (constant + d)
     terms = abs(x * sphere.x) + abs(y * sphere.y) + abs(z * sphere.z) + (abs(constant) + abs(d))
-    radius = sphere.radius * math.sqrt(x * x + y * y + z * z) + SURE * terms
+    radius = sphere.radius * math.sqrt(x * x + y * y + z * z) + RELATIVE_ERROR * terms
     return depth - radius >= planes[0] and depth + radius <= planes[1]
 
 
@@ -520,16 +520,16 @@ def _find_blocks_outside(
 ) -> NDArray[np.int64]:
     """Return the blocks of faces that may be visible outside the planes, by rows in model space."""
     if len(mesh.faces) <= MAX_UNBOXED:
-        return np.arange(-(-len(mesh.faces) // depth_range.BLOCK))
+        return np.arange(-(-len(mesh.faces) // depth_range.FACES_PER_BOX))
     boxes = _box_face_blocks(mesh)
     with np.errstate(all="ignore"):
         centers = dot_planes(rows, boxes.middle) + rows[:, 3:]
         half_ranges = dot_planes(np.abs(rows), boxes.half)
-        half_ranges += SURE * (dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
+        half_ranges += RELATIVE_ERROR * (dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
         lows, highs = centers - half_ranges, centers + half_ranges
     # NaN counts as unsure.
-    is_out = (highs[:DEPTH] < 0.0).any(axis=0) | (highs[DEPTH] <= 0.0)
-    is_out |= (lows[DEPTH] >= planes[0]) & (highs[DEPTH] <= planes[1])
+    is_out = (highs[:DEPTH_ROW] < 0.0).any(axis=0) | (highs[DEPTH_ROW] <= 0.0)
+    is_out |= (lows[DEPTH_ROW] >= planes[0]) & (highs[DEPTH_ROW] <= planes[1])
     return np.flatnonzero(~is_out)
 
 
@@ -579,8 +579,8 @@ def _box_face_blocks(mesh: Mesh) -> _FaceBlockBoxes:
     """Return the boxes around blocks of faces of a mesh, cached."""
     boxes = _face_boxes.get(mesh)
     if boxes is None:
-        low, high = np.empty((2, 3, -(-len(mesh.faces) // depth_range.BLOCK)))
-        depth_range.box_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
+        low, high = np.empty((2, 3, -(-len(mesh.faces) // depth_range.FACES_PER_BOX)))
+        depth_range.bound_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
         boxes = _FaceBlockBoxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
         _face_boxes[mesh] = boxes
     return boxes
@@ -592,7 +592,7 @@ def kernels_of(camera: Camera) -> Rows:
         return []
     reached = "an object may reach the near or far plane"
     return [
-        KernelRow(depth_range.box_faces, "", f"{reached} and has more than {MAX_UNBOXED} faces"),
+        KernelRow(depth_range.bound_faces, "", f"{reached} and has more than {MAX_UNBOXED} faces"),
         KernelRow(depth_range.find_visible_depths, "", reached),
     ]
 

@@ -171,12 +171,16 @@ def _pose_mesh(
     tangents = None if mesh.tangents is None else np.array(mesh.tangents)
     if weights is not None and mesh._morph_targets is not None:
         targets = mesh._morph_targets
-        positions = skinning.morph(positions, targets.positions, weights)
+        positions = skinning.apply_morph_targets(positions, targets.positions, weights)
         if normals is not None and targets.normals is not None:
-            morphed = skinning.morph(normals.astype(np.float64), targets.normals, weights)
+            morphed = skinning.apply_morph_targets(
+                normals.astype(np.float64), targets.normals, weights
+            )
             normals = unit_rows(morphed).astype(np.float32)
         if tangents is not None and targets.tangents is not None:
-            morphed = skinning.morph(tangents[:, :3].astype(np.float64), targets.tangents, weights)
+            morphed = skinning.apply_morph_targets(
+                tangents[:, :3].astype(np.float64), targets.tangents, weights
+            )
             tangents[:, :3] = unit_rows(morphed)
     matrix = None
     if skin is not None and matrices is not None:

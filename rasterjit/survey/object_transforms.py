@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.geometry.depth_range import SURE
+from rasterjit.pipeline.geometry.depth_range import RELATIVE_ERROR
 from rasterjit.pipeline.records import Objects
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera, OrthographicCamera, PerspectiveCamera
@@ -440,7 +440,7 @@ def is_between(
     near_y, far_y = (b * bottom, b * top) if b > 0.0 else (b * top, b * bottom)
     near_z, far_z = (c * back, c * front) if c > 0.0 else (c * front, c * back)
     error = abs(near_x) + abs(far_x) + abs(near_y) + abs(far_y) + abs(near_z) + abs(far_z) + abs(d)
-    error *= SURE
+    error *= RELATIVE_ERROR
     # NaN counts as unsure.
     return near_x + near_y + near_z + d >= near + error and far_x + far_y + far_z + d <= far - error
 

@@ -76,7 +76,7 @@ def test_vertices_fit_32_bits(grid):
 def test_edge_functions_of_small_triangles_are_exact_in_float64(grid):
     # Columns of centres, and the parts of pixels beside them; groups of four samples end at most
     # three columns further right.
-    wide, high = (triangle_batches.SMALL_PIXELS + 1) << grid, MAX_APART << grid
+    wide, high = (triangle_batches.MAX_SMALL_PIXELS + 1) << grid, MAX_APART << grid
     further = wide + (3 << grid)
     reached = largest_edge((0, 0, wide, high), (0, 0, further, high))
     assert reached < 2**44

@@ -340,7 +340,7 @@ def test_tiny_w_overflows_nothing(tiny):
     geometry = geometry_of(I01, ws, SIZE)
     for column, row in screen.covered(seen)[::7]:
         exact = rj.oracle.perspective_weights(I01, ws, screen.centre(column, row))
-        weights = barycentric.sample_weights(0, 1, 2, column, row, geometry)
+        weights = barycentric.compute_sample_weights(0, 1, 2, column, row, geometry)
         for have, kernel, want in zip(seen.barycentric[row, column], weights, exact, strict=True):
             assert abs(Fraction(kernel) - want) <= Fraction(10) ** -12 * want
             # As float32 it is a rounding of that, 0 where it is too small for one.

@@ -327,16 +327,16 @@ def test_weights_of_samples(is_clipped):
     geometry = random_geometry(is_clipped)
     middle = geometry.xy.mean(axis=0) / 256
     column, row = int(middle[0]), int(middle[1])
-    centre = barycentric.sample_weights(0, 1, 2, column, row, geometry)
-    assert barycentric.shifted_weights(0, 1, 2, column, row, (0, 0), geometry) == centre
+    centre = barycentric.compute_sample_weights(0, 1, 2, column, row, geometry)
+    assert barycentric.compute_shifted_weights(0, 1, 2, column, row, (0, 0), geometry) == centre
     # Moving the vertices one way is moving the sample the other way.
     for shift in ((-96, 32), (127, -128)):
         moved = geometry.xy + np.int32(shift)
         ndc = moved / 256.0 / (64.0, 48.0) * (2, -2) + (-1, 1)
         clip = np.column_stack([ndc * geometry.w[:, np.newaxis], geometry.w, geometry.w])
         there = geometry._replace(xy=moved.astype(np.int32), clip_positions=clip)
-        expected = barycentric.sample_weights(0, 1, 2, column, row, there)
-        found = barycentric.shifted_weights(0, 1, 2, column, row, shift, geometry)
+        expected = barycentric.compute_sample_weights(0, 1, 2, column, row, there)
+        found = barycentric.compute_shifted_weights(0, 1, 2, column, row, shift, geometry)
         assert np.abs(np.subtract(found, expected)).max() < 1e-12
         assert np.abs(np.subtract(found, centre)).max() > 1e-3
 

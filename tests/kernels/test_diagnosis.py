@@ -12,8 +12,8 @@ import pytest
 from rasterjit.inspect import oracle
 from rasterjit.outputs import diagnostics_stage
 from rasterjit.pipeline.geometry import barycentric, setup
-from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
-from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of
+from rasterjit.pipeline.geometry.barycentric import compute_sample_weights, interpolate
+from rasterjit.pipeline.geometry.setup import CLIPPED, get_face_vertices
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import tile_rasterizer
 from rasterjit.pipeline.visibility import visibility_pass as drawing
@@ -75,8 +75,8 @@ def fill_unrounded(
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face >= 0:
-                a, b, c = corners_of(geometry.faces, face)
-                weights = sample_weights(a, b, c, column, row, geometry)
+                a, b, c = get_face_vertices(geometry.faces, face)
+                weights = compute_sample_weights(a, b, c, column, row, geometry)
                 for k in range(values.shape[1]):
                     computed[row, column, k] = interpolate(
                         weights, values[a, k], values[b, k], values[c, k]

@@ -48,7 +48,7 @@ def is_large(points):
     """Tell whether the box of a triangle reaches over tiles enough to be looked at."""
     first = np.maximum(np.ceil(points.min(axis=0) - 0.5), 0.0) // TILE
     last = np.minimum(np.floor(points.max(axis=0) - 0.5), np.array(SIZE) - 1.0) // TILE
-    return (last - first).sum() >= setup.LARGE_SPAN
+    return (last - first).sum() >= setup.MIN_LARGE_SPAN_TILES
 
 
 def tiles_of(array):
@@ -209,10 +209,10 @@ def test_tile_depths_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bit
     screen = drawing.screen_arrays(corners.size // 2, Memory())
     screen.xy[:], screen.depth[:] = corners.reshape(-1, 2), depths.reshape(-1)
     for n in range(len(corners)):
-        order = list(hierarchical_z.clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
+        order = list(hierarchical_z.sort_clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
         xy, turned = screen.xy[order].reshape(-1), screen.depth[order]
         assert xy.tolist() == drawn[0][n].tolist()
-        plane = hierarchical_z.depth_plane(*turned.tolist(), *xy.tolist(), bits)
+        plane = hierarchical_z.compute_depth_plane(*turned.tolist(), *xy.tolist(), bits)
         found = np.array([*turned, plane[1], plane[2], plane[4], plane[5]])
         assert plane[0] == turned[2]
         assert found.tobytes() == drawn[1][n].tobytes()

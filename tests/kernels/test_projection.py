@@ -153,7 +153,7 @@ def test_nothing_else_is_written():
     packed = screen.xy.base.view(np.float64).reshape(-1, 2)
     packed[:] = screen.w[:, np.newaxis] = np.pi
     screen.codes[:] = setup.INVALID
-    some = projection.scratch_memory()
+    some = projection.allocate_scratch()
     objects = vertices.vertex_starts, vertices.relative_from_model
     projection.transform_vertices(
         (10, 310), vertices.positions, objects, CLIP_FROM_RELATIVE, COEFFICIENTS, IMAGE, screen,

@@ -199,5 +199,5 @@ def test_the_last_start_is_found_as_numpy_finds_it():
     starts = np.array([0, 0, 3, 3, 3, 7, 12], np.int64)
     for number in range(-2, 15):
         expected = np.searchsorted(starts, number, side="right") - 1
-        assert setup.last_at_most(starts, number) == expected
-    assert setup.last_at_most(starts[:0], 5) == -1
+        assert setup.find_last_at_most(starts, number) == expected
+    assert setup.find_last_at_most(starts[:0], 5) == -1

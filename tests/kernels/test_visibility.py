@@ -13,14 +13,13 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import triangle_batches
 from rasterjit.pipeline.geometry.triangle_batches import (
-    BATCH,
-    BUCKETS,
-    COUNT,
-    FIRST,
+    BUCKET_COUNT,
+    FIRST_LISTED,
     GRID_BITS,
     LEFT_COLUMN,
+    LISTED_COUNT,
     MAX_SORTED,
-    PARTS,
+    PARTS_PER_BUCKET,
     PREFETCH,
     REQUEST_SIZE,
     SHIFT_X,
@@ -28,7 +27,8 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     SORTED,
     SORTED_DRAWN,
     TOP_ROW,
-    order_memory,
+    TRIANGLES_PER_BATCH,
+    allocate_order_memory,
     order_triangles,
 )
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
@@ -426,10 +426,10 @@ def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
         assert (untouched == empty).all()
         wins = alone > expected
         expected[wins], expected_faces[wins] = alone[wins], numbers[wins]
-        if n + 1 == 2 * BATCH:
+        if n + 1 == 2 * TRIANGLES_PER_BATCH:
             # What is hidden was found last when so many were drawn.
             least = expected.reshape(8, 8, 8, 8).min(axis=(1, 3))
-        if n >= 2 * BATCH:
+        if n >= 2 * TRIANGLES_PER_BATCH:
             rows, columns = np.nonzero(numbers == n)
             if len(rows) and (alone[rows, columns] < least[rows // 8, columns // 8]).all():
                 passed += 1
@@ -530,13 +530,13 @@ def test_triangles_are_put_in_order(shift, spread):
     faces = Faces(numbers, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     listed = random.permutation(count).astype(np.int32)
     origin, first, some = np.array([128, 64]), 20, 250
-    asked, (order, surveyed) = np.zeros(REQUEST_SIZE, np.int64), order_memory()
-    asked[[FIRST, COUNT, PREFETCH]] = first, some, count - first - some
+    asked, (order, surveyed) = np.zeros(REQUEST_SIZE, np.int64), allocate_order_memory()
+    asked[[FIRST_LISTED, LISTED_COUNT, PREFETCH]] = first, some, count - first - some
     asked[[LEFT_COLUMN, TOP_ROW, GRID_BITS, SHIFT_X, SHIFT_Y]] = *origin, bits, *shift
     batch = tile_rasterizer.scratch_memory()[2:4]
     order_triangles(asked, listed, faces, screen, *batch, surveyed, order)
     entries, ends, bounds = order
-    assert ends[PARTS * BUCKETS - 1] == some
+    assert ends[PARTS_PER_BUCKET * BUCKET_COUNT - 1] == some
     chosen, boxes = entries[:some] & 0xFFFFFFFF, entries[:some] >> 32
     assert sorted(chosen) == sorted(listed[first : first + some])
     # The box of cells around the pixels whose centres the box of each triangle encloses.
@@ -554,13 +554,13 @@ def test_triangles_are_put_in_order(shift, spread):
         assert word == np.packbits(cells, bitorder="little").view(np.int64)[0]
     # Each range lies behind those before it, and none in it is nearer than is known.
     near, start, last = depth[chosen].max(axis=1), 0, np.inf
-    for bucket in range(BUCKETS):
-        stop = ends[PARTS * (bucket + 1) - 1]
+    for bucket in range(BUCKET_COUNT):
+        stop = ends[PARTS_PER_BUCKET * (bucket + 1) - 1]
         assert (near[start:stop] <= bounds[bucket]).all()
         if start < stop:
             assert near[start:stop].max() <= last
             last, start = near[start:stop].min(), stop
-    assert (ends[PARTS - 1] < some) == (spread > 0.0)
+    assert (ends[PARTS_PER_BUCKET - 1] < some) == (spread > 0.0)
 
 
 def test_larger_depth_wins_when_reversed():

@@ -214,7 +214,7 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
     corners = np.uintp(0), np.uintp(1), np.uintp(2)
     found = np.empty((3, 2))
     for n, (column, row) in enumerate(((25, 20), (26, 20), (25, 21))):
-        weights = barycentric.sample_weights(*corners, column, row, geometry)
+        weights = barycentric.compute_sample_weights(*corners, column, row, geometry)
         found[n] = np.array(weights) @ uv.astype(float)
     places[U : U + 2, 0] = found[0]
     corner_places, corner_points = (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.ambient_occlusion import stage
-from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
+from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK_UNITS, build_unprojection_matrix
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, fixed, rows_where
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.ambient_occlusion import DEFAULT_RADIUS_RATIO, AmbientOcclusion
@@ -51,8 +51,10 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
     height, width = face_id.shape
-    lens = context.per_view(LENS, lens_of(context.plan.camera, (width, height), effect.radius))
-    snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
+    lens = context.per_view(
+        LENS, build_unprojection_matrix(context.plan.camera, (width, height), effect.radius)
+    )
+    snap = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
     pattern = stage.screen_pattern()
     rough, tolerance = empty(face_id.shape, np.float32), empty(face_id.shape, np.float32)
     smooth = empty(face_id.shape, np.float32)

@@ -26,8 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
-from rasterjit.pipeline.geometry.setup import corners_of
+from rasterjit.pipeline.geometry.barycentric import compute_face_normal, find_object
+from rasterjit.pipeline.geometry.setup import get_face_vertices
 from rasterjit.pipeline.geometry.unproject import scaled_derivative, unproject_pixel
 from rasterjit.pipeline.lighting.light_stages import read_interval
 from rasterjit.pipeline.records import Geometry, Placement
@@ -160,8 +160,8 @@ def gather_faces(faces, depth, left, s, geometry, placement):
         if face != last_face:
             last_face = face
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = corners_of(geometry.faces, face)
-            normal = face_normal(a, b, c, owner, placement)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            normal = compute_face_normal(a, b, c, owner, placement)
             x, y, z = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
         s[COLUMN + count], s[DEPTH + count] = np.float32(left + np.int64(column)), depth[column]
         s[NX + count], s[NY + count], s[NZ + count] = x, y, z

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.outline import stage as outline_stage
-from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK, lens_of
+from rasterjit.pipeline.geometry.unproject_matrix import SNAP_SLACK_UNITS, build_unprojection_matrix
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene import transforms
@@ -54,8 +54,8 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
     geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth = coverage.face_id, coverage.reversed_depth
     height, width = face_id.shape
-    lens = context.per_view(LENS, lens_of(context.plan.camera, (width, height), 1.0))
-    snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
+    lens = context.per_view(LENS, build_unprojection_matrix(context.plan.camera, (width, height), 1.0))
+    snap = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)
     marks = context.per_view(MARKS, np.zeros(face_id.shape, np.uint8))

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
-from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, corners_of
+from rasterjit.pipeline.geometry.barycentric import compute_face_normal, find_object
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, get_face_vertices
 from rasterjit.pipeline.geometry.unproject import scaled_derivative, unproject_pixel
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.float_math import clamped
@@ -108,8 +108,8 @@ def fill_row(
         if face != last_face:
             last_face = face
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = corners_of(geometry.faces, face)
-            x, y, z = face_normal(a, b, c, owner, placement)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            x, y, z = compute_face_normal(a, b, c, owner, placement)
             normal = np.float32(x), np.float32(y), np.float32(z)
             max_x = max_slope(a, b, c, 0, codes, xy, bits, vertex_depths)
             max_y = max_slope(a, b, c, 1, codes, xy, bits, vertex_depths)

@@ -430,11 +430,8 @@ def _write_row(
     row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2] = focal
     for k in range(2):
         row[shadows_stage.CENTER + k] = border - focal[k] * window.low[k]
-    row[shadows_stage.NEAR], row[shadows_stage.FAR], row[shadows_stage.SPAN] = (
-        window.near,
-        window.far,
-        1.0,
-    )
+    row[shadows_stage.NEAR], row[shadows_stage.FAR] = window.near, window.far
+    row[shadows_stage.SPAN] = 1.0
 
 
 def _write_depth(row: Float64, window: Window, shadow: Shadow) -> None:

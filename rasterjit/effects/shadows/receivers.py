@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import matrix_of
+from rasterjit.pipeline.geometry.barycentric import get_linear_part
 from rasterjit.pipeline.lighting.pbr import is_any_above_zero
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
@@ -102,7 +102,7 @@ def find_receivers(
         e = s + round_up_to_vectors(segment[rows.STOP] - s)
         find_points(
             *six_parts(r, rows.RECEIVER_POINT, s, e), *nine_parts(doubles, 0, s, e),
-            part(w, 0, s, e), part(w, 1, s, e), matrix_of(m, owner),
+            part(w, 0, s, e), part(w, 1, s, e), get_linear_part(m, owner),
             (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
         )  # fmt: skip
 
@@ -220,7 +220,7 @@ def offset_turned_away(
         e = a + round_up_to_vectors(segment[rows.STOP] - a)
         offset_points(
             *nine_parts(p, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
-            part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[rows.OWNER])),
+            part(w, 1, a, e), get_linear_part(relative_from_model, np.uintp(segment[rows.OWNER])),
             *three_parts(r, rows.RECEIVER_POINT, a, e), *three_parts(s, rows.NORMAL_X, a, e),
             part(s, rows.TURNED_AWAY, a, e), *three_parts(r, rows.OFFSET_POINT, a, e),
         )  # fmt: skip

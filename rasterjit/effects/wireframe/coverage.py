@@ -34,7 +34,7 @@ import numpy as np
 from rasterjit.effects.wireframe.stage import cut_segment, divided, write_depths
 from rasterjit.pipeline.fragments.srgb_compositing import over as over_codes
 from rasterjit.pipeline.geometry.projection import snap_vertex
-from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, whole_size
+from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, get_picture_size
 from rasterjit.pipeline.records import Geometry, Viewport
 from rasterjit.pipeline.srgb_encoding import encode_alpha, encode_pixel, over
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
@@ -62,7 +62,7 @@ SLACK_REACH = 1.25
 def snapped_end(x, y, w, viewport):
     """Return a clip position in front of the eye on the sub-pixel grid."""
     x, y = divided(x, y, w, viewport)
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     return snap_vertex(x, y, (1.0, 0.5 * width, 0.5 * height), viewport)
 
 

@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.bresenham import draw_run, draw_visible_run, enter_line, packed_channels
-from rasterjit.pipeline.geometry.clipping import PLANES, plane_distance
-from rasterjit.pipeline.geometry.projection import stored_depth
-from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, whole_size
+from rasterjit.pipeline.geometry.clipping import PLANE_COUNT, plane_distance
+from rasterjit.pipeline.geometry.projection import compute_stored_depth
+from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, get_picture_size
 from rasterjit.pipeline.records import Geometry, Viewport
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
@@ -39,7 +39,7 @@ def clip_segment(a, b, viewport):
     """Return the part (t0, t1) of a segment inside all planes, and the planes that cut its ends."""
     t0, t1 = 0.0, 1.0
     plane0 = plane1 = UNCUT
-    for plane in range(PLANES):
+    for plane in range(PLANE_COUNT):
         here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
         if not here >= 0.0 and not there >= 0.0:
             return 1.0, 0.0, plane, plane
@@ -98,7 +98,7 @@ def divided(x, y, w, viewport):
 def pixel_of(x, y, w, viewport):
     """Return the column and the row of the pixel that holds a clip position in front of the eye."""
     x, y = divided(x, y, w, viewport)
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     column = np.floor((x + 1.0) * (0.5 * width)) - viewport.left
     row = np.floor((1.0 - y) * (0.5 * height)) - viewport.top
     return np.int32(column), np.int32(row)
@@ -108,8 +108,8 @@ def pixel_of(x, y, w, viewport):
 def write_depths(depths, n, a, b, depth_coefficients):
     """Write the stored depth of both ends, in clip space; nothing if no depths are wanted."""
     if depths.shape[0] != 0:
-        depths[n, 0] = stored_depth(a[2], a[3], depth_coefficients)
-        depths[n, 1] = stored_depth(b[2], b[3], depth_coefficients)
+        depths[n, 0] = compute_stored_depth(a[2], a[3], depth_coefficients)
+        depths[n, 1] = compute_stored_depth(b[2], b[3], depth_coefficients)
 
 
 @kernel
@@ -267,7 +267,7 @@ def depth_slope(p, q, r, coefficients, viewport):
         - q[0] * (d0 * r[3] - d2 * p[3])
         + r[0] * (d0 * q[3] - d1 * p[3])
     ) / determinant
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     return 2.0 * abs(along_x) / width + 2.0 * abs(along_y) / height
 
 
@@ -277,9 +277,9 @@ def face_slack(corners, clip_positions, depth_coefficients, viewport):
     p, q, r = clip_positions[corners[0]], clip_positions[corners[1]], clip_positions[corners[2]]
     allowed = np.float32(depth_slope(p, q, r, depth_coefficients, viewport))
     if p[3] > 0.0 and q[3] > 0.0 and r[3] > 0.0:
-        d0 = stored_depth(p[2], p[3], depth_coefficients)
-        d1 = stored_depth(q[2], q[3], depth_coefficients)
-        d2 = stored_depth(r[2], r[3], depth_coefficients)
+        d0 = compute_stored_depth(p[2], p[3], depth_coefficients)
+        d1 = compute_stored_depth(q[2], q[3], depth_coefficients)
+        d2 = compute_stored_depth(r[2], r[3], depth_coefficients)
         span = max(d0, max(d1, d2)) - min(d0, min(d1, d2))
         allowed = min(allowed, np.float32(span))
     return allowed

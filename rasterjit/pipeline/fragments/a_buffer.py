@@ -27,13 +27,13 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE
 from rasterjit.pipeline.geometry.triangle_batches import (
-    BATCH,
     BOTTOM,
     FACE,
     LEFT,
+    MAX_SMALL_PIXELS,
     RIGHT,
-    SMALL_PIXELS,
     TOP,
+    TRIANGLES_PER_BATCH,
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, Viewport
 from rasterjit.pipeline.visibility import alpha_test, tile_rasterizer
@@ -109,7 +109,7 @@ def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, f
 @helper
 def clear_beside(drawn, empty, row, first):
     """Clear the columns beside a box, to which whole groups of columns were drawn."""
-    for k in range(SMALL_PIXELS):
+    for k in range(MAX_SMALL_PIXELS):
         drawn[row, np.uintp(first + k)] = empty
 
 
@@ -187,8 +187,8 @@ def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
     Returns how many layers are in use.
     """
     ints, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY][0], np.int64(0)
-    for begin in range(first, end, BATCH):
-        count = min(BATCH, end - begin)
+    for begin in range(first, end, TRIANGLES_PER_BATCH):
+        count = min(TRIANGLES_PER_BATCH, end - begin)
         tile_rasterizer.plan_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
             tile_rasterizer.draw_some(drawing, spare.draw, n, n + np.uintp(1))

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import TILE_BITS, triangle_of
+from rasterjit.pipeline.geometry.setup import TILE_BITS, get_triangle
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.alpha_test import AlphaQuery, is_hole
 from rasterjit.pipeline.visibility.tile_rasterizer import tile_window
@@ -352,7 +352,7 @@ def set_up_triangles(listed, parts, screen, bits, triangles, lists):
     all_bounds, numbers = lists
     unit = 1.0 / np.float64(np.int64(1) << bits)
     for n in range(listed.shape[0]):
-        (i, j, k), face = triangle_of(parts[0], parts[1], parts[2], np.int64(listed[n]))
+        (i, j, k), face = get_triangle(parts[0], parts[1], parts[2], np.int64(listed[n]))
         ax, ay = np.float64(screen.xy[i, 0]) * unit, np.float64(screen.xy[i, 1]) * unit
         bx, by = np.float64(screen.xy[j, 0]) * unit, np.float64(screen.xy[j, 1]) * unit
         cx, cy = np.float64(screen.xy[k, 0]) * unit, np.float64(screen.xy[k, 1]) * unit

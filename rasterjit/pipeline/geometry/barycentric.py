@@ -24,7 +24,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of, edge, last_at_most, whole_size
+from rasterjit.pipeline.geometry.setup import (
+    CLIPPED,
+    edge,
+    find_last_at_most,
+    get_face_vertices,
+    get_picture_size,
+)
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8
@@ -38,8 +44,8 @@ Edges are whole numbers, so a sum is below 1 only if the edge opposite the small
 
 
 @helper
-def weights_without_zeros(edges, ws):
-    """Return edges times (smallest w / w), the smallest taken over vertices whose edge is not 0."""
+def compute_weights_of_nonzero_edges(edges, ws):
+    """Return edges times (smallest w / w); the smallest is that of vertices whose edge is not 0."""
     smallest = np.inf
     for k in range(3):
         if edges[k] != 0.0:
@@ -52,25 +58,25 @@ def weights_without_zeros(edges, ws):
 
 
 @helper
-def scalar_product(right, down, other_right, other_down):
+def multiply_gradients(right, down, other_right, other_down):
     """Return the dot product of the gradients of two edges, given per pixel right and down."""
     return np.float64(right) * np.float64(other_right) + np.float64(down) * np.float64(other_down)
 
 
 @helper
-def clamp_to_edge(outside, others, sizes):
+def clamp_to_edge(value, other_values, products):
     """
-    Return two edge functions at the point on a third edge (value ``outside``) nearest the sample.
+    Return two edge functions at the point on a third edge that is nearest the sample.
 
-    Takes dot products of the third's gradient with itself and with both others'. Inside the
-    third edge the values are unchanged.
+    Takes the third's value at the sample, and dot products of its gradient with itself and with
+    both others'. Inside the third edge, where its value is positive, the others are unchanged.
     """
-    distance = min(outside, 0.0) / sizes[0]
-    return others[0] - distance * sizes[1], others[1] - distance * sizes[2]
+    distance = min(value, 0.0) / products[0]
+    return other_values[0] - distance * products[1], other_values[1] - distance * products[2]
 
 
 @helper
-def clamped_edges(edges, right, down):
+def clamp_edges(edges, right, down):
     """
     Return the edge functions at a pixel's centre, clamped to the face if the centre is outside.
 
@@ -88,12 +94,12 @@ def clamped_edges(edges, right, down):
     sign = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
     e0, e1 = sign * np.float64(edges[0]), sign * np.float64(edges[1])
     e2 = sign * np.float64(edges[2])
-    d01 = scalar_product(right[0], down[0], right[1], down[1])
-    d12 = scalar_product(right[1], down[1], right[2], down[2])
-    d20 = scalar_product(right[2], down[2], right[0], down[0])
-    d00 = scalar_product(right[0], down[0], right[0], down[0])
-    d11 = scalar_product(right[1], down[1], right[1], down[1])
-    d22 = scalar_product(right[2], down[2], right[2], down[2])
+    d01 = multiply_gradients(right[0], down[0], right[1], down[1])
+    d12 = multiply_gradients(right[1], down[1], right[2], down[2])
+    d20 = multiply_gradients(right[2], down[2], right[0], down[0])
+    d00 = multiply_gradients(right[0], down[0], right[0], down[0])
+    d11 = multiply_gradients(right[1], down[1], right[1], down[1])
+    d22 = multiply_gradients(right[2], down[2], right[2], down[2])
     k1, k2 = clamp_to_edge(e0, (e1, e2), (d00, d01, d20))
     k0 = max(e0, 0.0)
     k2, k0 = clamp_to_edge(k1, (k2, k0), (d11, d12, d01))
@@ -103,7 +109,7 @@ def clamped_edges(edges, right, down):
 
 
 @helper
-def normalized(w0, w1, w2):
+def divide_by_sum(w0, w1, w2):
     """Return weights over their sum; if that is 0, all goes to the first."""
     total = w0 + w1 + w2
     if total == 0.0:
@@ -112,7 +118,7 @@ def normalized(w0, w1, w2):
 
 
 @helper
-def weights_over_w(e0, e1, e2, total, a, b, c, w):
+def apply_perspective(e0, e1, e2, total, a, b, c, w):
     """
     Return the weights of three vertices, given the edge functions opposite them, and their sum.
 
@@ -126,13 +132,13 @@ def weights_over_w(e0, e1, e2, total, a, b, c, w):
     smallest = min(wa, min(wb, wc))
     w0, w1, w2 = e0 * (smallest / wa), e1 * (smallest / wb), e2 * (smallest / wc)
     if abs(w0 + w1 + w2) > UNDERFLOW:
-        return normalized(w0, w1, w2)
-    w0, w1, w2 = weights_without_zeros((e0, e1, e2), (wa, wb, wc))
-    return normalized(w0, w1, w2)
+        return divide_by_sum(w0, w1, w2)
+    w0, w1, w2 = compute_weights_of_nonzero_edges((e0, e1, e2), (wa, wb, wc))
+    return divide_by_sum(w0, w1, w2)
 
 
 @helper
-def snapped_weights(a, b, c, px, py, xy, w, sample_radius):
+def compute_snapped_weights(a, b, c, px, py, xy, w, sample_radius):
     """Return the weights on a face that was not clipped, at a point of the sub-pixel grid."""
     ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
     bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
@@ -143,15 +149,15 @@ def snapped_weights(a, b, c, px, py, xy, w, sample_radius):
     k0, k1, k2, total = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
     if sample_radius != 0:
         right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
-        k0, k1, k2 = clamped_edges((e0, e1, e2), right, down)
+        k0, k1, k2 = clamp_edges((e0, e1, e2), right, down)
         total = k0 + k1 + k2
-    return weights_over_w(k0, k1, k2, total, a, b, c, w)
+    return apply_perspective(k0, k1, k2, total, a, b, c, w)
 
 
 @helper
-def relative_to_sample(a, b, c, column, row, clip, viewport):
+def offset_from_sample(a, b, c, column, row, clip, viewport):
     """Return x - X w and y - Y w of three vertices, (X, Y) being a pixel's centre in NDC."""
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
     y = 1.0 - (2.0 * (viewport.top + row) + 1.0) / height
     u0 = clip[a, 0] - x * clip[a, 3]
@@ -164,16 +170,16 @@ def relative_to_sample(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def segment_parameter(first, second, first_w, second_w):
+def find_segment_parameter(first, second, first_w, second_w):
     """
     Return the weight of the second end of a segment, in 0..1; 0 where it has no length.
 
-    Takes, for each end, the signed distance along the segment from the sample, times w; and w.
+    Takes each end's signed distance from the sample along the segment, times w; and each end's w.
     Beyond an end, where the line may be behind the eye, the weight is clamped to that end.
     """
     length = first - second
     t = first / (length if length != 0.0 else 1.0)
-    # NaN is at the first end, too.
+    # NaN counts as the first end.
     t = t if (t > 0.0) & (length != 0.0) else 0.0
     t = t if t < 1.0 else 1.0
     t = 1.0 if (second <= 0.0) & (second_w > 0.0) & (length != 0.0) else t
@@ -181,37 +187,37 @@ def segment_parameter(first, second, first_w, second_w):
 
 
 @helper
-def segment_weights(a, b, from_sample, clip, viewport):
+def compute_segment_weights(a, b, offsets, clip, viewport):
     """
     Return the weights of the ends of a segment at the foot of the perpendicular from a sample.
 
-    Takes what `relative_to_sample` returns. The perpendicular is one in screen space, found in
-    homogeneous coordinates, so that an end may lie behind the eye. A point, or a segment without
-    length on the screen, has all weight at its first end.
+    Takes what `offset_from_sample` returns. The perpendicular lies in screen space; homogeneous
+    coordinates allow an end behind the eye. A point, or a segment without length on the screen, has
+    all weight at its first end.
     """
-    (u0, u1, _), (v0, v1, _) = from_sample
-    width, height = whole_size(viewport)
+    (u0, u1, _), (v0, v1, _) = offsets
+    width, height = get_picture_size(viewport)
     x = width * (clip[b, 0] * clip[a, 3] - clip[a, 0] * clip[b, 3])
     y = height * (clip[b, 1] * clip[a, 3] - clip[a, 1] * clip[b, 3])
     first = width * u0 * x + height * v0 * y
     second = width * u1 * x + height * v1 * y
-    t = segment_parameter(first, second, clip[a, 3], clip[b, 3])
+    t = find_segment_parameter(first, second, clip[a, 3], clip[b, 3])
     return 1.0 - t, t, 0.0
 
 
 @helper
-def clipped_weights(a, b, c, column, row, clip, viewport):
+def compute_clipped_weights(a, b, c, column, row, clip, viewport):
     """Return the weights on a clipped face, a segment or a point, not yet normalized."""
     if b == c:
-        seen = relative_to_sample(a, b, c, column, row, clip, viewport)
-        return segment_weights(a, b, seen, clip, viewport)
-    return clipped_face_weights(a, b, c, column, row, clip, viewport)
+        offsets = offset_from_sample(a, b, c, column, row, clip, viewport)
+        return compute_segment_weights(a, b, offsets, clip, viewport)
+    return compute_clipped_face_weights(a, b, c, column, row, clip, viewport)
 
 
 @helper
-def clipped_face_weights(a, b, c, column, row, clip, viewport):
-    """Return `clipped_weights` of a face, without a branch: along a row the loop vectorizes."""
-    (u0, u1, u2), (v0, v1, v2) = relative_to_sample(a, b, c, column, row, clip, viewport)
+def compute_clipped_face_weights(a, b, c, column, row, clip, viewport):
+    """Return `compute_clipped_weights` of a face, branchless: loops along a row vectorize."""
+    (u0, u1, u2), (v0, v1, v2) = offset_from_sample(a, b, c, column, row, clip, viewport)
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:
         w0, w1, w2 = -w0, -w1, -w2
@@ -219,36 +225,38 @@ def clipped_face_weights(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def sample_weights(a, b, c, column, row, geometry):
+def compute_sample_weights(a, b, c, column, row, geometry):
     """Return the weights of vertices a, b, c at a pixel's centre."""
     viewport = geometry.viewport
     if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
-        w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry.clip_positions, viewport)
-        return normalized(w0, w1, w2)
+        w0, w1, w2 = compute_clipped_weights(
+            a, b, c, column, row, geometry.clip_positions, viewport
+        )
+        return divide_by_sum(w0, w1, w2)
     half = np.int64(1) << (viewport.grid_bits - 1)
     px = (np.int64(column) << viewport.grid_bits) + half
     py = (np.int64(row) << viewport.grid_bits) + half
-    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.sample_radius)
+    return compute_snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.sample_radius)
 
 
 @helper
-def shifted_weights(a, b, c, column, row, shift, geometry):
+def compute_shifted_weights(a, b, c, column, row, shift, geometry):
     """
     Return the weights of vertices a, b, c at a sample of a pixel.
 
-    Takes the offset of the sample from the pixel's centre, sub-pixel units. Without an offset they
-    are those of `sample_weights`.
+    Takes the offset from the sample to the pixel's centre, sub-pixel units; for no offset, returns
+    what `compute_sample_weights` does.
     """
     bits, viewport = geometry.viewport.grid_bits, geometry.viewport
     unit, half = np.int64(1) << bits, np.int64(1) << (bits - 1)
     if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
         x = np.float64(column) - np.float64(shift[0]) / np.float64(unit)
         y = np.float64(row) - np.float64(shift[1]) / np.float64(unit)
-        w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry.clip_positions, viewport)
-        return normalized(w0, w1, w2)
+        w0, w1, w2 = compute_clipped_weights(a, b, c, x, y, geometry.clip_positions, viewport)
+        return divide_by_sum(w0, w1, w2)
     px = (np.int64(column) << bits) + half - np.int64(shift[0])
     py = (np.int64(row) << bits) + half - np.int64(shift[1])
-    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.sample_radius)
+    return compute_snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.sample_radius)
 
 
 @helper
@@ -259,7 +267,7 @@ def blend(weights, value0, value1, value2):
 
 @helper
 def interpolate(weights, value0, value1, value2):
-    """Return `blend`, clamped to the range of the values, since rounding may leave it by an ulp."""
+    """Return `blend`, clamped to the range of the values, which rounding may leave by an ulp."""
     lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
     value = blend(weights, value0, value1, value2)
     value = value if value >= lowest else lowest
@@ -271,7 +279,7 @@ def find_object(face, face_starts, guess):
     """Return the object that owns a face; ``guess`` is tried first."""
     if face_starts[guess] <= face < face_starts[guess + 1]:
         return guess
-    return last_at_most(face_starts, face)
+    return find_last_at_most(face_starts, face)
 
 
 @helper
@@ -293,7 +301,7 @@ def transform_vertex(vertex, owner, placement):
 
 
 @helper
-def sample_point(weights, a, b, c, owner, placement):
+def interpolate_point(weights, a, b, c, owner, placement):
     """
     Return the point of a face with the given weights in world axes, relative to the eye.
 
@@ -313,7 +321,7 @@ def sample_point(weights, a, b, c, owner, placement):
 
 
 @helper
-def matrix_of(matrices, owner):
+def get_linear_part(matrices, owner):
     """Return the 3 by 3 part of an object's matrix, row by row."""
     m = matrices
     return (
@@ -324,37 +332,47 @@ def matrix_of(matrices, owner):
 
 
 @helper
-def view_direction(point, placement):
-    """Return the unit vector from a point, relative to the eye, toward the viewer; or zero."""
-    viewer = placement.toward_viewer
-    x, y = viewer[0] - viewer[3] * point[0], viewer[1] - viewer[3] * point[1]
-    z = viewer[2] - viewer[3] * point[2]
-    # Scale it first: squares of very long or very short ones overflow or vanish.
-    size = max(abs(x), max(abs(y), abs(z)))
-    shrink = 1.0 / size if size > 0.0 else 0.0
+def point_to_viewer(point, placement):
+    """Return the direction from a point, relative to the eye, to the viewer, any length."""
+    v = placement.toward_viewer
+    return v[0] - v[3] * point[0], v[1] - v[3] * point[1], v[2] - v[3] * point[2]
+
+
+@helper
+def normalize(x, y, z):
+    """Scale a vector to length one, unless zero; no square overflows or vanishes."""
+    largest = max(abs(x), max(abs(y), abs(z)))
+    shrink = 1.0 / largest if largest > 0.0 else 0.0
     x, y, z = x * shrink, y * shrink, z * shrink
     length = np.sqrt(x * x + y * y + z * z)
     scale = 1.0 / length if length > 0.0 else 0.0
-    return scale * x, scale * y, scale * z
+    return x * scale, y * scale, z * scale
 
 
 @helper
-def face_normal(a, b, c, owner, placement):
+def find_view_direction(point, placement):
+    """Return the unit vector from a point, relative to the eye, toward the viewer; or zero."""
+    x, y, z = point_to_viewer(point, placement)
+    return normalize(x, y, z)
+
+
+@helper
+def compute_face_normal(a, b, c, owner, placement):
     """
     Return the unit normal on the counter-clockwise side of a face, world axes, or zero.
 
-    For a segment or a point it is the direction from its first vertex to the viewer.
+    A segment or a point has the direction from its first vertex to the viewer.
     """
     pa = transform_vertex(a, owner, placement)
     if b == c:
-        return view_direction(pa, placement)
+        return find_view_direction(pa, placement)
     pb = transform_vertex(b, owner, placement)
     pc = transform_vertex(c, owner, placement)
-    return normal_of_points(pa, pb, pc, placement.mirrored[owner])
+    return compute_normal(pa, pb, pc, placement.mirrored[owner])
 
 
 @helper
-def normal_of_points(pa, pb, pc, sign):
+def compute_normal(pa, pb, pc, sign):
     """Return the unit normal of three points, times ``sign``; zero if they lie on a line."""
     ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
     vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
@@ -374,7 +392,7 @@ def is_back_facing(a, b, c, owner, geometry, placement):
     """
     Return whether a face is back-facing.
 
-    By its winding on the screen; by its plane if it was clipped.
+    Tested by the winding on the screen; by the plane if the face was clipped.
     """
     if not (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
         xy = geometry.xy
@@ -393,7 +411,7 @@ def is_plane_back_facing(a, b, c, owner, placement):
     pa = transform_point(p[a, 0], p[a, 1], p[a, 2], owner, m)
     pb = transform_point(p[b, 0], p[b, 1], p[b, 2], owner, m)
     pc = transform_point(p[c, 0], p[c, 1], p[c, 2], owner, m)
-    normal = normal_of_points(pa, pb, pc, placement.mirrored[owner])
+    normal = compute_normal(pa, pb, pc, placement.mirrored[owner])
     return (
         normal[0] * (viewer[0] - viewer[3] * pa[0])
         + normal[1] * (viewer[1] - viewer[3] * pa[1])
@@ -402,7 +420,7 @@ def is_plane_back_facing(a, b, c, owner, placement):
 
 
 @helper
-def smooth_normal(weights, a, b, c, normals, matrices, owner):
+def interpolate_normal(weights, a, b, c, normals, matrices, owner):
     """Return the interpolated vertex normal in world axes, not normalized."""
     x = blend(weights, np.float64(normals[a, 0]), np.float64(normals[b, 0]),
               np.float64(normals[c, 0]))  # fmt: skip
@@ -418,7 +436,7 @@ def smooth_normal(weights, a, b, c, normals, matrices, owner):
 
 
 @helper
-def triple_at(values, vertex):
+def read_triple(values, vertex):
     """Return the three numbers of a vertex, such as its normal or colour, as float64."""
     return (
         np.float64(values[vertex, 0]),
@@ -429,8 +447,8 @@ def triple_at(values, vertex):
 
 @kernel
 def fill_barycentric(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, first_corners: uint8[::1],
-    barycentric: float32[:, :, ::1],
+    face_id: int32[:, ::1], row_range: (int64, int64), geometry: Geometry,
+    first_corners: uint8[::1], barycentric: float32[:, :, ::1],
 ):  # fmt: skip
     """
     Write the weights of each sample, in the order in which its mesh lists the face's vertices.
@@ -438,32 +456,32 @@ def fill_barycentric(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
         First row, and one past the last.
     geometry : Geometry
     first_corners : (F,) uint8
-        Index in that order of the first corner of each face.
+        Index, in that order, of the first corner of each face.
     barycentric : (H, W, 3) float32
         Written; zero where nothing is, or a segment or a point.
     """
-    for row in range(rows[0], rows[1]):
+    for row in range(row_range[0], row_range[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             for k in range(3):
                 barycentric[row, column, k] = 0.0
             if face < 0:
                 continue
-            a, b, c = corners_of(geometry.faces, face)
+            a, b, c = get_face_vertices(geometry.faces, face)
             if b == c:
                 continue
-            weights = sample_weights(a, b, c, column, row, geometry)
+            weights = compute_sample_weights(a, b, c, column, row, geometry)
             for k in range(3):
                 barycentric[row, column, (np.int64(first_corners[face]) + k) % 3] = weights[k]
 
 
 @kernel
 def fill_attribute(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, values: float32[:, ::1],
+    face_id: int32[:, ::1], row_range: (int64, int64), geometry: Geometry, values: float32[:, ::1],
     attribute: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -472,21 +490,21 @@ def fill_attribute(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
     geometry : Geometry
     values : (V, K) float32
     attribute : (H, W, K) float32
         Written; NaN where nothing is.
     """
-    for row in range(rows[0], rows[1]):
+    for row in range(row_range[0], row_range[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face < 0:
                 for k in range(values.shape[1]):
                     attribute[row, column, k] = np.nan
                 continue
-            a, b, c = corners_of(geometry.faces, face)
-            weights = sample_weights(a, b, c, column, row, geometry)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            weights = compute_sample_weights(a, b, c, column, row, geometry)
             for k in range(values.shape[1]):
                 attribute[row, column, k] = interpolate(
                     weights,
@@ -498,7 +516,7 @@ def fill_attribute(
 
 @kernel
 def fill_positions(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, placement: Placement,
+    face_id: int32[:, ::1], row_range: (int64, int64), geometry: Geometry, placement: Placement,
     world_from_model: float64[:, :, ::1], position: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -507,17 +525,17 @@ def fill_positions(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
     geometry : Geometry
     placement : Placement
     world_from_model : (O, 3, 4) float64
-        Not by way of eye space: adding a large eye position back would round small coordinates.
+        Eye space is avoided: adding a large eye position back would round small coordinates.
     position : (H, W, 3) float32
         Written; NaN where nothing is.
     """
     p = placement.positions
     owner = np.int64(0)
-    for row in range(rows[0], rows[1]):
+    for row in range(row_range[0], row_range[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face < 0:
@@ -525,8 +543,8 @@ def fill_positions(
                     position[row, column, k] = np.nan
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = corners_of(geometry.faces, face)
-            weights = sample_weights(a, b, c, column, row, geometry)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            weights = compute_sample_weights(a, b, c, column, row, geometry)
             x = interpolate(weights, p[a, 0], p[b, 0], p[c, 0])
             y = interpolate(weights, p[a, 1], p[b, 1], p[c, 1])
             z = interpolate(weights, p[a, 2], p[b, 2], p[c, 2])
@@ -537,7 +555,7 @@ def fill_positions(
 
 @kernel
 def fill_normals(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, placement: Placement,
+    face_id: int32[:, ::1], row_range: (int64, int64), geometry: Geometry, placement: Placement,
     smooth: (float32[:, ::1], uint8[::1]), normal: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -546,7 +564,7 @@ def fill_normals(
     Parameters
     ----------
     face_id : (H, W) int32
-    rows : (int, int)
+    row_range : (int, int)
     geometry : Geometry
     placement : Placement
     smooth : (normals (V, 3) float32, is_smooth (O,) uint8)
@@ -558,7 +576,7 @@ def fill_normals(
     """
     normals, is_smooth = smooth
     owner = np.int64(0)
-    for row in range(rows[0], rows[1]):
+    for row in range(row_range[0], row_range[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             for k in range(3):
@@ -566,16 +584,20 @@ def fill_normals(
             if face < 0:
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = corners_of(geometry.faces, face)
+            a, b, c = get_face_vertices(geometry.faces, face)
             if is_smooth[owner]:
-                weights = sample_weights(a, b, c, column, row, geometry)
-                vector = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
+                weights = compute_sample_weights(a, b, c, column, row, geometry)
+                vector = interpolate_normal(
+                    weights, a, b, c, normals, placement.normal_matrices, owner
+                )
             else:
-                vector = face_normal(a, b, c, owner, placement)
+                vector = compute_face_normal(a, b, c, owner, placement)
             length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
             if b == c and not (length > 0.0 and is_smooth[owner]):
-                weights = sample_weights(a, b, c, column, row, geometry)
-                vector = view_direction(sample_point(weights, a, b, c, owner, placement), placement)
+                weights = compute_sample_weights(a, b, c, column, row, geometry)
+                vector = find_view_direction(
+                    interpolate_point(weights, a, b, c, owner, placement), placement
+                )
                 length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
             if not length > 0.0:
                 continue

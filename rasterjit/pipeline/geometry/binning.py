@@ -12,10 +12,10 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.setup import (
     TILE_BITS,
-    box_of,
-    max_in_tile,
+    bound_edge_in_tile,
+    get_box,
+    get_triangle,
     tile_edges,
-    triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
 from rasterjit.runtime.jit import helper, kernel
@@ -30,7 +30,7 @@ def start_lists(counts: int32[:, ::1], starts: int64[::1], cursors: int64[:, ::1
     Parameters
     ----------
     counts : (chunks, tiles + 1) int32
-        Triangles for each tile; the last column is passed over.
+        Triangles for each tile; the last column is not read.
     starts : (tiles + 1,) int64
         Written: where each tile's list starts, and the length of all.
     cursors : (chunks, tiles) int64
@@ -46,8 +46,8 @@ def start_lists(counts: int32[:, ::1], starts: int64[::1], cursors: int64[:, ::1
 
 
 @helper
-def list_in_tile(triangle, tile, cursors, binned):
-    """Write a triangle into the list of a tile."""
+def append_to_tile(triangle, tile, cursors, binned):
+    """Append a triangle to the list of a tile."""
     binned[np.uintp(cursors[tile])] = triangle
     cursors[tile] += 1
 
@@ -70,21 +70,21 @@ def bin_triangles(
         Tiles in a row of the image.
     faces, screen, viewport : records
     cursors : (tiles,) int64
-        Where this chunk's next triangle goes in each tile's list. Advanced.
+        Index of this chunk's next triangle in each tile's list. Advanced.
     binned : (N,) int32
         Writes the lists of all tiles, one after the other.
     """
     all_faces, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
-    # The last tile's cursor stays in a register: triangles that follow each other lie together.
+    # The last tile's cursor stays in a register: consecutive triangles often share a tile.
     tile, cursor = np.uintp(0), cursors[0]
     for n in range(triangles.shape[0]):
         triangle = triangles[n]
-        left, top, right, bottom = box_of(boxes, np.uintp(n))
+        left, top, right, bottom = get_box(boxes, np.uintp(n))
         if (left == right) & (top == bottom):
-            one_tile = np.uintp(top * columns + left)
-            if one_tile != tile:
+            only_tile = np.uintp(top * columns + left)
+            if only_tile != tile:
                 cursors[tile] = cursor
-                tile, cursor = one_tile, cursors[one_tile]
+                tile, cursor = only_tile, cursors[only_tile]
             binned[np.uintp(cursor)] = triangle
             cursor += 1
             continue
@@ -92,18 +92,18 @@ def bin_triangles(
         if (left == right) | (top == bottom):
             for row in range(top, bottom + 1):
                 for column in range(left, right + 1):
-                    list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
+                    append_to_tile(triangle, np.uintp(row * columns + column), cursors, binned)
         else:
-            corners, _ = triangle_of(all_faces, pieces, piece_faces, np.int64(triangle))
-            lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport)
-            steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
+            corners, _ = get_triangle(all_faces, pieces, piece_faces, np.int64(triangle))
+            edges = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport)
+            steps = edges[0][1] << TILE_BITS, edges[1][1] << TILE_BITS, edges[2][1] << TILE_BITS
             for row in range(top, bottom + 1):
-                e0 = max_in_tile(lines[0], left, row)
-                e1 = max_in_tile(lines[1], left, row)
-                e2 = max_in_tile(lines[2], left, row)
-                for number in range(row * columns + left, row * columns + right + 1):
+                e0 = bound_edge_in_tile(edges[0], left, row)
+                e1 = bound_edge_in_tile(edges[1], left, row)
+                e2 = bound_edge_in_tile(edges[2], left, row)
+                for k in range(row * columns + left, row * columns + right + 1):
                     if (e0 | e1 | e2) >= 0:
-                        list_in_tile(triangle, np.uintp(number), cursors, binned)
+                        append_to_tile(triangle, np.uintp(k), cursors, binned)
                     e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
         cursor = cursors[tile]
     cursors[tile] = cursor

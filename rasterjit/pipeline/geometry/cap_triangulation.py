@@ -42,45 +42,45 @@ def find_contacts(
         The lower point, the upper one, and a winding; ascending by lower point.
     active : (E,) int64, scratch
     contacts : (C, 3) int64
-        Writes as many as fit: an edge, a point in it, -1; or an edge, another, 1 where both cross.
+        Writes as many as fit: an edge, a point in it, -1; or two edges that cross, 1.
 
     Returns
     -------
     int
-        How many there are.
+        Number of contacts, even if fewer fit.
     """
     count = 0
-    alive = 0
+    active_count = 0
     for edge_a in range(edges.shape[0]):
         a, b = edges[edge_a, 0], edges[edge_a, 1]
         left, right = min(points[a, 0], points[b, 0]), max(points[a, 0], points[b, 0])
-        still_active = 0
-        for k in range(alive):
+        kept_count = 0
+        for k in range(active_count):
             other = active[k]
             c, d = edges[other, 0], edges[other, 1]
             if d <= a:
                 continue
-            active[still_active] = other
-            still_active += 1
+            active[kept_count] = other
+            kept_count += 1
             if min(points[c, 0], points[d, 0]) > right or max(points[c, 0], points[d, 0]) < left:
                 continue
             at_a, at_b = signed_area(points, c, d, a), signed_area(points, c, d, b)
             at_c, at_d = signed_area(points, a, b, c), signed_area(points, a, b, d)
-            # Ascending numbers are ascending places, so a point on the line of an edge is within it
-            # if its number is. One within a step of the grid counts, too: edges that nearly lie in
-            # one line, split where they cross alone, would make new crossings for ever.
+            # Points are numbered along the sweep, so a point on an edge's line lies in the edge if
+            # its number lies between the ends'. A grid step beside the line counts, too: splitting
+            # nearly collinear edges only at crossings would make new crossings for ever.
             for end in range(4):
-                edge, point, beside = other, a, at_a
+                edge, point, area = other, a, at_a
                 if end == 1:
-                    point, beside = b, at_b
+                    point, area = b, at_b
                 elif end == 2:
-                    edge, point, beside = edge_a, c, at_c
+                    edge, point, area = edge_a, c, at_c
                 elif end == 3:
-                    edge, point, beside = edge_a, d, at_d
+                    edge, point, area = edge_a, d, at_d
                 low, high = edges[edge, 0], edges[edge, 1]
                 x, start, stop = points[point, 0], points[low, 0], points[high, 0]
                 length = max(abs(stop - start), points[high, 1] - points[low, 1])
-                is_near = abs(beside) <= length and min(start, stop) <= x and x <= max(start, stop)
+                is_near = abs(area) <= length and min(start, stop) <= x and x <= max(start, stop)
                 if is_near and low < point and point < high:
                     if count < contacts.shape[0]:
                         contacts[count, 0] = edge
@@ -94,14 +94,14 @@ def find_contacts(
                     contacts[count, 1] = other
                     contacts[count, 2] = 1
                 count += 1
-        active[still_active] = edge_a
-        alive = still_active + 1
+        active[kept_count] = edge_a
+        active_count = kept_count + 1
     return count
 
 
 @helper
 def write_triangle(a, b, c, winding, counts, triangles):
-    """Write a triangle, turned over where the winding is negative."""
+    """Write a triangle, flipped where the winding is negative."""
     n = counts[1]
     counts[1] = n + 1
     triangles[n, 0] = a
@@ -113,7 +113,7 @@ def write_triangle(a, b, c, winding, counts, triangles):
 @helper
 def append_point(edge, point, side, points, strips, nodes, counts, triangles):
     """
-    Add a point to the left (0) or right end (1) of a strip's chain; emit triangles to what it sees.
+    Add a point to the left (0) or right end (1) of a strip's chain, with triangles to what it sees.
 
     ``strips`` (4, E) has the first, the last and the newest node of the chain of the strip to the
     right of each edge, and its winding; ``nodes`` (3, M) the point of each, and the nodes before
@@ -180,15 +180,15 @@ def fill_outlines(
     Returns
     -------
     int
-        How many triangles there are; -1 where the edges are not as they should be.
+        Number of triangles; -1 if edges meet elsewhere than at their ends.
     """
     counts[0] = 0
     counts[1] = 0
-    alive = 0
+    active_count = 0
     first = 0
     for point in range(points.shape[0]):
         # Find the edges to the left of the point, then those that end and begin there.
-        low, high = 0, alive
+        low, high = 0, active_count
         while low < high:
             middle = (low + high) // 2
             edge = active[middle]
@@ -197,7 +197,7 @@ def fill_outlines(
             else:
                 high = middle
         stop = low
-        while stop < alive and edges[active[stop], 1] == point:
+        while stop < active_count and edges[active[stop], 1] == point:
             stop += 1
         last = first
         while last < edges.shape[0] and edges[last, 0] == point:
@@ -206,7 +206,7 @@ def fill_outlines(
         if started == 0 and ended == 0:
             # Edges that met here cancelled each other.
             continue
-        if stop < alive:
+        if stop < active_count:
             edge = active[stop]
             if signed_area(points, edges[edge, 0], edges[edge, 1], point) <= 0:
                 return -1
@@ -236,24 +236,24 @@ def fill_outlines(
                 append_point(right, point, 0, points, strips, nodes, counts, triangles)
         elif left_winding != 0:
             split_at = strips[2, left]
-        # Put the edges that begin here in the place of those that end, from left to right.
+        # Replace the edges that end by those that begin here, from left to right.
         if started > ended:
-            for k in range(alive - 1, stop - 1, -1):
+            for k in range(active_count - 1, stop - 1, -1):
                 active[k + started - ended] = active[k]
         elif started < ended:
-            for k in range(stop, alive):
+            for k in range(stop, active_count):
                 active[k + started - ended] = active[k]
-        alive += started - ended
+        active_count += started - ended
         for n in range(started):
             edge = first + n
-            place = low + n
-            while place > low:
-                before = active[place - 1]
-                if signed_area(points, point, edges[before, 1], edges[edge, 1]) <= 0:
+            slot = low + n
+            while slot > low:
+                previous = active[slot - 1]
+                if signed_area(points, point, edges[previous, 1], edges[edge, 1]) <= 0:
                     break
-                active[place] = before
-                place -= 1
-            active[place] = edge
+                active[slot] = previous
+                slot -= 1
+            active[slot] = edge
         # Start a strip between each two edges that begin.
         winding = left_winding
         for n in range(started):
@@ -264,31 +264,31 @@ def fill_outlines(
                 start_chain(edge, point, strips, nodes, counts)
         if winding != right_winding:
             return -1
-        # Hand the strip at the right on to the last edge.
+        # Pass the right strip on to the last edge.
         if started > 0:
             edge = active[low + started - 1]
             if ended > 0 and right_winding != 0:
                 for k in range(3):
                     strips[k, edge] = strips[k, right]
             elif split_at >= 0:
-                # The right part gets a node of its own for the point where the chain is cut.
+                # The right part gets its own node for the point where the chain is split.
                 start_chain(edge, nodes[0, split_at], strips, nodes, counts)
-                twin, behind = strips[0, edge], nodes[2, split_at]
+                split_node, behind = strips[0, edge], nodes[2, split_at]
                 if behind >= 0:
-                    nodes[2, twin] = behind
-                    nodes[1, behind] = twin
+                    nodes[2, split_node] = behind
+                    nodes[1, behind] = split_node
                     strips[1, edge] = strips[1, left]
                 nodes[2, split_at] = -1
                 strips[1, left] = split_at
                 append_point(left, point, 1, points, strips, nodes, counts, triangles)
                 append_point(edge, point, 0, points, strips, nodes, counts, triangles)
         elif left_winding != 0:
-            # Two strips are one from here on.
-            here, behind = strips[1, left], nodes[2, strips[0, right]]
-            nodes[2, here] = behind
+            # Merge two strips.
+            node, behind = strips[1, left], nodes[2, strips[0, right]]
+            nodes[2, node] = behind
             if behind >= 0:
-                nodes[1, behind] = here
+                nodes[1, behind] = node
                 strips[1, left] = strips[1, right]
-            strips[2, left] = here
+            strips[2, left] = node
         first = last
     return counts[1]

@@ -23,7 +23,7 @@ from rasterjit.pipeline.records import Viewport
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, uint8
 
-PLANES = 6
+PLANE_COUNT = 6
 """Near, far, and the four sides of the guard band."""
 
 MAX_VERTICES = 28
@@ -59,7 +59,7 @@ def cross_plane(inside, outside, plane, viewport, crossing):
     t = inside_distance / (inside_distance - plane_distance(plane, outside, viewport))
     for k in range(4):
         crossing[k] = inside[k] + t * (outside[k] - inside[k])
-    # Put it on the plane exactly: far ends cancel, and rounding alone may leave it outside.
+    # Put the crossing exactly on the plane: far ends cancel, and rounding may leave it outside.
     if plane < 2:
         crossing[2] = crossing[3] if plane == 1 else -crossing[3]
     elif plane < 4:
@@ -70,34 +70,34 @@ def cross_plane(inside, outside, plane, viewport, crossing):
 
 @helper
 def clip_polygon(polygon, count, plane, viewport, clipped):
-    """Cut a convex polygon to the inner side of one plane; return its new number of vertices."""
-    kept = 0
+    """Clip a convex polygon to the inner side of one plane; return its new number of vertices."""
+    new_count = 0
     for n in range(count):
         vertex = polygon[n]
-        following = polygon[n + 1 if n + 1 < count else 0]
-        here = plane_distance(plane, vertex, viewport)
-        there = plane_distance(plane, following, viewport)
-        if here >= 0.0:
+        next_vertex = polygon[n + 1 if n + 1 < count else 0]
+        distance = plane_distance(plane, vertex, viewport)
+        next_distance = plane_distance(plane, next_vertex, viewport)
+        if distance >= 0.0:
             for k in range(4):
-                clipped[kept, k] = vertex[k]
-            kept += 1
-            if not there >= 0.0 and here > 0.0:
-                cross_plane(vertex, following, plane, viewport, clipped[kept])
-                kept += 1
-        elif there > 0.0:
-            cross_plane(following, vertex, plane, viewport, clipped[kept])
-            kept += 1
-    return kept
+                clipped[new_count, k] = vertex[k]
+            new_count += 1
+            if not next_distance >= 0.0 and distance > 0.0:
+                cross_plane(vertex, next_vertex, plane, viewport, clipped[new_count])
+                new_count += 1
+        elif next_distance > 0.0:
+            cross_plane(next_vertex, vertex, plane, viewport, clipped[new_count])
+            new_count += 1
+    return new_count
 
 
 @helper
 def clip_triangle(corners, clip_positions, viewport, polygon, spare):
-    """Cut one triangle to all planes; the result is in ``polygon``; return its vertex count."""
+    """Clip a triangle to all planes, into ``polygon``; return its number of vertices."""
     for n in range(3):
         for k in range(4):
             polygon[n, k] = clip_positions[corners[n], k]
     count = 3
-    for plane in range(PLANES):
+    for plane in range(PLANE_COUNT):
         count = clip_polygon(polygon, count, plane, viewport, spare)
         for n in range(count):
             for k in range(4):
@@ -109,7 +109,7 @@ def clip_triangle(corners, clip_positions, viewport, polygon, spare):
 
 
 @kernel
-def find_clipped_faces(faces: int32[:, ::1], codes: uint8[:], found: int32[::1]):
+def find_clipped_faces(faces: int32[:, ::1], codes: uint8[:], clipped_faces: int32[::1]):
     """
     List the faces that cross the near or far plane or the guard band and may be seen.
 
@@ -117,21 +117,21 @@ def find_clipped_faces(faces: int32[:, ::1], codes: uint8[:], found: int32[::1])
     ----------
     faces : (F, 3) int32
     codes : (V,) uint8, outcodes
-    found : (N,) int32
-        Writes their numbers, ascending, as many as fit.
+    clipped_faces : (N,) int32
+        Writes the faces' numbers, ascending, as many as fit.
 
     Returns
     -------
     int
-        How many there are.
+        How many there are, even if fewer fit.
     """
     count = 0
     for face in range(faces.shape[0]):
         code0, code1, code2 = codes[faces[face, 0]], codes[faces[face, 1]], codes[faces[face, 2]]
         any_code = code0 | code1 | code2
         if any_code & CLIPPED and not any_code & INVALID and not code0 & code1 & code2 & FRUSTUM:
-            if count < found.shape[0]:
-                found[count] = face
+            if count < clipped_faces.shape[0]:
+                clipped_faces[count] = face
             count += 1
     return count
 
@@ -151,7 +151,7 @@ def count_clipped_vertices(
     clip_positions : (V, 4) float64, clip space
     viewport : Viewport
     counts : (C,) int64
-        Writes 0 for a face of which nothing is left, else 3 to ``MAX_VERTICES``.
+        Writes 0 for a face that is clipped away, else 3 to ``MAX_VERTICES``.
     scratch : (2, MAX_VERTICES, 4) float64
     """
     polygon, spare = scratch[0], scratch[1]
@@ -166,7 +166,7 @@ def clip_faces(
     clipped: (float64[:, ::1], int32[:, ::1], int32[::1]), scratch: float64[:, :, ::1],
 ):  # fmt: skip
     """
-    Cut the faces and write what is left of each as a fan of triangles.
+    Clip the faces, and write each clipped polygon as a fan of triangles.
 
     Parameters
     ----------

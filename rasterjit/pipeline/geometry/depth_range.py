@@ -13,22 +13,22 @@ import numpy as np
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64
 
-BLOCK = 256
-"""Faces in a box."""
+FACES_PER_BOX = 256
+"""Consecutive faces in one bounding box."""
 
-DEPTH = 4
+DEPTH_ROW = 4
 """Row of depths; the rows before it are the sides of the frustum, in an order around it."""
 
-MIN, MAX, BEFORE_NEAR, BEYOND_FAR = 0, 1, 2, 3
-"""Results: least and greatest visible depth; how many faces reach before the near plane, and beyond
-the far one."""
+MIN_DEPTH, MAX_DEPTH, BEFORE_NEAR, BEYOND_FAR = 0, 1, 2, 3
+"""Elements of the result: least and greatest visible depth; numbers of faces that cross the near
+plane, and the far one."""
 
-SURE = 2.0**-30
-"""Relative error allowed for: far more than the rounding of float64."""
+RELATIVE_ERROR = 2.0**-30
+"""Assumed relative error: far more than the rounding of float64."""
 
 
 @helper
-def row_product(rows, row, point):
+def multiply_row(rows, row, point):
     """Return the product of a matrix row and a point."""
     x, y, z = rows[row, 0] * point[0], rows[row, 1] * point[1], rows[row, 2] * point[2]
     return x + y + z + rows[row, 3]
@@ -37,7 +37,7 @@ def row_product(rows, row, point):
 @helper
 def is_visible(values, tolerances, w):
     """Tell whether the point of a face with the given weights is inside all frustum sides."""
-    for side in range(DEPTH):
+    for side in range(DEPTH_ROW):
         value = w[0] * values[side, 0] + w[1] * values[side, 1] + w[2] * values[side, 2]
         if not value >= -tolerances[side]:
             return False
@@ -45,23 +45,25 @@ def is_visible(values, tolerances, w):
 
 
 @helper
-def extend_range(values, tolerances, w, ends):
+def extend_range(values, tolerances, w, depth_range):
     """Extend the depth range by the point of a face with three given weights, if it is visible."""
     if is_visible(values, tolerances, w):
-        depth = w[0] * values[DEPTH, 0] + w[1] * values[DEPTH, 1] + w[2] * values[DEPTH, 2]
-        ends[0] = min(ends[0], depth)
-        ends[1] = max(ends[1], depth)
+        depth = (
+            w[0] * values[DEPTH_ROW, 0] + w[1] * values[DEPTH_ROW, 1] + w[2] * values[DEPTH_ROW, 2]
+        )
+        depth_range[0] = min(depth_range[0], depth)
+        depth_range[1] = max(depth_range[1], depth)
 
 
 @helper
-def may_be_seen(values, tolerances, corners):
-    """Tell whether a face is neither outside the frustum nor edge-on; write error bounds."""
+def may_be_visible(values, tolerances, corners):
+    """Tell whether a face is neither outside the frustum nor edge-on; write error tolerances."""
     all_terms = 0.0
-    for side in range(DEPTH):
+    for side in range(DEPTH_ROW):
         a, b, c = values[side, 0], values[side, 1], values[side, 2]
         if not (a >= 0.0 or b >= 0.0 or c >= 0.0):
             return False
-        tolerances[side] = SURE * (abs(a) + abs(b) + abs(c))
+        tolerances[side] = RELATIVE_ERROR * (abs(a) + abs(b) + abs(c))
         all_terms += tolerances[side]
     if corners < 3:
         return all_terms < np.inf
@@ -73,43 +75,48 @@ def may_be_seen(values, tolerances, corners):
         volume += ahead - back
         terms += abs(ahead) + abs(back)
     # NaN is not drawn.
-    return abs(volume) > SURE * terms
+    return abs(volume) > RELATIVE_ERROR * terms
 
 
 @helper
 def may_skip(rows, vertices, vertex, near, far):
-    """Tell whether to skip a vertex: between the planes, behind the eye or beside the view."""
+    """Tell whether a vertex lies between the planes, behind the eye or beside the view."""
     x, y, z = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
-    depth = rows[DEPTH, 0] * x + rows[DEPTH, 1] * y + rows[DEPTH, 2] * z + rows[DEPTH, 3]
+    depth = (
+        rows[DEPTH_ROW, 0] * x
+        + rows[DEPTH_ROW, 1] * y
+        + rows[DEPTH_ROW, 2] * z
+        + rows[DEPTH_ROW, 3]
+    )
     # One branch, well predicted.
     if not ((depth > 0.0) & ((depth < near) | (depth > far))):
         return True
     is_in = True
-    for side in range(DEPTH):
+    for side in range(DEPTH_ROW):
         inside = rows[side, 0] * x + rows[side, 1] * y + rows[side, 2] * z + rows[side, 3]
         is_in &= inside >= 0.0
     return not is_in
 
 
 @helper
-def find_face_range(values, tolerances, w, ends):
-    """Write the range of visible depths of a face: inf and -inf if none is."""
-    ends[0], ends[1] = np.inf, -np.inf
+def find_face_range(values, tolerances, w, depth_range):
+    """Write the range of visible depths of a face: inf and -inf if none is visible."""
+    depth_range[0], depth_range[1] = np.inf, -np.inf
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         # Vertices.
         w[i], w[j], w[k] = 1.0, 0.0, 0.0
-        extend_range(values, tolerances, w, ends)
+        extend_range(values, tolerances, w, depth_range)
         # Edges crossing sides of the frustum.
-        for side in range(DEPTH):
-            here, there = values[side, i], values[side, j]
-            if (here < 0.0) != (there < 0.0):
-                t = here / (here - there)
+        for side in range(DEPTH_ROW):
+            start, stop = values[side, i], values[side, j]
+            if (start < 0.0) != (stop < 0.0):
+                t = start / (start - stop)
                 w[i], w[j] = 1.0 - t, t
-                extend_range(values, tolerances, w, ends)
+                extend_range(values, tolerances, w, depth_range)
     # Edges of the frustum piercing the face.
-    for p in range(DEPTH):
-        q = (p + 1) % DEPTH
+    for p in range(DEPTH_ROW):
+        q = (p + 1) % DEPTH_ROW
         total = 0.0
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
@@ -119,27 +126,29 @@ def find_face_range(values, tolerances, w, ends):
             for i in range(3):
                 w[i] /= total
             if w[0] >= 0.0 and w[1] >= 0.0 and w[2] >= 0.0:
-                extend_range(values, tolerances, w, ends)
+                extend_range(values, tolerances, w, depth_range)
 
 
 @kernel
-def box_faces(
+def bound_faces(
     vertices: float64[:, ::1], faces: int32[:, ::1], lows: float64[:, ::1], highs: float64[:, ::1]
 ):  # fmt: skip
     """
-    Compute bounding boxes, each of ``BLOCK`` consecutive faces.
+    Compute bounding boxes, each of ``FACES_PER_BOX`` consecutive faces.
 
     Parameters
     ----------
     vertices : (V, 3) float64, model space
     faces : (F, 3) int32
     lows, highs : (3, B) float64
-        Writes their corners; what is not a number is left out, as no such face is drawn.
+        Writes the boxes' corners; NaN is left out, as no such face is drawn.
     """
     for block in range(lows.shape[1]):
         for axis in range(3):
             low, high = np.inf, -np.inf
-            for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+            for face in range(
+                block * FACES_PER_BOX, min((block + 1) * FACES_PER_BOX, faces.shape[0])
+            ):
                 for i in range(3):
                     value = vertices[faces[face, i], axis]
                     low = value if value < low else low
@@ -153,53 +162,50 @@ def find_visible_depths(
     planes: (float64, float64), corners: int64, result: float64[::1], scratch: float64[:, ::1],
 ):  # fmt: skip
     """
-    Find the visible depth range of the faces that reach before a near or beyond a far plane.
+    Find the visible depth range of the faces that cross a near or a far plane.
 
     Parameters
     ----------
     vertices : (V, 3) float64, model space
     faces : (F, 3) int32
     blocks : (N,) int64
-        Which boxes of faces are looked at.
+        The boxes of faces to search.
     rows : (5, 4) float64
-        What x, y, z and 1 in model space are multiplied by to give how far inside of each side of
-        the view a point is, and its depth along the viewing axis.
+        Matrix from model space to a point's distances inside each side of the view, and its depth
+        along the viewing axis.
     planes : (float, float)
         Depths of the near and the far plane.
     corners : int
-        How many a face has: 3, of segments 2, of points 1. Then face ``n`` is vertex ``n``.
+        Corners of a face: 3; of a segment 2, of a point 1. Point ``n`` is vertex ``n``.
     result : (4,) float64
-        Changed by these faces: see ``MIN`` and those after it.
+        Extended by these faces: see ``MIN_DEPTH``.
     scratch : (8, 4) float64
-        This call's own.
+        Not shared with other calls.
     """
-    values, tolerances, w, ends = scratch[:5], scratch[5], scratch[6], scratch[7]
+    values, tolerances, w, depth_range = scratch[:5], scratch[5], scratch[6], scratch[7]
     near, far = planes
     for n in range(blocks.shape[0]):
         block = blocks[n]
-        for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+        for face in range(block * FACES_PER_BOX, min((block + 1) * FACES_PER_BOX, faces.shape[0])):
             if corners == 1 and may_skip(rows, vertices, np.uintp(face), near, far):
                 continue
             a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
-            first, second, third = (
-                row_product(rows, DEPTH, a),
-                row_product(rows, DEPTH, b),
-                row_product(rows, DEPTH, c),
-            )
+            first, second = multiply_row(rows, DEPTH_ROW, a), multiply_row(rows, DEPTH_ROW, b)
+            third = multiply_row(rows, DEPTH_ROW, c)
             low, high = min(first, second, third), max(first, second, third)
             if not high > 0.0 or not (low < near or high > far):
                 continue
-            for row in range(DEPTH + 1):
-                values[row, 0] = row_product(rows, row, a)
-                values[row, 1] = row_product(rows, row, b)
-                values[row, 2] = row_product(rows, row, c)
-            if not may_be_seen(values, tolerances, corners):
+            for row in range(DEPTH_ROW + 1):
+                values[row, 0] = multiply_row(rows, row, a)
+                values[row, 1] = multiply_row(rows, row, b)
+                values[row, 2] = multiply_row(rows, row, c)
+            if not may_be_visible(values, tolerances, corners):
                 continue
-            find_face_range(values, tolerances, w, ends)
-            least, most = ends[0], ends[1]
+            find_face_range(values, tolerances, w, depth_range)
+            least, most = depth_range[0], depth_range[1]
             if most > 0.0:
                 least = max(least, 0.0)
-                result[MIN] = min(result[MIN], least)
-                result[MAX] = max(result[MAX], most)
+                result[MIN_DEPTH] = min(result[MIN_DEPTH], least)
+                result[MAX_DEPTH] = max(result[MAX_DEPTH], most)
                 result[BEFORE_NEAR] += 1.0 if least < near else 0.0
                 result[BEYOND_FAR] += 1.0 if most > far else 0.0

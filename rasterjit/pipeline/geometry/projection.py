@@ -27,10 +27,10 @@ from rasterjit.runtime.state_block import float64, int32, int64, real
 MAX_FLOAT32 = 1e18
 """`MAX_COORDINATE` of float32: products of two stay finite there."""
 
-BLOCK = 256
+VERTICES_PER_BLOCK = 256
 """Vertices of a block: their rows of scratch memory, 15 KiB, stay in L1."""
 
-ROUNDER = 6755399441055744.0
+ROUNDING_OFFSET = 6755399441055744.0
 """1.5 * 2**52: adding and subtracting it rounds a float64 below 2**51 half to even."""
 
 X, Y, Z, W, DEPTH = 0, 1, 2, 3, 4
@@ -39,15 +39,19 @@ SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
 """Rows of the integer scratch."""
 
 
-def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the scratch memory of this file's kernels, for float64 or float32 arithmetic."""
+def allocate_scratch(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Allocate the scratch memory of this file's kernels, for float64 or float32 arithmetic."""
     kind = np.dtype(precision)
     largest = setup.MAX_COORDINATE if kind == np.float64 else MAX_FLOAT32
-    return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
+    return (
+        np.empty((5, VERTICES_PER_BLOCK), kind),
+        np.empty((3, VERTICES_PER_BLOCK), np.int32),
+        np.full(1, largest, kind),
+    )
 
 
 @helper
-def outcode(x, y, z, w, guard_x, guard_y, largest):
+def compute_outcode(x, y, z, w, guard_x, guard_y, largest):
     """Return the outcode of one clip position, without a branch."""
     valid = (
         (abs(x) <= largest) & (abs(y) <= largest) & (abs(z) <= largest) & (abs(w) <= largest)
@@ -64,10 +68,10 @@ def outcode(x, y, z, w, guard_x, guard_y, largest):
 
 
 @helper
-def extents_of(rows, viewport):
+def get_half_extents(rows, viewport):
     """Return 1, and half the width and height of the whole picture, pixels, in the rows' type."""
     kind = rows.dtype.type
-    width, height = setup.whole_size(viewport)
+    width, height = setup.get_picture_size(viewport)
     return kind(1.0), kind(0.5 * width), kind(0.5 * height)
 
 
@@ -76,13 +80,13 @@ def snap(coordinate, one, half_extent, viewport):
     """Return an NDC coordinate in sub-pixel units: ``(coordinate + 1) * half_extent``, rounded."""
     pixels = np.float64((coordinate + one) * half_extent)
     steps = pixels * np.float64(1 << viewport.subpixel_bits)
-    rounded = (steps + ROUNDER) - ROUNDER
+    rounded = (steps + ROUNDING_OFFSET) - ROUNDING_OFFSET
     return np.int32(rounded) << np.int32(viewport.grid_bits - viewport.subpixel_bits)
 
 
 @helper
 def snap_vertex(ndc_x, ndc_y, extents, viewport):
-    """Return the snapped screen position of a vertex; ``extents`` are those of `extents_of`."""
+    """Return the snapped screen position of a vertex; takes `get_half_extents`."""
     one, half_width, half_height = extents
     left = np.int32(viewport.left) << np.int32(viewport.grid_bits)
     top = np.int32(viewport.top) << np.int32(viewport.grid_bits)
@@ -93,14 +97,14 @@ def snap_vertex(ndc_x, ndc_y, extents, viewport):
 
 
 @helper
-def stored_depth(z, w, depth_coefficients):
+def compute_stored_depth(z, w, depth_coefficients):
     """Return the stored depth of a clip position."""
     c0, c1, c2 = depth_coefficients
     return (c0 + c1 * z + c2 * w) / w
 
 
 @helper
-def row_times(m0, m1, m2, m3, x, y, z):
+def multiply_row(m0, m1, m2, m3, x, y, z):
     """Return one row of a matrix times (x, y, z, 1)."""
     return m0 * x + m1 * y + m2 * z + m3
 
@@ -133,14 +137,14 @@ def load_transformed(positions, matrix, x, y, z):
     m20, m21, m22, m23 = matrix[2, 0], matrix[2, 1], matrix[2, 2], matrix[2, 3]
     for i in range(x.shape[0]):
         px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
-        x[i] = row_times(m00, m01, m02, m03, px, py, pz)
-        y[i] = row_times(m10, m11, m12, m13, px, py, pz)
-        z[i] = row_times(m20, m21, m22, m23, px, py, pz)
+        x[i] = multiply_row(m00, m01, m02, m03, px, py, pz)
+        y[i] = multiply_row(m10, m11, m12, m13, px, py, pz)
+        z[i] = multiply_row(m20, m21, m22, m23, px, py, pz)
 
 
 @helper
-def load_relative(positions, first, stop, objects, owner, floats):
-    """Load a block of positions, each object by its own matrix; return the last one's owner."""
+def load_eye_relative(positions, first, stop, objects, owner, floats):
+    """Load a block of positions, by their objects' matrices; return the last vertex's object."""
     vertex_starts, relative_from_model = objects
     start = first
     while start < stop:
@@ -159,7 +163,7 @@ def load_relative(positions, first, stop, objects, owner, floats):
 
 
 @disjoint_helper
-def transform_rows(matrix, x, y, z, w):
+def transform_rows_to_clip(matrix, x, y, z, w):
     """Take rows of positions to clip space, in place."""
     m00, m01, m02, m03 = matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[0, 3]
     m10, m11, m12, m13 = matrix[1, 0], matrix[1, 1], matrix[1, 2], matrix[1, 3]
@@ -167,10 +171,10 @@ def transform_rows(matrix, x, y, z, w):
     m30, m31, m32, m33 = matrix[3, 0], matrix[3, 1], matrix[3, 2], matrix[3, 3]
     for i in range(x.shape[0]):
         px, py, pz = x[i], y[i], z[i]
-        x[i] = row_times(m00, m01, m02, m03, px, py, pz)
-        y[i] = row_times(m10, m11, m12, m13, px, py, pz)
-        z[i] = row_times(m20, m21, m22, m23, px, py, pz)
-        w[i] = row_times(m30, m31, m32, m33, px, py, pz)
+        x[i] = multiply_row(m00, m01, m02, m03, px, py, pz)
+        y[i] = multiply_row(m10, m11, m12, m13, px, py, pz)
+        z[i] = multiply_row(m20, m21, m22, m23, px, py, pz)
+        w[i] = multiply_row(m30, m31, m32, m33, px, py, pz)
 
 
 @disjoint_helper
@@ -183,16 +187,16 @@ def project_rows(
     guard_x, guard_y = kind(viewport.guard_x), kind(viewport.guard_y)
     c0, c1, c2 = depth_coefficients
     coefficients = kind(c0), kind(c1), kind(c2)
-    zero, one, extents = kind(0.0), kind(1.0), extents_of(x, viewport)
+    zero, one, extents = kind(0.0), kind(1.0), get_half_extents(x, viewport)
     for i in range(x.shape[0]):
-        code = outcode(x[i], y[i], z[i], w[i], guard_x, guard_y, largest)
+        code = compute_outcode(x[i], y[i], z[i], w[i], guard_x, guard_y, largest)
         # Divide without a branch: vertices that must not be divided get the image's centre.
-        away = (code & np.int32(setup.GUARD | setup.INVALID)) != 0
-        divisor = one if away else w[i]
-        ndc_x = (zero if away else x[i]) / divisor
-        ndc_y = (zero if away else y[i]) / divisor
+        is_outside = (code & np.int32(setup.GUARD | setup.INVALID)) != 0
+        divisor = one if is_outside else w[i]
+        ndc_x = (zero if is_outside else x[i]) / divisor
+        ndc_y = (zero if is_outside else y[i]) / divisor
         codes[i] = code
-        depth[i] = stored_depth(z[i], divisor, coefficients)
+        depth[i] = compute_stored_depth(z[i], divisor, coefficients)
         snapped_x[i], snapped_y[i] = snap_vertex(ndc_x, ndc_y, extents, viewport)
 
 
@@ -226,9 +230,11 @@ def project_block(first, count, depth_coefficients, viewport, screen, scratch):
 
 @helper
 def transform_block(first, count, positions, objects, owner, clip_from_relative, floats):
-    """Take a block from model space to clip space; return the owner of its last vertex."""
-    owner = load_relative(positions, first, first + count, objects, owner, floats)
-    transform_rows(clip_from_relative, *three_parts(floats, X, 0, count), part(floats, W, 0, count))
+    """Take a block from model space to clip space; return the object of its last vertex."""
+    owner = load_eye_relative(positions, first, first + count, objects, owner, floats)
+    transform_rows_to_clip(
+        clip_from_relative, *three_parts(floats, X, 0, count), part(floats, W, 0, count)
+    )
     return owner
 
 
@@ -254,10 +260,10 @@ def transform_vertices(
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
     screen : ScreenVertices
-        Writes the rows of these vertices. Of one outside the guard band only the outcode counts:
-        faces that use it are cut first.
+        Writes the rows of these vertices. Outside the guard band only the outcode counts: faces
+        that use such a vertex are cut first.
     scratch : tuple
-        This call's own, from `scratch_memory`, of the same type.
+        From `allocate_scratch`, of the same type; not shared with other calls.
 
     Returns
     -------
@@ -265,9 +271,9 @@ def transform_vertices(
         The bits set in any of the outcodes.
     """
     all_codes = np.int32(0)
-    owner = setup.last_at_most(objects[0], vertices[0])
-    for first in range(vertices[0], vertices[1], BLOCK):
-        count = min(first + BLOCK, vertices[1]) - first
+    owner = setup.find_last_at_most(objects[0], vertices[0])
+    for first in range(vertices[0], vertices[1], VERTICES_PER_BLOCK):
+        count = min(first + VERTICES_PER_BLOCK, vertices[1]) - first
         owner = transform_block(
             first, count, positions, objects, owner, clip_from_relative, scratch[0]
         )
@@ -292,9 +298,9 @@ def transform_positions(
         Writes the rows of these vertices.
     """
     floats = scratch[0]
-    owner = setup.last_at_most(objects[0], vertices[0])
-    for first in range(vertices[0], vertices[1], BLOCK):
-        count = min(first + BLOCK, vertices[1]) - first
+    owner = setup.find_last_at_most(objects[0], vertices[0])
+    for first in range(vertices[0], vertices[1], VERTICES_PER_BLOCK):
+        count = min(first + VERTICES_PER_BLOCK, vertices[1]) - first
         owner = transform_block(first, count, positions, objects, owner, clip_from_relative, floats)
         for i in range(count):
             row, vertex = np.uintp(i), np.uintp(first + i)
@@ -321,7 +327,7 @@ def project_vertices(
     screen : ScreenVertices
         Written as by `transform_vertices`.
     scratch : tuple
-        This call's own, from `scratch_memory`, of the type to compute in.
+        From `allocate_scratch`, of the type to compute in; not shared with other calls.
 
     Returns
     -------
@@ -330,8 +336,8 @@ def project_vertices(
     """
     floats = scratch[0]
     all_codes = np.int32(0)
-    for first in range(vertices[0], vertices[1], BLOCK):
-        count = min(first + BLOCK, vertices[1]) - first
+    for first in range(vertices[0], vertices[1], VERTICES_PER_BLOCK):
+        count = min(first + VERTICES_PER_BLOCK, vertices[1]) - first
         for i in range(count):
             row, vertex = np.uintp(i), np.uintp(first + i)
             floats[X, row], floats[Y, row] = clip_positions[vertex, 0], clip_positions[vertex, 1]
@@ -341,14 +347,14 @@ def project_vertices(
 
 
 @helper
-def depth_range(corners, clip_positions, depth_coefficients):
-    """Return the lowest and the highest stored depth of a face, unless it goes behind the eye."""
+def find_depth_range(corners, clip_positions, depth_coefficients):
+    """Return a face's lowest and highest stored depth; -inf and inf if it goes behind the eye."""
     lowest, highest = np.inf, -np.inf
     for n in range(3):
         z, w = clip_positions[corners[n], 2], clip_positions[corners[n], 3]
         if not w > 0.0:
             return -np.inf, np.inf
-        depth = stored_depth(z, w, depth_coefficients)
+        depth = compute_stored_depth(z, w, depth_coefficients)
         lowest, highest = min(lowest, depth), max(highest, depth)
     return lowest, highest
 
@@ -362,8 +368,8 @@ def project_clipped_vertices(
     """
     Project the vertices that clipping made: divide by w, map to the screen, snap.
 
-    They lie inside the guard band, between near and far, and inside the depth range of their face,
-    but for rounding, which may leave one outside: they are clamped.
+    Clamped to the guard band, to near and far, and to the depth range of their face, which rounding
+    may leave.
 
     Parameters
     ----------
@@ -378,16 +384,18 @@ def project_clipped_vertices(
     screen : ScreenVertices
         Writes rows ``first .. first + E``.
     """
-    clipped_faces, faces, starts, own_positions = cut
-    extents = extents_of(clip_positions, viewport)
+    clipped_faces, faces, starts, face_positions = cut
+    extents = get_half_extents(clip_positions, viewport)
     for n in range(clipped_faces.shape[0]):
-        lowest, highest = depth_range(faces[clipped_faces[n]], own_positions, depth_coefficients)
+        lowest, highest = find_depth_range(
+            faces[clipped_faces[n]], face_positions, depth_coefficients
+        )
         for e in range(starts[n], starts[n + 1]):
             w = clip_positions[e, 3]
             z = min(max(clip_positions[e, 2], -w), w)
             x = min(max(clip_positions[e, 0] / w, -viewport.guard_x), viewport.guard_x)
             y = min(max(clip_positions[e, 1] / w, -viewport.guard_y), viewport.guard_y)
-            depth = stored_depth(z, w, depth_coefficients)
+            depth = compute_stored_depth(z, w, depth_coefficients)
             screen.codes[first + e] = 0
             screen.xy[first + e, 0], screen.xy[first + e, 1] = snap_vertex(x, y, extents, viewport)
             screen.depth[first + e] = min(max(depth, lowest), highest)

@@ -22,7 +22,7 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64
 
 
 @helper
-def write_unit(x, y, z, row, vectors):
+def write_unit_vector(x, y, z, row, vectors):
     """Write a vector with length 1; zero if it is zero, or not finite."""
     largest = max(abs(x), abs(y), abs(z))
     if not (largest > 0.0 and largest < np.inf and x == x and y == y and z == z):
@@ -39,7 +39,7 @@ def write_unit(x, y, z, row, vectors):
 
 @kernel
 def skin_vertices(
-    rows: (int64, int64), matrices: float64[:, :, ::1], joints: int32[:, ::1],
+    vertex_range: (int64, int64), matrices: float64[:, :, ::1], joints: int32[:, ::1],
     weights: float64[:, ::1], positions: float64[:, ::1], normals: float32[:, ::1],
     tangents: float32[:, ::1],
 ):  # fmt: skip
@@ -48,7 +48,7 @@ def skin_vertices(
 
     Parameters
     ----------
-    rows : (int, int)
+    vertex_range : (int, int)
         The first vertex, and one past the last.
     matrices : (J, 4, 4) float64
         ``world_from_model`` of each joint; the last rows are not read.
@@ -57,37 +57,37 @@ def skin_vertices(
     positions : (V, 3) float64
         Changed: model space before, world space after.
     normals : (V, 3) float32, or (0, 3)
-        Changed, alike; of unit length after, but for those that are zero.
+        Changed likewise; of unit length after, or zero.
     tangents : (V, 4) float32, or (0, 4)
-        Changed, alike; the last column changes its sign where the vertex's matrix mirrors.
+        Changed likewise; the last column changes sign where the vertex's matrix mirrors.
     """
-    for row in range(rows[0], rows[1]):
+    for vertex in range(vertex_range[0], vertex_range[1]):
         # Blend the matrices.
         m00, m01, m02, m03 = 0.0, 0.0, 0.0, 0.0
         m10, m11, m12, m13 = 0.0, 0.0, 0.0, 0.0
         m20, m21, m22, m23 = 0.0, 0.0, 0.0, 0.0
         for k in range(joints.shape[1]):
-            share = weights[row, k]
-            if share == 0.0:
+            weight = weights[vertex, k]
+            if weight == 0.0:
                 continue
-            m = matrices[joints[row, k]]
-            m00 += share * m[0, 0]
-            m01 += share * m[0, 1]
-            m02 += share * m[0, 2]
-            m03 += share * m[0, 3]
-            m10 += share * m[1, 0]
-            m11 += share * m[1, 1]
-            m12 += share * m[1, 2]
-            m13 += share * m[1, 3]
-            m20 += share * m[2, 0]
-            m21 += share * m[2, 1]
-            m22 += share * m[2, 2]
-            m23 += share * m[2, 3]
+            m = matrices[joints[vertex, k]]
+            m00 += weight * m[0, 0]
+            m01 += weight * m[0, 1]
+            m02 += weight * m[0, 2]
+            m03 += weight * m[0, 3]
+            m10 += weight * m[1, 0]
+            m11 += weight * m[1, 1]
+            m12 += weight * m[1, 2]
+            m13 += weight * m[1, 3]
+            m20 += weight * m[2, 0]
+            m21 += weight * m[2, 1]
+            m22 += weight * m[2, 2]
+            m23 += weight * m[2, 3]
         # Move the vertex.
-        x, y, z = positions[row, 0], positions[row, 1], positions[row, 2]
-        positions[row, 0] = ((m00 * x + m01 * y) + m02 * z) + m03
-        positions[row, 1] = ((m10 * x + m11 * y) + m12 * z) + m13
-        positions[row, 2] = ((m20 * x + m21 * y) + m22 * z) + m23
+        x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
+        positions[vertex, 0] = ((m00 * x + m01 * y) + m02 * z) + m03
+        positions[vertex, 1] = ((m10 * x + m11 * y) + m12 * z) + m13
+        positions[vertex, 2] = ((m20 * x + m21 * y) + m22 * z) + m23
         if normals.shape[0] + tangents.shape[0] == 0:
             continue
         # Scale the axes, so that their products neither overflow nor vanish.
@@ -105,29 +105,29 @@ def skin_vertices(
         if normals.shape[0]:
             c10, c11, c12 = m02 * m21 - m01 * m22, m00 * m22 - m02 * m20, m01 * m20 - m00 * m21
             c20, c21, c22 = m01 * m12 - m02 * m11, m02 * m10 - m00 * m12, m00 * m11 - m01 * m10
-            x = side * np.float64(normals[row, 0])
-            y = side * np.float64(normals[row, 1])
-            z = side * np.float64(normals[row, 2])
-            write_unit(
+            x = side * np.float64(normals[vertex, 0])
+            y = side * np.float64(normals[vertex, 1])
+            z = side * np.float64(normals[vertex, 2])
+            write_unit_vector(
                 (c00 * x + c01 * y) + c02 * z, (c10 * x + c11 * y) + c12 * z,
-                (c20 * x + c21 * y) + c22 * z, row, normals,
+                (c20 * x + c21 * y) + c22 * z, vertex, normals,
             )  # fmt: skip
         if tangents.shape[0]:
-            x = np.float64(tangents[row, 0])
-            y = np.float64(tangents[row, 1])
-            z = np.float64(tangents[row, 2])
-            write_unit(
+            x = np.float64(tangents[vertex, 0])
+            y = np.float64(tangents[vertex, 1])
+            z = np.float64(tangents[vertex, 2])
+            write_unit_vector(
                 (m00 * x + m01 * y) + m02 * z, (m10 * x + m11 * y) + m12 * z,
-                (m20 * x + m21 * y) + m22 * z, row, tangents,
+                (m20 * x + m21 * y) + m22 * z, vertex, tangents,
             )  # fmt: skip
-            tangents[row, 3] = np.float32(side) * tangents[row, 3]
+            tangents[vertex, 3] = np.float32(side) * tangents[vertex, 3]
 
 
-def morph(
+def apply_morph_targets(
     base: NDArray[np.float64], targets: NDArray[np.floating] | None, weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """
-    Return rows displaced by morph targets, added in their order.
+    Return vertex attributes displaced by morph targets, added in their order.
 
     Parameters
     ----------
@@ -135,10 +135,10 @@ def morph(
     targets : (T, V, 3) float64 or float32, or None
     weights : (T,) float64
     """
-    moved = base.copy()
+    displaced = base.copy()
     if targets is not None:
         with np.errstate(over="ignore", invalid="ignore"):
             for target, weight in zip(targets, weights.tolist(), strict=True):
                 if weight != 0.0:
-                    moved += weight * target.astype(np.float64)
-    return moved
+                    displaced += weight * target.astype(np.float64)
+    return displaced

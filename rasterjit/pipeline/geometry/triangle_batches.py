@@ -21,13 +21,13 @@ from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part, 
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64
 
-SMALL_PIXELS = 8
-"""Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
+MAX_SMALL_PIXELS = 8
+"""Width of the bounding box, pixels, up to which a triangle is tested sample by sample."""
 
-BLOCK_BITS = 6
+COLUMN_BLOCK_BITS = 6
 """Depth along a row is evaluated afresh every 2**6 = 64 columns; tiles are no wider."""
 
-BATCH = 64
+TRIANGLES_PER_BATCH = 64
 """Triangles of a batch: their data, 14 KiB, stays in L1 beside the tile's samples."""
 
 FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE, SIDE = range(13)
@@ -37,11 +37,11 @@ Integer rows.
 Face, vertices on the sub-pixel grid, box of samples, wide or small; for the three edges of a small
 triangle the biased value at the corner of the box, in steps of one pixel: inside if not negative.
 """
-FEW_ROWS = 16
-"""Boxes of a batch are cut to the rows reached if a wide triangle has more rows in the tile."""
+MIN_CUT_ROWS = 16
+"""Least height of a wide triangle in the tile, pixels, for which boxes are cut to rows."""
 
-ROWS = 15
-"""First of three more integer rows, scratch of `cut_rows`."""
+ROW_SCRATCH = 15
+"""First of three integer rows that `cut_rows` uses as scratch memory."""
 INT_ROWS = 18
 
 DEPTH, EDGE, ACROSS, DOWN, WEIGHT, RANGE = 0, 3, 6, 9, 12, 14
@@ -60,23 +60,33 @@ Bound on the rounding error of an edge function at the corner of a box, sub-pixe
 There are five roundings, of numbers below 2**56, each off by 4 at most.
 """
 
-MIN_SIDE = -(2.0**31)
+MIN_INT32 = -(2.0**31)
 """Lowest int32."""
 
-STRIDE = BATCH + 8
-"""Columns of those rows, padded: with a power of two, rows would collide in few cache sets."""
+ROW_STRIDE = TRIANGLES_PER_BATCH + 8
+"""Columns of a row, padded: with a power of two, rows would collide in few cache sets."""
 
-PAIRS_A, PAIRS_B, PAIRS_C = LEFT * STRIDE, RIGHT * STRIDE, WIDE * STRIDE
+PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROW_STRIDE, RIGHT * ROW_STRIDE, WIDE * ROW_STRIDE
 """
 Flat offsets of the interleaved x and y of each vertex, before vertices are sorted.
 
-Each takes two rows that are not yet in use by then.
+Each takes two rows that are still unused then.
 """
 
-FLOAT64 = float64[:, ::1]
+FLOAT_ROWS_TYPE = float64[:, ::1]
 """Type of the float rows."""
 
-FIRST, COUNT, LEFT_COLUMN, TOP_ROW, RIGHT_COLUMN, BOTTOM_ROW, GRID_BITS, SHIFT_X, SHIFT_Y = range(9)
+(
+    FIRST_LISTED,
+    LISTED_COUNT,
+    LEFT_COLUMN,
+    TOP_ROW,
+    RIGHT_COLUMN,
+    BOTTOM_ROW,
+    GRID_BITS,
+    SHIFT_X,
+    SHIFT_Y,
+) = range(9)
 """
 Elements of a batch's request: its start in the list, and length; the first and the last pixel of
 the tile, inside the image; the offset added to vertices, sub-pixel units.
@@ -85,8 +95,8 @@ DRAW_FIRST, DRAW_END = 9, 10
 """Elements: the range of triangles of the current batch to draw."""
 PREFETCH = 11
 """Element: how many triangles after the batch to prefetch, up to two batches."""
-MIXED = 12
-"""Element: whether triangles are drawn in another order than by face number."""
+IS_UNORDERED = 12
+"""Element: not 0 if triangles are drawn in another order than by face number."""
 SORTED, SORTED_DRAWN = 13, 14
 """Elements: how many triangles were sorted recently, and how many of them were then drawn."""
 REQUEST_SIZE = 15
@@ -94,17 +104,17 @@ REQUEST_SIZE = 15
 CELL_BITS = 3
 """A tile's cells are squares of 2**3 = 8 samples: a row of samples or of cells fits a vector."""
 
-CELLS = 1 << (BLOCK_BITS - CELL_BITS)
+CELLS_PER_ROW = 1 << (COLUMN_BLOCK_BITS - CELL_BITS)
 """Cells in a row of a tile; the tile's cells are the bits of one word."""
 
 MAX_SORTED = 8192
 """Most triangles of a tile sorted together: their data, 160 KiB, stays in L2."""
 
-BUCKETS = 16
+BUCKET_COUNT = 16
 """Depth buckets of the sort, nearest first."""
 
 PART_BITS = 2
-PARTS = 1 << PART_BITS
+PARTS_PER_BUCKET = 1 << PART_BITS
 """Parts of a bucket, filled by turns: incrementing one counter twice in a row stalls."""
 
 BOX_BITS = 12
@@ -118,9 +128,9 @@ MIN_PREFETCH_VERTICES = 1 << 16
 
 
 @helper
-def at(row, n):
+def flat_index(row, n):
     """Return the flat index of column ``n`` of a row: a constant offset from ``n``."""
-    return np.uintp(row * STRIDE) + n
+    return np.uintp(row * ROW_STRIDE) + n
 
 
 @helper
@@ -129,21 +139,21 @@ def gather_triangles(listed, faces, screen, ints, floats):
     all_faces, pieces, piece_faces = faces
     xy, depth, row, depths = screen.xy, screen.depth, flat(ints), flat(floats)
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), face = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
-        row[at(FACE, n)] = face
+        (a, b, c), face = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
+        row[flat_index(FACE, n)] = face
         copy_pair(xy, a, row, np.uintp(PAIRS_A // 2) + n)
         copy_pair(xy, b, row, np.uintp(PAIRS_B // 2) + n)
         copy_pair(xy, c, row, np.uintp(PAIRS_C // 2) + n)
-        depths[at(DEPTH, n)], depths[at(DEPTH + 1, n)] = depth[a], depth[b]
-        depths[at(DEPTH + 2, n)] = depth[c]
+        depths[flat_index(DEPTH, n)], depths[flat_index(DEPTH + 1, n)] = depth[a], depth[b]
+        depths[flat_index(DEPTH + 2, n)] = depth[c]
 
 
 @helper
-def fetch_corners(listed, faces, depth, corners):
+def prefetch_corners(listed, faces, depth, corners):
     """Look up the vertex numbers of listed triangles, and prefetch the vertices."""
     all_faces, pieces, piece_faces = faces
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
@@ -151,8 +161,8 @@ def fetch_corners(listed, faces, depth, corners):
 
 
 @helper
-def enclose_fetched(screen, corners, least, most, nearest):
-    """Do what `enclose_listed` does, for triangles whose vertex numbers are known."""
+def enclose_prefetched(screen, corners, least, most, nearest):
+    """Write bounding boxes and nearest depths of triangles whose vertex numbers are prefetched."""
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(nearest.shape[0])):
         a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
@@ -166,13 +176,13 @@ def enclose_listed(listed, faces, screen, least, most, nearest):
     all_faces, pieces, piece_faces = faces
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
         enclose(xy, a, b, c, least, most, n)
         nearest[n] = max(depth[a], max(depth[b], depth[c]))
 
 
 @helper
-def fetch_faces(listed, faces):
+def prefetch_faces(listed, faces):
     """Prefetch listed faces."""
     corners, face_count = flat(faces[0]), np.int64(faces[0].shape[0])
     for n in range(listed.shape[0]):
@@ -180,19 +190,19 @@ def fetch_faces(listed, faces):
 
 
 @helper
-def fetch_triangles(listed, faces, depth, end):
+def prefetch_triangles(listed, faces, depth, end):
     """
     Prefetch the vertices of a batch of listed triangles, and the faces of those after it.
 
-    Takes where both begin.
+    ``end`` is how many triangles there are in both.
     """
     all_faces, pieces, piece_faces = faces
-    for n in range(min(end, np.int64(BATCH))):
-        (a, b, c), _ = setup.triangle_of(all_faces, pieces, piece_faces, np.int64(listed[n]))
+    for n in range(min(end, np.int64(TRIANGLES_PER_BATCH))):
+        (a, b, c), _ = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
-    fetch_faces(listed[min(end, np.int64(BATCH)) : end], faces)
+    prefetch_faces(listed[min(end, np.int64(TRIANGLES_PER_BATCH)) : end], faces)
 
 
 @helper
@@ -202,9 +212,9 @@ def is_above(ax, ay, bx, by):
 
 
 @helper
-def offset_vertex(pairs, place, shift):
+def load_shifted_vertex(pairs, index, shift):
     """Return x and y of a vertex, shifted."""
-    x, y = pairs[place], pairs[place + np.uintp(1)]
+    x, y = pairs[index], pairs[index + np.uintp(1)]
     return np.int32(x + shift[0]), np.int32(y + shift[1])
 
 
@@ -219,21 +229,15 @@ def sort_vertices(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     for n in range(ax.shape[0]):
         # Load before selecting: conditional loads do not vectorize.
         k = np.uintp(2) * np.uintp(n)
-        x0, y0 = offset_vertex(pairs, np.uintp(PAIRS_A) + k, shift)
-        bx0, by0 = offset_vertex(pairs, np.uintp(PAIRS_B) + k, shift)
-        cx0, cy0 = offset_vertex(pairs, np.uintp(PAIRS_C) + k, shift)
+        x0, y0 = load_shifted_vertex(pairs, np.uintp(PAIRS_A) + k, shift)
+        bx0, by0 = load_shifted_vertex(pairs, np.uintp(PAIRS_B) + k, shift)
+        cx0, cy0 = load_shifted_vertex(pairs, np.uintp(PAIRS_C) + k, shift)
         d0, db0, dc0 = da[n], db[n], dc[n]
         is_flipped = setup.narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
-        x1, y1, d1 = (
-            cx0 if is_flipped else bx0,
-            cy0 if is_flipped else by0,
-            dc0 if is_flipped else db0,
-        )
-        x2, y2, d2 = (
-            bx0 if is_flipped else cx0,
-            by0 if is_flipped else cy0,
-            db0 if is_flipped else dc0,
-        )
+        x1, y1 = cx0 if is_flipped else bx0, cy0 if is_flipped else by0
+        d1 = dc0 if is_flipped else db0
+        x2, y2 = bx0 if is_flipped else cx0, by0 if is_flipped else cy0
+        d2 = db0 if is_flipped else dc0
         second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
         third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)
         ax[n] = x1 if second else (x2 if third else x0)
@@ -253,21 +257,23 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
     Write the box of samples of each triangle inside a window.
 
     The window is a tile's (left, top, right, bottom). Boxes of triangles wider than
-    ``SMALL_PIXELS`` are cut at the block of columns that holds it, which may begin left of it.
+    ``MAX_SMALL_PIXELS`` are cut at the block of columns that holds it, which may begin left of it.
     """
     for n in range(ax.shape[0]):
-        first = setup.first_sample(min(ax[n], min(bx[n], cx[n])), bits)
-        last = setup.last_sample(max(ax[n], max(bx[n], cx[n])), bits)
-        is_wide = last - first >= SMALL_PIXELS
+        first = setup.find_first_pixel(min(ax[n], min(bx[n], cx[n])), bits)
+        last = setup.find_last_pixel(max(ax[n], max(bx[n], cx[n])), bits)
+        is_wide = last - first >= MAX_SMALL_PIXELS
         wide[n] = is_wide
-        left[n] = max(first, (window[0] >> BLOCK_BITS) << BLOCK_BITS if is_wide else window[0])
-        top[n] = max(setup.first_sample(ay[n], bits), window[1])
+        left[n] = max(
+            first, (window[0] >> COLUMN_BLOCK_BITS) << COLUMN_BLOCK_BITS if is_wide else window[0]
+        )
+        top[n] = max(setup.find_first_pixel(ay[n], bits), window[1])
         right[n] = min(last, window[2])
-        bottom[n] = min(setup.last_sample(max(by[n], cy[n]), bits), window[3])
+        bottom[n] = min(setup.find_last_pixel(max(by[n], cy[n]), bits), window[3])
 
 
 @disjoint_helper
-def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
+def set_up_depth_planes(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
     """Write the depth plane (weights of E_bc and E_ca) and its range, as ``depth_plane`` does."""
     for n in range(ax.shape[0]):
         area = np.float64(setup.narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
@@ -277,7 +283,7 @@ def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, 
 
 
 @disjoint_helper
-def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
+def set_up_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
     """
     Write the edge a -> b at the corner of the box, its steps, and on which side the corner lies.
 
@@ -296,41 +302,41 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
         down[n] = np.float64(along_x) * unit
         is_top_left = (along_y < 0) | ((along_y == 0) & (along_x > 0))
         whole = np.floor((here if is_top_left else here - 1.0) * pixel)
-        # Not read for a wide triangle, where it may not fit
-        side[n] = np.int32(min(max(whole, MIN_SIDE), -MIN_SIDE - 1.0))
+        # Not read for a wide triangle, where the value may not fit.
+        side[n] = np.int32(min(max(whole, MIN_INT32), -MIN_INT32 - 1.0))
 
 
 @disjoint_helper
-def reach_rows(value, across, down, left, right, rows, first, last):
+def narrow_rows(value, across, down, left, right, rows, first, last):
     """
     Narrow the range of rows, from the top of the box, to those partly inside an edge.
 
-    Takes an edge at the corner of the box and its steps, as `plan_edge` writes them. Conservative:
-    a row too many only costs time.
+    Takes an edge at the corner of the box and its steps, as `set_up_edge` writes them.
+    Conservative: an extra row only costs time.
     """
     for n in range(value.shape[0]):
         width = np.float64(np.int32(right[n] - left[n]))
-        best = value[n] + max(across[n] * width, 0.0) + EDGE_ROUNDINGS
+        max_value = value[n] + max(across[n] * width, 0.0) + EDGE_ROUNDINGS
         step = abs(down[n])
-        reach = np.floor(best / (step if step > 0.0 else 1.0))
-        beyond = np.float64(rows[n])
-        least = min(max(-reach if down[n] > 0.0 else 0.0, 0.0), beyond)
-        most = min(max(reach if down[n] < 0.0 else beyond, -1.0), beyond)
+        rows_inside = np.floor(max_value / (step if step > 0.0 else 1.0))
+        row_count = np.float64(rows[n])
+        least = min(max(-rows_inside if down[n] > 0.0 else 0.0, 0.0), row_count)
+        most = min(max(rows_inside if down[n] < 0.0 else row_count, -1.0), row_count)
         first[n] = max(first[n], np.int32(least))
         last[n] = min(last[n], np.int32(most))
 
 
 @disjoint_helper
 def count_rows(top, bottom, rows, first, last):
-    """Write how many rows boxes have, and the first and the last from the top."""
+    """Write the number of rows of each box, and the first and the last row, from the top."""
     for n in range(top.shape[0]):
         rows[n] = bottom[n] - top[n] + 1
         first[n], last[n] = 0, bottom[n] - top[n]
 
 
 @disjoint_helper
-def cut_wide(wide, top, bottom, first, last):
-    """Cut the boxes of wide triangles to the rows that they reach."""
+def cut_wide_boxes(wide, top, bottom, first, last):
+    """Write boxes of wide triangles cut to a range of rows."""
     for n in range(wide.shape[0]):
         is_wide = wide[n] != 0
         begin = top[n]
@@ -339,31 +345,31 @@ def cut_wide(wide, top, bottom, first, last):
 
 
 @helper
-def any_tall(wide, top, bottom):
+def has_tall_wide_triangle(wide, top, bottom):
     """Return whether any wide triangle has enough rows for `cut_rows` to pay."""
     is_any = np.int32(0)
     for n in range(wide.shape[0]):
-        is_any |= wide[n] & np.int32(bottom[n] - top[n] >= FEW_ROWS)
+        is_any |= wide[n] & np.int32(bottom[n] - top[n] >= MIN_CUT_ROWS)
     return is_any != 0
 
 
 @helper
 def cut_rows(count, ints, floats):
-    """Cut the boxes of wide triangles to the rows that they reach: few for thin ones."""
+    """Cut the boxes of wide triangles to the rows that they cover: few for thin ones."""
     top, bottom = part(ints, TOP, 0, count), part(ints, BOTTOM, 0, count)
-    rows, first, last = three_parts(ints, ROWS, 0, count)
+    rows, first, last = three_parts(ints, ROW_SCRATCH, 0, count)
     count_rows(top, bottom, rows, first, last)
     for k in range(3):
-        reach_rows(
+        narrow_rows(
             part(floats, EDGE + k, 0, count), part(floats, ACROSS + k, 0, count),
             part(floats, DOWN + k, 0, count), part(ints, LEFT, 0, count),
             part(ints, RIGHT, 0, count), rows, first, last,
         )  # fmt: skip
-    cut_wide(part(ints, WIDE, 0, count), top, bottom, first, last)
+    cut_wide_boxes(part(ints, WIDE, 0, count), top, bottom, first, last)
 
 
 @helper
-def plan_triangles(count, window, bits, shift, ints, floats):
+def set_up_gathered_triangles(count, window, bits, shift, ints, floats):
     """Compute boxes, edges and depth planes of the gathered triangles, vectorized."""
     ax, ay = part(ints, AX, 0, count), part(ints, AY, 0, count)
     bx, by = part(ints, BX, 0, count), part(ints, BY, 0, count)
@@ -375,29 +381,29 @@ def plan_triangles(count, window, bits, shift, ints, floats):
     bound_triangles(
         ax, ay, bx, by, cx, cy, window, bits, left, top, *three_parts(ints, RIGHT, 0, count)
     )
-    plan_depths(
+    set_up_depth_planes(
         ax, ay, bx, by, cx, cy, da, db, dc, *three_parts(floats, WEIGHT, 0, count),
         part(floats, RANGE + 1, 0, count),
     )  # fmt: skip
     for k in range(3):
         # The edge opposite to each vertex.
         second, third = AX + 2 * ((k + 1) % 3), AX + 2 * ((k + 2) % 3)
-        plan_edge(
+        set_up_edge(
             part(ints, second, 0, count), part(ints, second + 1, 0, count),
             part(ints, third, 0, count), part(ints, third + 1, 0, count), left, top, bits,
             part(floats, EDGE + k, 0, count), part(floats, ACROSS + k, 0, count),
             part(floats, DOWN + k, 0, count), part(ints, SIDE + k, 0, count),
         )  # fmt: skip
-    if any_tall(part(ints, WIDE, 0, count), top, part(ints, BOTTOM, 0, count)):
+    if has_tall_wide_triangle(part(ints, WIDE, 0, count), top, part(ints, BOTTOM, 0, count)):
         cut_rows(count, ints, floats)
 
 
 @helper
-def cell_at(pixel, origin):
-    """Return the row or column of a tile's cells that holds a pixel, clamped to the tile."""
-    away = np.int32(pixel - np.int32(origin))
-    end = np.int32((1 << BLOCK_BITS) - 1)
-    return np.int32(max(min(away, end), np.int32(0)) >> CELL_BITS)
+def find_cell(pixel, origin):
+    """Return the column or row of a tile's cells that holds a pixel, clamped to the tile."""
+    offset = np.int32(pixel - np.int32(origin))
+    last = np.int32((1 << COLUMN_BLOCK_BITS) - 1)
+    return np.int32(max(min(offset, last), np.int32(0)) >> CELL_BITS)
 
 
 @disjoint_helper
@@ -405,18 +411,20 @@ def find_cells(least, most, shift, origin, bits):
     """
     Write the first and the last column, and row, of a tile's cells around triangles.
 
-    Takes the least and the greatest x and y, interleaved; packs both cells into one number, over
-    the least.
+    Takes the least and the greatest x and y, interleaved; overwrites the least by both cells, in one
+    number.
     """
     bits = np.uint32(bits & 15)
     half = np.int32(np.int32(1) << np.int32(bits - np.uint32(1)))
     for n in range(least.shape[0]):
         is_row = np.int32(n) & np.int32(1) != 0
-        away = shift[1] if is_row else shift[0]
+        offset = shift[1] if is_row else shift[0]
         begin = origin[1] if is_row else origin[0]
-        first = setup.pixel_of(np.int32(np.int32(least[n] + away) + np.int32(half - 1)), bits)
-        last = setup.pixel_of(np.int32(np.int32(most[n] + away) - half), bits)
-        least[n] = np.int32(cell_at(first, begin) + np.int32(cell_at(last, begin) << 3))
+        first = setup.floor_to_pixel(
+            np.int32(np.int32(least[n] + offset) + np.int32(half - 1)), bits
+        )
+        last = setup.floor_to_pixel(np.int32(np.int32(most[n] + offset) - half), bits)
+        least[n] = np.int32(find_cell(first, begin) + np.int32(find_cell(last, begin) << 3))
 
 
 @disjoint_helper
@@ -424,7 +432,7 @@ def pack_boxes(cells, nearest, lowest, highest, boxes):
     """
     Write the boxes of a tile's cells around triangles, and update the depth range.
 
-    The least and the greatest depth so far are kept per lane.
+    There is a least and a greatest depth for each lane.
     """
     for n in range(nearest.shape[0]):
         boxes[n] = np.int32(cells[2 * n] + np.int32(cells[2 * n + 1] << 6))
@@ -433,35 +441,42 @@ def pack_boxes(cells, nearest, lowest, highest, boxes):
 
 
 @disjoint_helper
-def find_slots(nearest, top, scale, boxes):
-    """Add to the packed boxes of triangles their depth bucket, and the part of it."""
+def find_slots(nearest, nearest_depth, buckets_per_depth, boxes):
+    """Add depth bucket and part of it to the packed boxes of triangles."""
     for n in range(nearest.shape[0]):
-        place = (top - nearest[n]) * scale
-        bucket = np.int32(place if place < BUCKETS - 1.0 else BUCKETS - 1.0)
-        slot = np.int32(np.int32(bucket << PART_BITS) | np.int32(np.int32(n) & (PARTS - 1)))
+        position = (nearest_depth - nearest[n]) * buckets_per_depth
+        bucket = np.int32(position if position < BUCKET_COUNT - 1.0 else BUCKET_COUNT - 1.0)
+        slot = np.int32(
+            np.int32(bucket << PART_BITS) | np.int32(np.int32(n) & (PARTS_PER_BUCKET - 1))
+        )
         boxes[n] = np.int32(boxes[n] | np.int32(slot << BOX_BITS))
 
 
 @helper
 def sort_triangles(listed, nearest, boxes, lowest, highest, order):
-    """Sort surveyed triangles front to back, by bucket."""
+    """Sort triangles front to back, by depth bucket."""
     triangles, starts, bounds = order
-    low, top = np.inf, -np.inf
-    for n in range(BATCH):
-        low, top = min(low, lowest[n]), max(top, highest[n])
-    width = (top - low) * (1.0 / BUCKETS)
+    farthest_depth, nearest_depth = np.inf, -np.inf
+    for n in range(TRIANGLES_PER_BATCH):
+        farthest_depth = min(farthest_depth, lowest[n])
+        nearest_depth = max(nearest_depth, highest[n])
+    width = (nearest_depth - farthest_depth) * (1.0 / BUCKET_COUNT)
     is_wide = (width > 0.0) & (width < np.inf)
-    scale = 1.0 / width if is_wide else 0.0
+    buckets_per_depth = 1.0 / width if is_wide else 0.0
     for k in range(starts.shape[0]):
         starts[k] = 0
-    find_slots(nearest, top, scale, boxes)
+    find_slots(nearest, nearest_depth, buckets_per_depth, boxes)
     for n in range(np.uintp(listed.shape[0])):
         starts[np.uintp(boxes[n] >> BOX_BITS) + np.uintp(1)] += 1
     for k in range(starts.shape[0] - 1):
         starts[k + 1] += starts[k]
-    slack = max(abs(low), abs(top)) * 2.0**-50
-    for k in range(BUCKETS):
-        bounds[k] = top - (np.float64(k) - BUCKET_SLACK) * width + slack if is_wide else top
+    slack = max(abs(farthest_depth), abs(nearest_depth)) * 2.0**-50
+    for k in range(BUCKET_COUNT):
+        bounds[k] = (
+            nearest_depth - (np.float64(k) - BUCKET_SLACK) * width + slack
+            if is_wide
+            else nearest_depth
+        )
     for n in range(np.uintp(listed.shape[0])):
         box = np.int64(boxes[n])
         slot = np.uintp(box >> BOX_BITS)
@@ -477,30 +492,27 @@ on the nearest depth of each bucket.
 """
 
 
-SURVEYED = float64[:, ::1], int32[:, ::1], int32[:, ::1]
+SURVEY_MEMORY = float64[:, ::1], int32[:, ::1], int32[:, ::1]
 """
 Types of scratch memory: nearest depths of triangles and their boxes of cells, (1, MAX_SORTED) each;
-vertices of a batch, their least and their greatest x and y, (5, 2 * BATCH).
+vertices of a batch, their least and their greatest x and y, (5, 2 * TRIANGLES_PER_BATCH).
 """
 
 
-def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
-    """Allocate `ORDER` and `SURVEYED`."""
-    starts = np.zeros(BUCKETS * PARTS + 1, np.int64)
+def allocate_order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
+    """Allocate `ORDER` and `SURVEY_MEMORY`."""
+    starts = np.zeros(BUCKET_COUNT * PARTS_PER_BUCKET + 1, np.int64)
     return (
-        (np.empty(MAX_SORTED, np.int64), starts, np.empty(BUCKETS)),
-        (
-            np.empty((1, MAX_SORTED)),
-            np.empty((1, MAX_SORTED), np.int32),
-            np.empty((5, 2 * BATCH), np.int32),
-        ),
-    )
+        (np.empty(MAX_SORTED, np.int64), starts, np.empty(BUCKET_COUNT)), (np.empty((1,
+        MAX_SORTED)), np.empty((1, MAX_SORTED), np.int32), np.empty((5, 2 * TRIANGLES_PER_BATCH),
+        np.int32)),
+    )  # fmt: skip
 
 
 @kernel
 def order_triangles(
     request: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
-    ints: int32[:, ::1], floats: FLOAT64, surveyed: SURVEYED, order: ORDER,
+    ints: int32[:, ::1], floats: FLOAT_ROWS_TYPE, survey: SURVEY_MEMORY, order: ORDER,
 ):  # fmt: skip
     """
     Sort listed triangles of a tile front to back, by depth bucket.
@@ -508,42 +520,50 @@ def order_triangles(
     Parameters
     ----------
     request : (15,) int64
-        As for `plan_batch`; no more than ``MAX_SORTED`` are request for.
+        As for `set_up_batch`; at most ``MAX_SORTED`` triangles.
     listed : (M,) int32
     faces, screen : records
     ints, floats : (rows, columns)
         Scratch memory: a batch.
-    surveyed : tuple
-        Scratch memory: as `SURVEYED` says.
+    survey : tuple
+        Scratch memory: as `SURVEY_MEMORY` says.
     order : tuple
         Written: as `ORDER` says.
     """
-    count, first = request[COUNT], request[FIRST]
+    count, first = request[LISTED_COUNT], request[FIRST_LISTED]
     parts = faces.faces, faces.pieces, faces.piece_faces
-    lowest, highest = part(floats, WEIGHT, 0, BATCH), part(floats, WEIGHT + 1, 0, BATCH)
-    for n in range(BATCH):
+    lowest = part(floats, WEIGHT, 0, TRIANGLES_PER_BATCH)
+    highest = part(floats, WEIGHT + 1, 0, TRIANGLES_PER_BATCH)
+    for n in range(TRIANGLES_PER_BATCH):
         lowest[n], highest[n] = np.inf, -np.inf
-    nearest, boxes, corners = surveyed
+    nearest, boxes, corners = survey
     shift = np.int32(request[SHIFT_X]), np.int32(request[SHIFT_Y])
     origin = np.int32(request[LEFT_COLUMN]), np.int32(request[TOP_ROW])
     is_distant = screen.depth.shape[0] >= MIN_PREFETCH_VERTICES
     if is_distant:
-        fetch_corners(listed[first : first + min(BATCH, count)], parts, screen.depth, corners)
-    for begin in range(0, count, BATCH):
-        some = min(BATCH, count - begin)
-        least, most = part(corners, 3, 0, 2 * some), part(corners, 4, 0, 2 * some)
-        near = part(nearest, 0, begin, begin + some)
-        following = first + begin + some
-        end = min(following + BATCH, first + count)
+        prefetch_corners(
+            listed[first : first + min(TRIANGLES_PER_BATCH, count)], parts, screen.depth, corners
+        )
+    for begin in range(0, count, TRIANGLES_PER_BATCH):
+        batch_count = min(TRIANGLES_PER_BATCH, count - begin)
+        least, most = part(corners, 3, 0, 2 * batch_count), part(corners, 4, 0, 2 * batch_count)
+        batch_nearest = part(nearest, 0, begin, begin + batch_count)
+        following = first + begin + batch_count
+        end = min(following + TRIANGLES_PER_BATCH, first + count)
         if is_distant:
-            enclose_fetched(screen, corners, least, most, near)
-            beyond = min(end + BATCH, first + count + request[PREFETCH])
-            fetch_faces(listed[end:beyond], parts)
-            fetch_corners(listed[following:end], parts, screen.depth, corners)
+            enclose_prefetched(screen, corners, least, most, batch_nearest)
+            beyond = min(end + TRIANGLES_PER_BATCH, first + count + request[PREFETCH])
+            prefetch_faces(listed[end:beyond], parts)
+            prefetch_corners(listed[following:end], parts, screen.depth, corners)
         else:
-            enclose_listed(listed[following - some : following], parts, screen, least, most, near)
+            enclose_listed(
+                listed[following - batch_count : following], parts, screen, least, most,
+                batch_nearest,
+            )  # fmt: skip
         find_cells(least, most, shift, origin, request[GRID_BITS])
-        pack_boxes(least, near, lowest, highest, part(boxes, 0, begin, begin + some))
+        pack_boxes(
+            least, batch_nearest, lowest, highest, part(boxes, 0, begin, begin + batch_count)
+        )
     sort_triangles(
         listed[first : first + count], part(nearest, 0, 0, count), part(boxes, 0, 0, count),
         lowest, highest, order,
@@ -551,9 +571,9 @@ def order_triangles(
 
 
 @kernel
-def plan_batch(
+def set_up_batch(
     request: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
-    ints: int32[:, ::1], floats: FLOAT64,
+    ints: int32[:, ::1], floats: FLOAT_ROWS_TYPE,
 ):  # fmt: skip
     """
     Set up the triangles of a batch; kernels that draw triangles call it by its address.
@@ -561,20 +581,20 @@ def plan_batch(
     Parameters
     ----------
     request : (15,) int64
-        `FIRST`, ...
+        `FIRST_LISTED`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.
     faces, screen : records
     ints, floats : (rows, columns)
         Written: the batch.
     """
-    count, first = request[COUNT], request[FIRST]
+    count, first = request[LISTED_COUNT], request[FIRST_LISTED]
     parts = faces.faces, faces.pieces, faces.piece_faces
     gather_triangles(listed[first : first + count], parts, screen, ints, floats)
     if request[PREFETCH] > 0 and screen.depth.shape[0] >= MIN_PREFETCH_VERTICES:
         following = first + count
         end = following + request[PREFETCH]
-        fetch_triangles(listed[following:end], parts, screen.depth, request[PREFETCH])
+        prefetch_triangles(listed[following:end], parts, screen.depth, request[PREFETCH])
     shift = np.int32(request[SHIFT_X]), np.int32(request[SHIFT_Y])
     window = request[LEFT_COLUMN], request[TOP_ROW], request[RIGHT_COLUMN], request[BOTTOM_ROW]
-    plan_triangles(count, window, request[GRID_BITS], shift, ints, floats)
+    set_up_gathered_triangles(count, window, request[GRID_BITS], shift, ints, floats)

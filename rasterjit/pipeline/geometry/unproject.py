@@ -3,7 +3,7 @@ Unproject: find the point seen at a pixel from its stored depth, for any camera.
 
 Clip x, y, w and the stored depth times w are linear in the homogeneous point. So the point is
 linear in column, row, stored depth and 1: `relative_from_pixel` is the (4, 4) float32 matrix of
-these, its rows homogeneous points in world axes relative to the eye. w of what is seen is above 0.
+these, its rows homogeneous points in world axes relative to the eye. Visible points have w > 0.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ def unproject_pixel(relative_from_pixel, column, row, depth):
 @helper
 def scaled_derivative(matrix_row, x, y, z):
     """
-    Return w times the derivative of a point by the column, row or depth that a matrix row is for.
+    Return w times the derivative of a point by the column, row or depth of a matrix row.
 
     The offset to the point ``i`` columns, ``j`` rows and ``d`` of depth away is the sum of ``i``,
-    ``j`` and ``d`` times these, over the w there: exactly, as far as the differences are exact.
+    ``j`` and ``d`` times the three derivatives, over that point's w; exact up to the differences.
     """
     return (
         matrix_row[0] - x * matrix_row[3],

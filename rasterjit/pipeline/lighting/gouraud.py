@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline import records
-from rasterjit.pipeline.geometry.barycentric import smooth_normal, transform_vertex
-from rasterjit.pipeline.geometry.setup import last_at_most
+from rasterjit.pipeline.geometry.barycentric import interpolate_normal, transform_vertex
+from rasterjit.pipeline.geometry.setup import find_last_at_most
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import MAX_SAMPLES, Block
 from rasterjit.runtime.jit import stage
@@ -57,7 +57,7 @@ def gather_vertices(
     n = np.int64(0)
     while n == 0 and side < 2:
         # Each pass lists vertices of one object.
-        owner = last_at_most(vertex_starts, vertex)
+        owner = find_last_at_most(vertex_starts, vertex)
         sign = 1.0 - 2.0 * side
         while vertex < vertex_end and n < MAX_SAMPLES:
             while vertex >= vertex_starts[owner + 1]:
@@ -72,7 +72,7 @@ def gather_vertices(
             for index in range(vertex, min(object_end, vertex + MAX_SAMPLES - n)):
                 v = np.uintp(index)
                 point = transform_vertex(v, owner, placement)
-                normal = smooth_normal(
+                normal = interpolate_normal(
                     (1.0, 0.0, 0.0), v, v, v, normals, placement.normal_matrices, owner
                 )
                 r, g, b = red, green, blue

@@ -6,14 +6,14 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import (
     blend,
-    face_normal,
+    compute_face_normal,
+    compute_normal,
+    get_linear_part,
     interpolate,
-    matrix_of,
-    normal_of_points,
-    sample_point,
+    interpolate_point,
+    read_triple,
     transform_point,
     transform_vertex,
-    triple_at,
 )
 from rasterjit.pipeline.records import (
     FLAT,
@@ -59,7 +59,7 @@ def blend_normal(second, third, normal):
 
 @helper
 def blend_point(second, third, point):
-    """Return a sample's position, as `sample_point` does."""
+    """Return a sample's position, as `interpolate_point` does."""
     first, ab, ac, m = point
     x = second * ab[0] + third * ac[0]
     y = second * ab[1] + third * ac[1]
@@ -217,8 +217,8 @@ def interpolate_segment_colors(segment, block, vertex_colors, materials):
     else:
         a, b, c = get_span_vertices(segment, ints)
         interpolate_span_colors(
-            red, green, blue, second, third, triple_at(vertex_colors, a),
-            triple_at(vertex_colors, b), triple_at(vertex_colors, c), base,
+            red, green, blue, second, third, read_triple(vertex_colors, a),
+            read_triple(vertex_colors, b), read_triple(vertex_colors, c), base,
         )  # fmt: skip
 
 
@@ -301,8 +301,8 @@ def interpolate_lit_vertices(
             side = np.uintp(ints[rows.BACKFACE, s])
             interpolate_span_colors(
                 red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
-                triple_at(lit_vertices[a], side), triple_at(lit_vertices[b], side),
-                triple_at(lit_vertices[c], side), white,
+                read_triple(lit_vertices[a], side), read_triple(lit_vertices[b], side),
+                read_triple(lit_vertices[c], side), white,
             )  # fmt: skip
 
 
@@ -397,7 +397,7 @@ def find_smooth_normals(
             continue
         s, owner = np.int64(segment[rows.START]), np.uintp(segment[rows.OWNER])
         e = s + round_up_to_vectors(segment[rows.STOP] - s)
-        matrix = matrix_of(normal_matrices, owner)
+        matrix = get_linear_part(normal_matrices, owner)
         if segment[rows.KIND] == rows.MIXED:
             gather_vertex_values(segment, normals, ints, floats)
             interpolate_normals(
@@ -407,7 +407,7 @@ def find_smooth_normals(
             )  # fmt: skip
         else:
             a, b, c = get_span_vertices(segment, ints)
-            corners = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
+            corners = read_triple(normals, a), read_triple(normals, b), read_triple(normals, c)
             sign = 1.0 - 2.0 * np.float64(ints[rows.BACKFACE, s])
             interpolate_span_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), part(weights, 0, s, e),
@@ -422,7 +422,7 @@ def find_mixed_face_normals(
     """Write the geometric normals of faces, one for each sample."""
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     for n in range(nx.shape[0]):
-        flat = normal_of_points(
+        flat = compute_normal(
             transform_point(xa[n], ya[n], za[n], owner, m),
             transform_point(xb[n], yb[n], zb[n], owner, m),
             transform_point(xc[n], yc[n], zc[n], owner, m),
@@ -458,7 +458,7 @@ def find_face_normals(
             )  # fmt: skip
         else:
             a, b, c = get_span_vertices(segment, ints)
-            flat = face_normal(a, b, c, owner, placement)
+            flat = compute_face_normal(a, b, c, owner, placement)
             sign = 1.0 - 2.0 * np.float64(ints[rows.BACKFACE, s])
             interpolate_span_normals(
                 *three_parts(samples, rows.NORMAL_X, s, e), part(weights, 0, s, e),
@@ -540,7 +540,7 @@ def find_points(
             e = s + round_up_to_vectors(e - s)
         elif np.int64(materials[np.uintp(owner), MATERIAL_MODEL]) != FLAT:
             continue
-        matrix = matrix_of(matrices, owner)
+        matrix = get_linear_part(matrices, owner)
         if segment[rows.KIND] == rows.MIXED:
             interpolate_points(
                 *three_parts(samples, rows.POINT_X, s, e), *nine_parts(doubles, 0, s, e),
@@ -567,7 +567,7 @@ def find_centroids(block: Block, count, placement: Placement, materials: float32
             continue
         s, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
         owner = np.int64(segment[rows.OWNER])
-        matrix = matrix_of(matrices, owner)
+        matrix = get_linear_part(matrices, owner)
         if segment[rows.KIND] == rows.MIXED:
             find_mixed_centroids(
                 *three_parts(samples, rows.POINT_X, s, e), *nine_parts(doubles, 0, s, e),
@@ -575,7 +575,7 @@ def find_centroids(block: Block, count, placement: Placement, materials: float32
             )  # fmt: skip
         else:
             a, b, c = get_span_vertices(segment, ints)
-            point = sample_point(center, a, b, c, owner, placement), zero, zero, matrix
+            point = interpolate_point(center, a, b, c, owner, placement), zero, zero, matrix
             interpolate_span_points(
                 *three_parts(samples, rows.POINT_X, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), point,

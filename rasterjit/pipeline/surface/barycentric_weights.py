@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry import barycentric
-from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, edge, narrow_edge, whole_size
+from rasterjit.pipeline.geometry.setup import (
+    CLIPPED,
+    GUARD_PIXELS,
+    edge,
+    get_picture_size,
+    narrow_edge,
+)
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, round_up_to_vectors
@@ -20,7 +26,7 @@ WIDE_EXTENT = 1 << 26
 @helper
 def may_have_wide_faces(viewport):
     """Return whether any face within the guard band may be wide."""
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE_EXTENT
 
 
@@ -48,7 +54,7 @@ def weigh_samples(
         backface[n] = np.int32(area * front_sign < 0.0)
         if sample_radius != 0:
             right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
-            k0, k1, k2 = barycentric.clamped_edges((e0, e1, e2), right, down)
+            k0, k1, k2 = barycentric.clamp_edges((e0, e1, e2), right, down)
             area = np.float64(k0 + k1 + k2)
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))
@@ -314,14 +320,14 @@ def weigh_clipped_row(second, third, backface, corners, column, row, is_backface
     if b == c:
         for n in range(second.shape[0]):
             x = column + np.float64(np.int32(n))
-            w0, w1, w2 = barycentric.clipped_weights(a, b, c, x, row, clip, viewport)
-            _, second[n], third[n] = barycentric.normalized(w0, w1, w2)
+            w0, w1, w2 = barycentric.compute_clipped_weights(a, b, c, x, row, clip, viewport)
+            _, second[n], third[n] = barycentric.divide_by_sum(w0, w1, w2)
             backface[n] = is_backface
         return
     for n in range(second.shape[0]):
         x = column + np.float64(np.int32(n))
-        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, x, row, clip, viewport)
-        _, second[n], third[n] = barycentric.normalized(w0, w1, w2)
+        w0, w1, w2 = barycentric.compute_clipped_face_weights(a, b, c, x, row, clip, viewport)
+        _, second[n], third[n] = barycentric.divide_by_sum(w0, w1, w2)
         backface[n] = is_backface
 
 
@@ -345,7 +351,7 @@ def recompute_inexact_samples(segment, ints, weights, geometry, placement):
             continue
         for n in range(np.uintp(first), np.uintp(end)):
             if ints[rows.INEXACT, n] != 0:
-                exact = barycentric.sample_weights(
+                exact = barycentric.compute_sample_weights(
                     a, b, c, ints[rows.COLUMN, n], ints[rows.ROW, n], geometry
                 )
                 weights[0, n], weights[1, n] = exact[1], exact[2]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry import barycentric
-from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
+from rasterjit.pipeline.geometry.setup import CLIPPED, get_picture_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
 from rasterjit.pipeline.surface import sample_block as rows
@@ -79,14 +79,14 @@ def weigh_clipped_row(first, second, third, a, b, c, column, row, clip, viewport
     if b == c:
         for n in range(first.shape[0]):
             x = column + np.float64(np.int32(n))
-            w0, w1, w2 = barycentric.clipped_weights(a, b, c, x, row, clip, viewport)
-            w0, w1, w2 = barycentric.normalized(w0, w1, w2)
+            w0, w1, w2 = barycentric.compute_clipped_weights(a, b, c, x, row, clip, viewport)
+            w0, w1, w2 = barycentric.divide_by_sum(w0, w1, w2)
             first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
         return
     for n in range(first.shape[0]):
         x = column + np.float64(np.int32(n))
-        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, x, row, clip, viewport)
-        w0, w1, w2 = barycentric.normalized(w0, w1, w2)
+        w0, w1, w2 = barycentric.compute_clipped_face_weights(a, b, c, x, row, clip, viewport)
+        w0, w1, w2 = barycentric.divide_by_sum(w0, w1, w2)
         first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
 
 
@@ -95,14 +95,14 @@ def blend_clipped_row(corners, out, memory, pixel, geometry, colors, base):
     """Write the colours along a row of one clipped face; return not 0 if any is inexact."""
     (a, b, c), (red, green, blue), (column, row) = corners, out, pixel
     clip, viewport = geometry.clip_positions, geometry.viewport
-    across, down = barycentric.relative_to_sample(a, b, c, np.float64(column), row, clip, viewport)
+    across, down = barycentric.offset_from_sample(a, b, c, np.float64(column), row, clip, viewport)
     (u0, u1, u2), (v0, v1, v2) = across, down
     # All sums of weights on a face have the same sign, up to rounding.
     if (u1 * v2 - u2 * v1) + (u2 * v0 - u0 * v2) + (u0 * v1 - u1 * v0) < 0.0:
         down = -v0, -v1, -v2
     return blend_clipped_run(
         red, green, blue, memory, np.float64(2 * (viewport.left + column) + 1),
-        np.float64(whole_size(viewport)[0]), (clip[a, 0], clip[b, 0], clip[c, 0]),
+        np.float64(get_picture_size(viewport)[0]), (clip[a, 0], clip[b, 0], clip[c, 0]),
         (clip[a, 3], clip[b, 3], clip[c, 3]), down, colors, base,
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import sample_weights
+from rasterjit.pipeline.geometry.barycentric import compute_sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.barycentric_weights import WIDE_EXTENT, evaluate_edges
@@ -151,5 +151,5 @@ def weights_at(a, b, c, column, row, geometry):
         if is_accurate(total):
             inverse = np.float32(1.0) / total
             return w0 * inverse, w1 * inverse, w2 * inverse
-    exact = sample_weights(a, b, c, column, row, geometry)
+    exact = compute_sample_weights(a, b, c, column, row, geometry)
     return np.float32(exact[0]), np.float32(exact[1]), np.float32(exact[2])

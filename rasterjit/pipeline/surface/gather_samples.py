@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import last_at_most
+from rasterjit.pipeline.geometry.setup import find_last_at_most
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.runtime.intrinsics import LANES, part, range_end
@@ -176,7 +176,7 @@ def list_samples(
                 column = end
                 continue
             if not first_face <= face < end_face:
-                owner = last_at_most(face_starts, face)
+                owner = find_last_at_most(face_starts, face)
                 first_face, end_face = face_starts[owner], face_starts[owner + 1]
                 is_mixed_open = False
             # A block may be full before the row ends.

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import relative_to_sample
-from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
+from rasterjit.pipeline.geometry.barycentric import offset_from_sample
+from rasterjit.pipeline.geometry.setup import CLIPPED, edge, get_picture_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import (
@@ -69,9 +69,9 @@ def evaluate_unclipped_edges(a, b, c, column, row, xy, w, bits):
 @helper
 def evaluate_clipped_edges(a, b, c, column, row, clip, viewport):
     """Evaluate ``e r`` of a clipped face, as `evaluate_unclipped_edges` does."""
-    (ax, bx, cx), (ay, by, cy) = relative_to_sample(a, b, c, column, row, clip, viewport)
+    (ax, bx, cx), (ay, by, cy) = offset_from_sample(a, b, c, column, row, clip, viewport)
     wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     right, down = 2.0 / width, -2.0 / height
     return (
         (bx * cy - cx * by, cx * ay - ax * cy, ax * by - bx * ay),

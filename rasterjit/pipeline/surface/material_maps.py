@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import blend, matrix_of
+from rasterjit.pipeline.geometry.barycentric import blend, get_linear_part
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_filters as texturing
@@ -158,7 +158,7 @@ def apply_normal_maps(
         if table[owner, texturing.NORMAL, texturing.FIRST_LEVEL] >= 0:
             perturb_segment(
                 segment, block, uv, tangents, 2.0 * np.float64(factors[owner, NORMAL_SCALE]),
-                matrix_of(placement.relative_from_model, owner), placement.mirrored[owner],
+                get_linear_part(placement.relative_from_model, owner), placement.mirrored[owner],
             )  # fmt: skip
 
 

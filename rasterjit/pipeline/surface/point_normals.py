@@ -9,7 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import find_object, transform_vertex
+from rasterjit.pipeline.geometry.barycentric import (
+    find_object,
+    normalize,
+    point_to_viewer,
+    transform_vertex,
+)
 from rasterjit.pipeline.records import Placement, Viewport
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import get_patch_samples, get_pixel
@@ -38,13 +43,6 @@ def find_sphere_point(face, vertex, owner, pixel, points, eye, placement, viewpo
 
 
 @helper
-def point_to_viewer(point, placement):
-    """Return the direction from a point to the viewer, any length."""
-    v = placement.toward_viewer
-    return v[0] - v[3] * point[0], v[1] - v[3] * point[1], v[2] - v[3] * point[2]
-
-
-@helper
 def flip_toward(normal, direction):
     """Return a normal, flipped to the side of a direction; the direction if the normal is zero."""
     cosine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
@@ -53,17 +51,6 @@ def flip_toward(normal, direction):
     if cosine < 0.0:
         return -normal[0], -normal[1], -normal[2]
     return normal
-
-
-@helper
-def normalize(x, y, z):
-    """Scale a vector to length one; no square overflows or vanishes."""
-    largest = max(abs(x), max(abs(y), abs(z)))
-    shrink = 1.0 / largest if largest > 0.0 else 0.0
-    x, y, z = x * shrink, y * shrink, z * shrink
-    length = np.sqrt(x * x + y * y + z * z)
-    scale = 1.0 / length if length > 0.0 else 0.0
-    return x * scale, y * scale, z * scale
 
 
 @helper

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
-from rasterjit.pipeline.geometry.setup import corners_of
+from rasterjit.pipeline.geometry.barycentric import compute_sample_weights, interpolate
+from rasterjit.pipeline.geometry.setup import get_face_vertices
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.attributes import get_span_vertices
@@ -171,7 +171,7 @@ def fill_scalars(
             if face < 0:
                 scalar[row, column] = np.nan
                 continue
-            a, b, c = corners_of(geometry.faces, face)
-            weights = sample_weights(a, b, c, column, row, geometry)
+            a, b, c = get_face_vertices(geometry.faces, face)
+            weights = compute_sample_weights(a, b, c, column, row, geometry)
             value = interpolate_scalar(weights, values[a], values[b], values[c])
             scalar[row, column] = np.float32(value)

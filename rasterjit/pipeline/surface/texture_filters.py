@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import whole_size
+from rasterjit.pipeline.geometry.setup import get_picture_size
 from rasterjit.runtime.float_math import log2
 from rasterjit.runtime.jit import helper
 
@@ -106,7 +106,7 @@ def differentiate_clipped_weights(a, b, c, column, row, clip, viewport):
 
     Two times three numbers: per sample to the right, and down, for weights that are not normalized.
     """
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
     y = 1.0 - (2.0 * (viewport.top + row) + 1.0) / height
     wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]

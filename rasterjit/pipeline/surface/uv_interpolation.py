@@ -59,7 +59,7 @@ def are_sums_accurate(factors):
 def interpolate_uv_exactly(first, end, corners, vertex_uvs, column, row, uv_rows, geometry):
     """Write texture coordinates of neighbouring samples of a face, the first at a pixel."""
     for n in range(np.uintp(first), np.uintp(end)):
-        weights = barycentric.sample_weights(
+        weights = barycentric.compute_sample_weights(
             corners[0], corners[1], corners[2], column + np.int64(n) - first, row, geometry
         )
         uv_rows[U, n] = barycentric.interpolate(
@@ -81,10 +81,10 @@ def interpolate_clipped_uv(u, v, corners, vertex_uvs, column, row, clip, viewpor
     a, b, c = corners
     uv_a, uv_b, uv_c = vertex_uvs
     for n in range(u.shape[0]):
-        w0, w1, w2 = barycentric.clipped_face_weights(
+        w0, w1, w2 = barycentric.compute_clipped_face_weights(
             a, b, c, column + np.int64(n), row, clip, viewport
         )
-        weights = barycentric.normalized(w0, w1, w2)
+        weights = barycentric.divide_by_sum(w0, w1, w2)
         u[n] = barycentric.interpolate(weights, uv_a[0], uv_b[0], uv_c[0])
         v[n] = barycentric.interpolate(weights, uv_a[1], uv_b[1], uv_c[1])
 

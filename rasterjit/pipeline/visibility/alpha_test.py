@@ -24,7 +24,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rasterjit.pipeline.geometry import barycentric
-from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, corners_of, last_at_most
+from rasterjit.pipeline.geometry.setup import (
+    CLIPPED,
+    TILE_SIZE,
+    find_last_at_most,
+    get_face_vertices,
+)
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
@@ -145,7 +150,7 @@ def gather_patches(faces, faces_of, xy, codes, w, ints, doubles):
     is_affine = w.shape[0] == 0
     for r in range(patches):
         n = np.uintp(ints[rows.FIRST_SAMPLE, r])
-        a, b, c = corners_of(faces_of, np.uintp(ints[rows.FACE, r]))
+        a, b, c = get_face_vertices(faces_of, np.uintp(ints[rows.FACE, r]))
         ints[rows.A, r], ints[rows.B, r], ints[rows.C, r] = a, b, c
         spread(ints[rows.INEXACT], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
         for k in range(3):
@@ -174,7 +179,9 @@ def find_weights(weights, count, patches, shift, ints, doubles, geometry):
             for i in range(ints[rows.FIRST_SAMPLE, r], ints[rows.FIRST_SAMPLE, r + np.uintp(1)]):
                 if ints[rows.INEXACT, i] != 0:
                     column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
-                    exact = barycentric.shifted_weights(a, b, c, column, row, shift, geometry)
+                    exact = barycentric.compute_shifted_weights(
+                        a, b, c, column, row, shift, geometry
+                    )
                     weights[0, i], weights[1, i] = exact[1], exact[2]
 
 
@@ -294,7 +301,7 @@ def is_hole(face, column, row, query):
     """Return whether a face fails the alpha test at a pixel's centre; False if it is not tested."""
     if query.cutoffs.shape[0] == 0:
         return False
-    owner = last_at_most(query.face_starts, face)
+    owner = find_last_at_most(query.face_starts, face)
     cutoff, request = query.cutoffs[owner], query.request
     if not cutoff > np.float32(0.0):
         return False

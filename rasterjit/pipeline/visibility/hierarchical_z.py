@@ -1,9 +1,10 @@
 """
-Hierarchical Z: compute a tile depth, behind which everything in the tile is hidden.
+Hierarchical Z: compute tile depths, behind which everything in a tile is hidden.
 
-It is the greatest of the lowest depths of triangles that cover every sample of the tile (greater is
-nearer). Triangles below it are culled, wherever they stand in the list. It is a lower bound of
-stored depths, rounding included, so culling changes no bit. Alpha-tested triangles do not count.
+A tile depth is the greatest of the lowest depths of triangles that cover every sample of the tile
+(greater is nearer). Triangles below it are culled, anywhere in the list. The tile depth is a lower
+bound of stored depths, rounding included, so culling changes no bit. Alpha-tested triangles do not
+count.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from rasterjit.pipeline.visibility.tile_rasterizer import depth_at_corners
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, int32, int64, stored, uint8
 
-MIN_AREA = 2.0 * setup.TILE_SIZE * setup.TILE_SIZE
-"""Area of the smallest triangle around a whole tile, square pixels."""
+MIN_COVERING_AREA = 2.0 * setup.TILE_SIZE * setup.TILE_SIZE
+"""Area of the smallest triangle that covers a whole tile, square pixels."""
 
 
 @helper
-def clockwise_from_top(corners, screen):
+def sort_clockwise_from_top(corners, screen):
     """
     Return the vertex numbers clockwise on the screen, starting at the topmost, then leftmost.
 
@@ -42,8 +43,8 @@ def clockwise_from_top(corners, screen):
 
 
 @helper
-def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
-    """Return (depth of c, weights of E_bc and E_ca, step per column, lowest, highest depth)."""
+def compute_depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
+    """Return depth of c, weights of E_bc and E_ca, step per column, lowest and highest depth."""
     area = np.float64(setup.edge(ax, ay, bx, by, cx, cy))
     weight_a, weight_b = (da - dc) / area, (db - dc) / area
     unit = np.float64(np.int64(1) << grid_bits)
@@ -52,27 +53,30 @@ def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
 
 
 @helper
-def least_value(value, step, count):
+def min_along_side(value, step, count):
     """Return the least value of an edge along one side of a block of samples."""
     return value + min(step * (count - 1), np.int64(0))
 
 
 @helper
-def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_depths, holes):
-    """Raise the depths of the tiles in its box that one large triangle covers."""
+def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_depths, cutoffs):
+    """Raise the depths of those tiles of its box that one large triangle covers."""
     bits = viewport.grid_bits
-    corners, face = setup.triangle_of(faces[0], faces[1], faces[2], triangle)
-    face_starts, cutoffs = holes
-    if cutoffs.shape[0] > 0 and cutoffs[setup.last_at_most(face_starts, np.int64(face))] > 0.0:
+    corners, face = setup.get_triangle(faces[0], faces[1], faces[2], triangle)
+    face_starts, object_cutoffs = cutoffs
+    if (
+        object_cutoffs.shape[0] > 0
+        and object_cutoffs[setup.find_last_at_most(face_starts, np.int64(face))] > 0.0
+    ):
         return
-    i, j, k = clockwise_from_top(corners, screen)
+    i, j, k = sort_clockwise_from_top(corners, screen)
     ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
     bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
     cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
     grid_area = np.float64(np.int64(1) << (2 * bits))
-    if np.float64(setup.edge(ax, ay, bx, by, cx, cy)) < 2.0 * MIN_AREA * grid_area:
+    if np.float64(setup.edge(ax, ay, bx, by, cx, cy)) < 2.0 * MIN_COVERING_AREA * grid_area:
         return
-    plane = depth_plane(
+    plane = compute_depth_plane(
         screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
     )
     highest = tile_depths.dtype.type(plane[5])
@@ -81,22 +85,22 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
     for row in range(box[1], box[3] + 1):
         y = row << setup.TILE_BITS
         height = min(size, np.int64(viewport.height) - y)
-        e0 = least_value(setup.sign_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
-        e1 = least_value(setup.sign_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
-        e2 = least_value(setup.sign_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
+        e0 = min_along_side(setup.biased_edge_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
+        e1 = min_along_side(setup.biased_edge_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
+        e2 = min_along_side(setup.biased_edge_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
         for column in range(box[0], box[2] + 1):
             left, tile = column << setup.TILE_BITS, row * columns + column
             width = min(size, np.int64(viewport.width) - left)
             is_covered = (
-                least_value(e0, across[0], width)
-                | least_value(e1, across[1], width)
-                | least_value(e2, across[2], width)
+                min_along_side(e0, across[0], width)
+                | min_along_side(e1, across[1], width)
+                | min_along_side(e2, across[2], width)
             ) >= 0
             e0, e1, e2 = e0 + across[0] * size, e1 + across[1] * size, e2 + across[2] * size
-            # A triangle that is nowhere nearer raises nothing.
+            # A triangle that is nowhere nearer changes nothing.
             if is_covered and tile_depths[tile] < highest:
-                box_of_tile = left, y, left + width - 1, y + height - 1
-                lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), box_of_tile, bits)
+                tile_box = left, y, left + width - 1, y + height - 1
+                lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), tile_box, bits)
                 tile_depths[tile] = max(tile_depths[tile], tile_depths.dtype.type(lowest))
 
 
@@ -104,7 +108,7 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
 def find_tile_depths(
     triangles: int32[::1], boxes: uint8[:, ::1], columns: int64, faces: Faces,
     screen: ScreenVertices, viewport: Viewport, tile_depths: stored[::1],
-    holes: (int64[::1], float32[::1]),
+    cutoffs: (int64[::1], float32[::1]),
 ):  # fmt: skip
     """
     Raise the depths of the tiles that large triangles cover.
@@ -119,8 +123,8 @@ def find_tile_depths(
     faces, screen, viewport : records
     tile_depths : (tiles,) float32, float64 or int32
         Stored depth (greater is nearer); raised in place.
-    holes : (face_starts (O+1,) int64, cutoffs (O,) float32)
-        Those of ``AlphaTests``; both empty if no object has holes.
+    cutoffs : (face_starts (O+1,) int64, cutoffs (O,) float32)
+        As in ``AlphaTests``; both empty if no object is alpha-tested.
     """
     parts = faces.faces, faces.pieces, faces.piece_faces
     for n in range(triangles.shape[0]):
@@ -128,4 +132,4 @@ def find_tile_depths(
         box = left, top, np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
         if setup.is_large(box):
             triangle = np.int64(triangles[n])
-            raise_tile_depths(triangle, box, columns, parts, screen, viewport, tile_depths, holes)
+            raise_tile_depths(triangle, box, columns, parts, screen, viewport, tile_depths, cutoffs)

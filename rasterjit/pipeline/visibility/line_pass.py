@@ -22,11 +22,10 @@ from rasterjit.runtime.threads import Workers, count_per_task
 SEGMENTS_PER_TASK = 65536
 """Most segments that one task tessellates."""
 
-MIN_SEGMENTS = 2048
-"""Fewest, if there are several threads."""
+MIN_SEGMENTS_PER_TASK = 2048
+"""Fewest segments of a task, if there are several threads."""
 
-EVEN_TASKS = 4
-"""Tasks of each thread."""
+TASKS_PER_THREAD = 4
 
 
 def kernel_rows() -> Rows:
@@ -36,23 +35,24 @@ def kernel_rows() -> Rows:
     return rows_where("", kernels.project_segments, kernels.count_pieces, kernels.write_pieces)
 
 
-def expand(
+def expand_lines(
     obj: Primitive, primitives: Primitives, projected: Projected, workers: Workers
 ) -> Expansion:
     """Project the segments of an object to the screen, and count their pieces."""
-    # Memory, and tasks of some segments each.
     rule = obj.rule
     if not isinstance(rule, LineRule):
         raise ValueError(f"rule must be a LineRule, got {rule!r}")
     first_face, count = obj.faces[0], obj.faces[1] - obj.faces[0]
     empty, viewport = workers.memory.empty, projected.viewport
     parts = empty((count if len(rule.dashes) and obj.is_world else 0, 4), np.float64)
-    placed = (
+    screen_segments = (
         empty((count, 4), np.int32), empty((count, 4), np.float64), empty((count,), np.uint8), parts
     )  # fmt: skip
-    per_task = min(count_per_task(count, MIN_SEGMENTS, workers, EVEN_TASKS), SEGMENTS_PER_TASK)
+    per_task = min(
+        count_per_task(count, MIN_SEGMENTS_PER_TASK, workers, TASKS_PER_THREAD), SEGMENTS_PER_TASK
+    )
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
-    # Where the segments lie on the screen.
+    # Project the segments to the screen.
     sizes = obj.sizes, primitives.factor(obj), int(obj.is_world)
     right, down = (step * primitives.pixels for step in rule.depth_offset)
     workers.call(
@@ -60,22 +60,22 @@ def expand(
         [
             (
                 task, (first_face, projected.faces), projected.clip_positions, projected.codes,
-                sizes, (right, down), projected.depth_coefficients, viewport, placed,
+                sizes, (right, down), projected.depth_coefficients, viewport, screen_segments,
             )
             for task in tasks
         ],
     )  # fmt: skip
     if right or down:
-        _move(projected.clip_positions[slice(*obj.vertices)], right, down, viewport)
-    # How many vertices and pieces each one has.
+        _shift_clip_positions(projected.clip_positions[slice(*obj.vertices)], right, down, viewport)
+    # Count the vertices and pieces of each segment.
     counts = empty((count, 2), np.int32)
-    dashes = _dashes_of(obj, rule, primitives, projected, placed)
-    shared = rule.links, placed, int(rule.is_round), viewport, dashes
+    dashes = _plan_dashes(obj, rule, primitives, projected, screen_segments)
+    shared = rule.links, screen_segments, int(rule.is_round), viewport, dashes
     workers.call(line_tessellation.count_pieces, [(task, *shared, counts) for task in tasks])
     sums = np.zeros((count + 1, 2), np.int64)
     np.cumsum(counts, axis=0, out=sums[1:])
 
-    def write(
+    def write_pieces(
         first: int, screen: ScreenVertices, pieces: NDArray[np.int32], faces: NDArray[np.int32]
     ) -> None:
         starts = first, first_face, sums
@@ -94,10 +94,10 @@ def expand(
             ],
         )
 
-    return Expansion(int(sums[-1, 0]), int(sums[-1, 1]), write)
+    return Expansion(int(sums[-1, 0]), int(sums[-1, 1]), write_pieces)
 
 
-def _move(
+def _shift_clip_positions(
     clip_positions: NDArray[np.float64], right: float, down: float, viewport: Viewport
 ) -> None:
     """Shift clip positions, so that samples interpolate at an offset of pixels right and down."""
@@ -107,22 +107,22 @@ def _move(
     clip_positions[:, 1] += 2.0 * down / height * clip_positions[:, 3]
 
 
-def _dashes_of(
+def _plan_dashes(
     obj: Primitive,
     rule: LineRule,
     primitives: Primitives,
     projected: Projected,
-    placed: tuple[NDArray[Any], ...],
+    screen_segments: tuple[NDArray[Any], ...],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each segment's range on its strip, (S, 2), and the dashes, as kernels take them."""
+    """Return each segment's range along its strip, (S, 2), and the positions of the dashes' ends."""
     if not len(rule.dashes):
         return np.empty((0, 2)), np.empty(0)
-    ends, _, states, parts = placed
+    ends, _, states, parts = screen_segments
     edges = np.append(0.0, np.cumsum(rule.dashes))
     if obj.is_world:
         a, b = projected.faces[slice(*obj.faces), :2].T
-        steps = primitives.positions[b].astype(np.float64) - primitives.positions[a]
-        x, y, z = steps.T
+        vectors = primitives.positions[b].astype(np.float64) - primitives.positions[a]
+        x, y, z = vectors.T
     else:
         edges *= primitives.pixels
         unit = float(1 << projected.viewport.grid_bits)
@@ -137,8 +137,10 @@ def _dashes_of(
     numbers = np.arange(len(starts))
     firsts = np.maximum.accumulate(np.where(rule.links[:, 0] == numbers - 1, 0, numbers))
     starts -= starts[firsts]
-    stretches = np.stack([starts, starts + lengths], axis=1)
+    ranges = np.stack([starts, starts + lengths], axis=1)
     if obj.is_world:
-        drawn = states != line_tessellation.HIDDEN
-        stretches[drawn] = starts[drawn, np.newaxis] + parts[drawn, :2] * lengths[drawn, np.newaxis]
-    return stretches, edges
+        is_drawn = states != line_tessellation.HIDDEN
+        ranges[is_drawn] = (
+            starts[is_drawn, np.newaxis] + parts[is_drawn, :2] * lengths[is_drawn, np.newaxis]
+        )
+    return ranges, edges

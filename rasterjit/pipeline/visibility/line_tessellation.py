@@ -25,8 +25,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.projection import extents_of, snap_vertex, stored_depth
-from rasterjit.pipeline.geometry.setup import INVALID, whole_size
+from rasterjit.pipeline.geometry.projection import (
+    compute_stored_depth,
+    get_half_extents,
+    snap_vertex,
+)
+from rasterjit.pipeline.geometry.setup import INVALID, get_picture_size
 from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, uint8
@@ -111,7 +115,7 @@ def place_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
     ndc_x = min(max(x / w, -band[0]), band[0])
     ndc_y = min(max(y / w, -band[1]), band[1])
     column, row = snap_vertex(ndc_x, ndc_y, extents, viewport)
-    return column, row, stored_depth(z, w, depth_coefficients), w
+    return column, row, compute_stored_depth(z, w, depth_coefficients), w
 
 
 @helper
@@ -164,10 +168,10 @@ def project_segments(
     first_face, faces = source
     widths, factor, is_world = sizes
     ends, numbers, states, parts = placed
-    width, height = whole_size(viewport)
+    width, height = get_picture_size(viewport)
     band_x = viewport.guard_x - 2.0 * MARGIN / width
     band_y = viewport.guard_y - 2.0 * MARGIN / height
-    extents = extents_of(clip, viewport)
+    extents = get_half_extents(clip, viewport)
     unit = np.float64(np.int64(1) << viewport.grid_bits)
     for n in range(segments[0], segments[1]):
         # Clip to the planes and the guard band.

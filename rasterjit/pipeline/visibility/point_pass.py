@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry.projection import scratch_memory
+from rasterjit.pipeline.geometry.projection import allocate_scratch
 from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
 from rasterjit.pipeline.records import AlphaTests, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.point_rasterizer import (
@@ -163,7 +163,7 @@ def draw_cloud(
             (
                 (edges[n], edges[n + 1]), *shared,
                 frame if n == 0 else (drawn[0][n - 1], drawn[1][n - 1]), counts[n],
-                scratch_memory(),
+                allocate_scratch(),
             )
             for n in range(chunks)
         ],

@@ -111,7 +111,7 @@ def depth_test(pixel, depth, face, depths, faces):
 def in_grid(pixels, viewport):
     """Return a number of pixels in units of the sub-pixel grid, rounded."""
     units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), MAX_SIZE)
-    return np.int64((units + projection.ROUNDER) - projection.ROUNDER)
+    return np.int64((units + projection.ROUNDING_OFFSET) - projection.ROUNDING_OFFSET)
 
 
 @helper
@@ -226,7 +226,7 @@ def clip_row(matrix, row, point):
 @helper
 def ndc_of(column, row, viewport):
     """Return NDC x and y of a pixel's centre."""
-    width, height = setup.whole_size(viewport)
+    width, height = setup.get_picture_size(viewport)
     return (
         (2.0 * (viewport.left + column) + 1.0) / width - 1.0,
         1.0 - (2.0 * (viewport.top + row) + 1.0) / height,
@@ -292,7 +292,9 @@ def depth_on_sphere(centre, offset, view, depth_coefficients):
     """Return the stored depth of a point of a sphere."""
     m = view.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
-    return projection.stored_depth(clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients)
+    return projection.compute_stored_depth(
+        clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients
+    )
 
 
 @helper
@@ -359,7 +361,7 @@ def nearest_depth(centre, radius, view, depth_coefficients):
     w = clip_row(m, 3, point)
     if not w > 0.0:
         return np.inf
-    depth = projection.stored_depth(clip_row(m, 2, point), w, depth_coefficients)
+    depth = projection.compute_stored_depth(clip_row(m, 2, point), w, depth_coefficients)
     return depth + 2.0**-20 * abs(depth)
 
 
@@ -370,7 +372,7 @@ def draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport)
     kind = depths.dtype.type
     if is_out_of_sight(centre, radius, view):
         return POINTS_OUTSIDE
-    width, height = setup.whole_size(viewport)
+    width, height = setup.get_picture_size(viewport)
     low_x, high_x = sphere_bounds(centre, radius, 0, view)
     low_y, high_y = sphere_bounds(centre, radius, 1, view)
     left, right = pixels_between(low_x, high_x, width, viewport.left, viewport.width)
@@ -548,12 +550,12 @@ def draw_points(
     counts : (4,) int64
         What became of the points is added: see ``POINTS_OUTSIDE``.
     scratch : tuple
-        This call's own, from `projection.scratch_memory`.
+        This call's own, from `projection.allocate_scratch`.
     """
     floats, ints, largest = scratch
     pixels = flat(frame[0]), flat(frame[1])
     objects = points.vertex_starts, relative_from_model
-    owner, first = setup.last_at_most(points.vertex_starts, vertices[0]), vertices[0]
+    owner, first = setup.find_last_at_most(points.vertex_starts, vertices[0]), vertices[0]
     while first < vertices[1]:
         while first >= points.vertex_starts[np.uintp(owner + 1)]:
             owner += 1
@@ -564,11 +566,11 @@ def draw_points(
             continue
         is_pixel = are_pixels(o, points)
         while first < end:
-            count = min(np.int64(projection.BLOCK), end - first)
-            projection.load_relative(positions, first, first + count, objects, owner, floats)
+            count = min(np.int64(projection.VERTICES_PER_BLOCK), end - first)
+            projection.load_eye_relative(positions, first, first + count, objects, owner, floats)
             x, y = part(floats, projection.X, 0, count), part(floats, projection.Y, 0, count)
             z, w = part(floats, projection.Z, 0, count), part(floats, projection.W, 0, count)
-            projection.transform_rows(view.matrix, x, y, z, w)
+            projection.transform_rows_to_clip(view.matrix, x, y, z, w)
             projection.project_rows(
                 depth_coefficients, viewport, largest[0], x, y, z, w,
                 part(floats, projection.DEPTH, 0, count),

@@ -10,7 +10,7 @@ where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Steppi
 multiple of ``2**grid_bits``, so ``(E_k + bias_k) >> grid_bits`` has the same sign and steps by the
 edge's own integer slope.
 
-Triangles at most ``SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
+Triangles at most ``MAX_SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
 (9 pixels by 2**15 pixels on a 12-bit grid at most) the signs fit ``int32`` and the edge functions
 themselves float64. Lanes beyond the box are masked: they may overflow, and end in padding columns.
 Wider triangles get, for each row, the first and the last covered column from ``floor(e / s)`` of
@@ -56,20 +56,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, sign_at
+from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, biased_edge_at, edge_at
 from rasterjit.pipeline.geometry.triangle_batches import (
     ACROSS,
     AX,
     AY,
-    BATCH,
-    BLOCK_BITS,
     BOTTOM,
     BOTTOM_ROW,
     BX,
     BY,
     CELL_BITS,
-    CELLS,
-    COUNT,
+    CELLS_PER_ROW,
+    COLUMN_BLOCK_BITS,
     CX,
     CY,
     DEPTH,
@@ -78,37 +76,39 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     DRAW_FIRST,
     EDGE,
     FACE,
-    FIRST,
-    FLOAT64,
+    FIRST_LISTED,
     FLOAT_ROWS,
+    FLOAT_ROWS_TYPE,
     GRID_BITS,
     INT_ROWS,
+    IS_UNORDERED,
     LEFT,
     LEFT_COLUMN,
+    LISTED_COUNT,
+    MAX_SMALL_PIXELS,
     MAX_SORTED,
-    MIXED,
     ORDER,
-    PARTS,
+    PARTS_PER_BUCKET,
     PREFETCH,
     RANGE,
     REQUEST_SIZE,
     RIGHT,
     RIGHT_COLUMN,
+    ROW_STRIDE,
     SHIFT_X,
     SHIFT_Y,
     SIDE,
-    SMALL_PIXELS,
     SORTED,
     SORTED_DRAWN,
-    STRIDE,
     TOP,
     TOP_ROW,
+    TRIANGLES_PER_BATCH,
     WEIGHT,
     WIDE,
-    at,
-    order_memory,
+    allocate_order_memory,
+    flat_index,
     order_triangles,
-    plan_batch,
+    set_up_batch,
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import alpha_test
@@ -124,7 +124,7 @@ from rasterjit.runtime.intrinsics import (
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, stored
 
-SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
+SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + MAX_SMALL_PIXELS)
 """Shape of a tile in scratch memory: rows are padded for groups that start in the last column."""
 
 CORNER_ROUNDINGS = 64.0 * 2.0**-53
@@ -151,9 +151,9 @@ NOTHING = -1
 def edges_at(a, b, c, column, row, grid_bits):
     """Return three edges as (biased value at a pixel, step to the next column, to the next row)."""
     return (
-        (sign_at(b[0], b[1], c[0], c[1], column, row, grid_bits), b[1] - c[1], c[0] - b[0]),
-        (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
-        (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
+        (biased_edge_at(b[0], b[1], c[0], c[1], column, row, grid_bits), b[1] - c[1], c[0] - b[0]),
+        (biased_edge_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
+        (biased_edge_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
     )
 
 
@@ -166,7 +166,7 @@ def crossing_line(edge):
     edge crosses beyond the block of columns, on the side given by its sign.
     """
     value, across, down = edge
-    columns = 1.0 / np.float64(abs(across)) if across != 0 else np.float64(2 << BLOCK_BITS)
+    columns = 1.0 / np.float64(abs(across)) if across != 0 else np.float64(2 << COLUMN_BLOCK_BITS)
     return np.float64(value) + 0.5, np.float64(down), columns, np.int64(across > 0)
 
 
@@ -263,25 +263,28 @@ def clamped(depth, plane):
 @helper
 def draw_small(n, ints, floats, plane, origin, tile, is_mixed):
     """Rasterize a small triangle: test the samples of its box, row by row."""
-    left, top = np.int64(ints[at(LEFT, n)]), np.int64(ints[at(TOP, n)])
+    left, top = np.int64(ints[flat_index(LEFT, n)]), np.int64(ints[flat_index(TOP, n)])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
-    rows = np.int64(ints[at(BOTTOM, n)]) - top + 1
-    columns = np.int32(ints[at(RIGHT, n)] - left + 1)
-    ax, ay, bx, by = ints[at(AX, n)], ints[at(AY, n)], ints[at(BX, n)], ints[at(BY, n)]
-    cx, cy = ints[at(CX, n)], ints[at(CY, n)]
+    rows = np.int64(ints[flat_index(BOTTOM, n)]) - top + 1
+    columns = np.int32(ints[flat_index(RIGHT, n)] - left + 1)
+    ax, ay, bx, by = (
+        ints[flat_index(AX, n)], ints[flat_index(AY, n)], ints[flat_index(BX, n)],
+        ints[flat_index(BY, n)],
+    )  # fmt: skip
+    cx, cy = ints[flat_index(CX, n)], ints[flat_index(CY, n)]
     edges = (
-        ints[at(SIDE, n)], ints[at(SIDE + 1, n)], ints[at(SIDE + 2, n)],
+        ints[flat_index(SIDE, n)], ints[flat_index(SIDE + 1, n)], ints[flat_index(SIDE + 2, n)],
         np.int32(by - cy), np.int32(cy - ay), np.int32(ay - by),
         np.int32(cx - bx), np.int32(ax - cx), np.int32(bx - ax),
     )  # fmt: skip
     depth = (
-        floats[at(EDGE, n)], floats[at(EDGE + 1, n)], floats[at(ACROSS, n)],
-        floats[at(ACROSS + 1, n)], floats[at(DOWN, n)], floats[at(DOWN + 1, n)], plane[0], plane[1],
-        plane[2], plane[4], plane[5],
+        floats[flat_index(EDGE, n)], floats[flat_index(EDGE + 1, n)], floats[flat_index(ACROSS, n)],
+        floats[flat_index(ACROSS + 1, n)], floats[flat_index(DOWN, n)],
+        floats[flat_index(DOWN + 1, n)], plane[0], plane[1], plane[2], plane[4], plane[5],
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(ints[at(FACE, n)]), is_mixed,
+        np.int32(ints[flat_index(FACE, n)]), is_mixed,
     )  # fmt: skip
 
 
@@ -317,13 +320,14 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
 @helper
 def hidden_depth(n, ints, origin, cells):
     """Return the least depth of the cells that a triangle's box touches: below it, it is hidden."""
-    left = max(np.int64(ints[at(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
-    right = (np.int64(ints[at(RIGHT, n)]) - origin[0]) >> CELL_BITS
-    top = (np.int64(ints[at(TOP, n)]) - origin[1]) >> CELL_BITS
-    bottom = (np.int64(ints[at(BOTTOM, n)]) - origin[1]) >> CELL_BITS
+    left = max(np.int64(ints[flat_index(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
+    right = (np.int64(ints[flat_index(RIGHT, n)]) - origin[0]) >> CELL_BITS
+    top = (np.int64(ints[flat_index(TOP, n)]) - origin[1]) >> CELL_BITS
+    bottom = (np.int64(ints[flat_index(BOTTOM, n)]) - origin[1]) >> CELL_BITS
     return least_in_rows(
-        cells, top * CELLS, np.int64(CELLS), bottom + 1 - top, np.int32(left), np.int32(right)
-    )
+        cells, top * CELLS_PER_ROW, np.int64(CELLS_PER_ROW), bottom + 1 - top, np.int32(left),
+        np.int32(right),
+    )  # fmt: skip
 
 
 @helper
@@ -333,34 +337,30 @@ def draw_triangle(n, ints, floats, origin, bits, tile_depth, cells, tile, spans,
 
     It is culled if it lies below the tile depth, or, if wide, below the depths of its cells.
     """
-    lowest, highest = floats[at(RANGE, n)], floats[at(RANGE + 1, n)]
+    lowest, highest = floats[flat_index(RANGE, n)], floats[flat_index(RANGE + 1, n)]
     if tile[0].dtype.type(highest) < tile_depth:
         return
-    weight_a, weight_b = floats[at(WEIGHT, n)], floats[at(WEIGHT + 1, n)]
-    step = floats[at(ACROSS, n)] * weight_a + floats[at(ACROSS + 1, n)] * weight_b
-    plane = floats[at(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
-    if not ints[at(WIDE, n)]:
+    weight_a, weight_b = floats[flat_index(WEIGHT, n)], floats[flat_index(WEIGHT + 1, n)]
+    step = floats[flat_index(ACROSS, n)] * weight_a + floats[flat_index(ACROSS + 1, n)] * weight_b
+    plane = floats[flat_index(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
+    if not ints[flat_index(WIDE, n)]:
         draw_small(n, ints, floats, plane, origin, tile, is_mixed)
         return
     hidden = hidden_depth(n, ints, origin, cells)
     if tile[0].dtype.type(highest) < hidden:
         return
-    a, b, c = (
-        (np.int64(ints[at(AX, n)]), np.int64(ints[at(AY, n)])),
-        (np.int64(ints[at(BX, n)]), np.int64(ints[at(BY, n)])),
-        (np.int64(ints[at(CX, n)]), np.int64(ints[at(CY, n)])),
-    )
+    a = (np.int64(ints[flat_index(AX, n)]), np.int64(ints[flat_index(AY, n)]))
+    b = (np.int64(ints[flat_index(BX, n)]), np.int64(ints[flat_index(BY, n)]))
+    c = (np.int64(ints[flat_index(CX, n)]), np.int64(ints[flat_index(CY, n)]))
     box = (
-        np.int64(ints[at(LEFT, n)]),
-        np.int64(ints[at(TOP, n)]),
-        np.int64(ints[at(RIGHT, n)]),
-        np.int64(ints[at(BOTTOM, n)]),
-    )
+        np.int64(ints[flat_index(LEFT, n)]), np.int64(ints[flat_index(TOP, n)]),
+        np.int64(ints[flat_index(RIGHT, n)]), np.int64(ints[flat_index(BOTTOM, n)]),
+    )  # fmt: skip
     if tile[0].dtype.type(lowest) < hidden:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if tile[0].dtype.type(nearest) < hidden:
             return
-    face = np.int32(ints[at(FACE, n)])
+    face = np.int32(ints[flat_index(FACE, n)])
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
 
 
@@ -371,7 +371,7 @@ SPANS = int32[::1], int32[::1], float64[::1]
 @kernel
 def draw_planned(
     request: int64[::1], cell_depths: stored[:, ::1], depths: stored[:, ::1],
-    numbers: int32[:, ::1], ints: int32[:, ::1], floats: FLOAT64, spans: SPANS,
+    numbers: int32[:, ::1], ints: int32[:, ::1], floats: FLOAT_ROWS_TYPE, spans: SPANS,
 ):  # fmt: skip
     """
     Draw planned triangles of a batch, one after the other, into a tile.
@@ -385,15 +385,16 @@ def draw_planned(
     depths, numbers : (rows, columns)
         The tile; changed.
     ints, floats : (rows, columns)
-        The batch, from ``triangle_batches.plan_batch``.
+        The batch, from ``triangle_batches.set_up_batch``.
     spans : tuple
         Scratch memory.
     """
     tile, origin = (flat(depths), flat(numbers)), (request[LEFT_COLUMN], request[TOP_ROW])
-    bits, cells, is_mixed = request[GRID_BITS], flat(cell_depths), request[MIXED] != 0
+    bits, cells, is_mixed = request[GRID_BITS], flat(cell_depths), request[IS_UNORDERED] != 0
     tile_depth = least_in_rows(
-        cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
-    )
+        cells, np.int64(0), np.int64(CELLS_PER_ROW), np.int64(CELLS_PER_ROW), np.int32(0),
+        np.int32(CELLS_PER_ROW - 1),
+    )  # fmt: skip
     for n in range(np.uintp(request[DRAW_FIRST]), np.uintp(request[DRAW_END])):
         draw_triangle(
             n, flat(ints), flat(floats), origin, bits, tile_depth, cells, tile, spans, is_mixed
@@ -424,7 +425,7 @@ class Drawing(NamedTuple):
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
-    """(2,): how to call ``triangle_batches.plan_batch``."""
+    """(2,): how to call ``triangle_batches.set_up_batch``."""
     tile: int64[::1]
     """(2,): how to call `draw_planned` for the frame's tile."""
     scratch_tile: int64[::1]
@@ -432,7 +433,7 @@ class Drawing(NamedTuple):
     sort: int64[::1]
     """(2,): how to call ``triangle_batches.order_triangles``."""
     plan_sorted: int64[::1]
-    """(2,): how to call ``triangle_batches.plan_batch`` for sorted triangles."""
+    """(2,): how to call ``triangle_batches.set_up_batch`` for sorted triangles."""
     order: ORDER
     """Sorted triangles."""
     cells: (int64[::1], int64[::1])
@@ -455,7 +456,7 @@ def begin_tile(drawing, window, bits, shift, tile_depth):
 @helper
 def plan_listed(drawing, first, count):
     """Set up a batch of listed triangles."""
-    drawing.request[FIRST], drawing.request[COUNT] = first, count
+    drawing.request[FIRST_LISTED], drawing.request[LISTED_COUNT] = first, count
     call_bound(drawing.plan)
 
 
@@ -488,9 +489,9 @@ def draw_listed(first, count, ints, drawing, holes):
 def raise_cells(depths, cell_depths, drawn):
     """Raise the depths of a tile's cells that were drawn to, to the least of their samples."""
     samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
-    for row in range(CELLS):
-        for column in range(CELLS):
-            if drawn >> (row * CELLS + column) & 1 == 0:
+    for row in range(CELLS_PER_ROW):
+        for column in range(CELLS_PER_ROW):
+            if drawn >> (row * CELLS_PER_ROW + column) & 1 == 0:
                 continue
             first = (row * stride + column) << CELL_BITS
             least = least_in_rows(
@@ -532,7 +533,7 @@ def queue_visible(order, first, end, mask, tables, queue, count):
 @helper
 def draw_queued(drawing, first, count):
     """Set up and draw sorted triangles."""
-    drawing.request[FIRST], drawing.request[COUNT] = first, count
+    drawing.request[FIRST_LISTED], drawing.request[LISTED_COUNT] = first, count
     call_bound(drawing.plan_sorted)
     draw_some(drawing, drawing.tile, 0, count)
 
@@ -540,23 +541,23 @@ def draw_queued(drawing, first, count):
 @helper
 def draw_sorted(first, count, scratch, drawing):
     """Draw listed triangles front to back, culling those that are hidden by then."""
-    drawing.request[FIRST], drawing.request[COUNT] = first, count
+    drawing.request[FIRST_LISTED], drawing.request[LISTED_COUNT] = first, count
     call_bound(drawing.sort)
-    drawing.request[PREFETCH], drawing.request[MIXED] = 0, 1
+    drawing.request[PREFETCH], drawing.request[IS_UNORDERED] = 0, 1
     order, ends, bounds = drawing.order
     queue, queued, begin, touched = drawing.queue, np.int64(0), np.int64(0), np.int64(0)
     bucket = 0
     while begin < count:
-        while ends[(bucket + 1) * PARTS - 1] <= begin:
+        while ends[(bucket + 1) * PARTS_PER_BUCKET - 1] <= begin:
             bucket += 1
         mask = open_cells(bounds[bucket], drawing.cell_depths)
-        stop = min(begin + 2 * BATCH, ends[(bucket + 1) * PARTS - 1])
+        stop = min(begin + 2 * TRIANGLES_PER_BATCH, ends[(bucket + 1) * PARTS_PER_BUCKET - 1])
         queued, cells = queue_visible(order, begin, stop, mask, drawing.cells, queue, queued)
         touched |= cells
         begin = stop
-        drawn, least = np.int64(0), np.int64(BATCH if begin < count else 1)
+        drawn, least = np.int64(0), np.int64(TRIANGLES_PER_BATCH if begin < count else 1)
         while queued - drawn >= least:
-            batch = min(np.int64(BATCH), queued - drawn)
+            batch = min(np.int64(TRIANGLES_PER_BATCH), queued - drawn)
             draw_queued(drawing, drawn, batch)
             drawn += batch
         if drawn > 0:
@@ -566,22 +567,23 @@ def draw_sorted(first, count, scratch, drawing):
             drawing.request[SORTED_DRAWN] += drawn
             raise_cells(scratch[0], drawing.cell_depths, touched)
             touched = cells
-    drawing.request[MIXED] = 0
+    drawing.request[IS_UNORDERED] = 0
     drawing.request[SORTED] += count
 
 
 @cache
 def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return bit masks of a tile's cells by range of columns, and of rows, at 8 * last + first."""
-    columns, rows = np.zeros(CELLS * CELLS, np.int64), np.zeros(CELLS * CELLS, np.int64)
-    for last in range(CELLS):
+    columns = np.zeros(CELLS_PER_ROW * CELLS_PER_ROW, np.int64)
+    rows = np.zeros(CELLS_PER_ROW * CELLS_PER_ROW, np.int64)
+    for last in range(CELLS_PER_ROW):
         for first in range(last + 1):
-            some = np.zeros((CELLS, CELLS), bool)
+            some = np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), bool)
             some[first : last + 1] = True
             for table, cells in ((rows, some), (columns, some.T)):
-                table[last * CELLS + first] = np.packbits(cells, bitorder="little").view(np.int64)[
-                    0
-                ]
+                table[last * CELLS_PER_ROW + first] = np.packbits(cells, bitorder="little").view(
+                    np.int64
+                )[0]
     return columns, rows
 
 
@@ -609,16 +611,16 @@ def draw_list(first, end, scratch, drawing, holes):
     if holes.cutoffs.shape[0] == 0 and pays_to_sort(drawing.request, end - first):
         for begin in range(first, end, MAX_SORTED):
             count = min(MAX_SORTED, end - begin)
-            drawing.request[PREFETCH] = min(2 * BATCH, end - begin - count)
+            drawing.request[PREFETCH] = min(2 * TRIANGLES_PER_BATCH, end - begin - count)
             draw_sorted(begin, count, scratch, drawing)
         return
-    raised = first + BATCH
-    for begin in range(first, end, BATCH):
+    raised = first + TRIANGLES_PER_BATCH
+    for begin in range(first, end, TRIANGLES_PER_BATCH):
         if begin == raised:
             raise_cells(scratch[0], drawing.cell_depths, np.int64(-1))
             raised += raised - first
-        count = min(BATCH, end - begin)
-        drawing.request[PREFETCH] = min(2 * BATCH, end - begin - count)
+        count = min(TRIANGLES_PER_BATCH, end - begin)
+        drawing.request[PREFETCH] = min(2 * TRIANGLES_PER_BATCH, end - begin - count)
         draw_listed(begin, count, scratch[2], drawing, holes)
 
 
@@ -662,19 +664,15 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
     Depths are stored in the given type: float32, float64 or int32.
     """
     return (
-        np.empty(SCRATCH_SHAPE, depth_type),
-        np.empty(SCRATCH_SHAPE, np.int32),
-        np.empty((INT_ROWS, STRIDE), np.int32),
-        np.empty((FLOAT_ROWS, STRIDE), np.float64),
-        np.empty(TILE_SIZE, np.int32),
-        np.empty(TILE_SIZE, np.int32),
-        np.empty(TILE_SIZE, np.float64),
-        np.full(1, empty_depth(depth_type)),
-    )
+        np.empty(SCRATCH_SHAPE, depth_type), np.empty(SCRATCH_SHAPE, np.int32),
+        np.empty((INT_ROWS, ROW_STRIDE), np.int32), np.empty((FLOAT_ROWS, ROW_STRIDE), np.float64),
+        np.empty(TILE_SIZE, np.int32), np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.float64), np.full(1, empty_depth(depth_type)),
+    )  # fmt: skip
 
 
 SCRATCH = (
-    stored[:, ::1], int32[:, ::1], int32[:, ::1], FLOAT64, *SPANS, stored[::1],
+    stored[:, ::1], int32[:, ::1], int32[:, ::1], FLOAT_ROWS_TYPE, *SPANS, stored[::1],
 )  # fmt: skip
 """The types of `scratch_memory`."""
 
@@ -698,7 +696,7 @@ class TileMemory(NamedTuple):
     request: NDArray[np.int64]
     cell_depths: NDArray[Any]
     order: tuple[Any, ...]
-    """From ``triangle_batches.order_memory``."""
+    """From ``triangle_batches.allocate_order_memory``."""
     queue: NDArray[np.int32]
 
 
@@ -706,7 +704,8 @@ def tile_memory(depth_type: Any = np.float32) -> TileMemory:
     """Return the memory of a `TileDrawer`, for stored depths of a type."""
     return TileMemory(
         scratch_memory(depth_type), np.zeros(REQUEST_SIZE, np.int64),
-        np.empty((CELLS, CELLS), depth_type), order_memory(), np.empty(3 * BATCH, np.int32),
+        np.empty((CELLS_PER_ROW, CELLS_PER_ROW), depth_type), allocate_order_memory(),
+        np.empty(3 * TRIANGLES_PER_BATCH, np.int32),
     )  # fmt: skip
 
 
@@ -735,12 +734,12 @@ def tile_drawer(
     """
     scratch, request, cell_depths, (order, surveyed), queue = memory or tile_memory(depth_type)
     test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
-    planned = Bound(plan_batch, request, listed, faces, screen, *scratch[2:4])
+    planned = Bound(set_up_batch, request, listed, faces, screen, *scratch[2:4])
     tile = spare = drawn_into(scratch[:2], request, cell_depths, scratch)
     if alpha_tests is not None:
         spare = drawn_into((test.holes.depth, test.holes.numbers), request, cell_depths, scratch)
     sort = Bound(order_triangles, request, listed, faces, screen, *scratch[2:4], surveyed, order)
-    queued = Bound(plan_batch, request, queue, faces, screen, *scratch[2:4])
+    queued = Bound(set_up_batch, request, queue, faces, screen, *scratch[2:4])
     drawing = Drawing(
         request, cell_depths, planned.words, tile.words, spare.words, sort.words, queued.words,
         order, cell_masks(), queue,

@@ -61,7 +61,10 @@ TILES_PER_TASK = 4
 SPARE_VERTICES = 1024
 """Spare capacity for vertices made by clipping, before arrays have to be copied."""
 
-EXPANDERS: dict[str, Expand] = {"lines": line_pass.expand, "points": point_pass.expand_squares}
+EXPANDERS: dict[str, Expand] = {
+    "lines": line_pass.expand_lines,
+    "points": point_pass.expand_squares,
+}
 """Functions that expand segments and points into triangles, by kind of object."""
 
 
@@ -185,7 +188,7 @@ def transform(
     workers.call(
         projection.transform_positions,
         [
-            ((n, min(n + per_task, end)), *shared, projection.scratch_memory(kind))
+            ((n, min(n + per_task, end)), *shared, projection.allocate_scratch(kind))
             for first, end in ([(0, count)] if runs is None else runs)
             for n in range(first, end, per_task)
         ],
@@ -288,9 +291,9 @@ def _to_screen(
     for start, end in [(0, count)] if runs is None else runs:
         for first in range(start, end, per_task):
             if not calls:
-                scratch = kept.made("projecting", projection.scratch_memory, precision)
+                scratch = kept.made("projecting", projection.allocate_scratch, precision)
             else:
-                scratch = projection.scratch_memory(precision)
+                scratch = projection.allocate_scratch(precision)
             calls.append(((first, min(first + per_task, end)), *arguments, screen, scratch))
     all_codes = 0
     for bits in workers.call(kernel, calls):
@@ -641,7 +644,7 @@ def kernels_of(
     if wanted.draws:
         rows.append(KernelRow(tile_rasterizer.draw_tiles, depth))
     if wanted.draws or wanted.lists:
-        batched = triangle_batches.plan_batch, triangle_batches.order_triangles
+        batched = triangle_batches.set_up_batch, triangle_batches.order_triangles
         rows += [*rows_where("", *batched), KernelRow(tile_rasterizer.draw_planned, depth)]
     if wanted.draws and "points" in kinds:
         from rasterjit.pipeline.visibility import point_rasterizer
