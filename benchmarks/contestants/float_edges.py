@@ -107,7 +107,7 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
 
 
 @disjoint_helper
-def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
+def set_up_depth_planes(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
     """Write the weights of E_bc and E_ca in the depth, and its range."""
     for n in range(ax.shape[0]):
         area = edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n])
@@ -117,7 +117,7 @@ def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, 
 
 
 @disjoint_helper
-def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
+def set_up_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
     """Write the edge a -> b at the corner of the box, and its steps."""
     unit, half = np.float32(np.int64(1) << bits), np.int64(1) << (bits - 1)
     for n in range(ax.shape[0]):
@@ -303,14 +303,15 @@ def careless_stages() -> SimpleNamespace:
     exact.__dict__.update(vars(setup), narrow_edge=edge)
     planning = twin(
         batches, setup=exact, is_above=is_above, bound_triangles=bound_triangles,
-        plan_depths=plan_depths, plan_edge=plan_edge, FLOAT64=float32[:, ::1],
+        set_up_depth_planes=set_up_depth_planes, set_up_edge=set_up_edge,
+        FLOAT_ROWS_TYPE=float32[:, ::1],
     )  # fmt: skip
     covering = twin(
-        tile_rasterizer, plan_batch=planning.plan_batch, order_triangles=planning.order_triangles,
-        edge_at=edge_at, edges_at=edges_at,
+        tile_rasterizer, set_up_batch=planning.set_up_batch,
+        order_triangles=planning.order_triangles, edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
-        FLOAT64=planning.FLOAT64, SPANS=in_float32(tile_rasterizer.SPANS),
+        FLOAT_ROWS_TYPE=planning.FLOAT_ROWS_TYPE, SPANS=in_float32(tile_rasterizer.SPANS),
         SCRATCH=in_float32(tile_rasterizer.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.

@@ -17,7 +17,7 @@ from rasterjit.pipeline.geometry.unproject_matrix import build_unprojection_matr
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.clip_planes import SURE
+from rasterjit.survey.clip_planes import RELATIVE_ERROR
 from rasterjit.survey.object_transforms import ObjectTransforms, transform_boxes, transform_objects
 
 Float64 = NDArray[np.float64]
@@ -190,7 +190,7 @@ def are_boxes_between(
         corners = np.stack((rows[:, :3] * low, rows[:, :3] * high))
         nearest = rows[:, 3] + _row_sums(corners.min(axis=0))
         farthest = rows[:, 3] + _row_sums(corners.max(axis=0))
-        error = SURE * (np.abs(rows[:, 3]) + _row_sums(np.abs(corners).max(axis=0)))
+        error = RELATIVE_ERROR * (np.abs(rows[:, 3]) + _row_sums(np.abs(corners).max(axis=0)))
         # NaN counts as unsure.
         return (nearest >= near + error) & (farthest <= far - error)
 

@@ -184,15 +184,15 @@ def drawn_planes(corners, depths, bits):
     batches, window, shift = triangle_batches, (0, 0, 63, 63), (np.int32(0), np.int32(0))
     vertices, planes = np.empty((len(corners), 6), np.int32), np.empty((len(corners), 7))
     shown = [*range(3), *range(batches.WEIGHT, batches.RANGE + 2)]
-    for first in range(0, len(corners), batches.BATCH):
-        some = slice(first, first + batches.BATCH)
+    for first in range(0, len(corners), batches.TRIANGLES_PER_BATCH):
+        some = slice(first, first + batches.TRIANGLES_PER_BATCH)
         count = len(corners[some])
-        whole = np.zeros((batches.INT_ROWS, batches.STRIDE), np.int32)
-        real = np.zeros((batches.FLOAT_ROWS, batches.STRIDE))
+        whole = np.zeros((batches.INT_ROWS, batches.ROW_STRIDE), np.int32)
+        real = np.zeros((batches.FLOAT_ROWS, batches.ROW_STRIDE))
         for k, start in enumerate((batches.PAIRS_A, batches.PAIRS_B, batches.PAIRS_C)):
             whole.reshape(-1)[start : start + 2 * count] = corners[some, k].ravel()
         real[:3, :count] = depths[some].T
-        batches.plan_triangles(count, window, bits, shift, whole, real)
+        batches.set_up_gathered_triangles(count, window, bits, shift, whole, real)
         vertices[some] = whole[batches.AX : batches.LEFT, :count].T
         planes[some] = real[shown, :count].T
     return vertices, planes

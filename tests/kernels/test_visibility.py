@@ -179,17 +179,17 @@ def test_boxes_of_wide_triangles_are_cut_to_the_rows_that_they_reach(reach):
     rng, bits, batches = np.random.default_rng(27), 8, triangle_batches
     kept = all_rows = 0
     for _ in range(2):
-        count = batches.BATCH
+        count = batches.TRIANGLES_PER_BATCH
         # Thin ones through the tile, far longer than it.
         middle = rng.uniform(0, 64, (count, 1, 2))
         way = rng.uniform(-1, 1, (count, 1, 2)) * reach * np.array([[-1.0], [0.3], [1.0]])
         corners = np.rint((middle + way + rng.uniform(-1, 1, (count, 3, 2))) * 2**bits)
-        whole = np.zeros((batches.INT_ROWS, batches.STRIDE), np.int32)
-        real = np.zeros((batches.FLOAT_ROWS, batches.STRIDE))
+        whole = np.zeros((batches.INT_ROWS, batches.ROW_STRIDE), np.int32)
+        real = np.zeros((batches.FLOAT_ROWS, batches.ROW_STRIDE))
         shift = np.int32(70), np.int32(-90)
         for k, start in enumerate((batches.PAIRS_A, batches.PAIRS_B, batches.PAIRS_C)):
             whole.reshape(-1)[start : start + 2 * count] = (corners[:, k] - shift).ravel()
-        batches.plan_triangles(count, (0, 0, 63, 63), bits, shift, whole, real)
+        batches.set_up_gathered_triangles(count, (0, 0, 63, 63), bits, shift, whole, real)
         for n in np.flatnonzero(whole[batches.WIDE, :count]):
             place = whole[batches.AX : batches.LEFT, n].reshape(3, 2).astype(np.int64)
             assert sorted(place.tolist()) == sorted(corners[n].tolist())

@@ -274,7 +274,7 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
 
 @disjoint_helper
 def set_up_depth_planes(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
-    """Write the depth plane (weights of E_bc and E_ca) and its range, as ``depth_plane`` does."""
+    """Write depth planes (weights of E_bc and E_ca) and ranges, as ``compute_depth_plane`` does."""
     for n in range(ax.shape[0]):
         area = np.float64(setup.narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
         weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
@@ -411,7 +411,7 @@ def find_cells(least, most, shift, origin, bits):
     """
     Write the first and the last column, and row, of a tile's cells around triangles.
 
-    Takes the least and the greatest x and y, interleaved; overwrites the least by both cells, in one
+    Takes the least and the greatest x and y, interleaved; writes both cells over the least, in one
     number.
     """
     bits = np.uint32(bits & 15)

@@ -313,8 +313,8 @@ def weigh_clipped_row(second, third, backface, corners, column, row, is_backface
     """
     Write weights and facing along a row of one clipped face.
 
-    The weights are those of `sample_weights`, without branches or calls between samples, so that
-    the loop vectorizes.
+    The weights are those of `compute_sample_weights`, without branches or calls between samples,
+    so that the loop vectorizes.
     """
     a, b, c = corners
     if b == c:

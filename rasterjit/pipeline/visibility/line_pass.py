@@ -114,7 +114,7 @@ def _plan_dashes(
     projected: Projected,
     screen_segments: tuple[NDArray[Any], ...],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each segment's range along its strip, (S, 2), and the positions of the dashes' ends."""
+    """Return each segment's range along its strip, (S, 2), and the ends of dashes."""
     if not len(rule.dashes):
         return np.empty((0, 2)), np.empty(0)
     ends, _, states, parts = screen_segments
