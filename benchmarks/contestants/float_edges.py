@@ -251,7 +251,7 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
     """Return the memory that a thread needs to draw, its real numbers in float32."""
     return tuple(
         np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
-        for array in tile_rasterizer.scratch_memory(depth_type)
+        for array in tile_rasterizer.allocate_scratch(depth_type)
     )
 
 
@@ -311,7 +311,7 @@ def careless_stages() -> SimpleNamespace:
         order_triangles=planning.order_triangles, edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
-        FLOAT_ROWS_TYPE=planning.FLOAT_ROWS_TYPE, SPANS=in_float32(tile_rasterizer.SPANS),
+        FLOAT_ROWS_TYPE=planning.FLOAT_ROWS_TYPE, SPANS=in_float32(tile_rasterizer.SPAN_MEMORY),
         SCRATCH=in_float32(tile_rasterizer.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.

@@ -85,7 +85,7 @@ class Visibility:
         self._objects = Objects(np.array([0, len(scene.faces)], np.int64), np.zeros(1, np.int8))
         self._relative_from_model = np.eye(4)[np.newaxis]
         self._clip_from_relative = scene.clip_from_model
-        self._viewport = drawing.viewport_of(scene.size, SUBPIXEL_BITS)
+        self._viewport = drawing.make_viewport(scene.size, SUBPIXEL_BITS)
         self._workers = sharing.Workers(threads)
 
     def draw(self) -> None:

@@ -36,8 +36,8 @@ from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
-from rasterjit.pipeline.visibility.alpha_test import no_holes
-from rasterjit.pipeline.visibility.primitive_expansion import PointRule, primitives_of
+from rasterjit.pipeline.visibility.alpha_test import make_empty_queue
+from rasterjit.pipeline.visibility.primitive_expansion import PointRule, collect_primitives
 from rasterjit.rendering import frame_shading, planning, supersample
 from rasterjit.rendering.planning import Cull, check_request, choose_camera, cut_open
 from rasterjit.rendering.renderer import render
@@ -224,7 +224,7 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
     cache = update_cache(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = object_transforms.transform_nodes_to_view(scene.nodes, plan.camera, plan.size)
-    viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
+    viewport = visibility_pass.make_viewport(plan.size, plan.quality.subpixel_bits)
     objects = object_transforms.cull_objects(
         plan.cull, views.screen_winding, views.mirrored, arrays.face_starts,
         cache.tables.is_single_sided, arrays.primitive_numbers,
@@ -234,7 +234,7 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
     alpha_tests = frame_shading.find_hit_tests(plan, cache)
-    primitives = primitives_of(
+    primitives = collect_primitives(
         arrays.primitives, views.relative_from_model, vertices.positions,
         views.clip_from_relative, plan.size,
     )  # fmt: skip
@@ -257,7 +257,7 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
     # Colours are those of one sample of many; visibility at the centres is the same.
     if plan.pictures > 1:
         viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.supersamples))
-    geometry = visibility_pass.geometry_of(
+    geometry = visibility_pass.make_geometry(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
     placement = make_placement(arrays, views)
@@ -265,7 +265,7 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
         plan.depth_format, plan.camera, geometry, coverage, workers, placement
     )
     placement = frame_shading.placement_to_light(plan, placement)
-    seen = visibility_pass.Seen(
+    seen = visibility_pass.RasterizedView(
         objects, plan.depth_format.coefficients, geometry, placement, coverage
     )
     return VisibleScene(scene, cache, plan, arrays, seen, lists, primitives)
@@ -311,28 +311,28 @@ def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
     single = np.empty(1, np.int32)
-    drawer = tile_rasterizer.tile_drawer(
+    drawer = tile_rasterizer.make_tile_drawer(
         single, faces, coverage.screen, depth.dtype, coverage.alpha_tests
     )
-    no_depth_bounds = np.full(len(starts) - 1, tile_rasterizer.empty_depth(depth.dtype))
+    no_depth_bounds = np.full(len(starts) - 1, tile_rasterizer.get_empty_depth(depth.dtype))
     single_starts = np.zeros(len(starts), np.int64)
     single_starts[tile + 1 :] = 1
     unculled = coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]]
     unculled = set(unculled)
     arguments = (
-        np.array([tile], np.int32), tile_rasterizer.ALL, single_starts, no_depth_bounds, viewport,
+        np.array([tile], np.int32), tile_rasterizer.NO_COUNTER, single_starts, no_depth_bounds, viewport,
         (depth, face_id), *drawer[:2],
     )  # fmt: skip
     entries = []
     for triangle in candidates:
         single[0] = triangle
-        tile_rasterizer.draw_tiles(*arguments, no_holes(depth.dtype))
+        tile_rasterizer.draw_tiles(*arguments, make_empty_queue(depth.dtype))
         if face_id[y, x] < 0:
             continue
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
         fate = "" if triangle in unculled else "culled"
         if not fate and coverage.alpha_tests is not None:
-            tile_rasterizer.draw_tiles(*arguments, drawer.holes)
+            tile_rasterizer.draw_tiles(*arguments, drawer.alpha_queue)
             fate = "" if face_id[y, x] >= 0 else "cut out"
         entries.append((fate, *entry))
     points = None if coverage.points is None else coverage.points.picture

@@ -78,7 +78,7 @@ class VisibleScene(NamedTuple):
     cache: SceneCache
     plan: RenderPlan
     arrays: SceneArrays
-    seen: visibility_pass.Seen
+    seen: visibility_pass.RasterizedView
     lists: visibility_pass.TileLists
     """Lists of the tiles' triangles, those of culled faces included."""
     primitives: Primitives | None

@@ -114,7 +114,7 @@ def kernels_of(depth_type: DTypeLike) -> Rows:
     """Return the kernels that `diagnose` calls, for a plan."""
     return [
         KernelRow(diagnostics_stage.find_fates),
-        KernelRow(diagnostics_stage.count_samples, visibility_pass.depth_variant(depth_type)),
+        KernelRow(diagnostics_stage.count_samples, visibility_pass.name_depth_variant(depth_type)),
         KernelRow(diagnostics_stage.find_largest_error),
     ]
 
@@ -195,7 +195,7 @@ def _count_samples(
 
     def count_in_tiles(tiles: Int32) -> None:
         size = setup.TILE_SIZE
-        drawer = tile_rasterizer.tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
+        drawer = tile_rasterizer.make_tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
         frame, ties = (coverage.depth, coverage.face_id), np.zeros((size, size), np.uint8)
         diagnostics_stage.count_samples(
             tiles, starts, viewport, frame, drawer.scratch, drawer.drawing, ties, counts

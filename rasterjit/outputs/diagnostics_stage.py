@@ -59,7 +59,7 @@ from rasterjit.pipeline.geometry.barycentric import offset_from_sample
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import tile_rasterizer
-from rasterjit.pipeline.visibility.tile_rasterizer import Drawing
+from rasterjit.pipeline.visibility.tile_rasterizer import TileDrawing
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, stored, uint8
 
@@ -120,7 +120,7 @@ def count_and_clear_ties(ties):
 @kernel
 def count_samples(
     tiles: int32[::1], starts: int64[::1], viewport: Viewport,
-    frame: (stored[:, ::1], int32[:, ::1]), scratch: tile_rasterizer.SCRATCH, drawing: Drawing,
+    frame: (stored[:, ::1], int32[:, ::1]), scratch: tile_rasterizer.SCRATCH, drawing: TileDrawing,
     ties: uint8[:, ::1], counts: (int32[::1], int64[::1]),
 ):  # fmt: skip
     """
@@ -135,7 +135,7 @@ def count_samples(
     frame : (depth (H, W), face_id (H, W) int32)
         What ``tile_rasterizer.draw_tiles`` wrote.
     scratch, drawing
-        Those of this thread's ``tile_rasterizer.tile_drawer``, of the same type of depths.
+        Those of this thread's ``tile_rasterizer.make_tile_drawer``, of the same type of depths.
     ties : (64, 64) uint8
         Scratch memory, zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
@@ -143,18 +143,18 @@ def count_samples(
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
-    depths, numbers, empty = scratch[0], scratch[1], scratch[tile_rasterizer.EMPTY][0]
+    depths, numbers, empty = scratch[0], scratch[1], scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
     columns = (np.int64(viewport.width) + setup.TILE_SIZE - 1) >> setup.TILE_BITS
     bounds = scratch[2]
     tile_rasterizer.clear_tile(depths, numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
-        window = tile_rasterizer.tile_window(tile, columns, viewport)
+        window = tile_rasterizer.get_tile_window(tile, columns, viewport)
         origin = window[0], window[1]
         tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
         for k in range(starts[tile], starts[tile + 1]):
-            tile_rasterizer.plan_listed(drawing, k, 1)
-            tile_rasterizer.draw_some(drawing, drawing.tile, 0, 1)
+            tile_rasterizer.set_up_listed(drawing, k, 1)
+            tile_rasterizer.draw_range(drawing, drawing.tile, 0, 1)
             # The box of a wide triangle may begin left of the tile.
             left, top = max(np.int64(bounds[LEFT, 0]), origin[0]), np.int64(bounds[TOP, 0])
             box = left, top, np.int64(bounds[RIGHT, 0]), np.int64(bounds[BOTTOM, 0])

@@ -480,7 +480,7 @@ def metric_depth(
             stored, is_covered = coverage.depth[band], coverage.face_id[band] >= 0
         else:
             stored = coverage.first_depth[band]
-            is_covered = stored != visibility_pass.tile_rasterizer.empty_depth(stored.dtype)
+            is_covered = stored != visibility_pass.tile_rasterizer.get_empty_depth(stored.dtype)
         stored = stored[is_covered]
         if not depth_format.is_reversed:
             rows, columns = np.nonzero(is_covered)

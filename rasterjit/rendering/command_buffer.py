@@ -33,7 +33,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
-from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import frame_shading, view_warnings
 from rasterjit.rendering.pass_runner import RecordedCalls, RecordingWorkers, no_color, vertex_steps
 from rasterjit.rendering.resolve_layers import (
@@ -299,9 +299,9 @@ class CommandBuffer:
         arrays = cache.shapes.arrays
         positions = cache.shapes.positions(plan.quality.precision)
         kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
-        viewport = visibility_pass.viewport_of(plan.size, plan.quality.subpixel_bits)
+        viewport = visibility_pass.make_viewport(plan.size, plan.quality.subpixel_bits)
         _, capacity = clip_capacity(len(arrays.faces))
-        screen = visibility_pass.screen_arrays(count + capacity, Memory())
+        screen = visibility_pass.allocate_screen(count + capacity, Memory())
         clip_positions = np.empty((count, 4), np.float64)
         faces = Faces(arrays.faces, np.empty((capacity, 3), np.int32), np.empty(capacity, np.int32))
         # Vertices to the screen.
@@ -321,7 +321,7 @@ class CommandBuffer:
         clipped, *clipping = self._record_clipping(
             faces, clip_positions, screen, viewport, capacity
         )
-        self._geometry = visibility_pass.geometry_of(
+        self._geometry = visibility_pass.make_geometry(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
         )
         self._alpha_tests, self._hit_tests = (
@@ -418,11 +418,12 @@ class CommandBuffer:
         )  # fmt: skip
         self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
         self._face_id = np.empty((height, width), np.int32)
-        tile_args = tile_rasterizer.tile_drawer(lists.binned, faces, screen, np.float32, tests)
+        tile_args = tile_rasterizer.make_tile_drawer(lists.binned, faces, screen, np.float32, tests)
         self._calls.kept.append(tile_args)
         draw_call = self._calls.bound(
-            tile_rasterizer.draw_tiles, np.arange(tiles, dtype=np.int32), tile_rasterizer.ALL,
-            lists.starts, self._tile_depths, viewport, (self._depth, self._face_id), *tile_args[:3],
+            tile_rasterizer.draw_tiles, np.arange(tiles, dtype=np.int32),
+            tile_rasterizer.NO_COUNTER, lists.starts, self._tile_depths, viewport,
+            (self._depth, self._face_id), *tile_args[:3],
         )  # fmt: skip
         bin_calls, self._binning = self._record_binning(lists, viewport, depth_call)
         calls, self._sample_binning = (*bin_calls, depth_call, draw_call), self._binning
@@ -479,7 +480,9 @@ class CommandBuffer:
             visibility_pass.Totals(*[0] * 8), None, reversed_depth=self._depth,
             reversed_vertex_depth=self._lists.screen.depth,
         )  # fmt: skip
-        seen = Seen(self._lists.objects, (0.0, 0.0, 0.0), self._geometry, placement, coverage)
+        seen = RasterizedView(
+            self._lists.objects, (0.0, 0.0, 0.0), self._geometry, placement, coverage
+        )
         workers = RecordingWorkers(self._calls)
         context = FrameContext(plan, cache, placement, workers, seen, self._field)
         effects = tuple(self._prepared_effects(context))
@@ -557,7 +560,7 @@ class CommandBuffer:
                 lists.objects.face_starts, layers.is_blended, split, bounds,
             )  # fmt: skip
         tile_args, alone = a_buffer.layer_drawer(
-            tile_rasterizer.tile_drawer(
+            tile_rasterizer.make_tile_drawer(
                 split, lists.faces, lists.screen, np.float32, shader.alpha_tests
             )
         )

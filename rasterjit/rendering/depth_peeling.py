@@ -24,7 +24,7 @@ from rasterjit.pipeline.fragments import fragment_bands
 from rasterjit.pipeline.fragments.a_buffer import without_holes
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.tile_rasterizer import empty_depth
+from rasterjit.pipeline.visibility.tile_rasterizer import get_empty_depth
 from rasterjit.rendering import frame_shading, planning, view_warnings
 from rasterjit.rendering.planning import Cull, PlannedFrame, check_request, plan_views
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
@@ -149,7 +149,10 @@ def _draw_layers(
 
 
 def peel(
-    count: int, seen: visibility_pass.Seen, finder: fragment_bands.Finder, workers: Workers
+    count: int,
+    seen: visibility_pass.RasterizedView,
+    finder: fragment_bands.Finder,
+    workers: Workers,
 ) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """
     Return the nearest surfaces of each pixel, nearest first.
@@ -175,7 +178,7 @@ def peel(
     everything = np.ones(len(seen.objects.face_starts) - 1, np.uint8)
     lists = fragment_bands.split_tile_lists(seen.coverage, viewport, everything, workers)
     shape = count, viewport.height, viewport.width
-    depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
+    depths = np.full(shape, get_empty_depth(lists.depth_type), lists.depth_type)
     faces = np.full(shape, -1, np.int32)
     # A surface with a hole gives its place to the next one.
     kept = count if finder.alpha_tests is None else None

@@ -24,7 +24,7 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.pipeline.srgb_encoding import code_of
-from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import pass_runner, resolve_layers
 from rasterjit.rendering.effect_registry import prepare_effects
 from rasterjit.rendering.pass_runner import IMMEDIATE
@@ -346,14 +346,16 @@ def plan_behind(plan: RenderPlan, glass: OpaquePassEffect) -> RenderPlan:
 
 
 def draw_behind(
-    context: FrameContext, glass: OpaquePassEffect, find: Callable[[RenderPlan], Seen]
+    context: FrameContext, glass: OpaquePassEffect, find: Callable[[RenderPlan], RasterizedView]
 ) -> FrameContext:
     """Run the opaque pass that transmission reads, up to visibility."""
     plan = plan_behind(context.plan, glass)
     return context_of(plan, context.cache, find(plan), context.workers)
 
 
-def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> FrameContext:
+def look_behind(
+    context: FrameContext, find: Callable[[RenderPlan], RasterizedView]
+) -> FrameContext:
     """
     Return the context with the opaque pass that transmission reads; itself without transmission.
 

@@ -21,7 +21,7 @@ from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.motion import Moment
 from rasterjit.outputs.output_table import MIXED_OUTPUTS
 from rasterjit.pipeline import resampling, srgb_encoding
-from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import view_warnings
 from rasterjit.rendering.lens_views import (
     NOWHERE,
@@ -64,7 +64,7 @@ from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import LensProjection
 
 Float64 = NDArray[np.float64]
-Draw = Callable[[PlannedFrame, StageClock], tuple[Frame, Seen]]
+Draw = Callable[[PlannedFrame, StageClock], tuple[Frame, RasterizedView]]
 
 COUNTS = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
           "clipped")  # fmt: skip
@@ -270,7 +270,7 @@ class Comparison(NamedTuple):
     turns: tuple[NDArray[np.float64], NDArray[np.float64]]
     """(O, 3, 4) each: objects in the axes of the lens, now and before."""
 
-    def points(self, one: PlannedFrame, seen: Seen, workers: Workers) -> dict[str, Any]:
+    def points(self, one: PlannedFrame, seen: RasterizedView, workers: Workers) -> dict[str, Any]:
         """Return where what a picture shows is, and was, (h, w, 3), in the axes of the lens."""
         arrays = one.cache.shapes.arrays
         now = Moment(arrays.positions, arrays.faces, self.turns[0])
@@ -452,7 +452,7 @@ def _turned(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> NDA
 
 
 def _points_of(
-    moment: Moment, faces: NDArray[np.int32], seen: Seen, workers: Workers
+    moment: Moment, faces: NDArray[np.int32], seen: RasterizedView, workers: Workers
 ) -> NDArray[np.float32]:
     """Return where the points of a picture are at a moment, (h, w, 3): given by (O, 3, 4)."""
     face_id, turned = seen.coverage.face_id, moment.matrices

@@ -361,7 +361,9 @@ def list_tasks(plan: RenderPlan) -> list[Task]:
 def _finding_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the face at every pixel."""
     wanted = plan.visibility._replace(draws=plan.needs_centers)
-    return visibility_pass.kernels_of(wanted, plan.facts.tests_alpha, plan.facts.counts.primitives)
+    return visibility_pass.list_kernels(
+        wanted, plan.facts.tests_alpha, plan.facts.counts.primitives
+    )
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:

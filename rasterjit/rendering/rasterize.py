@@ -12,7 +12,7 @@ from rasterjit.outputs import ground_truth
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.rendering.planning import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.first_corners import corner_offsets, rotate_corners
@@ -151,7 +151,7 @@ def rasterize(
     listed = face_array(faces, len(positions))
     face_numbers = rotate_corners(positions, listed)
     quality = check_quality(quality)
-    viewport = viewport_of(width_height, quality.subpixel_bits)
+    viewport = make_viewport(width_height, quality.subpixel_bits)
     workers = Workers(thread_count("threads", threads))
     turn = {"none": 0, "back": 1, "front": -1}[cull]
     objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
@@ -171,7 +171,7 @@ def rasterize(
     finally:
         workers.close()
     is_affine = quality.interpolation == "affine"
-    geometry = visibility_pass.geometry_of(
+    geometry = visibility_pass.make_geometry(
         face_numbers, coverage.screen, positions, viewport, is_affine
     )
     return RasterizedFaces(coverage, geometry, len(positions), listed, sign, depth_format)

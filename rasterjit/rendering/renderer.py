@@ -24,8 +24,8 @@ from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.fragments.fragment_bands import sampled_viewport
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.primitive_expansion import primitives_of
-from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.pipeline.visibility.primitive_expansion import collect_primitives
+from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import (
     frame_shading,
     planning,
@@ -216,7 +216,7 @@ def draw_frame(
     kept: Kept | None = None,
     needs_seen: bool = True,
     **options: bool,
-) -> tuple[Frame, Seen]:
+) -> tuple[Frame, RasterizedView]:
     """
     Draw a frame: all its stages, in order.
 
@@ -250,7 +250,7 @@ def draw_frame(
         kept.clear()
         kept = None
 
-    def find(picture: RenderPlan, views: ViewTransforms | None = None, **options: Any) -> Seen:
+    def find(picture: RenderPlan, views: ViewTransforms | None = None, **options: Any) -> RasterizedView:
         if on_picture is not None:
             on_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
@@ -320,7 +320,7 @@ def find_visible(
     kept: Kept | None = None,
     face_id: NDArray[np.int32] | None = None,
     **changes: Any,
-) -> Seen:
+) -> RasterizedView:
     """
     Find the face at every pixel: transform, clip, set up, bin, draw.
 
@@ -347,8 +347,8 @@ def find_visible(
     # Viewport, and face culling.
     spacing = supersample.spacing_of(camera)
     viewport = kept.made(
-        "viewport", visibility_pass.viewport_of, plan.size, plan.quality.subpixel_bits, plan.region,
-        spacing,
+        "viewport", visibility_pass.make_viewport, plan.size, plan.quality.subpixel_bits,
+        plan.region, spacing,
     )  # fmt: skip
     objects = kept.made(
         "objects", object_transforms.cull_objects, plan.cull, views.screen_winding, views.mirrored,
@@ -368,11 +368,8 @@ def find_visible(
     drawable = visibility_pass.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=frame_shading.find_hit_tests(plan, cache),
-        primitives=primitives_of(
-            arrays.primitives, views.relative_from_model, vertices.positions,
-            views.clip_from_relative, plan.size,
-            supersample.pixels_of(camera),
-        ),
+        primitives=collect_primitives(arrays.primitives, views.relative_from_model,
+        vertices.positions, views.clip_from_relative, plan.size, supersample.pixels_of(camera)),
         hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
     # Run visibility, then derive what shading and outputs read.
@@ -380,7 +377,7 @@ def find_visible(
         drawable, wanted, workers, clock, kept=kept, face_id=face_id
     )
     geometry = kept.made(
-        "geometry", visibility_pass.geometry_of, arrays.faces, coverage.screen,
+        "geometry", visibility_pass.make_geometry, arrays.faces, coverage.screen,
         coverage.clip_positions, viewport, plan.is_affine,
     )  # fmt: skip
     placement = _placement(arrays, views, kept)
@@ -390,7 +387,7 @@ def find_visible(
         )
         if not plan.depth_format.is_standard:
             clock("reversed depth")
-    return Seen(objects, camera.depth_coefficients(), geometry, placement, coverage)
+    return RasterizedView(objects, camera.depth_coefficients(), geometry, placement, coverage)
 
 
 def _hidden_faces(plan: RenderPlan, arrays: SceneArrays) -> list[tuple[int, int]]:
@@ -655,7 +652,7 @@ class Renderer(Guarded):
         )
         self._cache, self._lensed = planned.pictures[-1].cache, planned
 
-        def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, Seen]:
+        def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, RasterizedView]:
             return draw_frame(one, self._workers, None, clock, self.on_picture)
 
         return lenses.draw_lensed(planned, self._workers, draw)

@@ -432,7 +432,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
 
 def shared_kernels(plan: RenderPlan, layers: PixelLayers) -> Rows:
     """Return the kernels that find the faces of pixels and resolve opaque ones."""
-    rows = fragment_bands.kernels_of(layers.samples, plan.depth_format.kind)
+    rows = fragment_bands.list_kernels(layers.samples, plan.depth_format.kind)
     if layers.samples == 1:
         return rows
     if plan.mixes_plain_codes:

@@ -32,7 +32,7 @@ from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.fragments import coverage_resolve, fragment_bands, srgb_compositing
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import frame_shading, resolve_layers
 from rasterjit.rendering.lens_views import PictureCamera
 from rasterjit.rendering.pass_runner import IMMEDIATE
@@ -189,7 +189,7 @@ def _counts(pictures: int) -> list[int]:
 def shade_faces(
     context: FrameContext,
     accumulation: Accumulation,
-    find: Callable[[RenderPlan], Seen],
+    find: Callable[[RenderPlan], RasterizedView],
     clock: Callable[[str], None],
 ) -> dict[str, NDArray[Any]]:
     """
@@ -269,11 +269,11 @@ def covering_kernels(plan: RenderPlan) -> Rows:
     if "coverage" not in plan.outputs or plan.facts.supersamples is not None:
         return []
     samples = plan.quality.samples
-    return [] if samples == 1 else fragment_bands.kernels_of(samples, plan.depth_format.kind)
+    return [] if samples == 1 else fragment_bands.list_kernels(samples, plan.depth_format.kind)
 
 
 def cover_pixels(
-    context: FrameContext, accumulation: Accumulation, find: Callable[[RenderPlan], Seen]
+    context: FrameContext, accumulation: Accumulation, find: Callable[[RenderPlan], RasterizedView]
 ) -> NDArray[np.float32]:
     """
     Return each pixel's coverage by any face, (H, W): of its samples or area.
@@ -301,7 +301,7 @@ def cover_pixels(
 
 
 def _draw_picture(
-    plan: RenderPlan, context: FrameContext, find: Callable[[RenderPlan], Seen]
+    plan: RenderPlan, context: FrameContext, find: Callable[[RenderPlan], RasterizedView]
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
     picture = context_of(plan, context.cache, find(plan), context.workers)
@@ -360,7 +360,7 @@ def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
 
 
 def _draw_whole(
-    context: FrameContext, offsets: list[Offset], find: Callable[[RenderPlan], Seen]
+    context: FrameContext, offsets: list[Offset], find: Callable[[RenderPlan], RasterizedView]
 ) -> dict[str, Any]:
     """Prepare the effects that look at whole pictures, with all that some pictures show."""
     sights = [see_whole(context)]
@@ -497,7 +497,7 @@ def _wanted(
 
 
 def cover_samples(
-    samples: int | str, seen: Seen, finder: fragment_bands.Finder, workers: Workers
+    samples: int | str, seen: RasterizedView, finder: fragment_bands.Finder, workers: Workers
 ) -> NDArray[np.float32]:
     """
     Return the share of each pixel's samples that any face covers, (H, W), or of its area.

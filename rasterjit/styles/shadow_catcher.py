@@ -328,8 +328,8 @@ def _count_covered(
     matrices = transforms.product_of_each(clips, np.repeat(view, len(clips), axis=0))
     # Bind the transform of vertices to the map.
     positions = arrays.positions
-    viewport = visibility_pass.viewport_of(size, Quality().subpixel_bits)
-    screen = visibility_pass.screen_arrays(len(positions), Memory())
+    viewport = visibility_pass.make_viewport(size, Quality().subpixel_bits)
+    screen = visibility_pass.allocate_screen(len(positions), Memory())
     transform = Bound(
         projection.transform_vertices, (0, len(positions)), positions,
         (arrays.vertex_starts, views.relative_from_model), matrix, (0.0, 0.0, 0.0), viewport,

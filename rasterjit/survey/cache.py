@@ -21,7 +21,7 @@ from rasterjit.pipeline.records import (
     Textures,
     TransmissionRows,
 )
-from rasterjit.pipeline.visibility.primitive_expansion import runs_between
+from rasterjit.pipeline.visibility.primitive_expansion import find_gaps
 from rasterjit.scene.first_corners import corner_offsets
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_no_groups, matrices_of, meshes_of
@@ -175,7 +175,7 @@ class Shapes:
         """Every edge of the triangles once, (N, 2)."""
         faces = self.arrays.faces
         if self.arrays.primitives:
-            runs = runs_between(
+            runs = find_gaps(
                 [primitive.faces for primitive in self.arrays.primitives], len(faces)
             )
             faces = np.concatenate([faces[:0], *(faces[first:stop] for first, stop in runs)])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.passes import Rows
 from rasterjit.pipeline.records import Placement
-from rasterjit.pipeline.visibility.visibility_pass import Seen
+from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -84,13 +84,13 @@ class FrameContext(NamedTuple):
     cache: SceneCache
     placement: Placement
     workers: Workers
-    picture: Seen | None = None
+    picture: RasterizedView | None = None
     """Its visible faces; ``None`` where it is drawn in regions."""
     view_arrays: ViewArrays | None = None
     """Returns per-view arrays for recorded calls; ``None``: calls are not recorded."""
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> RasterizedView:
         """Its visible faces; raises ``RuntimeError`` where they are not known."""
         if self.picture is None:
             raise RuntimeError("the visible faces of this picture are not known as a whole")
@@ -103,7 +103,9 @@ class FrameContext(NamedTuple):
         return self.view_arrays(name, values.shape, values.dtype)
 
 
-def context_of(plan: RenderPlan, cache: SceneCache, seen: Seen, workers: Workers) -> FrameContext:
+def context_of(
+    plan: RenderPlan, cache: SceneCache, seen: RasterizedView, workers: Workers
+) -> FrameContext:
     """Return the context of a picture whose visible faces are known."""
     return FrameContext(plan, cache, seen.placement, workers, seen)
 

@@ -58,7 +58,7 @@ def test_nothing_is_drawn_at_centers(monkeypatch):
     def refuse(*arguments, **options):
         raise AssertionError("the tiles were drawn at the centres of pixels")
 
-    monkeypatch.setattr(visibility_pass, "draw", refuse)
+    monkeypatch.setattr(visibility_pass, "draw_tiles", refuse)
     _, depth = drawn(1.0, pyrender.RenderFlags.NONE)
 
     assert (depth > 0.0).any()

@@ -12,7 +12,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import tile_rasterizer
 from rasterjit.pipeline.visibility import visibility_pass as drawing
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 EXACT_BITS = 14
@@ -86,12 +86,12 @@ def draw_tile(positions, faces, column, row, bits=8):
     that is touched.
     """
     positions, faces = np.asarray(positions, float), np.asarray(faces, np.int32)
-    viewport, workers = viewport_of(MAX, bits), threads.Workers(1)
+    viewport, workers = make_viewport(MAX, bits), threads.Workers(1)
     depth_coefficients = (0.0, -1.0, 0.0)
-    screen, seen = drawing.project(positions, depth_coefficients, viewport, workers)
+    screen, seen = drawing.project_to_screen(positions, depth_coefficients, viewport, workers)
     drawn = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
-        drawn, screen, _ = drawing.clip(
+        drawn, screen, _ = drawing.clip_faces(
             positions, faces, depth_coefficients, viewport, screen, workers
         )
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
@@ -99,9 +99,9 @@ def draw_tile(positions, faces, column, row, bits=8):
         drawn, objects, screen, viewport, workers
     )
     frame = np.empty(MAX, np.float32), np.empty(MAX, np.int32)
-    drawer = tile_rasterizer.tile_drawer(binned, drawn, screen)
+    drawer = tile_rasterizer.make_tile_drawer(binned, drawn, screen)
     tiles = np.array([row * (MAX[0] // TILE) + column], np.int32)
     tile_rasterizer.draw_tiles(
-        tiles, tile_rasterizer.ALL, starts, tile_depths, viewport, frame, *drawer[:3]
+        tiles, tile_rasterizer.NO_COUNTER, starts, tile_depths, viewport, frame, *drawer[:3]
     )
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

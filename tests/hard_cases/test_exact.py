@@ -15,12 +15,12 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import setup, triangle_batches
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 from rasterjit.scene.validation import MAX_SIZE
 
 BITS = (0, 4, 8, 12)
-GRIDS = {bits: viewport_of(MAX, bits).grid_bits for bits in BITS}
+GRIDS = {bits: make_viewport(MAX, bits).grid_bits for bits in BITS}
 """Bits of the grid that coordinates are counted on, by sub-pixel bits."""
 
 MAX_APART = MAX_SIZE + 2 * setup.GUARD_PIXELS
@@ -45,8 +45,8 @@ def largest_edge(vertex_box, sample_box):
 @pytest.mark.parametrize("bits", BITS)
 def test_vertices_reach_the_corners_of_the_guard_band(bits):
     corners = list(itertools.product((-2.0, 2.0), (-2.0, 2.0), (0.0,), (1.0,)))
-    viewport = viewport_of(MAX, bits)
-    screen, seen = visibility_pass.project(
+    viewport = make_viewport(MAX, bits)
+    screen, seen = visibility_pass.project_to_screen(
         np.array(corners), (0.0, -1.0, 0.0), viewport, threads.Workers(1)
     )
     assert not seen & setup.GUARD
@@ -95,7 +95,7 @@ def test_quotients_of_spans_are_below_half_an_ulp_from_exact(grid):
 
 def test_spans_end_where_exact_arithmetic_says():
     crossing_line = getattr(
-        tile_rasterizer.crossing_line, "function", tile_rasterizer.crossing_line
+        tile_rasterizer.prepare_crossing, "function", tile_rasterizer.prepare_crossing
     )
     bound_span = getattr(tile_rasterizer.bound_span, "function", tile_rasterizer.bound_span)
     rng = np.random.default_rng(1)

@@ -14,7 +14,7 @@ from clipped import clip_all
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
 tf = rj.transforms
@@ -299,7 +299,7 @@ def test_vertex_on_a_plane_is_kept_once(plane):
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("side", [-1, 1])
 def test_vertex_on_the_guard_band_is_not_cut(axis, side):
-    edge = side * viewport_of(SIZE, 8)[2 + axis]
+    edge = side * make_viewport(SIZE, 8)[2 + axis]
     for place, clipped in ((edge, 0), (np.nextafter(edge, side * INF), 1)):
         positions = naive.clip_from_screen([(10, 10), (50, 20), (30, 60)], SIZE)
         positions[1, axis] = place
@@ -334,7 +334,7 @@ def random_corner(rng):
 @pytest.mark.case("C12")
 def test_shared_edge_gets_the_same_new_vertices_in_both_faces():
     rng = np.random.default_rng(6)
-    viewport, planes = viewport_of(SIZE, 8), oracle.guard_band(SIZE)
+    viewport, planes = make_viewport(SIZE, 8), oracle.guard_band(SIZE)
     found = 0
     for _ in range(300):
         a, b, c, d = (random_corner(rng) * [200, 200, 1, 1] for _ in range(4))

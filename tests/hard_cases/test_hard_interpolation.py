@@ -15,7 +15,7 @@ import rasterjit as rj
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 SIZE = (16, 16)
@@ -177,8 +177,8 @@ def test_slivers_far_from_the_origin_lose_nothing(points, values, pixel, size, w
 def geometry_of(points, w, size):
     """Return what the kernels know of one face of screen points."""
     positions = screen.naive.clip_from_screen(points, size, 0.0, w)
-    viewport = viewport_of(size, 8)
-    projected, _ = visibility_pass.project(
+    viewport = make_viewport(size, 8)
+    projected, _ = visibility_pass.project_to_screen(
         positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1)
     )
     return Geometry(

@@ -8,7 +8,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 SIZE = (64, 64)
@@ -65,8 +65,8 @@ def test_point_lands_on_its_pixel():
     matrix = view().projection_matrix(SIZE)
     clip = matrix @ [1, 2, -4, 1]
     np.testing.assert_allclose(clip[:2] / clip[3], [0.25, 0.5], rtol=1e-15)
-    screen, _ = visibility_pass.project(
-        clip[np.newaxis], (0.0, -1.0, 0.0), viewport_of(SIZE, 8), threads.Workers(1)
+    screen, _ = visibility_pass.project_to_screen(
+        clip[np.newaxis], (0.0, -1.0, 0.0), make_viewport(SIZE, 8), threads.Workers(1)
     )
     assert screen.xy[0].tolist() == [40 * 256, 16 * 256]
 

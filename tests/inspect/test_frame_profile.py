@@ -378,7 +378,7 @@ def test_kernels_are_told_with_the_form_that_is_called(cube):
         ("diagnostics_stage.count_samples", "float64 depth"),
         ("hierarchical_z.find_tile_depths", "float64 depth"),
         ("hierarchical_z.find_tile_depths", ""),
-        ("tile_rasterizer.draw_planned", "float64 depth"), ("tile_rasterizer.draw_planned", ""),
+        ("tile_rasterizer.draw_batch", "float64 depth"), ("tile_rasterizer.draw_batch", ""),
     }  # fmt: skip
     scene.lights, beside = [], rj.PerspectiveCamera(eye=(9, 1, 6), target=(9, 0, 0))
     options = {"outputs": ("motion_visible",), "size": SIZE}

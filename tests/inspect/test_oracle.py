@@ -16,7 +16,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 
 F = Fraction
 R09 = [(2.3, 1.7), (9.1, 3.2), (4.4, 10.6)]
@@ -332,7 +332,7 @@ def test_near_alone_cuts_in_depth_only():
 
 def test_guard_band_is_the_engine_s():
     for size in ((64, 32), (1, 16384)):
-        viewport = viewport_of(size, 8)
+        viewport = make_viewport(size, 8)
         assert oracle.guard_band(size) == oracle.view_planes(viewport.guard_x, viewport.guard_y)
 
 

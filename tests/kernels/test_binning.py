@@ -11,7 +11,7 @@ from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import binning
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 SIZE = (256, 128)
@@ -27,9 +27,9 @@ def random_screen(rng, count):
 
 def bin_faces(points, faces):
     """Return the list of each tile."""
-    viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
+    viewport, workers = make_viewport(SIZE, 8), threads.Workers(1)
     positions = naive.clip_from_screen(points, SIZE)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    screen, _ = visibility_pass.project_to_screen(positions, (0.0, -1.0, 0.0), viewport, workers)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     starts, binned, _, _ = visibility_pass.set_up_and_bin(
@@ -40,9 +40,9 @@ def bin_faces(points, faces):
 
 def run_kernel(triangles, boxes, cursors, length):
     """Bin triangles of 4 tiles a row; face 0 is the half of 2 x 2 tiles at their top left."""
-    viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
+    viewport, workers = make_viewport(SIZE, 8), threads.Workers(1)
     positions = naive.clip_from_screen([(0, 0), (128, 0), (0, 128)], SIZE)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    screen, _ = visibility_pass.project_to_screen(positions, (0.0, -1.0, 0.0), viewport, workers)
     faces = Faces(
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )

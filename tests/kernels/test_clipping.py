@@ -16,7 +16,7 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import clipping, setup
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 SIZE = (64, 64)
@@ -122,8 +122,10 @@ def test_only_faces_that_cross_are_found():
     positions = rng.normal(size=(600, 4)) * [1, 1, 0.7, 0.7] + [0, 0, 0, 0.8]
     positions[::97, 1] = np.nan
     faces = rng.integers(0, 600, (900, 3)).astype(np.int32)
-    viewport = viewport_of(SIZE, 8)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    viewport = make_viewport(SIZE, 8)
+    screen, _ = visibility_pass.project_to_screen(
+        positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1)
+    )
     codes = screen.codes[:600]
     want = []
     for n, (a, b, c) in enumerate(faces):
@@ -148,12 +150,12 @@ def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
     positions = rng.normal(size=(count, 4)) * 10.0 ** rng.uniform(0, 8, (count, 1))
     positions[:, 2:] = rng.uniform(-1, 1, (count, 2)) + [0.0, 0.7]
     faces = np.arange(count, dtype=np.int32).reshape(-1, 3)
-    viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    viewport, workers = make_viewport(SIZE, 8), threads.Workers(1)
+    screen, _ = visibility_pass.project_to_screen(positions, (0.0, -1.0, 0.0), viewport, workers)
     # What is not written keeps this mark.
     mark = np.iinfo(np.int32).min
     screen.xy[count:], screen.depth[count:] = mark, np.nan
-    all_faces, screen, cut = visibility_pass.clip(
+    all_faces, screen, cut = visibility_pass.clip_faces(
         positions, faces, (0.0, -1.0, 0.0), viewport, screen, workers
     )
     assert cut > 50
@@ -219,16 +221,18 @@ def test_threads_cut_the_same_pieces_at_the_same_places():
     count = 3 * 30_000
     positions = np.random.default_rng(8).normal(size=(count, 4)) * (2.0, 2.0, 1.0, 1.0)
     faces = np.arange(count, dtype=np.int32).reshape(-1, 3)
-    viewport, depth_coefficients = viewport_of(SIZE, 8), (0.0, -1.0, 0.0)
+    viewport, depth_coefficients = make_viewport(SIZE, 8), (0.0, -1.0, 0.0)
     found = []
     for number in (1, 2, 5):
         workers = threads.Workers(number)
-        screen, _ = visibility_pass.project(positions, depth_coefficients, viewport, workers)
-        all_faces, screen, cut = visibility_pass.clip(
+        screen, _ = visibility_pass.project_to_screen(
+            positions, depth_coefficients, viewport, workers
+        )
+        all_faces, screen, cut = visibility_pass.clip_faces(
             positions, faces, depth_coefficients, viewport, screen, workers
         )
         made = slice(count, count + int(np.unique(all_faces.pieces).size))
         found.append((cut, all_faces.pieces, all_faces.piece_faces, screen.xy[made].copy()))
-    assert found[0][0] > 2 * visibility_pass.MIN_CUT
+    assert found[0][0] > 2 * visibility_pass.MIN_CLIPPED_PER_TASK
     for other in found[1:]:
         assert all(map(np.array_equal, found[0], other))

@@ -17,7 +17,7 @@ from rasterjit.pipeline.geometry.setup import CLIPPED, get_face_vertices
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import tile_rasterizer
 from rasterjit.pipeline.visibility import visibility_pass as drawing
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 from rasterjit.runtime.jit import kernel
 from rasterjit.runtime.state_block import float64, int32, int64
@@ -35,7 +35,7 @@ def draw(clip_positions, faces=((0, 1, 2),), size=SIZE, bits=8, turn=0):
     """Return a coverage with its lists, its geometry, and the objects record."""
     positions = np.ascontiguousarray(clip_positions, np.float64)
     faces = np.array(faces, np.int32)
-    viewport = viewport_of(size, bits)
+    viewport = make_viewport(size, bits)
     objects = Objects(np.array([0, len(faces)]), np.array([turn], np.int8))
     coverage = drawing.run_visibility(
         drawing.Drawable(positions, faces, objects, (0.0, -1.0, 0.0), viewport),
@@ -52,7 +52,7 @@ def count(coverage, geometry):
     lists = coverage.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
     side = setup.TILE_SIZE
-    drawer = tile_rasterizer.tile_drawer(binned, faces, coverage.screen)
+    drawer = tile_rasterizer.make_tile_drawer(binned, faces, coverage.screen)
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     frame = coverage.depth, coverage.face_id

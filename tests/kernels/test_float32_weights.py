@@ -25,7 +25,7 @@ from rasterjit.pipeline.surface.sample_block import (
     Block,
 )
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.rendering.planning import list_passes
 from rasterjit.rendering.regions import Region, RegionRenderer
@@ -61,8 +61,8 @@ def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None):
     if positions is None:
         positions = naive.clip_from_screen(points, size, 0.0, w)
     faces = np.array([(0, 1, 2)], np.int32)
-    viewport, workers = viewport_of(size, bits), threads.Workers(1)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    viewport, workers = make_viewport(size, bits), threads.Workers(1)
+    screen, _ = visibility_pass.project_to_screen(positions, (0.0, -1.0, 0.0), viewport, workers)
     if face_id is None:
         quality = rj.Quality(subpixel_bits=bits)
         face_id = rj.rasterize(positions, faces, size, quality=quality, threads=1).face_id

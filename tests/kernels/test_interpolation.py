@@ -12,7 +12,7 @@ from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 SIZE = (16, 16)
@@ -28,8 +28,8 @@ def fill(points, values, size=SIZE, w=1.0, faces=((0, 1, 2),)):
     """Interpolate a vertex attribute over faces of screen points; (H, W, K)."""
     positions = naive.clip_from_screen(points, size, 0.0, w)
     faces = np.array(faces, np.int32)
-    viewport, workers = viewport_of(size, 8), threads.Workers(1)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    viewport, workers = make_viewport(size, 8), threads.Workers(1)
+    screen, _ = visibility_pass.project_to_screen(positions, (0.0, -1.0, 0.0), viewport, workers)
     face_id = rj.rasterize(positions, faces, size, threads=1).face_id
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     values = np.asarray(values, np.float32).reshape(len(points), -1)

@@ -17,7 +17,7 @@ from rasterjit.effects.wireframe import coverage
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.srgb_encoding import encoding_table
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads as sharing
 from rasterjit.scene.color import decoding_table
 from rasterjit.survey import cache
@@ -42,7 +42,7 @@ def cover(lines, size=SIZE, bits=8, depths=None, depth=None, slack=None, rows=No
     slack = np.zeros(depth.shape, np.float32) if slack is None else slack
     coverage.cover_lines(
         np.arange(len(ends), dtype=np.int32), ends, depths, (first, last),
-        viewport_of(size, bits), depth, slack, found,
+        make_viewport(size, bits), depth, slack, found,
     )  # fmt: skip
     return found
 
@@ -406,7 +406,7 @@ def test_plan_and_kernels_name_what_is_drawn(cube, camera, monkeypatch):
 
 
 def test_no_edges_draw_nothing():
-    viewport = viewport_of((16, 70), 8)
+    viewport = make_viewport((16, 70), 8)
     nothing = np.zeros((0, 4))
     geometry = Geometry(
         np.zeros((0, 3), np.int32), np.zeros((0, 2), np.int32), np.zeros(0, np.uint8), np.zeros(0),

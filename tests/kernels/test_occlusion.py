@@ -9,7 +9,7 @@ from rasterjit.pipeline.geometry import setup, triangle_batches
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import hierarchical_z
 from rasterjit.pipeline.visibility import visibility_pass as drawing
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 from rasterjit.runtime.threads import Memory
 
@@ -20,13 +20,13 @@ SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.needs_jit) for seed in range(
 
 
 def lists_of(points, depths, size=SIZE, bits=8):
-    """Return what `visibility_pass.draw` takes, of loose triangles on the screen."""
-    viewport, workers = viewport_of(size, bits), threads.Workers(1)
+    """Return what `visibility_pass.draw_tiles` takes, of loose triangles on the screen."""
+    viewport, workers = make_viewport(size, bits), threads.Workers(1)
     positions = np.ones((len(points), 4))
     positions[:, 0] = 2.0 * points[:, 0] / size[0] - 1.0
     positions[:, 1] = 1.0 - 2.0 * points[:, 1] / size[1]
     positions[:, 2] = depths
-    screen, _ = drawing.project(positions, (0.0, 1.0, 0.0), viewport, workers)
+    screen, _ = drawing.project_to_screen(positions, (0.0, 1.0, 0.0), viewport, workers)
     faces = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
@@ -40,7 +40,7 @@ def draw(starts, binned, bounds, faces, screen, viewport):
     """Return stored depth and face number of every pixel."""
     shape = viewport.height, viewport.width
     frame = np.empty(shape, np.float32), np.empty(shape, np.int32)
-    drawing.draw(starts, binned, bounds, faces, screen, viewport, frame, threads.Workers(1))
+    drawing.draw_tiles(starts, binned, bounds, faces, screen, viewport, frame, threads.Workers(1))
     return frame
 
 
@@ -200,13 +200,13 @@ def drawn_planes(corners, depths, bits):
 
 @pytest.mark.parametrize("subpixel_bits", [0, 4, 8, 12])
 def test_tile_depths_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bits):
-    bits = viewport_of(SIZE, subpixel_bits).grid_bits
+    bits = make_viewport(SIZE, subpixel_bits).grid_bits
     rng = np.random.default_rng(200 + bits)
     corners = corners_on_the_grid(rng, 150, bits)
     depths = rng.uniform(-1, 1, (len(corners), 3)) * 10.0 ** rng.integers(-30, 5, (len(corners), 1))
     drawn = drawn_planes(corners, depths, bits)
     assert (corners[:, 0, 1] == corners[:, 1, 1]).any()
-    screen = drawing.screen_arrays(corners.size // 2, Memory())
+    screen = drawing.allocate_screen(corners.size // 2, Memory())
     screen.xy[:], screen.depth[:] = corners.reshape(-1, 2), depths.reshape(-1)
     for n in range(len(corners)):
         order = list(hierarchical_z.sort_clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))

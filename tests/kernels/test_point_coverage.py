@@ -10,7 +10,7 @@ import pytest
 
 from rasterjit.pipeline.visibility import point_pass as drawing
 from rasterjit.pipeline.visibility import point_rasterizer, tile_rasterizer
-from rasterjit.pipeline.visibility.visibility_pass import Region, viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import Region, make_viewport
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.transforms import perspective, translate
 
@@ -33,21 +33,24 @@ def rows_of(shape, sizes, unit=point_rasterizer.IN_PIXELS, count=None, scale=1.0
 
 def cloud_of(positions, points, matrix=FLAT, viewport=None, kind=np.float64):
     """Return a cloud whose positions are relative to the eye."""
-    viewport = viewport_of(SIZE, 8) if viewport is None else viewport
+    viewport = make_viewport(SIZE, 8) if viewport is None else viewport
     count = len(points.scales)
     return drawing.DrawnPoints(
         np.ascontiguousarray(positions, kind), np.tile(np.eye(4), (count, 1, 1)), points,
-        drawing.view_of(matrix, COEFFICIENTS, viewport), COEFFICIENTS,
+        drawing.make_point_view(matrix, COEFFICIENTS, viewport), COEFFICIENTS,
     )  # fmt: skip
 
 
 def draw(cloud, viewport=None, kind=np.float32, threads=1):
     """Return depth, face numbers, and what became of the points."""
-    viewport = viewport_of(SIZE, 8) if viewport is None else viewport
+    viewport = make_viewport(SIZE, 8) if viewport is None else viewport
     shape = viewport.height, viewport.width
-    frame = np.full(shape, tile_rasterizer.empty_depth(kind), kind), np.full(shape, -1, np.int32)
+    frame = (
+        np.full(shape, tile_rasterizer.get_empty_depth(kind), kind),
+        np.full(shape, -1, np.int32),
+    )
     workers = Workers(threads)
-    counts = drawing.draw_cloud(cloud, viewport, frame, workers)
+    counts = drawing.draw_all_points(cloud, viewport, frame, workers)
     workers.close()
     return *frame, counts.tolist()
 
@@ -171,8 +174,8 @@ def test_parts_of_a_picture_have_the_pixels_of_the_whole():
         depth, faces, _ = draw(cloud)
         assert (faces >= 0).sum() > 50
         for region in (Region(0, 0, 11, 9), Region(11, 5, 18, 18), Region(28, 22, 1, 1)):
-            viewport = viewport_of(SIZE, 8, region)
-            part = cloud._replace(view=drawing.view_of(matrix, COEFFICIENTS, viewport))
+            viewport = make_viewport(SIZE, 8, region)
+            part = cloud._replace(view=drawing.make_point_view(matrix, COEFFICIENTS, viewport))
             some = draw(part, viewport)
             rows = slice(region.top, region.top + region.height)
             columns = slice(region.left, region.left + region.width)
@@ -181,7 +184,7 @@ def test_parts_of_a_picture_have_the_pixels_of_the_whole():
 
 
 def test_threads_change_no_bit(monkeypatch):
-    monkeypatch.setattr(drawing, "MIN_POINTS", 10)
+    monkeypatch.setattr(drawing, "MIN_POINTS_PER_THREAD", 10)
     rng = np.random.default_rng(9)
     for shape, size in (
         (point_rasterizer.SQUARE, 1.0),

@@ -8,13 +8,13 @@ import pytest
 import rasterjit as rj
 from rasterjit.pipeline.geometry import projection, setup
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads as sharing
 from rasterjit.scene.transforms import perspective, rotate, scale, transform_points, translate
 
 COEFFICIENTS = (0.25, -1.0, 0.125)
 CLIP_FROM_RELATIVE = perspective(60.0, 1.5, 0.1, 100.0)
-IMAGE = viewport_of((96, 64), 8)
+IMAGE = make_viewport((96, 64), 8)
 
 
 def naive_outcode(x, y, z, w, viewport):
@@ -116,7 +116,7 @@ def by_hand(vertices):
 @pytest.mark.parametrize("bits", [0, 4, 8, 12])
 def test_one_pass_equals_naive(size, bits):
     vertices = scene_of_vertices([300, 0, 1, 257, 60, 60, 0, 700, 3, 512, 255], bits)
-    viewport, count = viewport_of(size, bits), len(vertices.positions)
+    viewport, count = make_viewport(size, bits), len(vertices.positions)
     want = naive_project(by_hand(vertices), viewport)
     screen, seen = visibility_pass.transform_and_project(
         vertices, COEFFICIENTS, viewport, sharing.Workers(1)
@@ -126,8 +126,10 @@ def test_one_pass_equals_naive(size, bits):
     assert seen == 255
     assert sum(place is not None for place in want[1]) > 300
     # So do the two stages, one after the other.
-    clip = visibility_pass.transform(*vertices[:4], sharing.Workers(1))
-    screen, seen = visibility_pass.project(clip, COEFFICIENTS, viewport, sharing.Workers(1))
+    clip = visibility_pass.transform_to_clip(*vertices[:4], sharing.Workers(1))
+    screen, seen = visibility_pass.project_to_screen(
+        clip, COEFFICIENTS, viewport, sharing.Workers(1)
+    )
     assert listed(screen, count) == want
     assert seen == 255
 
@@ -179,13 +181,13 @@ def test_no_vertices_are_nothing():
 
 def test_clip_positions_are_made_only_where_they_are_read(cube, camera, monkeypatch):
     made = []
-    transform = visibility_pass.transform
+    transform = visibility_pass.transform_to_clip
 
     def watched(*arguments):
         made.append(transform(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(visibility_pass, "transform", watched)
+    monkeypatch.setattr(visibility_pass, "transform_to_clip", watched)
     size, outputs = (24, 16), ("color", "barycentric", "normal", "position")
     rj.render(cube, camera, size=size, outputs=outputs, threads=1)
     assert not made

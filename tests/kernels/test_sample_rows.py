@@ -329,11 +329,11 @@ def test_checked_indices_find_boxes_beyond_the_tile():
 
 COUNT_MASKED_STORES = """
 import re, sys
-from rasterjit.pipeline.visibility.tile_rasterizer import draw_planned
+from rasterjit.pipeline.visibility.tile_rasterizer import draw_batch
 from rasterjit.runtime import compiler, store
 
-for kind in draw_planned.declared[: int(sys.argv[1])]:
-    assembly = compiler.assembly(draw_planned, kind, store.host())
+for kind in draw_batch.declared[: int(sys.argv[1])]:
+    assembly = compiler.assembly(draw_batch, kind, store.host())
     stores = re.findall("\\tv(?:p?maskmov[^\\n]*\\\\)|p?blendv[^\\n]*)$", assembly, re.MULTILINE)
     print(sum("maskmov" in line for line in stores), sum("blendv" in line for line in stores))
 """

@@ -16,15 +16,15 @@ from rasterjit.pipeline import records
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 
 def project(positions, size=(64, 64), bits=8):
     """Return the screen vertices of clip positions, and the outcode bits seen."""
     positions = np.ascontiguousarray(positions, np.float64)
-    screen, seen = visibility_pass.project(
-        positions, (0.0, -1.0, 0.0), viewport_of(size, bits), threads.Workers(1)
+    screen, seen = visibility_pass.project_to_screen(
+        positions, (0.0, -1.0, 0.0), make_viewport(size, bits), threads.Workers(1)
     )
     return records.ScreenVertices(*(array[: len(positions)] for array in screen)), seen
 
@@ -68,7 +68,7 @@ def test_outcodes_equal_the_plane_distances():
     rng = np.random.default_rng(3)
     positions = rng.normal(size=(2000, 4)) * 10.0 ** rng.integers(-3, 6, (2000, 1))
     positions[:200] = rng.integers(-1, 2, (200, 4))  # many on a plane, many with w = 0
-    viewport = viewport_of((64, 32), 8)
+    viewport = make_viewport((64, 32), 8)
     screen, seen = project(positions, (64, 32))
     planes = oracle.VIEW_VOLUME
     guards = oracle.view_planes(viewport.guard_x, viewport.guard_y)[2:]
@@ -162,7 +162,7 @@ def test_a_batch_ends_where_an_object_does():
     faces = np.tile(np.array([[0, 1, 2]], np.int32), (starts[-1], 1))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     _, binned, _, sums = visibility_pass.set_up_and_bin(
-        everything, Objects(starts, turns), screen, viewport_of((64, 64), 8), threads.Workers(1)
+        everything, Objects(starts, turns), screen, make_viewport((64, 64), 8), threads.Workers(1)
     )
     kept = np.repeat(turns, counts) != 1
     assert binned.tolist() == np.flatnonzero(kept).tolist()
@@ -182,7 +182,7 @@ def test_outcodes_are_not_read_if_no_vertex_has_any():
     def listed(screen, **seen):
         """Return the lists of the tiles and what became of the other faces."""
         starts, binned, _, sums = visibility_pass.set_up_and_bin(
-            everything, objects, screen, viewport_of(size, 8), threads.Workers(1), None,
+            everything, objects, screen, make_viewport(size, 8), threads.Workers(1), None,
             np.float32, **seen,
         )  # fmt: skip
         return starts.tolist(), binned.tolist(), sums.tolist()

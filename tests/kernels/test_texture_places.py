@@ -41,7 +41,7 @@ from rasterjit.pipeline.surface.sample_block import (
 from rasterjit.pipeline.surface.texture_filters import read_vertex_uvs
 from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.rendering import shading_passes
 from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.rendering.planning import list_passes
@@ -104,7 +104,9 @@ def step_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
 
 def take(positions, uv, face_id, viewport, by=uv_interpolation.interpolate_uv_from_edges):
     """Return the coordinates where one triangle is seen, and its vertices on the screen."""
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    screen, _ = visibility_pass.project_to_screen(
+        positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1)
+    )
     faces = np.array([(0, 1, 2)], np.int32)
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     taken = np.full((*face_id.shape, 2), np.nan)
@@ -135,7 +137,7 @@ def place(points, w, uv, bits=8, face_id=None):
     positions = naive.clip_from_screen(points, size, 0.0, w)
     if face_id is None:
         face_id = seen(positions, size, bits)
-    taken, screen = take(positions, uv, face_id, viewport_of(size, bits))
+    taken, screen = take(positions, uv, face_id, make_viewport(size, bits))
     return face_id, taken, screen.xy[:3].tolist()
 
 
@@ -207,7 +209,7 @@ def clipped_faces():
     ],
 )  # fmt: skip
 def test_clipped_faces_are_placed_as_sample_by_sample(size, region, bits):
-    viewport = viewport_of(size, bits, region)
+    viewport = make_viewport(size, bits, region)
     left, top, columns, rows = region or (0, 0, *size)
     uv, counts = [(0.5, -3.0), (7.0, 0.25), (2.0, 900.0)], {NEAR: 0, GUARD: 0}
     for positions, plane in clipped_faces():

@@ -34,8 +34,12 @@ from rasterjit.pipeline.geometry.triangle_batches import (
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.pipeline.visibility import tile_rasterizer
 from rasterjit.pipeline.visibility import visibility_pass as drawing
-from rasterjit.pipeline.visibility.tile_rasterizer import MAX_HISTORY, MIN_SORTED, RETRY_BITS
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.tile_rasterizer import (
+    MAX_HISTORY_TRIANGLES,
+    MIN_SORTED_TRIANGLES,
+    RETRY_BITS,
+)
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 
 SCREEN = (128, 128)
@@ -222,7 +226,7 @@ def test_columns_of_a_row_are_those_of_whole_numbers(seed):
         row, column, beside = (int(n) for n in rng.integers([0, -2, -2], [64, 66, 3]))
         value = -across * column - down * row + beside
         edge = np.int64(value), np.int64(across), np.int64(down)
-        line = tile_rasterizer.crossing_line(edge)
+        line = tile_rasterizer.prepare_crossing(edge)
         first, last = tile_rasterizer.bound_span(0.0, 63.0, line, np.float64(row))
         covered = [i for i in range(64) if value + across * i + down * row >= 0]
         assert [*range(int(first), int(last) + 1)] == covered
@@ -231,7 +235,7 @@ def test_columns_of_a_row_are_those_of_whole_numbers(seed):
 @pytest.mark.parametrize("value", [0, -1, 2**47 - 1, -(2**47)])
 def test_an_edge_along_a_row_leaves_all_columns_or_none(value):
     zero = np.int64(0)
-    line = tile_rasterizer.crossing_line((np.int64(value), zero, zero))
+    line = tile_rasterizer.prepare_crossing((np.int64(value), zero, zero))
     first, last = tile_rasterizer.bound_span(0.0, 63.0, line, 0.0)
     assert (first, last) == (0.0, 63.0) if value >= 0 else last < first
 
@@ -239,15 +243,15 @@ def test_an_edge_along_a_row_leaves_all_columns_or_none(value):
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
 def test_a_tile_is_written_whatever_the_memory_held(kind):
     # One triangle in the first of four tiles; the last ones end where the picture does.
-    size, empty = (100, 90), tile_rasterizer.empty_depth(kind)
-    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    size, empty = (100, 90), tile_rasterizer.get_empty_depth(kind)
+    viewport, workers = make_viewport(size, 8), threads.Workers(1)
     points = np.array([(3, 4), (40, 9), (8, 50)]) * 2.0 / size - 1.0
     positions = np.column_stack([points * [1, -1], np.full(3, 0.5), np.ones(3)])
-    screen, _ = drawing.project(positions, (0.0, 64.0, 0.0), viewport, workers)
+    screen, _ = drawing.project_to_screen(positions, (0.0, 64.0, 0.0), viewport, workers)
     faces = Faces(
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )
-    drawer = tile_rasterizer.tile_drawer(np.zeros(1, np.int32), faces, screen, kind)
+    drawer = tile_rasterizer.make_tile_drawer(np.zeros(1, np.int32), faces, screen, kind)
     starts, floors = np.array([0, 1, 1, 1, 1], np.int64), np.full(4, empty)
     frames = []
     for junk in (7, -3):
@@ -255,7 +259,7 @@ def test_a_tile_is_written_whatever_the_memory_held(kind):
         frame = np.full(size[::-1], junk, kind), np.full(size[::-1], junk, np.int32)
         tiles = np.arange(4, dtype=np.int32)
         tile_rasterizer.draw_tiles(
-            tiles, tile_rasterizer.ALL, starts, floors, viewport, frame, *drawer[:3]
+            tiles, tile_rasterizer.NO_COUNTER, starts, floors, viewport, frame, *drawer[:3]
         )
         frames.append(frame)
         assert ((frame[1] == 0) | (frame[1] == -1)).all()
@@ -264,7 +268,7 @@ def test_a_tile_is_written_whatever_the_memory_held(kind):
         # Tiles without a list are written to the frame alone.
         drawer.scratch[0][:] = junk
         tile_rasterizer.draw_tiles(
-            tiles[1:], tile_rasterizer.ALL, starts, floors, viewport, frame, *drawer[:3]
+            tiles[1:], tile_rasterizer.NO_COUNTER, starts, floors, viewport, frame, *drawer[:3]
         )
         assert (drawer.scratch[0] == junk).all()
     for one, other in zip(*frames, strict=True):
@@ -276,9 +280,9 @@ def test_a_tile_is_written_whatever_the_memory_held(kind):
 
 def stored(points, depths, size=SCREEN, bits=8):
     """Return the depths that one triangle stores."""
-    viewport, workers = viewport_of(size, bits), threads.Workers(1)
+    viewport, workers = make_viewport(size, bits), threads.Workers(1)
     positions = naive.clip_from_screen(points, size, depths, 1.0)
-    screen, _ = drawing.project(positions, (0.0, 1.0, 0.0), viewport, workers)
+    screen, _ = drawing.project_to_screen(positions, (0.0, 1.0, 0.0), viewport, workers)
     faces = Faces(
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )
@@ -287,7 +291,7 @@ def stored(points, depths, size=SCREEN, bits=8):
         faces, objects, screen, viewport, workers
     )
     frame = np.empty(size[::-1], np.float32), np.empty(size[::-1], np.int32)
-    drawing.draw(starts, binned, tile_depths, faces, screen, viewport, frame, workers)
+    drawing.draw_tiles(starts, binned, tile_depths, faces, screen, viewport, frame, workers)
     assert ((frame[0] > -np.inf) == (frame[1] == 0)).all()
     return frame[0]
 
@@ -396,25 +400,25 @@ def hiding_soup(rng, count):
 def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
     count, size = 248, (64, 64)
     points, depths = hiding_soup(np.random.default_rng(29), count - 128)
-    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    viewport, workers = make_viewport(size, 8), threads.Workers(1)
     positions = naive.clip_from_screen(points, size, depths, 1.0)
     scale = 2.0**20 if kind == np.int32 else 1.0
-    screen, _ = drawing.project(positions, (0.0, scale, 0.0), viewport, workers)
+    screen, _ = drawing.project_to_screen(positions, (0.0, scale, 0.0), viewport, workers)
     faces = Faces(
         np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.empty((0, 3), np.int32),
         np.empty(0, np.int32),
     )  # fmt: skip
-    empty, only = tile_rasterizer.empty_depth(kind), np.zeros(1, np.int32)
+    empty, only = tile_rasterizer.get_empty_depth(kind), np.zeros(1, np.int32)
 
     def drawn(first, end):
         """Return the tile with some of the triangles, and the depths of its cells at the end."""
         listed = np.arange(first, end, dtype=np.int32)
-        drawer = tile_rasterizer.tile_drawer(listed, faces, screen, kind)
+        drawer = tile_rasterizer.make_tile_drawer(listed, faces, screen, kind)
         drawer.drawing.request[SORTED_DRAWN] = 1000  # So that they are not put in order.
         frame = np.empty(size[::-1], kind), np.empty(size[::-1], np.int32)
         starts, floor = np.array([0, len(listed)], np.int64), np.full(1, empty)
         tile_rasterizer.draw_tiles(
-            only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+            only, tile_rasterizer.NO_COUNTER, starts, floor, viewport, frame, *drawer[:3]
         )
         return frame, drawer.drawing.cell_depths
 
@@ -446,10 +450,10 @@ def soup_in_a_tile(seed, count, kind):
     points, depths = hiding_soup(np.random.default_rng(seed), count - 128)
     # Lists hold what reaches the tile.
     points[::3] = np.clip(points[::3], 0, 64)
-    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    viewport, workers = make_viewport(size, 8), threads.Workers(1)
     positions = naive.clip_from_screen(points, size, depths, 1.0)
     scale = 2.0**20 if kind == np.int32 else 1.0
-    screen, _ = drawing.project(positions, (0.0, scale, 0.0), viewport, workers)
+    screen, _ = drawing.project_to_screen(positions, (0.0, scale, 0.0), viewport, workers)
     faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
     faces = faces[np.random.default_rng(seed).permutation(count)]
     none = np.empty((0, 3), np.int32), np.empty(0, np.int32)
@@ -457,25 +461,25 @@ def soup_in_a_tile(seed, count, kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "count"),
-    [
-        (np.float32, MIN_SORTED + 50), (np.float64, MIN_SORTED + 50), (np.int32, 700),
-        (np.float32, 2 * MAX_SORTED + 100),
-        pytest.param(np.float64, 2 * MAX_SORTED + 100, marks=pytest.mark.takes_long),
-        pytest.param(np.int32, 2 * MAX_SORTED + 100, marks=pytest.mark.takes_long),
-    ],
+    ("kind", "count"), [(np.float32, MIN_SORTED_TRIANGLES + 50), (np.float64,
+    MIN_SORTED_TRIANGLES + 50), (np.int32, 700), (np.float32, 2 * MAX_SORTED + 100),
+    pytest.param(np.float64, 2 * MAX_SORTED + 100, marks=pytest.mark.takes_long),
+    pytest.param(np.int32, 2 * MAX_SORTED + 100, marks=pytest.mark.takes_long)],
 )  # fmt: skip
 def test_order_changes_no_bit(kind, count):
     faces, screen, viewport = soup_in_a_tile(31, count, kind)
     listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
-    starts, floor = np.array([0, count], np.int64), np.full(1, tile_rasterizer.empty_depth(kind))
+    starts, floor = (
+        np.array([0, count], np.int64),
+        np.full(1, tile_rasterizer.get_empty_depth(kind)),
+    )
     frames, asked = [], []
     for seen in (0, 10 * count):
-        drawer = tile_rasterizer.tile_drawer(listed, faces, screen, kind)
+        drawer = tile_rasterizer.make_tile_drawer(listed, faces, screen, kind)
         drawer.drawing.request[SORTED_DRAWN] = seen
         frame = np.empty((64, 64), kind), np.empty((64, 64), np.int32)
         tile_rasterizer.draw_tiles(
-            only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+            only, tile_rasterizer.NO_COUNTER, starts, floor, viewport, frame, *drawer[:3]
         )
         frames.append(frame)
         asked.append(drawer.drawing.request)
@@ -493,7 +497,7 @@ def test_lists_are_put_in_order_again_after_a_while():
     faces, screen, viewport = soup_in_a_tile(31, count, np.float32)
     listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
     starts, floor = np.array([0, count], np.int64), np.full(1, -np.inf, np.float32)
-    drawer = tile_rasterizer.tile_drawer(listed, faces, screen, np.float32)
+    drawer = tile_rasterizer.make_tile_drawer(listed, faces, screen, np.float32)
     asked = drawer.drawing.request
     asked[SORTED], asked[SORTED_DRAWN] = 1000, 600
     frame = np.empty((64, 64), np.float32), np.empty((64, 64), np.int32)
@@ -501,16 +505,16 @@ def test_lists_are_put_in_order_again_after_a_while():
     for _ in range(6):
         before = asked[SORTED]
         tile_rasterizer.draw_tiles(
-            only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+            only, tile_rasterizer.NO_COUNTER, starts, floor, viewport, frame, *drawer[:3]
         )
         was_ordered.append(asked[SORTED] - before == count)
     assert was_ordered == [False] * 5 + [True]
     # Long ago counts less.
-    asked[SORTED], asked[SORTED_DRAWN] = 8 * MAX_HISTORY, 2 * MAX_HISTORY
+    asked[SORTED], asked[SORTED_DRAWN] = 8 * MAX_HISTORY_TRIANGLES, 2 * MAX_HISTORY_TRIANGLES
     tile_rasterizer.draw_tiles(
-        only, tile_rasterizer.ALL, starts, floor, viewport, frame, *drawer[:3]
+        only, tile_rasterizer.NO_COUNTER, starts, floor, viewport, frame, *drawer[:3]
     )
-    assert asked[SORTED] == 4 * MAX_HISTORY + count
+    assert asked[SORTED] == 4 * MAX_HISTORY_TRIANGLES + count
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (70, -90)])
@@ -533,7 +537,7 @@ def test_triangles_are_put_in_order(shift, spread):
     asked, (order, surveyed) = np.zeros(REQUEST_SIZE, np.int64), allocate_order_memory()
     asked[[FIRST_LISTED, LISTED_COUNT, PREFETCH]] = first, some, count - first - some
     asked[[LEFT_COLUMN, TOP_ROW, GRID_BITS, SHIFT_X, SHIFT_Y]] = *origin, bits, *shift
-    batch = tile_rasterizer.scratch_memory()[2:4]
+    batch = tile_rasterizer.allocate_scratch()[2:4]
     order_triangles(asked, listed, faces, screen, *batch, surveyed, order)
     entries, ends, bounds = order
     assert ends[PARTS_PER_BUCKET * BUCKET_COUNT - 1] == some
@@ -546,7 +550,7 @@ def test_triangles_are_put_in_order(shift, spread):
     begin, end = (np.clip(pixels, 0, 63) // 8 for pixels in (begin, end))
     expected = begin[:, 0] + 8 * end[:, 0] + 64 * begin[:, 1] + 512 * end[:, 1]
     assert (boxes == expected).all()
-    columns, rows = tile_rasterizer.cell_masks()
+    columns, rows = tile_rasterizer.make_cell_masks()
     for n in range(0, some, 10):
         cells = np.zeros((8, 8), bool)
         cells[begin[n, 1] : end[n, 1] + 1, begin[n, 0] : end[n, 0] + 1] = True

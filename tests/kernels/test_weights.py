@@ -20,7 +20,7 @@ from rasterjit.pipeline.surface.sample_block import (
     Block,
 )
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
 from rasterjit.runtime import threads
 from rasterjit.runtime.jit import stage
@@ -57,8 +57,10 @@ def take_weights(block: Block, count, taken: float64[:, :, ::1]):
 def weigh(positions, face_id, mirrored=1.0):
     """Return the weights of the second and third vertex and the side seen, and all in float32."""
     faces = np.array([(0, 1, 2)], np.int32)
-    viewport = viewport_of(SIZE, 8)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    viewport = make_viewport(SIZE, 8)
+    screen, _ = visibility_pass.project_to_screen(
+        positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1)
+    )
     assert screen.codes.any()
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     taken, slow = weigh_all(geometry, face_id, mirrored), np.empty((*SIZE, 3), np.float32)
@@ -132,7 +134,7 @@ def test_weights_of_a_whole_face_are_those_of_whole_numbers_rounded_once(face, o
         for n in range(3)
     ]
     corners = [units[n] for n in order]
-    viewport = viewport_of((16384, 16384), bits, (0, 0, *SIZE))
+    viewport = make_viewport((16384, 16384), bits, (0, 0, *SIZE))
     geometry = Geometry(
         np.array([(0, 1, 2)], np.int32), np.array(corners, np.int32), np.zeros(3, np.uint8),
         np.array([] if w is None else w), np.zeros((3, 4)), viewport,

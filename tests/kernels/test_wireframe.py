@@ -14,7 +14,7 @@ from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import visibility_pass as drawing
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads as sharing
 from rasterjit.survey import cache
 
@@ -24,7 +24,7 @@ NEAR_OVER_W = (1.0, 0.0, 0.0)
 
 def project(positions, edges, size=SIZE, coefficients=NEAR_OVER_W):
     """Return the end pixels and depths of the edges that may be seen."""
-    edges, viewport = np.array(edges, np.int32), viewport_of(size, 8)
+    edges, viewport = np.array(edges, np.int32), make_viewport(size, 8)
     positions = np.ascontiguousarray(positions, np.float64)
     pixels, codes = np.full((len(positions), 2), -9, np.int32), codes_of(positions, viewport)
     wireframe_stage.find_pixels((0, len(positions)), positions, codes, viewport, pixels)
@@ -41,7 +41,7 @@ def project(positions, edges, size=SIZE, coefficients=NEAR_OVER_W):
 
 def codes_of(positions, viewport):
     """Return the outcodes of clip positions."""
-    screen, _ = drawing.project(positions, NEAR_OVER_W, viewport, sharing.Workers(1))
+    screen, _ = drawing.project_to_screen(positions, NEAR_OVER_W, viewport, sharing.Workers(1))
     return screen.codes[: len(positions)]
 
 
@@ -69,7 +69,7 @@ def test_edge_behind_or_beside_the_view_is_dropped():
 
 def test_cut_edges_equal_naive():
     rng = np.random.default_rng(1)
-    viewport = viewport_of(SIZE, 8)
+    viewport = make_viewport(SIZE, 8)
     planes = oracle.view_planes(viewport.guard_x, viewport.guard_y)
     kept = 0
     for _ in range(400):
@@ -126,7 +126,7 @@ def edge_pixels(mesh, camera, edges, size=SIZE):
     """Return where some edges are drawn with nothing to hide them."""
     clip_from_world = camera.projection_matrix(size) @ camera.view_matrix()
     positions = np.column_stack([mesh.vertices, np.ones(len(mesh.vertices))]) @ clip_from_world.T
-    positions, viewport = np.ascontiguousarray(positions), viewport_of(size, 8)
+    positions, viewport = np.ascontiguousarray(positions), make_viewport(size, 8)
     geometry = Geometry(
         mesh.faces, np.zeros((0, 2), np.int32), codes_of(positions, viewport), np.zeros(0),
         positions, viewport,
@@ -199,8 +199,8 @@ def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
     scene.add(cube)
     scene.wireframe = rj.Wireframe("red", "only")
     drawn = []
-    draw = drawing.draw
-    monkeypatch.setattr(drawing, "draw", lambda *a: drawn.append(1) or draw(*a))
+    draw = drawing.draw_tiles
+    monkeypatch.setattr(drawing, "draw_tiles", lambda *a: drawn.append(1) or draw(*a))
     alone = rj.render(scene, camera, size=SIZE, threads=1)
     assert not drawn
     assert alone.stats.drawn == 12

@@ -216,7 +216,7 @@ def test_stored_weights_are_within_the_bound(cube):
     views = object_transforms.transform_nodes_to_view(
         [rj.Node(cube, np.eye(4), "cube")], camera, size
     )
-    clip = visibility_pass.transform(
+    clip = visibility_pass.transform_to_clip(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative, sharing.Workers(1),
     )  # fmt: skip

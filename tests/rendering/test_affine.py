@@ -15,7 +15,7 @@ from rasterjit.pipeline.surface import uv_derivatives
 from rasterjit.pipeline.surface.sample_block import UV_ROWS
 from rasterjit.pipeline.surface.texture_lookup import RIGHT_U, U
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
 
@@ -203,9 +203,9 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
     rng = np.random.default_rng(3)
     points = np.array([[3.0, 5.0], [60.0, 11.0], [22.0, 58.0]])
     positions = naive.clip_from_screen(points, SIZE, 0.0, [1.0, 4.0, 16.0])
-    viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
-    screen, _ = visibility_pass.project(positions, (0.0, -1.0, 0.0), viewport, workers)
-    geometry = visibility_pass.geometry_of(
+    viewport, workers = make_viewport(SIZE, 8), threads.Workers(1)
+    screen, _ = visibility_pass.project_to_screen(positions, (0.0, -1.0, 0.0), viewport, workers)
+    geometry = visibility_pass.make_geometry(
         np.array([[0, 1, 2]], np.int32), screen, positions, viewport, True
     )
     assert len(geometry.w) == 0

@@ -13,7 +13,7 @@ from rasterjit.pipeline.geometry import projection
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import tile_rasterizer as visibility
 from rasterjit.pipeline.visibility import visibility_pass as stages
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.rendering.planning import list_buffers, list_kernels
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
@@ -321,25 +321,25 @@ def large_triangles(rng, count):
 def test_leaving_out_what_a_floor_hides_changes_no_bit(name):
     rng, size, passed = np.random.default_rng(8), (192, 192), 0
     form = make_depth_format(name, rj.OrthographicCamera((0, 0, 0), (0, 0, -1)), size)
-    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    viewport, workers = make_viewport(size, 8), threads.Workers(1)
     for _ in range(6):
         points, z = large_triangles(rng, 25)
         positions = np.ones((len(points), 4))
         positions[:, 0] = 2.0 * points[:, 0] / size[0] - 1.0
         positions[:, 1] = 1.0 - 2.0 * points[:, 1] / size[1]
         positions[:, 2] = z
-        screen, _ = stages.project(positions, form.coefficients, viewport, workers)
+        screen, _ = stages.project_to_screen(positions, form.coefficients, viewport, workers)
         numbers = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
         faces = Faces(numbers, np.empty((0, 3), np.int32), np.empty(0, np.int32))
         objects = Objects(np.array([0, len(numbers)], np.int64), np.zeros(1, np.int8))
         starts, binned, tile_depths, _ = stages.set_up_and_bin(
             faces, objects, screen, viewport, workers, depth_type=form.kind
         )
-        empty = visibility.empty_depth(form.kind)
+        empty = visibility.get_empty_depth(form.kind)
         frames = []
         for bound in (tile_depths, np.full_like(tile_depths, empty)):
             frame = np.empty(size[::-1], form.kind), np.empty(size[::-1], np.int32)
-            stages.draw(starts, binned, bound, faces, screen, viewport, frame, workers)
+            stages.draw_tiles(starts, binned, bound, faces, screen, viewport, frame, workers)
             frames.append(frame)
         for one, other in zip(*frames, strict=True):
             assert one.tobytes() == other.tobytes()

@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS, check_outputs
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.scene.material import SHADINGS
 from rasterjit.survey.object_transforms import transform_nodes_to_view
 
@@ -227,7 +227,7 @@ def test_wrong_scene_or_camera_is_named(cube, camera):
 @pytest.mark.parametrize("bits", [0, 4, 8, 12])
 def test_viewport_reaches_the_guard_band(bits):
     for size in ((1, 1), (640, 480), (16384, 16384)):
-        viewport = viewport_of(size, bits)
+        viewport = make_viewport(size, bits)
         assert viewport.grid_bits == max(bits, 1)
         # The guard band ends 8192 pixels beyond each side: |x| = guard w lands there.
         assert abs((viewport.guard_x + 1.0) * size[0] / 2 - (size[0] + 8192)) < 1e-6

@@ -8,7 +8,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.pipeline.geometry.setup import INVALID
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
@@ -49,9 +49,9 @@ def on_screen(scene, precision, size=SIZE):
     )
     workers = threads.Workers(1)
     screen, _ = visibility_pass.transform_and_project(
-        vertices, camera().depth_coefficients(), viewport_of(size, 8), workers
+        vertices, camera().depth_coefficients(), make_viewport(size, 8), workers
     )
-    return screen, vertices, visibility_pass.transform(*vertices[:4], workers)
+    return screen, vertices, visibility_pass.transform_to_clip(*vertices[:4], workers)
 
 
 def numpy_clip(vertices):

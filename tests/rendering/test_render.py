@@ -234,13 +234,13 @@ def test_the_error_of_the_first_task_that_fails_is_raised_and_no_other_is_begun(
 
 
 def test_what_tiles_are_drawn_with_is_made_once_for_each_thread(cube, camera, monkeypatch):
-    real, made = tile_rasterizer.tile_drawer, []
+    real, made = tile_rasterizer.make_tile_drawer, []
 
     def make(*arguments):
         made.append(arguments)
         return real(*arguments)
 
-    monkeypatch.setattr(tile_rasterizer, "tile_drawer", make)
+    monkeypatch.setattr(tile_rasterizer, "make_tile_drawer", make)
     size = (900, 900)
     with rj.Renderer(size, threads=2) as renderer:
         for _ in range(3):

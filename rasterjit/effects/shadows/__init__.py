@@ -163,7 +163,7 @@ class ShadowMaps(ScreenEffect):
         """Return the kernels that draw the maps: those of a picture, with the lights as cameras."""
         cast = "something casts a shadow on what is seen"
         facts = plan.facts
-        drawn = visibility_pass.kernels_of(
+        drawn = visibility_pass.list_kernels(
             visibility_pass.VisibilityOptions(), facts.shades_through_holes, facts.counts.primitives
         )
         rows = [

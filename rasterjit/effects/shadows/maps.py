@@ -34,8 +34,8 @@ from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.effects.shadows.visible_cells import view_cells
 from rasterjit.pipeline.records import AlphaTests, Objects, Placement
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.pipeline.visibility.primitive_expansion import Primitive, primitives_of
-from rasterjit.pipeline.visibility.visibility_pass import viewport_of
+from rasterjit.pipeline.visibility.primitive_expansion import Primitive, collect_primitives
+from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
@@ -229,11 +229,9 @@ def _draw(
     drawable = visibility_pass.Drawable(
         scenery.vertices._replace(clip_from_relative=matrix), scenery.faces,
         Objects(scenery.face_starts, no_culling), tuple(map(float, coefficients)),
-        viewport_of((size, size), SUBPIXEL_BITS), scenery.alpha_tests,
-        primitives_of(
-            scenery.primitives, scenery.vertices.relative_from_model, scenery.vertices.positions,
-            matrix, (size, size),
-        ),
+        make_viewport((size, size), SUBPIXEL_BITS), scenery.alpha_tests,
+        collect_primitives(scenery.primitives, scenery.vertices.relative_from_model,
+        scenery.vertices.positions, matrix, (size, size)),
     )  # fmt: skip
     visibility_pass.run_visibility(
         drawable,

@@ -37,9 +37,9 @@ from rasterjit.pipeline.geometry.triangle_batches import (
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, Viewport
 from rasterjit.pipeline.visibility import alpha_test, tile_rasterizer
-from rasterjit.pipeline.visibility.alpha_test import AlphaQuery, AlphaTest, Holes
+from rasterjit.pipeline.visibility.alpha_test import AlphaComputation, AlphaQuery, AlphaQueue
 from rasterjit.pipeline.visibility.point_rasterizer import depth_test
-from rasterjit.pipeline.visibility.tile_rasterizer import Drawing, TileDrawer
+from rasterjit.pipeline.visibility.tile_rasterizer import TileDrawer, TileDrawing
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import int32, int64, stored, uint8
 
@@ -186,12 +186,12 @@ def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
 
     Returns how many layers are in use.
     """
-    ints, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY][0], np.int64(0)
+    ints, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0], np.int64(0)
     for begin in range(first, end, TRIANGLES_PER_BATCH):
         count = min(TRIANGLES_PER_BATCH, end - begin)
-        tile_rasterizer.plan_listed(drawing, begin, count)
+        tile_rasterizer.set_up_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
-            tile_rasterizer.draw_some(drawing, spare.draw, n, n + np.uintp(1))
+            tile_rasterizer.draw_range(drawing, spare.draw, n, n + np.uintp(1))
             used = insert_triangle(
                 n, ints, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
                 used, (spare.carried_depths, spare.carried_faces),
@@ -228,7 +228,7 @@ class LayerScratch(NamedTuple):
     """(64,): the row being carried through the layers."""
     carried_faces: int32[::1]
     draw: int64[::1]
-    """How to call ``tile_rasterizer.draw_planned`` for that tile."""
+    """How to call ``tile_rasterizer.draw_batch`` for that tile."""
 
 
 def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, LayerScratch]:
@@ -239,11 +239,11 @@ def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, LayerScratch]:
     """
     depth_type = drawer.scratch[0].dtype
     tile = (
-        np.full(tile_rasterizer.SCRATCH_SHAPE, tile_rasterizer.empty_depth(depth_type)),
+        np.full(tile_rasterizer.SCRATCH_SHAPE, tile_rasterizer.get_empty_depth(depth_type)),
         np.empty(tile_rasterizer.SCRATCH_SHAPE, np.int32),
     )
     request, cell_depths = drawer.drawing.request, drawer.drawing.cell_depths
-    bound = tile_rasterizer.drawn_into(tile, request, cell_depths, drawer.scratch)
+    bound = tile_rasterizer.bind_drawing(tile, request, cell_depths, drawer.scratch)
     layer_scratch = LayerScratch(
         *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32), bound.words,
@@ -285,7 +285,8 @@ def find_layers(
     points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
     opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: tile_rasterizer.SCRATCH, drawing: Drawing, holes: Holes, spare: LayerScratch,
+    scratch: tile_rasterizer.SCRATCH, drawing: TileDrawing, alpha_queue: AlphaQueue,
+    spare: LayerScratch,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
@@ -321,17 +322,17 @@ def find_layers(
     """
     columns = used.shape[1]
     most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = spare.counts, scratch[tile_rasterizer.EMPTY][0]
+    counts, empty = spare.counts, scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
             tile = (rows[0] >> TILE_BITS) * columns + column
-            left, _, right, _ = tile_rasterizer.tile_window(tile, columns, viewport)
+            left, _, right, _ = tile_rasterizer.get_tile_window(tile, columns, viewport)
             window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
             tile_rasterizer.clear_tile(scratch[0], scratch[1], empty)
             tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
-            tile_rasterizer.draw_list(start, middle, scratch, drawing, holes)
+            tile_rasterizer.draw_list(start, middle, scratch, drawing, alpha_queue)
             draw_points(points, window, scratch)
             used[sample, column] = 0
             if middle < stop:
@@ -372,7 +373,7 @@ def drop_holes(
     kept : (K, R, W) int64
         Written: which layer each of the layers that are left was; behind the last as it is.
     query : AlphaQuery
-        Of an ``alpha_test.AlphaTest``.
+        Of an ``alpha_test.AlphaComputation``.
     """
     levels, rows, columns = faces.shape
     for row in range(rows):
@@ -381,7 +382,7 @@ def drop_holes(
             for level in range(levels):
                 face = np.int64(faces[level, row, column])
                 kept[level, row, column] = level
-                if face < 0 or alpha_test.is_hole(face, column, first_row + row, query):
+                if face < 0 or alpha_test.is_discarded(face, column, first_row + row, query):
                     continue
                 faces[count, row, column] = face
                 kept[count, row, column] = level
@@ -395,6 +396,6 @@ def without_holes(
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
     """Return the layers of some rows, (K, R, W), without fragments that fail the alpha test."""
     kept = np.empty(faces.shape, np.int64)
-    test = AlphaTest(alpha_tests)
+    test = AlphaComputation(alpha_tests)
     drop_holes(first_row, faces, kept, test.query)
     return faces, np.take_along_axis(depths, kept, axis=0)

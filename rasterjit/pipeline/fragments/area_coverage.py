@@ -28,8 +28,8 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.setup import TILE_BITS, get_triangle
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.alpha_test import AlphaQuery, is_hole
-from rasterjit.pipeline.visibility.tile_rasterizer import tile_window
+from rasterjit.pipeline.visibility.alpha_test import AlphaQuery, is_discarded
+from rasterjit.pipeline.visibility.tile_rasterizer import get_tile_window
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64
 
@@ -415,7 +415,7 @@ def find_candidates(lists, listed, triangles, column, row, candidates, polygons,
     count, floor = np.int64(0), -np.inf
     for n in range(listed):
         triangle, candidate = triangles[numbers[n]], candidates[count]
-        if is_hole(np.int64(triangle[FACE]), column, row, query):
+        if is_discarded(np.int64(triangle[FACE]), column, row, query):
             continue
         is_over = (
             bounds[LEFT, n] < column, bounds[RIGHT, n] > column + 1.0,
@@ -558,7 +558,7 @@ def find_areas(
     scratch : tuple
         This thread's own, from `scratch_memory`, for the longest of the lists.
     query : AlphaQuery
-        Of an ``alpha_test.AlphaTest``. A face has one alpha in a pixel: at its centre.
+        Of an ``alpha_test.AlphaComputation``. A face has one alpha in a pixel: at its centre.
 
     Returns
     -------
@@ -571,7 +571,7 @@ def find_areas(
     columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
     for tile_column in range(begin // (height << TILE_BITS), columns):
         tile = (rows[0] >> TILE_BITS) * columns + tile_column
-        left, _, right, _ = tile_window(tile, columns, viewport)
+        left, _, right, _ = get_tile_window(tile, columns, viewport)
         listed = binned[starts[tile] : starts[tile + 1]]
         set_up_triangles(listed, parts, screen, viewport.grid_bits, triangles, lists)
         in_strip, in_row, in_block = np.int64(0), np.int64(0), np.int64(0)

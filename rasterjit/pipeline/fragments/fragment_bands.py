@@ -18,7 +18,7 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import AlphaTests, Faces, Geometry, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import alpha_test, tile_rasterizer, visibility_pass
-from rasterjit.pipeline.visibility.alpha_test import AlphaTest
+from rasterjit.pipeline.visibility.alpha_test import AlphaComputation
 from rasterjit.pipeline.visibility.visibility_pass import Coverage
 from rasterjit.runtime.threads import Memory, Workers
 
@@ -150,15 +150,15 @@ def split_tile_lists(
 
 def peeling_kernels(depth_type: Any, has_holes: bool) -> Rows:
     """Return the kernels of depth peeling."""
-    rows = kernels_of(1, depth_type)
+    rows = list_kernels(1, depth_type)
     if has_holes:
         rows += rows_where("", a_buffer.drop_holes, alpha_test.find_alphas)
     return rows
 
 
-def kernels_of(samples: int | str, depth_type: Any) -> Rows:
+def list_kernels(samples: int | str, depth_type: Any) -> Rows:
     """Return the kernels that split the tiles' lists and find faces at samples, or areas."""
-    found = KernelRow(a_buffer.find_layers, visibility_pass.depth_variant(depth_type))
+    found = KernelRow(a_buffer.find_layers, visibility_pass.name_depth_variant(depth_type))
     if samples == "area":
         found = KernelRow(area_coverage.find_areas)
     return [KernelRow(a_buffer.split_lists), found]
@@ -201,7 +201,7 @@ def find_layers(
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
     drawer, layer_scratch = a_buffer.layer_drawer(
-        tile_rasterizer.tile_drawer(
+        tile_rasterizer.make_tile_drawer(
             lists.parted, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
         )
     )
@@ -245,7 +245,7 @@ def find_areas(
     viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     scratch = area_coverage.scratch_memory(int(np.diff(lists.starts).max()))
-    test, rest = AlphaTest(finder.alpha_tests), memory.empty(shape, np.float32)
+    test, rest = AlphaComputation(finder.alpha_tests), memory.empty(shape, np.float32)
     deepest, count, begin = np.zeros(3, np.int64), 0, 0
     found: list[NDArray[Any]] = [np.empty((0, *shape), kind) for kind in (np.int32, np.float32)]
     while begin >= 0:

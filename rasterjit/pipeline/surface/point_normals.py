@@ -29,9 +29,9 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64
 def intersect_sphere(face, vertex, owner, pixel, points, eye, placement, viewport):
     """Return a sphere's centre, relative to the eye, and the offset to what a pixel hits."""
     centre = transform_vertex(vertex, owner, placement)
-    radius = point_rasterizer.radius_of(points, owner, face - placement.face_starts[owner])
-    ndc = point_rasterizer.ndc_of(pixel[0], pixel[1], viewport)
-    offset, _ = point_rasterizer.meet_sphere(centre, radius, ndc, eye)
+    radius = point_rasterizer.get_radius(points, owner, face - placement.face_starts[owner])
+    ndc = point_rasterizer.get_ndc(pixel[0], pixel[1], viewport)
+    offset, _ = point_rasterizer.intersect_ray_with_sphere(centre, radius, ndc, eye)
     return centre, offset
 
 
@@ -208,7 +208,7 @@ def fill_point_depths(
                 centre, hit = intersect_sphere(
                     face, v, owner, (x, y), points, eye, placement, viewport
                 )
-            depth[y, x] = point_rasterizer.depth_on_sphere(centre, hit, eye, depth_coefficients)
+            depth[y, x] = point_rasterizer.find_sphere_depth(centre, hit, eye, depth_coefficients)
 
 
 @kernel

@@ -30,8 +30,7 @@ from rasterjit.pipeline.geometry.setup import (
     find_last_at_most,
     get_face_vertices,
 )
-from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
-from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
+from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import AlphaTests
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface import texture_lookup, uv_derivatives
@@ -69,11 +68,11 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, stored
 ALPHA = 3
 """Column of colours and of materials."""
 
-FLUSH_SIZE = 192
+FLUSH_SAMPLES = 192
 """Queued samples that trigger the computation of their alphas."""
 
-MAX_TOGETHER = 256
-"""Most samples of one alpha computation."""
+MAX_BATCH_SAMPLES = 256
+"""Most samples whose alphas are computed together."""
 
 COLUMN_BITS = 7
 """A sample's index in a tile is ``row << COLUMN_BITS | column``."""
@@ -82,9 +81,9 @@ ALPHA_MEMORY = (
     int32[:, ::1], float64[:, ::1], float32[:, ::1], float32[::1], float64[:, ::1],
     float64[:, ::1], int32[:, ::1], float32[:, ::1], float32[:, ::1],
 )  # fmt: skip
-"""The types of `alpha_memory`."""
+"""Types of `allocate_alpha_memory`."""
 
-FIRST_SAMPLE, SAMPLES, OBJECT, SHIFT_X, SHIFT_Y = range(5)
+FIRST_SAMPLE, SAMPLE_COUNT, SAMPLE_OBJECT, SHIFT_X, SHIFT_Y = range(5)
 """
 Elements of ``AlphaQuery.request``: first sample in the list and how many, their object, and their
 offset from the pixels' centres, sub-pixel units.
@@ -92,7 +91,7 @@ offset from the pixels' centres, sub-pixel units.
 
 TRIANGLE, BATCH_COUNT, LAST_OWNER, QUEUED, LEFT_COLUMN, TOP_ROW, OFFSET_X, OFFSET_Y = range(8)
 """
-Elements of ``Holes.request``: a triangle's index in its batch, the batch's size, its object, how
+Elements of ``AlphaQueue.request``: a triangle's index in its batch, the batch's size, its object, how
 many samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel units.
 """
 
@@ -102,7 +101,7 @@ class AlphaQuery(NamedTuple):
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
-    """As ``AlphaTests`` has them; of no objects where none has holes."""
+    """As ``AlphaTests`` has them; of no objects where none is alpha-tested."""
     request: int64[::1]
     faces: int32[::1]
     """The face of each sample."""
@@ -114,12 +113,12 @@ class AlphaQuery(NamedTuple):
     """How to call `find_alphas`."""
 
 
-class Holes(NamedTuple):
-    """Arguments by which a kernel that rasterizes a tile runs the alpha test."""
+class AlphaQueue(NamedTuple):
+    """Arguments by which a kernel that rasterizes a tile queues samples for the alpha test."""
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
-    """As ``AlphaTests`` has them; of no objects where none has holes."""
+    """As ``AlphaTests`` has them; of no objects where none is alpha-tested."""
     depth: stored[:, ::1]
     numbers: int32[:, ::1]
     """Face numbers of the scratch tile for alpha-tested triangles; depths are cleared after use."""
@@ -128,20 +127,17 @@ class Holes(NamedTuple):
     """How to call `queue_triangle`."""
 
 
-# Alpha of samples
-
-
 @helper
 def gather_patches(faces, faces_of, xy, codes, w, ints, doubles):
     """
     List the patches of samples, and gather the positions and w of their faces' vertices.
 
-    A patch is a run of neighbours that show one face. For affine interpolation w is 1. Returns the
-    number of patches.
+    A patch is a run of neighbouring samples of one face. For affine interpolation w is 1. Returns
+    the number of patches.
     """
     patches, last_face = np.uintp(0), np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
-        # Without a branch: the next overwrites what starts no patch.
+        # Branchless: the next sample overwrites one that starts no patch.
         face = faces[i]
         ints[rows.FIRST_SAMPLE, patches], ints[rows.FACE, patches] = i, face
         patches += np.uintp((face != last_face) | (i % np.uintp(LANES) == np.uintp(0)))
@@ -209,7 +205,7 @@ def multiply_vertex_alphas(alphas, patches, size, weights, ints, floats, vertex_
 
 @helper
 def interpolate_uv(
-    lookups, size, patches, weights, owner, ints, doubles, floats, geometry, textures
+    uv_rows, size, patches, weights, owner, ints, doubles, floats, geometry, textures
 ):  # fmt: skip
     """Write the texture coordinates of samples, and their derivatives if a texture needs them."""
     uv = textures.uv
@@ -220,15 +216,15 @@ def interpolate_uv(
             spread(floats[2 * k], n, uv[vertex, 0])
             spread(floats[2 * k + 1], n, uv[vertex, 1])
     uv_derivatives.interpolate_mixed_uv(
-        *three_parts(lookups, U, 0, size), *six_parts(floats, 0, 0, size),
+        *three_parts(uv_rows, U, 0, size), *six_parts(floats, 0, 0, size),
         part(weights, 0, 0, size), part(weights, 1, 0, size), np.float64(owner),
     )  # fmt: skip
     if not uv_derivatives.has_mipmapped_texture(owner, textures.table):
         return
     viewport = geometry.viewport
     uv_derivatives.write_mixed_uv_steps(
-        *three_parts(lookups, RIGHT_U, 0, size), part(lookups, DOWN_V, 0, size),
-        part(lookups, U, 0, size), part(lookups, V, 0, size), *six_parts(floats, 0, 0, size),
+        *three_parts(uv_rows, RIGHT_U, 0, size), part(uv_rows, DOWN_V, 0, size),
+        part(uv_rows, U, 0, size), part(uv_rows, V, 0, size), *six_parts(floats, 0, 0, size),
         *six_parts(ints, rows.AX, 0, size), *three_parts(doubles, 0, 0, size),
         part(ints, rows.COLUMN, 0, size), part(ints, rows.ROW, 0, size), viewport.grid_bits,
         viewport.spacing, geometry.w.shape[0] == 0,
@@ -241,7 +237,7 @@ def interpolate_uv(
             for i in range(ints[rows.FIRST_SAMPLE, r], ints[rows.FIRST_SAMPLE, r + np.uintp(1)]):
                 column, row = ints[rows.COLUMN, i], ints[rows.ROW, i]
                 uv_derivatives.write_clipped_uv_step(
-                    lookups, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
+                    uv_rows, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
 
 
@@ -259,14 +255,14 @@ def find_alphas(
     listed : (N,) int32
         The face of each sample.
     memory : tuple
-        This thread's own, from `alpha_memory`.
+        From `allocate_alpha_memory`, of this thread alone.
     alpha_tests : AlphaTests
     """
-    owner, count = request[OBJECT], request[SAMPLES]
+    owner, count = request[SAMPLE_OBJECT], request[SAMPLE_COUNT]
     shift = np.int32(request[SHIFT_X]), np.int32(request[SHIFT_Y])
     faces = listed[request[FIRST_SAMPLE] : request[FIRST_SAMPLE] + count]
     geometry, textures = alpha_tests.geometry, alpha_tests.textures
-    ints, doubles, floats, alphas, weights, lookups = memory[:6]
+    ints, doubles, floats, alphas, weights, uv_rows = memory[:6]
     patches = gather_patches(
         faces, geometry.faces, geometry.xy, geometry.codes, geometry.w, ints, doubles
     )
@@ -284,28 +280,28 @@ def find_alphas(
     if textures.table.shape[0] == 0 or textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
         return
     interpolate_uv(
-        lookups, round_up_to_vectors(count), patches, weights, owner, ints, doubles, floats,
+        uv_rows, round_up_to_vectors(count), patches, weights, owner, ints, doubles, floats,
         geometry, textures,
     )  # fmt: skip
-    look_up_textures(lookups, memory[6:], count, BASE_COLOR, textures)
+    look_up_textures(uv_rows, memory[6:], count, BASE_COLOR, textures)
     row = textures.table[owner, BASE_COLOR]
     if row[ALPHA_USE] == MASK and row[FILTER] == TRILINEAR:
         cutoff = alpha_tests.cutoffs[owner] / alpha_tests.materials[owner, ALPHA]
-        apply_hashed_alpha(count, cutoff, textures, owner, BASE_COLOR, lookups, memory[6:])
+        apply_hashed_alpha(count, cutoff, textures, owner, BASE_COLOR, uv_rows, memory[6:])
     for n in range(count):
         alphas[n] *= memory[8][TEXTURE_RED + ALPHA, n]
 
 
 @helper
-def is_hole(face, column, row, query):
-    """Return whether a face fails the alpha test at a pixel's centre; False if it is not tested."""
+def is_discarded(face, column, row, query):
+    """Return whether a face fails the alpha test at a pixel's centre; False for untested faces."""
     if query.cutoffs.shape[0] == 0:
         return False
     owner = find_last_at_most(query.face_starts, face)
     cutoff, request = query.cutoffs[owner], query.request
     if not cutoff > np.float32(0.0):
         return False
-    request[FIRST_SAMPLE], request[SAMPLES], request[OBJECT] = 0, 1, owner
+    request[FIRST_SAMPLE], request[SAMPLE_COUNT], request[SAMPLE_OBJECT] = 0, 1, owner
     request[SHIFT_X], request[SHIFT_Y] = 0, 0
     query.faces[0] = face
     query.pixels[rows.COLUMN, 0], query.pixels[rows.ROW, 0] = column, row
@@ -313,15 +309,12 @@ def is_hole(face, column, row, query):
     return not query.alphas[0] >= cutoff
 
 
-# The queue of samples
-
-
 @helper
 def queue_neighbours(scratch, depths, empty, i, j, last, indices, stored, queued):
     """
-    Queue those of a few samples of a row that pass the depth test, and clear them.
+    Queue the samples of a vector that pass the depth test, and clear them.
 
-    Takes row and column in the tile, and the last column that counts. Returns the queue's length.
+    Takes row and column in the tile, and the last column of the triangle. Returns the queue's length.
     """
     any_nearer = np.int32(0)
     for k in range(LANES):
@@ -342,22 +335,22 @@ def queue_neighbours(scratch, depths, empty, i, j, last, indices, stored, queued
 @helper
 def queue_nearer(n, queued, batch, left, top, depths, scratch, empty, lists):
     """Queue the samples of a triangle that pass the depth test; return the queue's length."""
-    indices, faces, nearness = lists
+    indices, faces, queued_depths = lists
     start = queued
     first = max(np.int64(batch[LEFT, n]) - left, np.int64(0))
     last = np.int64(batch[RIGHT, n]) - left
     for row in range(np.int64(batch[TOP, n]) - top, np.int64(batch[BOTTOM, n]) - top + 1):
         for column in range(first, last + 1, LANES):
             queued = queue_neighbours(
-                scratch, depths, empty, np.uintp(row), column, last, indices, nearness, queued
+                scratch, depths, empty, np.uintp(row), column, last, indices, queued_depths, queued
             )
     for k in range(start, queued, LANES):
-        spread(faces, np.uintp(k), batch[NUMBER, n])
+        spread(faces, np.uintp(k), batch[FACE, n])
     return queued
 
 
 @disjoint_helper
-def place_pixels(xs, ys, indices, left, top):
+def locate_samples(xs, ys, indices, left, top):
     """Write the pixels of samples, given their indices in a tile and the tile's first pixel."""
     for n in range(xs.shape[0]):
         xs[n] = np.int32((indices[n] & ((1 << COLUMN_BITS) - 1)) + left)
@@ -381,21 +374,26 @@ def write_passed(depths, numbers, width, indices, stored, faces, alphas, cutoff)
 @helper
 def flush_queue(queued, request, tile, lists, query):
     """Run the alpha test on queued samples; write those that pass to the frame's tile if nearer."""
-    indices, faces, nearness = lists
-    owner, fields = request[LAST_OWNER], query.request
-    fields[OBJECT], fields[SHIFT_X], fields[SHIFT_Y] = owner, request[OFFSET_X], request[OFFSET_Y]
-    for first in range(0, queued, MAX_TOGETHER):
-        stop = min(first + MAX_TOGETHER, queued)
+    indices, faces, queued_depths = lists
+    owner, alpha_request = request[LAST_OWNER], query.request
+    alpha_request[SAMPLE_OBJECT], alpha_request[SHIFT_X], alpha_request[SHIFT_Y] = (
+        owner,
+        request[OFFSET_X],
+        request[OFFSET_Y],
+    )
+    for first in range(0, queued, MAX_BATCH_SAMPLES):
+        stop = min(first + MAX_BATCH_SAMPLES, queued)
         count = stop - first
-        place_pixels(
+        locate_samples(
             part(query.pixels, rows.COLUMN, 0, count), part(query.pixels, rows.ROW, 0, count),
             indices[first:stop], request[LEFT_COLUMN], request[TOP_ROW],
         )  # fmt: skip
-        fields[FIRST_SAMPLE], fields[SAMPLES] = first, count
+        alpha_request[FIRST_SAMPLE], alpha_request[SAMPLE_COUNT] = first, count
         call_bound(query.call)
         write_passed(
             flat(tile[0]), flat(tile[1]), tile[0].shape[1], indices[first:stop],
-            nearness[first:stop], faces[first:stop], query.alphas[:count], query.cutoffs[owner],
+            queued_depths[first:stop], faces[first:stop], query.alphas[:count],
+            query.cutoffs[owner],
         )  # fmt: skip
 
 
@@ -411,16 +409,16 @@ def queue_triangle(
     Parameters
     ----------
     request : (8,) int64
-        As ``Holes.request``.
+        As ``AlphaQueue.request``.
     tile : (depth, face numbers)
         The frame's tile.
     scratch : (rows, columns), stored depth
         The scratch tile; cleared.
     empty : (1,), stored depth
-        That of empty samples.
+        Depth of empty samples.
     batch : (rows, columns) int32
         The triangles of the batch, as ``triangle_batches`` sets them up.
-    lists : (places, face numbers, stored depths)
+    lists : (indices in the tile, face numbers, stored depths)
         The queue.
     query : AlphaQuery
 
@@ -435,46 +433,40 @@ def queue_triangle(
         n, request[QUEUED], batch, request[LEFT_COLUMN], request[TOP_ROW], tile[0], scratch,
         empty[0], lists,
     )  # fmt: skip
-    if queued < FLUSH_SIZE and request[TRIANGLE] + 1 < request[BATCH_COUNT]:
-        face, starts = np.int64(batch[NUMBER, n + np.uintp(1)]), query.face_starts
+    if queued < FLUSH_SAMPLES and request[TRIANGLE] + 1 < request[BATCH_COUNT]:
+        face, starts = np.int64(batch[FACE, n + np.uintp(1)]), query.face_starts
         if starts[owner] <= face < starts[owner + 1]:
             return queued
     flush_queue(queued, request, tile, lists, query)
     return np.int64(0)
 
 
-# Calls for each triangle
-
-
 @helper
-def begin_batch(holes, count, origin, shift):
-    """Store what the triangles of a batch share: size, tile origin, offset."""
-    request = holes.request
+def begin_batch(alpha_queue, count, origin, shift):
+    """Store the size, the tile origin and the offset of a batch of triangles."""
+    request = alpha_queue.request
     request[BATCH_COUNT], request[QUEUED] = count, 0
     request[LEFT_COLUMN], request[TOP_ROW] = origin
     request[OFFSET_X], request[OFFSET_Y] = shift
 
 
 @helper
-def find_owner(face, guess, holes):
+def find_owner(face, guess, alpha_queue):
     """Return the object that owns a face, and whether it is alpha-tested; tries a guess first."""
-    owner = barycentric.find_object(np.int64(face), holes.face_starts, guess)
-    return owner, holes.cutoffs[owner] > np.float32(0.0)
+    owner = barycentric.find_object(np.int64(face), alpha_queue.face_starts, guess)
+    return owner, alpha_queue.cutoffs[owner] > np.float32(0.0)
 
 
 @helper
-def keep(n, owner, holes):
+def queue_from_scratch(n, owner, alpha_queue):
     """Move triangle ``n`` of the batch from its scratch tile to the queue; see `queue_triangle`."""
-    holes.request[TRIANGLE], holes.request[LAST_OWNER] = n, owner
-    holes.request[QUEUED] = call_bound(holes.call)
+    alpha_queue.request[TRIANGLE], alpha_queue.request[LAST_OWNER] = n, owner
+    alpha_queue.request[QUEUED] = call_bound(alpha_queue.call)
 
 
-# Memory
-
-
-def alpha_memory(capacity: int = MAX_TOGETHER) -> tuple[Any, ...]:
-    """Return a thread's memory for computing the alphas of up to ``capacity`` samples together."""
-    # As `round_up_to_vectors`, which is compiled: calling it here would wait for Numba.
+def allocate_alpha_memory(capacity: int = MAX_BATCH_SAMPLES) -> tuple[Any, ...]:
+    """Allocate a thread's memory for computing the alphas of up to ``capacity`` samples together."""
+    # Like `round_up_to_vectors`, which is compiled: calling it here would wait for Numba.
     capacity = -(-capacity // rows.MAX_VECTOR_SAMPLES) * rows.MAX_VECTOR_SAMPLES + LANES
     return (
         np.empty((rows.INT_ROWS, capacity), np.int32),
@@ -485,7 +477,7 @@ def alpha_memory(capacity: int = MAX_TOGETHER) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-class AlphaTest:
+class AlphaComputation:
     """
     A thread's state for computing alphas.
 
@@ -494,11 +486,11 @@ class AlphaTest:
     Parameters
     ----------
     alpha_tests : AlphaTests or None
-        None: no object has holes.
+        None: no object is alpha-tested.
     listed : int
         The most samples in a list.
     together : int
-        The most samples whose alphas are found together.
+        The most samples whose alphas are computed together.
     """
 
     def __init__(self, alpha_tests: AlphaTests | None, listed: int = 1, together: int = 1) -> None:
@@ -506,7 +498,7 @@ class AlphaTest:
             self.query = NO_QUERY
             return
         faces, request = np.empty(listed, np.int32), np.zeros(5, np.int64)
-        memory = alpha_memory(together)
+        memory = allocate_alpha_memory(together)
         self._bound = Bound(find_alphas, request, faces, memory, alpha_tests)
         self.query = AlphaQuery(
             alpha_tests.face_starts, alpha_tests.cutoffs, request, faces, memory[0], memory[3],
@@ -518,10 +510,10 @@ NO_QUERY = AlphaQuery(
     np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0, np.int64), np.empty(0, np.int32),
     np.empty((0, 0), np.int32), np.empty(0, np.float32), np.empty(0, np.int64),
 )  # fmt: skip
-"""No object has holes."""
+"""The query of a scene without alpha test."""
 
 
-class TileTest:
+class TileAlphaTest:
     """
     A thread's state for alpha-testing a tile.
 
@@ -530,37 +522,37 @@ class TileTest:
     Parameters
     ----------
     alpha_tests : AlphaTests or None
-        None: no object has holes.
+        None: no object is alpha-tested.
     tile : (depth, face numbers)
         The tile that the thread draws into.
     empty : (1,)
-        The depth where nothing is, as it is stored.
+        The stored depth of empty samples.
     batch : (rows, columns) int32
-        Where triangles are set up.
+        The batch in which triangles are set up.
     """
 
     def __init__(
         self, alpha_tests: AlphaTests | None, tile: tuple[Any, Any], empty: Any, batch: Any
     ):
         if alpha_tests is None:
-            self.holes = no_holes(empty.dtype)
+            self.alpha_queue = make_empty_queue(empty.dtype)
             return
-        # All samples of one triangle may be queued, and some more.
-        capacity = FLUSH_SIZE + TILE_SIZE * TILE_SIZE + LANES
-        self._test = AlphaTest(alpha_tests, capacity, MAX_TOGETHER)
+        # All samples of one triangle may be queued beyond the flush size.
+        capacity = FLUSH_SAMPLES + TILE_SIZE * TILE_SIZE + LANES
+        self._test = AlphaComputation(alpha_tests, capacity, MAX_BATCH_SAMPLES)
         query, request = self._test.query, np.zeros(8, np.int64)
         scratch = np.full(tile[0].shape, empty[0]), np.empty(tile[0].shape, np.int32)
         lists = np.empty(capacity, np.int32), query.faces, np.empty(capacity, empty.dtype)
         self._bound = Bound(queue_triangle, request, tile, scratch[0], empty, batch, lists, query)
-        self.holes = Holes(
+        self.alpha_queue = AlphaQueue(
             alpha_tests.face_starts, alpha_tests.cutoffs, *scratch, request, self._bound.words
         )
 
 
 @functools.cache
-def no_holes(depth_type: np.dtype[Any]) -> Holes:
-    """Return the `Holes` of a scene without alpha test, for depths of a type."""
-    return Holes(
+def make_empty_queue(depth_type: np.dtype[Any]) -> AlphaQueue:
+    """Make the `AlphaQueue` of a scene without alpha test, for depths of a type."""
+    return AlphaQueue(
         NO_QUERY.face_starts, NO_QUERY.cutoffs, np.empty((0, 0), depth_type),
         np.empty((0, 0), np.int32), NO_QUERY.request, NO_QUERY.call,
     )  # fmt: skip

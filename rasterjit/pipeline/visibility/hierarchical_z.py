@@ -13,7 +13,7 @@ import numpy as np
 
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.tile_rasterizer import depth_at_corners
+from rasterjit.pipeline.visibility.tile_rasterizer import bound_depths
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float32, int32, int64, stored, uint8
 
@@ -100,7 +100,7 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
             # A triangle that is nowhere nearer changes nothing.
             if is_covered and tile_depths[tile] < highest:
                 tile_box = left, y, left + width - 1, y + height - 1
-                lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), tile_box, bits)
+                lowest, _ = bound_depths(plane, (ax, ay), (bx, by), (cx, cy), tile_box, bits)
                 tile_depths[tile] = max(tile_depths[tile], tile_depths.dtype.type(lowest))
 
 

@@ -10,7 +10,7 @@ corners have the depth of their end, so depth is that of the line, exactly, and 
 Where two joined segments hardly bend, they share corners on the bisector (a miter). Elsewhere a
 round join, a *wedge*, fills the gap on the outer side. Ends that are joined to nothing, or to
 another width, have round or butt caps. Round parts are fans whose corners lie on the circle, with a
-flatness of `FLATNESS` pixels at most; `THIN_FLATNESS` for lines up to two pixels wide. Where a
+flatness of `FLATNESS_PX` pixels at most; `THIN_FLATNESS_PX` for lines up to two pixels wide. Where a
 round segment of no length and a pixel's width or more would miss all pixel centres, it becomes a
 square of one pixel around its point.
 
@@ -35,19 +35,19 @@ from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, uint8
 
-MAX_HALF = 3840.0
+MAX_HALF_WIDTH_PX = 3840.0
 """Largest half of a width, pixels; wider lines, which only world widths can give, are cut to it."""
 
-MARGIN = MAX_HALF + 256.0
+GUARD_MARGIN_PX = MAX_HALF_WIDTH_PX + 256.0
 """How far inside the guard band segments are clipped, pixels: their corners stay in it."""
 
-FLATNESS = 0.0625
+FLATNESS_PX = 0.0625
 """Largest distance of a fan's side from its circle, pixels."""
 
-THIN_FLATNESS = 0.3
+THIN_FLATNESS_PX = 0.3
 """The same, of lines up to two pixels wide: a half circle takes one triangle."""
 
-MAX_BEND = 0.125
+MAX_MITER_PX = 0.125
 """Joined segments share corners that lie at most this far along the line from the joint, pixels."""
 
 MAX_HALVINGS = 9
@@ -101,7 +101,7 @@ def clip_range(a, b, clip, band_x, band_y):
 
 
 @helper
-def place_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
+def project_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
     """Return the snapped position, depth and w of a point of a segment; w is 0 behind the eye."""
     x, y, z, w = clip[a, 0], clip[a, 1], clip[a, 2], clip[a, 3]
     if t == 1.0:
@@ -119,7 +119,7 @@ def place_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
 
 
 @helper
-def offset_depths(first, last, step, offset, is_perspective):
+def extrapolate_depths(first, last, step, offset, is_perspective):
     """
     Return the depths at both ends of a segment, extrapolated by an offset along it.
 
@@ -169,8 +169,8 @@ def project_segments(
     widths, factor, is_world = sizes
     ends, numbers, states, parts = placed
     width, height = get_picture_size(viewport)
-    band_x = viewport.guard_x - 2.0 * MARGIN / width
-    band_y = viewport.guard_y - 2.0 * MARGIN / height
+    band_x = viewport.guard_x - 2.0 * GUARD_MARGIN_PX / width
+    band_y = viewport.guard_y - 2.0 * GUARD_MARGIN_PX / height
     extents = get_half_extents(clip, viewport)
     unit = np.float64(np.int64(1) << viewport.grid_bits)
     for n in range(segments[0], segments[1]):
@@ -184,10 +184,10 @@ def project_segments(
         if first > last:
             continue
         # Its ends on the screen.
-        x0, y0, d0, w0 = place_end(
+        x0, y0, d0, w0 = project_end(
             first, a, b, clip, (band_x, band_y), depth_coefficients, extents, viewport
         )
-        x1, y1, d1, w1 = place_end(
+        x1, y1, d1, w1 = project_end(
             last, a, b, clip, (band_x, band_y), depth_coefficients, extents, viewport
         )
         if not (w0 > 0.0 and w1 > 0.0):
@@ -198,12 +198,12 @@ def project_segments(
         h0, h1 = half, half
         if is_world:
             h0, h1 = half / w0, half / w1
-        numbers[s, HALF_A] = min(h0, MAX_HALF) * unit
-        numbers[s, HALF_B] = min(h1, MAX_HALF) * unit
+        numbers[s, HALF_A] = min(h0, MAX_HALF_WIDTH_PX) * unit
+        numbers[s, HALF_B] = min(h1, MAX_HALF_WIDTH_PX) * unit
         # Depths, with the offset applied.
         if depth_place[0] != 0.0 or depth_place[1] != 0.0:
             step = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
-            d0, d1 = offset_depths(d0, d1, step, depth_place, depth_coefficients[0] > 0.0)
+            d0, d1 = extrapolate_depths(d0, d1, step, depth_place, depth_coefficients[0] > 0.0)
         numbers[s, DEPTH_A], numbers[s, DEPTH_B] = d0, d1
         # Which ends were clipped.
         state = VISIBLE
@@ -217,7 +217,7 @@ def project_segments(
 
 
 @helper
-def normal_of(ends, s):
+def get_normal(ends, s):
     """Return the unit normal of a segment on the screen, to its right; zero if it has no length."""
     dx, dy = np.float64(ends[s, 2] - ends[s, 0]), np.float64(ends[s, 3] - ends[s, 1])
     length = np.sqrt(dx * dx + dy * dy)
@@ -227,14 +227,14 @@ def normal_of(ends, s):
 
 
 @helper
-def outward(offset):
+def round_outward(offset):
     """Return an offset rounded away from zero to whole units, ignoring rounding errors."""
     size = np.ceil(abs(offset) - 1e-6)
     return np.int32(size) if offset >= 0.0 else np.int32(-size)
 
 
 @helper
-def joint_of(s, other, at_end, links, placed, is_round, unit):
+def classify_joint(s, other, at_end, links, placed, is_round, unit):
     """
     Return the kind of a segment's end, and the offset from the end to its corner, x and y.
 
@@ -248,7 +248,7 @@ def joint_of(s, other, at_end, links, placed, is_round, unit):
         Whether it is the end, else the start.
     """
     ends, numbers, states = placed[0], placed[1], placed[2]
-    nx, ny, length = normal_of(ends, s)
+    nx, ny, length = get_normal(ends, s)
     half = numbers[s, HALF_B if at_end else HALF_A]
     x, y = nx * half, ny * half
     cut, other_cut = (END_CUT, START_CUT) if at_end else (START_CUT, END_CUT)
@@ -262,7 +262,7 @@ def joint_of(s, other, at_end, links, placed, is_round, unit):
         return free, x, y
     if numbers[o, HALF_A if at_end else HALF_B] != half:
         return CAPPED, x, y
-    ox, oy, other_length = normal_of(ends, o)
+    ox, oy, other_length = get_normal(ends, o)
     if length == 0.0 or other_length == 0.0:
         return CAPPED, x, y
     # In the same order for either segment.
@@ -270,15 +270,15 @@ def joint_of(s, other, at_end, links, placed, is_round, unit):
     bx, by = nx - ox, ny - oy
     sum_squared = sx * sx + sy * sy
     bend = half * np.sqrt(bx * bx + by * by)
-    is_long = length >= 2.0 * MAX_BEND * unit and other_length >= 2.0 * MAX_BEND * unit
-    if is_long and sum_squared > 3.0 and bend <= MAX_BEND * unit * np.sqrt(sum_squared):
+    is_long = length >= 2.0 * MAX_MITER_PX * unit and other_length >= 2.0 * MAX_MITER_PX * unit
+    if is_long and sum_squared > 3.0 and bend <= MAX_MITER_PX * unit * np.sqrt(sum_squared):
         stretch = 2.0 * half / sum_squared
         return SHARED, sx * stretch, sy * stretch
     return WEDGE, x, y
 
 
 @helper
-def halve(ux, uy, vx, vy, around):
+def bisect(ux, uy, vx, vy, around):
     """
     Return the unit vector in the middle of two.
 
@@ -294,13 +294,13 @@ def halve(ux, uy, vx, vy, around):
 @helper
 def count_halvings(ux, uy, vx, vy, around, half, unit):
     """Return how often the angle of a fan between two unit vectors is halved."""
-    flatness = (THIN_FLATNESS if half <= unit else FLATNESS) * unit
+    flatness = (THIN_FLATNESS_PX if half <= unit else FLATNESS_PX) * unit
     halvings = 0
     while halvings < MAX_HALVINGS:
         x, y = ux + vx, uy + vy
         if half * (1.0 - 0.5 * np.sqrt(x * x + y * y)) <= flatness:
             return halvings
-        vx, vy = halve(ux, uy, vx, vy, around)
+        vx, vy = bisect(ux, uy, vx, vy, around)
         halvings += 1
     return halvings
 
@@ -308,7 +308,7 @@ def count_halvings(ux, uy, vx, vy, around, half, unit):
 @helper
 def count_cap_halvings(half, unit):
     """Return how often a half circle is halved: `count_halvings` of opposite vectors."""
-    flatness = (THIN_FLATNESS if half <= unit else FLATNESS) * unit
+    flatness = (THIN_FLATNESS_PX if half <= unit else FLATNESS_PX) * unit
     halvings, total = 0, 0.0
     while halvings < MAX_HALVINGS and half * (1.0 - 0.5 * total) > flatness:
         # The length of the sum of two unit vectors, of half the angle.
@@ -328,21 +328,21 @@ def fill_fan(ux, uy, vx, vy, around, halvings, fan):
         middle = step >> 1
         for n in range(middle, count, step):
             i, j = np.uintp(n - middle), np.uintp(n + middle)
-            x, y = halve(fan[i, 0], fan[i, 1], fan[j, 0], fan[j, 1], around)
+            x, y = bisect(fan[i, 0], fan[i, 1], fan[j, 0], fan[j, 1], around)
             fan[np.uintp(n), 0], fan[np.uintp(n), 1] = x, y
         step = middle
 
 
 @helper
-def wedge_of(s, o, placed, unit):
+def plan_wedge(s, o, placed, unit):
     """
     Return the fan of a round join: its first and last unit vector, direction, halvings.
 
     The joint is the end of the first segment.
     """
     ends, numbers = placed[0], placed[1]
-    ux, uy, _ = normal_of(ends, s)
-    vx, vy, _ = normal_of(ends, o)
+    ux, uy, _ = get_normal(ends, s)
+    vx, vy, _ = get_normal(ends, o)
     cross = ux * vy - uy * vx
     around = 1.0
     if cross > 0.0:
@@ -357,10 +357,10 @@ def wedge_of(s, o, placed, unit):
 
 
 @helper
-def cap_of(s, at_end, placed, unit):
+def plan_cap(s, at_end, placed, unit):
     """Return the fan of a round cap: its first and last unit vector, direction, halvings."""
     ends, numbers = placed[0], placed[1]
-    x, y, length = normal_of(ends, s)
+    x, y, length = get_normal(ends, s)
     if length == 0.0:
         x, y = 0.0, 1.0
     around = -1.0 if at_end else 1.0
@@ -382,7 +382,7 @@ def reaches_picture(s, placed, viewport, unit):
 
 
 @helper
-def dash_at(number, edges):
+def get_dash(number, edges):
     """Return where dash ``number`` of a strip begins and ends."""
     each = (edges.shape[0] - 1) >> 1
     period = np.float64(number // each) * edges[edges.shape[0] - 1]
@@ -391,11 +391,11 @@ def dash_at(number, edges):
 
 
 @helper
-def first_dash(position, edges):
+def find_first_dash(position, edges):
     """Return the first dash that ends beyond a position on a strip."""
     each = (edges.shape[0] - 1) >> 1
     number = each * np.int64(np.floor(position / edges[edges.shape[0] - 1]))
-    while dash_at(number, edges)[1] <= position:
+    while get_dash(number, edges)[1] <= position:
         number += 1
     return number
 
@@ -405,7 +405,7 @@ def is_dashed(s, placed, stretches, edges, unit):
     """Return whether a segment is dashed: the period of its dashes is at least a pixel."""
     if edges.shape[0] == 0:
         return False
-    _, _, length = normal_of(placed[0], s)
+    _, _, length = get_normal(placed[0], s)
     periods = (stretches[s, 1] - stretches[s, 0]) / edges[edges.shape[0] - 1]
     return periods * unit <= length
 
@@ -413,8 +413,8 @@ def is_dashed(s, placed, stretches, edges, unit):
 @helper
 def count_dashes(s, stretches, edges):
     """Return how many dashes overlap a segment."""
-    number, count = first_dash(stretches[s, 0], edges), np.int64(0)
-    while dash_at(number, edges)[0] < stretches[s, 1]:
+    number, count = find_first_dash(stretches[s, 0], edges), np.int64(0)
+    while get_dash(number, edges)[0] < stretches[s, 1]:
         number, count = number + 1, count + 1
     return count
 
@@ -422,11 +422,11 @@ def count_dashes(s, stretches, edges):
 @helper
 def ends_on_dash(s, stretches, edges):
     """Return whether there is a dash where a segment ends."""
-    return dash_at(first_dash(stretches[s, 1], edges), edges)[0] < stretches[s, 1]
+    return get_dash(find_first_dash(stretches[s, 1], edges), edges)[0] < stretches[s, 1]
 
 
 @helper
-def parameter_at(position, s, placed, stretches):
+def find_parameter(position, s, placed, stretches):
     """Return the parameter on a segment, 0..1 in screen space, of a position on its strip."""
     first, last, parts = stretches[s, 0], stretches[s, 1], placed[3]
     t = (position - first) / (last - first)
@@ -475,15 +475,15 @@ def is_dot(s, start, stop, links, placed, unit):
 
 
 @helper
-def parts_of(s, links, placed, is_round, viewport, unit):
+def classify_ends(s, links, placed, is_round, viewport, unit):
     """Return the kinds of a segment's start and end, and the offsets to their corners."""
-    start = joint_of(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
-    stop = joint_of(s, np.int64(links[s, 1]), True, links, placed, is_round, unit)
+    start = classify_joint(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
+    stop = classify_joint(s, np.int64(links[s, 1]), True, links, placed, is_round, unit)
     return start, stop
 
 
 @helper
-def dashed_ends(start, stop, s, dashes):
+def classify_dashed_ends(start, stop, s, dashes):
     """Return the kinds of a dashed segment's ends: never round, a wedge only on a dash."""
     first = FREE if start[0] == CAPPED else start[0]
     last = FREE if stop[0] == CAPPED else stop[0]
@@ -522,13 +522,13 @@ def count_pieces(
         s = np.uintp(n)
         vertices, pieces = np.int64(0), np.int64(0)
         if placed[2][s] & VISIBLE and reaches_picture(s, placed, viewport, unit):
-            start, stop = parts_of(s, links, placed, is_round, viewport, unit)
+            start, stop = classify_ends(s, links, placed, is_round, viewport, unit)
             shows_dashes, quads = is_dashed(s, placed, dashes[0], dashes[1], unit), np.int64(0)
             if has_body(s, placed[0]):
                 quads = count_dashes(s, dashes[0], dashes[1]) if shows_dashes else np.int64(1)
             vertices, pieces = 4 * quads, 2 * quads
             if shows_dashes:
-                start, stop = dashed_ends(start, stop, s, dashes)
+                start, stop = classify_dashed_ends(start, stop, s, dashes)
             if is_dot(s, start, stop, links, placed, unit):
                 counts[s, 0], counts[s, 1] = 4, 2
                 continue
@@ -539,7 +539,7 @@ def count_pieces(
                 sides = np.int64(1) << count_cap_halvings(placed[1][s, HALF_B], unit)
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
             elif stop[0] == WEDGE:
-                sides = np.int64(1) << wedge_of(s, np.uintp(links[s, 1]), placed, unit)[5]
+                sides = np.int64(1) << plan_wedge(s, np.uintp(links[s, 1]), placed, unit)[5]
                 vertices, pieces = vertices + sides + 2, pieces + sides
         counts[s, 0], counts[s, 1] = vertices, pieces
 
@@ -574,8 +574,9 @@ def write_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen
     for n in range(sides + 1):
         i = np.uintp(n)
         write_vertex(
-            vertex, x + outward(fan[i, 0] * half), y + outward(fan[i, 1] * half), depth, screen
-        )
+            vertex, x + round_outward(fan[i, 0] * half), y + round_outward(fan[i, 1] * half), depth,
+            screen,
+        )  # fmt: skip
         vertex += 1
     for corner in range(first + 1, vertex - 1):
         write_piece(piece, first, corner, corner + 1, face, pieces, piece_faces)
@@ -584,28 +585,28 @@ def write_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen
 
 
 @helper
-def end_at(s, at_end, joint, placed):
+def get_body_end(s, at_end, joint, placed):
     """Return an end of a body: position, offset to its corner, depth."""
     ends, numbers = placed[0], placed[1]
     k, column = np.uintp(2 if at_end else 0), DEPTH_B if at_end else DEPTH_A
     return (
-        ends[s, k], ends[s, k + np.uintp(1)], outward(joint[1]), outward(joint[2]),
+        ends[s, k], ends[s, k + np.uintp(1)], round_outward(joint[1]), round_outward(joint[2]),
         numbers[s, column],
     )  # fmt: skip
 
 
 @helper
-def cut_at(t, s, placed):
-    """Return what `end_at` does for a point inside a segment, at 0..1 in screen space."""
+def get_body_cut(t, s, placed):
+    """Return what `get_body_end` does for a point inside a segment, at 0..1 in screen space."""
     ends, numbers = placed[0], placed[1]
-    nx, ny, _ = normal_of(ends, s)
+    nx, ny, _ = get_normal(ends, s)
     x = ends[s, 0] + t * np.float64(ends[s, 2] - ends[s, 0])
     y = ends[s, 1] + t * np.float64(ends[s, 3] - ends[s, 1])
     half = numbers[s, HALF_A] + t * (numbers[s, HALF_B] - numbers[s, HALF_A])
     depth = numbers[s, DEPTH_A] + t * (numbers[s, DEPTH_B] - numbers[s, DEPTH_A])
     return (
-        np.int32(np.floor(x + 0.5)), np.int32(np.floor(y + 0.5)), outward(nx * half),
-        outward(ny * half), depth,
+        np.int32(np.floor(x + 0.5)), np.int32(np.floor(y + 0.5)), round_outward(nx * half),
+        round_outward(ny * half), depth,
     )  # fmt: skip
 
 
@@ -655,34 +656,34 @@ def write_pieces(
         if sums[s + np.uintp(1), 0] == sums[s, 0]:
             continue
         face = np.int32(first_face + n)
-        start, stop = parts_of(s, links, placed, is_round, viewport, unit)
+        start, stop = classify_ends(s, links, placed, is_round, viewport, unit)
         x0, y0, x1, y1 = ends[s, 0], ends[s, 1], ends[s, 2], ends[s, 3]
         h0, h1 = numbers[s, HALF_A], numbers[s, HALF_B]
         d0, d1 = numbers[s, DEPTH_A], numbers[s, DEPTH_B]
         # Bodies: one for each dash, or a single one.
         shows_dashes = is_dashed(s, placed, dashes[0], dashes[1], unit)
         if shows_dashes and has_body(s, ends):
-            number = first_dash(dashes[0][s, 0], dashes[1])
+            number = find_first_dash(dashes[0][s, 0], dashes[1])
             while True:
-                begin, end = dash_at(number, dashes[1])
+                begin, end = get_dash(number, dashes[1])
                 if begin >= dashes[0][s, 1]:
                     break
                 if begin > dashes[0][s, 0]:
-                    first = cut_at(parameter_at(begin, s, placed, dashes[0]), s, placed)
+                    first = get_body_cut(find_parameter(begin, s, placed, dashes[0]), s, placed)
                 else:
-                    first = end_at(s, False, start, placed)
+                    first = get_body_end(s, False, start, placed)
                 if end < dashes[0][s, 1]:
-                    last = cut_at(parameter_at(end, s, placed, dashes[0]), s, placed)
+                    last = get_body_cut(find_parameter(end, s, placed, dashes[0]), s, placed)
                 else:
-                    last = end_at(s, True, stop, placed)
+                    last = get_body_end(s, True, stop, placed)
                 write_body(vertex, piece, first, last, face, screen, out)
                 vertex, piece, number = vertex + 4, piece + 2, number + 1
         elif has_body(s, ends):
-            first, last = end_at(s, False, start, placed), end_at(s, True, stop, placed)
+            first, last = get_body_end(s, False, start, placed), get_body_end(s, True, stop, placed)
             write_body(vertex, piece, first, last, face, screen, out)
             vertex, piece = vertex + 4, piece + 2
         if shows_dashes:
-            start, stop = dashed_ends(start, stop, s, dashes)
+            start, stop = classify_dashed_ends(start, stop, s, dashes)
         # Segments without length: squares.
         if is_dot(s, start, stop, links, placed, unit):
             side = np.int32(0.5 * unit)
@@ -692,16 +693,16 @@ def write_pieces(
         # Caps, and wedges between segments.
         if start[0] == CAPPED:
             vertex, piece = write_fan(
-                cap_of(s, False, placed, unit), x0, y0, h0, d0, False, vertex, piece, face, screen,
-                out, fan,
+                plan_cap(s, False, placed, unit), x0, y0, h0, d0, False, vertex, piece, face,
+                screen, out, fan,
             )  # fmt: skip
         if stop[0] == CAPPED:
             vertex, piece = write_fan(
-                cap_of(s, True, placed, unit), x1, y1, h1, d1, False, vertex, piece, face, screen,
+                plan_cap(s, True, placed, unit), x1, y1, h1, d1, False, vertex, piece, face, screen,
                 out, fan,
             )  # fmt: skip
         elif stop[0] == WEDGE:
             vertex, piece = write_fan(
-                wedge_of(s, np.uintp(links[s, 1]), placed, unit), x1, y1, h1, d1, True, vertex,
+                plan_wedge(s, np.uintp(links[s, 1]), placed, unit), x1, y1, h1, d1, True, vertex,
                 piece, face, screen, out, fan,
             )  # fmt: skip

@@ -23,11 +23,11 @@ from rasterjit.pipeline.visibility.point_rasterizer import (
     DISC,
     IN_PIXELS,
     IN_UNITS,
-    MAX_SIZE,
+    MAX_GRID_SIZE,
     NOT_POINTS,
     SPHERE,
     SQUARE,
-    UNSEEN,
+    UNDRAWN_CODES,
     PointRows,
     PointView,
     draw_points,
@@ -39,18 +39,18 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     Primitive,
     Primitives,
     Projected,
-    lengths_across,
+    find_pixels_per_unit,
 )
-from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING, empty_depth
+from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING, get_empty_depth
 from rasterjit.runtime.threads import Workers, rows_per_task
 
-MIN_POINTS = 1 << 16
+MIN_POINTS_PER_THREAD = 1 << 16
 """Fewest points per thread: each draws a picture of its own."""
 
-SHAPE_WEIGHT = 16
+SHAPE_COST = 16
 """Cost of a point of another shape, in points of one pixel."""
 
-MAX_MERGED = 1 << 29
+MAX_MERGED_BYTES = 1 << 29
 """Most memory for the threads' pictures, bytes."""
 
 
@@ -90,7 +90,7 @@ class DrawnPoints(NamedTuple):
     depth_coefficients: tuple[float, float, float]
 
 
-def view_of(
+def make_point_view(
     clip_from_relative: NDArray[np.float64],
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
@@ -99,22 +99,22 @@ def view_of(
     right, up, deeper, further = (row[:3] for row in clip_from_relative.tolist())
     # Away from the eye w grows, or, where w is constant, the stored depth falls.
     if any(further):
-        away = _turn(right, up, further)
+        away = _orientation_sign(right, up, further)
     else:
-        away = -_turn(right, up, deeper) * math.copysign(1.0, depth_coefficients[1])
+        away = -_orientation_sign(right, up, deeper) * math.copysign(1.0, depth_coefficients[1])
     width = viewport.left + viewport.width + viewport.right
     height = viewport.top + viewport.height + viewport.bottom
-    across, down = lengths_across(clip_from_relative, (width, height))
+    across, down = find_pixels_per_unit(clip_from_relative, (width, height))
     return PointView(np.ascontiguousarray(clip_from_relative), away, across, down)
 
 
-def _turn(a: list[float], b: list[float], c: list[float]) -> float:
+def _orientation_sign(a: list[float], b: list[float], c: list[float]) -> float:
     """Return the sign of the determinant of three rows."""
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.copysign(1.0, x * c[0] + y * c[1] + z * c[2])
 
 
-def draw_cloud(
+def draw_all_points(
     cloud: DrawnPoints, viewport: Viewport, frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
 ) -> NDArray[np.int64]:  # fmt: skip
@@ -139,18 +139,18 @@ def draw_cloud(
     owners = np.flatnonzero(points.shapes[:, 0] != NOT_POINTS)
     first, end = int(starts[owners[0]]), int(starts[owners[-1] + 1])
     is_square = points.shapes[owners, 0] == SQUARE
-    weights = np.where(is_square & (points.size_places[owners, 1] == 0), 1, SHAPE_WEIGHT)
+    weights = np.where(is_square & (points.size_places[owners, 1] == 0), 1, SHAPE_COST)
     load = int(np.add.reduce((starts[owners + 1] - starts[owners]) * weights))
     size = frame[0].nbytes + frame[1].nbytes
-    least = max(MIN_POINTS, frame[1].size // 4)
-    chunks = max(min(workers.threads, load // least, MAX_MERGED // size + 1), 1)
+    least = max(MIN_POINTS_PER_THREAD, frame[1].size // 4)
+    chunks = max(min(workers.threads, load // least, MAX_MERGED_BYTES // size + 1), 1)
     edges = [first + (end - first) * n // chunks for n in range(chunks + 1)]
     height, width = frame[1].shape
     drawn = (
         workers.memory.empty((chunks - 1, height, width), frame[0].dtype),
         workers.memory.empty((chunks - 1, height, width), np.int32),
     )
-    clear(drawn)
+    clear_pictures(drawn)
     counts = np.zeros((chunks, 4), np.int64)
     shared = (
         np.ascontiguousarray(cloud.positions, np.float64),
@@ -169,17 +169,17 @@ def draw_cloud(
         ],
     )  # fmt: skip
     if chunks > 1:
-        merge(drawn, frame, workers)
+        merge_into_frame(drawn, frame, workers)
     return np.add.reduce(counts, axis=0)
 
 
-def clear(frame: tuple[NDArray[Any], NDArray[np.int32]]) -> None:
+def clear_pictures(frame: tuple[NDArray[Any], NDArray[np.int32]]) -> None:
     """Clear a picture, or several."""
-    frame[0].fill(empty_depth(frame[0].dtype))
+    frame[0].fill(get_empty_depth(frame[0].dtype))
     frame[1].fill(NOTHING)
 
 
-def merge(
+def merge_into_frame(
     drawn: tuple[NDArray[Any], NDArray[np.int32]],
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
@@ -192,7 +192,7 @@ def merge(
     )
 
 
-def is_cloud(obj: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
+def is_drawn_as_points(obj: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
     """
     Tell whether an object consists of points that are drawn as points.
 
@@ -205,7 +205,7 @@ def is_cloud(obj: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) ->
     return not ((keeps_lists or is_tested) and obj.rule.shape == "square")
 
 
-def points_of(
+def collect_points(
     primitives: Primitives,
     face_starts: NDArray[np.int64],
     vertex_starts: NDArray[np.int64],
@@ -228,11 +228,11 @@ def points_of(
         first += len(obj.sizes)
     joined = sizes[0] if len(sizes) == 1 else np.concatenate(sizes)
     rows = PointRows(vertex_starts, face_starts, shapes, places, joined, scales)
-    view = view_of(clip_from_relative, depth_coefficients, viewport)
+    view = make_point_view(clip_from_relative, depth_coefficients, viewport)
     return PicturePoints(rows, view, viewport)
 
 
-def subset(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
+def select_points(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
     """Return the points of some objects alone."""
     shapes = np.zeros_like(rows.shapes)
     for obj in objects:
@@ -240,7 +240,7 @@ def subset(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
     return rows._replace(shapes=shapes)
 
 
-def skipped(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+def count_skipped(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the counts of points not drawn, by outcome, (5,), as `set_up_triangles` has them."""
     outside, unsampled, invalid, _ = counts.tolist()
     return np.array([outside, 0, 0, unsampled, invalid], np.int64)
@@ -255,7 +255,7 @@ def expand_squares(
     Takes what `primitive_expansion.Expand` does.
     """
     viewport, (first, end) = projected.viewport, obj.vertices
-    numbers = np.flatnonzero((projected.codes[first:end] & UNSEEN) == 0)
+    numbers = np.flatnonzero((projected.codes[first:end] & UNDRAWN_CODES) == 0)
     w = projected.clip_positions[first:end, 3][numbers]
     sizes = obj.sizes[numbers] if len(obj.sizes) > 1 else np.broadcast_to(obj.sizes, numbers.shape)
     if obj.is_world:
@@ -265,7 +265,9 @@ def expand_squares(
     else:
         sides = (sizes * primitives.pixels,) * 2
     unit = float(1 << viewport.grid_bits)
-    wide, high = (np.rint(np.minimum(side * unit, MAX_SIZE)).astype(np.int64) for side in sides)
+    wide, high = (
+        np.rint(np.minimum(side * unit, MAX_GRID_SIZE)).astype(np.int64) for side in sides
+    )
     is_any = (wide > 0) & (high > 0)
     numbers, wide, high = numbers[is_any], wide[is_any], high[is_any]
 

@@ -43,13 +43,13 @@ NOT_POINTS, SQUARE, DISC, SPHERE = range(4)
 IN_PIXELS, IN_UNITS = range(2)
 """Units of sizes: pixels, or scene units, which shrink with distance."""
 
-UNSEEN = setup.NEAR | setup.FAR | setup.GUARD | setup.INVALID
+UNDRAWN_CODES = setup.NEAR | setup.FAR | setup.GUARD | setup.INVALID
 """A point with one of these outcodes is not drawn, unless it is a sphere."""
 
 POINTS_OUTSIDE, POINTS_UNSAMPLED, POINTS_INVALID, POINTS_DRAWN = range(4)
 """Elements of the counts."""
 
-MAX_SIZE = float(1 << 29)
+MAX_GRID_SIZE = float(1 << 29)
 """Largest size in units of the sub-pixel grid: larger ones cover no pixel more. Squares of twice
 that, and of distances between coordinates, fit int64."""
 
@@ -85,13 +85,13 @@ class PointView(NamedTuple):
 
 
 @helper
-def holding_pixel(coordinate, grid_bits):
+def find_holding_pixel(coordinate, grid_bits):
     """Return the column, or row, of the pixel that a square of one pixel around a point covers."""
     return (coordinate - 1) >> grid_bits
 
 
 @helper
-def first_centre(twice, half_and_unit):
+def find_first_centre(twice, half_and_unit):
     """Return the first column whose centre, doubled, is not below a doubled coordinate."""
     unit, bits = half_and_unit
     # Centres lie at (c + 1/2) units: 2 c unit + unit >= twice.
@@ -108,20 +108,22 @@ def depth_test(pixel, depth, face, depths, faces):
 
 
 @helper
-def in_grid(pixels, viewport):
+def to_grid_units(pixels, viewport):
     """Return a number of pixels in units of the sub-pixel grid, rounded."""
-    units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), MAX_SIZE)
+    units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), MAX_GRID_SIZE)
     return np.int64((units + projection.ROUNDING_OFFSET) - projection.ROUNDING_OFFSET)
 
 
 @helper
-def sizes_in_grid(size, unit, scale, w, view, viewport):
+def find_grid_sizes(size, unit, scale, w, view, viewport):
     """Return the width and the height of a point in units of the sub-pixel grid, rounded."""
     if unit == IN_PIXELS:
-        side = in_grid(size * scale, viewport)
+        side = to_grid_units(size * scale, viewport)
         return side, side
     pixels = size * scale / w
-    return in_grid(pixels * view.across, viewport), in_grid(pixels * view.down, viewport)
+    return to_grid_units(pixels * view.across, viewport), to_grid_units(
+        pixels * view.down, viewport
+    )
 
 
 @helper
@@ -130,8 +132,8 @@ def draw_square(x, y, sizes, depth, face, frame, viewport):
     (depths, faces), (wide, high) = frame, sizes
     bits = viewport.grid_bits
     grid = np.int64(1) << bits, bits
-    left, right = first_centre(2 * x - wide, grid), first_centre(2 * x + wide, grid) - 1
-    top, bottom = first_centre(2 * y - high, grid), first_centre(2 * y + high, grid) - 1
+    left, right = find_first_centre(2 * x - wide, grid), find_first_centre(2 * x + wide, grid) - 1
+    top, bottom = find_first_centre(2 * y - high, grid), find_first_centre(2 * y + high, grid) - 1
     is_empty = left > right or top > bottom
     left, right = max(left, np.int64(0)), min(right, viewport.width - 1)
     top, bottom = max(top, np.int64(0)), min(bottom, viewport.height - 1)
@@ -174,7 +176,7 @@ def is_in_disc(across, down, wide, high):
 
 
 @helper
-def reach_in_row(down, wide, high):
+def find_half_width(down, wide, high):
     """Return a disc's doubled half width in the row at a doubled offset ``down``."""
     if wide == high:
         return integer_sqrt(wide * wide - down * down)
@@ -189,20 +191,20 @@ def draw_disc(x, y, sizes, depth, face, frame, viewport):
     bits = viewport.grid_bits
     unit = np.int64(1) << bits
     grid = unit, bits
-    column, row = holding_pixel(x, bits), holding_pixel(y, bits)
+    column, row = find_holding_pixel(x, bits), find_holding_pixel(y, bits)
     # The pixel that holds the disc's centre has the nearest pixel centre.
     across, down = 2 * (column * unit - x) + unit, 2 * (row * unit - y) + unit
     if min(wide, high) < 1 or not is_in_disc(across, down, wide, high):
         if min(wide, high) >= unit:
             return draw_one_pixel(column, row, depth, face, frame, viewport)
         return POINTS_UNSAMPLED
-    top = max(first_centre(2 * y - high, grid), np.int64(0))
-    bottom = min(first_centre(2 * y + high + 1, grid) - 1, viewport.height - 1)
+    top = max(find_first_centre(2 * y - high, grid), np.int64(0))
+    bottom = min(find_first_centre(2 * y + high + 1, grid) - 1, viewport.height - 1)
     outcome = POINTS_OUTSIDE
     for row in range(top, bottom + 1):
-        reach = reach_in_row(2 * (row * unit - y) + unit, wide, high)
-        left = max(first_centre(2 * x - reach, grid), np.int64(0))
-        right = min(first_centre(2 * x + reach + 1, grid) - 1, viewport.width - 1)
+        reach = find_half_width(2 * (row * unit - y) + unit, wide, high)
+        left = max(find_first_centre(2 * x - reach, grid), np.int64(0))
+        right = min(find_first_centre(2 * x + reach + 1, grid) - 1, viewport.width - 1)
         start = row * viewport.width
         for pixel in range(start + left, start + right + 1):
             depth_test(np.uintp(pixel), depth, face, depths, faces)
@@ -211,20 +213,20 @@ def draw_disc(x, y, sizes, depth, face, frame, viewport):
 
 
 @helper
-def scalar(ax, ay, az, bx, by, bz):
+def dot(ax, ay, az, bx, by, bz):
     """Return the dot product of two vectors."""
     return ax * bx + ay * by + az * bz
 
 
 @helper
-def clip_row(matrix, row, point):
+def get_clip_coordinate(matrix, row, point):
     """Return one clip coordinate of a point relative to the eye."""
     x, y, z = point
-    return scalar(matrix[row, 0], matrix[row, 1], matrix[row, 2], x, y, z) + matrix[row, 3]
+    return dot(matrix[row, 0], matrix[row, 1], matrix[row, 2], x, y, z) + matrix[row, 3]
 
 
 @helper
-def ndc_of(column, row, viewport):
+def get_ndc(column, row, viewport):
     """Return NDC x and y of a pixel's centre."""
     width, height = setup.get_picture_size(viewport)
     return (
@@ -234,7 +236,7 @@ def ndc_of(column, row, viewport):
 
 
 @helper
-def nearest_to_centre(centre, ndc, view):
+def find_nearest_ray_point(centre, ndc, view):
     """
     Return the offset from a sphere's centre to the nearest point of a ray, and its direction.
 
@@ -244,10 +246,13 @@ def nearest_to_centre(centre, ndc, view):
     m, (x, y) = view.matrix, ndc
     ax, ay, az = m[0, 0] - x * m[3, 0], m[0, 1] - x * m[3, 1], m[0, 2] - x * m[3, 2]
     bx, by, bz = m[1, 0] - y * m[3, 0], m[1, 1] - y * m[3, 1], m[1, 2] - y * m[3, 2]
-    w = clip_row(m, 3, centre)
-    beside_a, beside_b = clip_row(m, 0, centre) - x * w, clip_row(m, 1, centre) - y * w
+    w = get_clip_coordinate(m, 3, centre)
+    beside_a, beside_b = (
+        get_clip_coordinate(m, 0, centre) - x * w,
+        get_clip_coordinate(m, 1, centre) - y * w,
+    )
     dx, dy, dz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    shrink = -1.0 / scalar(dx, dy, dz, dx, dy, dz)
+    shrink = -1.0 / dot(dx, dy, dz, dx, dy, dz)
     to_a, to_b = shrink * beside_a, shrink * beside_b
     offset = (
         to_a * (by * dz - bz * dy) + to_b * (dy * az - dz * ay),
@@ -263,19 +268,19 @@ def is_between_planes(centre, offset, view):
     """Return whether a point is beyond the near plane, and whether before the far one."""
     m = view.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
-    z, w = clip_row(m, 2, point), clip_row(m, 3, point)
+    z, w = get_clip_coordinate(m, 2, point), get_clip_coordinate(m, 3, point)
     return w > 0.0 and z >= -w, z <= w
 
 
 @helper
-def meet_sphere(centre, radius, ndc, view):
+def intersect_ray_with_sphere(centre, radius, ndc, view):
     """
     Intersect a ray with a sphere: return the offset from its centre to the visible hit, and a code.
 
     0: no visible hit; 1: hit; 2: the ray misses, and the offset leads to its nearest point.
     """
-    foot, along = nearest_to_centre(centre, ndc, view)
-    squared = radius * radius - scalar(foot[0], foot[1], foot[2], foot[0], foot[1], foot[2])
+    foot, along = find_nearest_ray_point(centre, ndc, view)
+    squared = radius * radius - dot(foot[0], foot[1], foot[2], foot[0], foot[1], foot[2])
     half = np.sqrt(max(squared, 0.0))
     offset = foot[0] - half * along[0], foot[1] - half * along[1], foot[2] - half * along[2]
     is_in_front, is_before_far = is_between_planes(centre, offset, view)
@@ -288,27 +293,27 @@ def meet_sphere(centre, radius, ndc, view):
 
 
 @helper
-def depth_on_sphere(centre, offset, view, depth_coefficients):
+def find_sphere_depth(centre, offset, view, depth_coefficients):
     """Return the stored depth of a point of a sphere."""
     m = view.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
     return projection.compute_stored_depth(
-        clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients
+        get_clip_coordinate(m, 2, point), get_clip_coordinate(m, 3, point), depth_coefficients
     )
 
 
 @helper
-def sphere_bounds(centre, radius, row, view):
+def bound_sphere(centre, radius, row, view):
     """
     Return a sphere's bounds in NDC x (row 0) or y (row 1), from tangent planes through the eye.
 
     Unbounded unless the whole sphere is in front of the eye.
     """
     m = view.matrix
-    a, w = clip_row(m, row, centre), clip_row(m, 3, centre)
-    aa = scalar(m[row, 0], m[row, 1], m[row, 2], m[row, 0], m[row, 1], m[row, 2])
-    ww = scalar(m[3, 0], m[3, 1], m[3, 2], m[3, 0], m[3, 1], m[3, 2])
-    aw = scalar(m[row, 0], m[row, 1], m[row, 2], m[3, 0], m[3, 1], m[3, 2])
+    a, w = get_clip_coordinate(m, row, centre), get_clip_coordinate(m, 3, centre)
+    aa = dot(m[row, 0], m[row, 1], m[row, 2], m[row, 0], m[row, 1], m[row, 2])
+    ww = dot(m[3, 0], m[3, 1], m[3, 2], m[3, 0], m[3, 1], m[3, 2])
+    aw = dot(m[row, 0], m[row, 1], m[row, 2], m[3, 0], m[3, 1], m[3, 2])
     square = radius * radius
     below = w * w - square * ww
     if not (w > 0.0 and below > 0.0):
@@ -320,7 +325,7 @@ def sphere_bounds(centre, radius, row, view):
 
 
 @helper
-def pixels_between(low, high, length, before, count):
+def find_pixels_between(low, high, length, before, count):
     """Return the first and the last pixel of a part whose centre may lie between two NDC bounds."""
     first = np.floor(min(max((low + 1.0) * 0.5 * length - before - 1.5, 0.0), np.float64(count)))
     last = np.ceil(min(max((high + 1.0) * 0.5 * length - before + 0.5, -1.0), count - 1.0))
@@ -328,20 +333,20 @@ def pixels_between(low, high, length, before, count):
 
 
 @helper
-def is_out_of_sight(centre, radius, view):
+def is_depth_culled(centre, radius, view):
     """Return whether a sphere is wholly behind the near plane, or beyond the far one."""
     m = view.matrix
-    z, w = clip_row(m, 2, centre), clip_row(m, 3, centre)
+    z, w = get_clip_coordinate(m, 2, centre), get_clip_coordinate(m, 3, centre)
     nx, ny, nz = m[3, 0] + m[2, 0], m[3, 1] + m[2, 1], m[3, 2] + m[2, 2]
     fx, fy, fz = m[3, 0] - m[2, 0], m[3, 1] - m[2, 1], m[3, 2] - m[2, 2]
-    near = radius * np.sqrt(scalar(nx, ny, nz, nx, ny, nz))
-    far = radius * np.sqrt(scalar(fx, fy, fz, fx, fy, fz))
+    near = radius * np.sqrt(dot(nx, ny, nz, nx, ny, nz))
+    far = radius * np.sqrt(dot(fx, fy, fz, fx, fy, fz))
     # Twice as far, for rounding.
     return z + w < -2.0 * near or w - z < -2.0 * far
 
 
 @helper
-def nearest_depth(centre, radius, view, depth_coefficients):
+def bound_nearest_depth(centre, radius, view, depth_coefficients):
     """
     Return a stored depth nearer than every point of a sphere; inf where there is no simple bound.
 
@@ -356,12 +361,12 @@ def nearest_depth(centre, radius, view, depth_coefficients):
     elif depth_coefficients[1] != 0.0:
         return np.inf
     # With a margin for rounding, to float32 as well.
-    reach = sign * radius * (1.0 + 2.0**-20) / np.sqrt(scalar(x, y, z, x, y, z))
+    reach = sign * radius * (1.0 + 2.0**-20) / np.sqrt(dot(x, y, z, x, y, z))
     point = centre[0] + reach * x, centre[1] + reach * y, centre[2] + reach * z
-    w = clip_row(m, 3, point)
+    w = get_clip_coordinate(m, 3, point)
     if not w > 0.0:
         return np.inf
-    depth = projection.compute_stored_depth(clip_row(m, 2, point), w, depth_coefficients)
+    depth = projection.compute_stored_depth(get_clip_coordinate(m, 2, point), w, depth_coefficients)
     return depth + 2.0**-20 * abs(depth)
 
 
@@ -370,25 +375,25 @@ def draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport)
     """Draw the pixels whose rays hit a sphere; return its outcome."""
     depths, faces = frame
     kind = depths.dtype.type
-    if is_out_of_sight(centre, radius, view):
+    if is_depth_culled(centre, radius, view):
         return POINTS_OUTSIDE
     width, height = setup.get_picture_size(viewport)
-    low_x, high_x = sphere_bounds(centre, radius, 0, view)
-    low_y, high_y = sphere_bounds(centre, radius, 1, view)
-    left, right = pixels_between(low_x, high_x, width, viewport.left, viewport.width)
-    top, bottom = pixels_between(-high_y, -low_y, height, viewport.top, viewport.height)
+    low_x, high_x = bound_sphere(centre, radius, 0, view)
+    low_y, high_y = bound_sphere(centre, radius, 1, view)
+    left, right = find_pixels_between(low_x, high_x, width, viewport.left, viewport.width)
+    top, bottom = find_pixels_between(-high_y, -low_y, height, viewport.top, viewport.height)
     outcome = POINTS_UNSAMPLED if left <= right and top <= bottom else POINTS_OUTSIDE
-    bound = nearest_depth(centre, radius, view, depth_coefficients)
+    bound = bound_nearest_depth(centre, radius, view, depth_coefficients)
     for row in range(top, bottom + 1):
         start = row * viewport.width
         for column in range(left, right + 1):
             # Only once it is known to cover a pixel: hidden spheres count as drawn.
             if outcome == POINTS_DRAWN and depths[np.uintp(start + column)] > bound:
                 continue
-            ndc = ndc_of(column, row, viewport)
-            offset, is_seen = meet_sphere(centre, radius, ndc, view)
+            ndc = get_ndc(column, row, viewport)
+            offset, is_seen = intersect_ray_with_sphere(centre, radius, ndc, view)
             if is_seen == 1:
-                depth = depth_on_sphere(centre, offset, view, depth_coefficients)
+                depth = find_sphere_depth(centre, offset, view, depth_coefficients)
                 depth_test(np.uintp(start + column), kind(depth), face, depths, faces)
                 outcome = POINTS_DRAWN
     return outcome
@@ -397,11 +402,16 @@ def draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport)
 @helper
 def draw_sphere_pixel(x, y, centre, radius, face, frame, view, depth_coefficients, viewport):
     """Draw the pixel that holds a sphere's centre, if its ray misses the sphere."""
-    column, row = holding_pixel(x, viewport.grid_bits), holding_pixel(y, viewport.grid_bits)
-    offset, is_seen = meet_sphere(centre, radius, ndc_of(column, row, viewport), view)
+    column, row = (
+        find_holding_pixel(x, viewport.grid_bits),
+        find_holding_pixel(y, viewport.grid_bits),
+    )
+    offset, is_seen = intersect_ray_with_sphere(
+        centre, radius, get_ndc(column, row, viewport), view
+    )
     if is_seen != 2:
         return POINTS_UNSAMPLED
-    depth = depth_on_sphere(centre, offset, view, depth_coefficients)
+    depth = find_sphere_depth(centre, offset, view, depth_coefficients)
     return draw_one_pixel(column, row, frame[0].dtype.type(depth), face, frame, viewport)
 
 
@@ -418,7 +428,7 @@ def centre_of(positions, vertex, matrices, owner):
 
 
 @helper
-def radius_of(points, owner, number):
+def get_radius(points, owner, number):
     """Return the radius of a sphere, scene units, by its number in its object."""
     first, step = points.size_places[owner, 0], points.size_places[owner, 1]
     return 0.5 * (points.sizes[np.uintp(first + step * number)] * points.scales[owner])
@@ -438,7 +448,7 @@ def find_pixels(snapped_x, snapped_y, codes, viewport):
         column = (snapped_x[i] - np.int32(1)) >> bits
         row = (snapped_y[i] - np.int32(1)) >> bits
         is_seen = (
-            ((codes[i] & np.int32(UNSEEN)) == 0) & (column >= 0) & (column < width) & (row >= 0)
+            ((codes[i] & np.int32(UNDRAWN_CODES)) == 0) & (column >= 0) & (column < width) & (row >= 0)
             & (row < height)
         )  # fmt: skip
         drawn += np.int32(is_seen)
@@ -488,13 +498,13 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
         if code & setup.INVALID:
             counts[POINTS_INVALID] += 1
             continue
-        if shape != SPHERE and (code & UNSEEN):
+        if shape != SPHERE and (code & UNDRAWN_CODES):
             counts[POINTS_OUTSIDE] += 1
             continue
         size = points.sizes[np.uintp(first_size + step * (first_number + i))]
         depth = kind(floats[projection.DEPTH, n])
         is_ahead = (code & setup.GUARD) == 0
-        sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, view, viewport)
+        sizes = find_grid_sizes(size, unit, scale, w if is_ahead else 1.0, view, viewport)
         if shape == SPHERE:
             centre = centre_of(positions, np.uintp(first + i), matrices, owner)
             radius = 0.5 * (size * scale)
@@ -514,7 +524,7 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
 
 
 @helper
-def are_pixels(owner, points):
+def are_one_pixel_squares(owner, points):
     """Return whether all points of an object are squares of one pixel."""
     return (
         points.shapes[owner, 0] == SQUARE and points.shapes[owner, 1] == IN_PIXELS
@@ -564,7 +574,7 @@ def draw_points(
         if points.shapes[o, 0] == NOT_POINTS:
             first = end
             continue
-        is_pixel = are_pixels(o, points)
+        is_pixel = are_one_pixel_squares(o, points)
         while first < end:
             count = min(np.int64(projection.VERTICES_PER_BLOCK), end - first)
             projection.load_eye_relative(positions, first, first + count, objects, owner, floats)

@@ -90,7 +90,7 @@ class Primitives(NamedTuple):
         return self.units * float(self.scales[one.number]) if one.is_world else self.pixels
 
 
-def primitives_of(
+def collect_primitives(
     objects: tuple[Primitive, ...],
     relative_from_model: NDArray[np.float64],
     positions: NDArray[Any],
@@ -125,11 +125,11 @@ def primitives_of(
         )
     width, height = size
     units = 0.5 * math.sqrt(_area_across(clip_from_relative) * width * height)
-    across = lengths_across(clip_from_relative, size)
+    across = find_pixels_per_unit(clip_from_relative, size)
     return Primitives(objects, lengths.max(axis=1), pixels, units, positions, across)
 
 
-def lengths_across(
+def find_pixels_per_unit(
     clip_from_relative: NDArray[np.float64], size: tuple[int, int]
 ) -> tuple[float, float]:
     """Return the columns and rows per world unit along each, at w = 1."""
@@ -181,7 +181,7 @@ Expand = Callable[[Primitive, Primitives, Projected, Workers], Expansion]
 """Counts the pieces of an object."""
 
 
-def runs_between(runs: Sequence[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
+def find_gaps(runs: Sequence[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
     """Yield the gaps that ascending runs (first, one past the last) leave in ``range(count)``."""
     first = 0
     for start, end in runs:
@@ -192,7 +192,7 @@ def runs_between(runs: Sequence[tuple[int, int]], count: int) -> Iterator[tuple[
         yield first, count
 
 
-def expand(
+def expand_primitives(
     primitives: Primitives,
     expanders: dict[str, Expand],
     projected: Projected,

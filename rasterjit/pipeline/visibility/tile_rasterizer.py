@@ -17,8 +17,8 @@ Wider triangles get, for each row, the first and the last covered column from ``
 each edge, integers below 2**47 and 2**27, several rows at once. No row divides: the floor of
 ``(e + 1/2) * (1 / s)`` in float64 is the same, for the exact product misses every whole number by
 at least 1/(2 s), and two roundings move it by less than 2**-51 of itself, or 2**-4 / s.
-Rows that the triangle does not reach inside the tile are passed over, as far as
-``triangle_batches.cut_rows`` finds them; one too many has no columns.
+Rows that the triangle does not touch inside the tile are skipped, as far as
+``triangle_batches.cut_rows`` finds them; an extra row has no columns.
 
 All of this is float64 and 32-bit integers, since x86 before AVX-512 has no vector conversion from
 64-bit integers to float64. Rows of samples are explicit vectors (``intrinsics.draw_box``,
@@ -36,13 +36,13 @@ neither rotation nor winding of the face changes a bit.
 Hierarchical Z: the least depth of each cell of 8 by 8 samples culls triangles behind it. Long lists
 are sorted first, roughly front to back by nearest depth (`draw_sorted`), and hidden triangles are
 culled before setup, most of them where depth complexity is high. Where half of the triangles are
-visible, sorting takes as long as it saves, so a thread goes by its recent lists (`pays_to_sort`).
+visible, sorting takes as long as it saves, so a thread goes by its recent lists (`should_sort`).
 Short lists, and alpha-tested objects, are drawn as they are listed. Then cell depths are updated
 each time the number of triangles drawn has doubled, and only wide triangles are tested: for small
 ones the test costs as much as it saves.
 
-The lower face number wins a tie. Lists ascend by face, so there a sample keeps the first of equal
-depths; of triangles in another order the numbers are compared.
+The lower face number wins a tie. Lists ascend by face, so the first of equal depths stays; for
+triangles in another order, face numbers are compared.
 
 Depths are compared in the type they are stored in: rounded (float32, float64) or truncated (int32).
 Both are monotonic, so that bounds on depths stay bounds afterwards.
@@ -112,7 +112,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import alpha_test
-from rasterjit.pipeline.visibility.alpha_test import Holes, TileTest
+from rasterjit.pipeline.visibility.alpha_test import AlphaQueue, TileAlphaTest
 from rasterjit.runtime.intrinsics import (
     add_to,
     call_bound,
@@ -131,13 +131,13 @@ CORNER_ROUNDINGS = 64.0 * 2.0**-53
 """
 Rounding error of two depths of a plane, relative to its range plus its largest depth.
 
-28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
+28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and a margin.
 """
 
-MIN_SORTED = 128
+MIN_SORTED_TRIANGLES = 128
 """Fewest triangles of a tile for which sorting pays."""
 
-MAX_HISTORY = 1 << 16
+MAX_HISTORY_TRIANGLES = 1 << 16
 """Most sorted triangles in a thread's statistics of how many were visible."""
 
 RETRY_BITS = 4
@@ -158,12 +158,12 @@ def edges_at(a, b, c, column, row, grid_bits):
 
 
 @helper
-def crossing_line(edge):
+def prepare_crossing(edge):
     """
     Return an edge as (value + 1/2, step down, columns per unit of value, side).
 
-    It crosses a row at ``value * columns``; side is 1 if the inside is to the right. A horizontal
-    edge crosses beyond the block of columns, on the side given by its sign.
+    The edge crosses a row at ``value * columns``; side is 1 if the inside is to the right. A
+    horizontal edge crosses beyond the block of columns, on the side given by its sign.
     """
     value, across, down = edge
     columns = 1.0 / np.float64(abs(across)) if across != 0 else np.float64(2 << COLUMN_BLOCK_BITS)
@@ -186,8 +186,8 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
-    Returns how many samples a row has at most. Takes three `crossing_line`, and two `inside_line`
-    at the corner of the box. The columns are exact: see the notes above.
+    Returns the most samples of a row. Takes three edges from `prepare_crossing`, and two from
+    `prepare_inside` at the corner of the box. The columns are exact: see the notes above.
     """
     longest, width = np.int32(0), np.float64(columns)
     for i in range(lanes):
@@ -199,19 +199,19 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
         first = min(first, width)
         begins[i], ends[i] = np.int32(first), np.int32(max(last, -1.0)) + np.int32(1)
         longest = max(longest, np.int32(ends[i] - begins[i]))
-        depths[i] = depth_from(
-            plane, inside_at(inside_bc, first, row), inside_at(inside_ca, first, row)
+        depths[i] = evaluate_depth(
+            plane, evaluate_inside(inside_bc, first, row), evaluate_inside(inside_ca, first, row)
         )
     return np.int64(longest)
 
 
 @helper
-def inside_line(ax, ay, bx, by, left, top, grid_bits):
+def prepare_inside(ax, ay, bx, by, left, top, grid_bits):
     """
     Return an edge function at a pixel in units of 2**grid_bits, the remainder, and its steps.
 
     All are float64. Steps are whole such units, below 2**45, so that sums are exact, and
-    `inside_at` rounds once.
+    `evaluate_inside` rounds once.
     """
     value = edge_at(ax, ay, bx, by, left, top, grid_bits)
     whole = value >> grid_bits
@@ -222,46 +222,46 @@ def inside_line(ax, ay, bx, by, left, top, grid_bits):
 
 
 @helper
-def inside_at(line, column, row):
-    """Return an `inside_line`, rounded once, at an offset of columns and rows."""
+def evaluate_inside(line, column, row):
+    """Evaluate an edge from `prepare_inside` at an offset of columns and rows, rounded once."""
     return (line[0] + column * line[1] + row * line[2]) * line[3] + line[4]
 
 
 @helper
-def depth_from(plane, edge_bc, edge_ca):
+def evaluate_depth(plane, edge_bc, edge_ca):
     """Return the depth where two edge functions have the given exact values."""
     return plane[0] + (np.float64(edge_bc) * plane[1] + np.float64(edge_ca) * plane[2])
 
 
 @helper
-def depth_at_corners(plane, a, b, c, box, grid_bits):
+def bound_depths(plane, a, b, c, box, grid_bits):
     """
     Return bounds on the depths of a box of samples, before they are stored.
 
-    A plane has its extremes at corners of the box; a bound on rounding is added.
+    A plane has its extremes at corners of the box. A bound on rounding is added.
     """
     lowest, highest = np.inf, -np.inf
     for row in (box[1], box[3]):
         for column in (box[0], box[2]):
-            depth = depth_from(
+            depth = evaluate_depth(
                 plane,
                 edge_at(b[0], b[1], c[0], c[1], column, row, grid_bits),
                 edge_at(c[0], c[1], a[0], a[1], column, row, grid_bits),
             )
             lowest, highest = min(lowest, depth), max(highest, depth)
     slack = CORNER_ROUNDINGS * (plane[5] - plane[4] + max(abs(plane[4]), abs(plane[5])))
-    return clamped(lowest - slack, plane), clamped(highest + slack, plane)
+    return clamp_depth(lowest - slack, plane), clamp_depth(highest + slack, plane)
 
 
 @helper
-def clamped(depth, plane):
+def clamp_depth(depth, plane):
     """Return the depth clamped to the range of the vertices."""
     depth = plane[4] if depth < plane[4] else depth
     return plane[5] if depth > plane[5] else depth
 
 
 @helper
-def draw_small(n, ints, floats, plane, origin, tile, is_mixed):
+def draw_small(n, ints, floats, plane, origin, tile, is_unordered):
     """Rasterize a small triangle: test the samples of its box, row by row."""
     left, top = np.int64(ints[flat_index(LEFT, n)]), np.int64(ints[flat_index(TOP, n)])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
@@ -284,12 +284,12 @@ def draw_small(n, ints, floats, plane, origin, tile, is_mixed):
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(ints[flat_index(FACE, n)]), is_mixed,
+        np.int32(ints[flat_index(FACE, n)]), is_unordered,
     )  # fmt: skip
 
 
 @helper
-def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mixed):
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_unordered):
     """Rasterize a wide triangle: find the covered span of each row, and fill it."""
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
@@ -297,13 +297,9 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
     if rows <= 0:
         return
     edges = edges_at(a, b, c, left, top, grid_bits)
-    lines = (
-        crossing_line(edges[0]),
-        crossing_line(edges[1]),
-        crossing_line(edges[2]),
-    )
-    inside_bc = inside_line(bx, by, cx, cy, left, top, grid_bits)
-    inside_ca = inside_line(cx, cy, ax, ay, left, top, grid_bits)
+    lines = (prepare_crossing(edges[0]), prepare_crossing(edges[1]), prepare_crossing(edges[2]))
+    inside_bc = prepare_inside(bx, by, cx, cy, left, top, grid_bits)
+    inside_ca = prepare_inside(cx, cy, ax, ay, left, top, grid_bits)
     # Whole groups of rows: results beyond the last are not read.
     lanes = ((rows - 1) | 7) + 1
     longest = find_spans(
@@ -313,13 +309,13 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
     first = (top - origin[1]) * SCRATCH_SHAPE[1] - np.int64(before)
     fill_rows(
         tile[0], tile[1], spans, first, np.int64(SCRATCH_SHAPE[1]), rows, before, longest,
-        (plane[3], plane[4], plane[5]), face, is_mixed,
+        (plane[3], plane[4], plane[5]), face, is_unordered,
     )  # fmt: skip
 
 
 @helper
-def hidden_depth(n, ints, origin, cells):
-    """Return the least depth of the cells that a triangle's box touches: below it, it is hidden."""
+def find_hidden_depth(n, ints, origin, cells):
+    """Return the least depth of the cells that a triangle's box touches, which hides what is below."""
     left = max(np.int64(ints[flat_index(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
     right = (np.int64(ints[flat_index(RIGHT, n)]) - origin[0]) >> CELL_BITS
     top = (np.int64(ints[flat_index(TOP, n)]) - origin[1]) >> CELL_BITS
@@ -331,11 +327,11 @@ def hidden_depth(n, ints, origin, cells):
 
 
 @helper
-def draw_triangle(n, ints, floats, origin, bits, tile_depth, cells, tile, spans, is_mixed):
+def draw_triangle(n, ints, floats, origin, bits, tile_depth, cells, tile, spans, is_unordered):
     """
-    Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
+    Draw one triangle of a batch into a tile whose first pixel is ``origin`` (column, row).
 
-    It is culled if it lies below the tile depth, or, if wide, below the depths of its cells.
+    Culled below the tile depth; if wide, also below the depths of its cells.
     """
     lowest, highest = floats[flat_index(RANGE, n)], floats[flat_index(RANGE + 1, n)]
     if tile[0].dtype.type(highest) < tile_depth:
@@ -344,9 +340,9 @@ def draw_triangle(n, ints, floats, origin, bits, tile_depth, cells, tile, spans,
     step = floats[flat_index(ACROSS, n)] * weight_a + floats[flat_index(ACROSS + 1, n)] * weight_b
     plane = floats[flat_index(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
     if not ints[flat_index(WIDE, n)]:
-        draw_small(n, ints, floats, plane, origin, tile, is_mixed)
+        draw_small(n, ints, floats, plane, origin, tile, is_unordered)
         return
-    hidden = hidden_depth(n, ints, origin, cells)
+    hidden = find_hidden_depth(n, ints, origin, cells)
     if tile[0].dtype.type(highest) < hidden:
         return
     a = (np.int64(ints[flat_index(AX, n)]), np.int64(ints[flat_index(AY, n)]))
@@ -357,31 +353,31 @@ def draw_triangle(n, ints, floats, origin, bits, tile_depth, cells, tile, spans,
         np.int64(ints[flat_index(RIGHT, n)]), np.int64(ints[flat_index(BOTTOM, n)]),
     )  # fmt: skip
     if tile[0].dtype.type(lowest) < hidden:
-        _, nearest = depth_at_corners(plane, a, b, c, box, bits)
+        _, nearest = bound_depths(plane, a, b, c, box, bits)
         if tile[0].dtype.type(nearest) < hidden:
             return
     face = np.int32(ints[flat_index(FACE, n)])
-    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_unordered)
 
 
-SPANS = int32[::1], int32[::1], float64[::1]
-"""The types of the memory for the rows of a triangle."""
+SPAN_MEMORY = int32[::1], int32[::1], float64[::1]
+"""Types of the scratch memory for the rows of a triangle."""
 
 
 @kernel
-def draw_planned(
+def draw_batch(
     request: int64[::1], cell_depths: stored[:, ::1], depths: stored[:, ::1],
-    numbers: int32[:, ::1], ints: int32[:, ::1], floats: FLOAT_ROWS_TYPE, spans: SPANS,
+    numbers: int32[:, ::1], ints: int32[:, ::1], floats: FLOAT_ROWS_TYPE, spans: SPAN_MEMORY,
 ):  # fmt: skip
     """
-    Draw planned triangles of a batch, one after the other, into a tile.
+    Draw triangles of a batch, one after the other, into a tile.
 
     Parameters
     ----------
     request : (15,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
-        For each cell of the tile: what lies below it need not be drawn there.
+        For each cell of the tile, the depth below which nothing is visible.
     depths, numbers : (rows, columns)
         The tile; changed.
     ints, floats : (rows, columns)
@@ -390,19 +386,19 @@ def draw_planned(
         Scratch memory.
     """
     tile, origin = (flat(depths), flat(numbers)), (request[LEFT_COLUMN], request[TOP_ROW])
-    bits, cells, is_mixed = request[GRID_BITS], flat(cell_depths), request[IS_UNORDERED] != 0
+    bits, cells, is_unordered = request[GRID_BITS], flat(cell_depths), request[IS_UNORDERED] != 0
     tile_depth = least_in_rows(
         cells, np.int64(0), np.int64(CELLS_PER_ROW), np.int64(CELLS_PER_ROW), np.int32(0),
         np.int32(CELLS_PER_ROW - 1),
     )  # fmt: skip
     for n in range(np.uintp(request[DRAW_FIRST]), np.uintp(request[DRAW_END])):
         draw_triangle(
-            n, flat(ints), flat(floats), origin, bits, tile_depth, cells, tile, spans, is_mixed
+            n, flat(ints), flat(floats), origin, bits, tile_depth, cells, tile, spans, is_unordered
         )
 
 
 @helper
-def tile_window(number, columns, viewport):
+def get_tile_window(number, columns, viewport):
     """Return the first column and row of a tile, and the last ones inside the image."""
     left, top = (number % columns) << TILE_BITS, (number // columns) << TILE_BITS
     return (
@@ -413,38 +409,38 @@ def tile_window(number, columns, viewport):
     )
 
 
-class Drawing(NamedTuple):
+class TileDrawing(NamedTuple):
     """
-    Arguments by which a kernel draws listed triangles: addresses of other kernels (``jit.Bound``).
+    Arguments by which a kernel draws listed triangles.
 
-    So these are compiled once for all kernels that draw triangles.
+    Other kernels are called by address (``jit.Bound``), so they are compiled once for all callers.
     """
 
     request: int64[::1]
     """(15,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
-    """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
-    plan: int64[::1]
+    """(8, 8): for each cell of the tile, the depth below which nothing is visible."""
+    set_up: int64[::1]
     """(2,): how to call ``triangle_batches.set_up_batch``."""
     tile: int64[::1]
-    """(2,): how to call `draw_planned` for the frame's tile."""
+    """(2,): how to call `draw_batch` for the frame's tile."""
     scratch_tile: int64[::1]
     """(2,): the same for the scratch tile of alpha-tested triangles, if there are any."""
     sort: int64[::1]
     """(2,): how to call ``triangle_batches.order_triangles``."""
-    plan_sorted: int64[::1]
+    set_up_sorted: int64[::1]
     """(2,): how to call ``triangle_batches.set_up_batch`` for sorted triangles."""
     order: ORDER
     """Sorted triangles."""
     cells: (int64[::1], int64[::1])
-    """From `cell_masks`."""
+    """From `make_cell_masks`."""
     queue: int32[::1]
     """(192,): the next triangles to draw."""
 
 
 @helper
 def begin_tile(drawing, window, bits, shift, tile_depth):
-    """Store a tile's `tile_window`, the offset added to vertices, and the tile depth."""
+    """Store a tile's window, the offset added to vertices, and the tile depth."""
     request = drawing.request
     request[LEFT_COLUMN], request[TOP_ROW], request[RIGHT_COLUMN], request[BOTTOM_ROW] = window
     request[GRID_BITS], request[SHIFT_X], request[SHIFT_Y] = bits, shift[0], shift[1]
@@ -454,40 +450,40 @@ def begin_tile(drawing, window, bits, shift, tile_depth):
 
 
 @helper
-def plan_listed(drawing, first, count):
+def set_up_listed(drawing, first, count):
     """Set up a batch of listed triangles."""
     drawing.request[FIRST_LISTED], drawing.request[LISTED_COUNT] = first, count
-    call_bound(drawing.plan)
+    call_bound(drawing.set_up)
 
 
 @helper
-def draw_some(drawing, words, first, end):
+def draw_range(drawing, words, first, end):
     """Draw triangles ``first`` to ``end`` of the current batch into the tile bound to ``words``."""
     drawing.request[DRAW_FIRST], drawing.request[DRAW_END] = first, end
     call_bound(words)
 
 
 @helper
-def draw_listed(first, count, ints, drawing, holes):
+def draw_listed(first, count, ints, drawing, alpha_queue):
     """Draw a batch of listed triangles in order, with alpha test."""
-    plan_listed(drawing, first, count)
-    if holes.cutoffs.shape[0] == 0:
-        draw_some(drawing, drawing.tile, 0, count)
+    set_up_listed(drawing, first, count)
+    if alpha_queue.cutoffs.shape[0] == 0:
+        draw_range(drawing, drawing.tile, 0, count)
         return
     request = drawing.request
     origin, shift = (request[LEFT_COLUMN], request[TOP_ROW]), (request[SHIFT_X], request[SHIFT_Y])
-    alpha_test.begin_batch(holes, count, origin, shift)
+    alpha_test.begin_batch(alpha_queue, count, origin, shift)
     owner = np.int64(0)
     for n in range(np.uintp(count)):
-        owner, is_tested = alpha_test.find_owner(ints[FACE, n], owner, holes)
-        draw_some(drawing, drawing.scratch_tile if is_tested else drawing.tile, n, n + np.uintp(1))
+        owner, is_tested = alpha_test.find_owner(ints[FACE, n], owner, alpha_queue)
+        draw_range(drawing, drawing.scratch_tile if is_tested else drawing.tile, n, n + np.uintp(1))
         if is_tested:
-            alpha_test.keep(n, owner, holes)
+            alpha_test.queue_from_scratch(n, owner, alpha_queue)
 
 
 @helper
-def raise_cells(depths, cell_depths, drawn):
-    """Raise the depths of a tile's cells that were drawn to, to the least of their samples."""
+def raise_cell_depths(depths, cell_depths, drawn):
+    """Raise the depths of cells that were drawn to, to the least of their samples."""
     samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
     for row in range(CELLS_PER_ROW):
         for column in range(CELLS_PER_ROW):
@@ -502,8 +498,8 @@ def raise_cells(depths, cell_depths, drawn):
 
 
 @helper
-def open_cells(nearest, cell_depths):
-    """Return a bit mask of the cells in which a triangle of that nearest depth may be visible."""
+def mask_open_cells(nearest, cell_depths):
+    """Return a bit mask of the cells in which a triangle of a nearest depth may be visible."""
     depths, mask = flat(cell_depths), np.int64(0)
     for n in range(depths.shape[0]):
         is_hidden = depths.dtype.type(nearest) < depths[n]
@@ -534,13 +530,13 @@ def queue_visible(order, first, end, mask, tables, queue, count):
 def draw_queued(drawing, first, count):
     """Set up and draw sorted triangles."""
     drawing.request[FIRST_LISTED], drawing.request[LISTED_COUNT] = first, count
-    call_bound(drawing.plan_sorted)
-    draw_some(drawing, drawing.tile, 0, count)
+    call_bound(drawing.set_up_sorted)
+    draw_range(drawing, drawing.tile, 0, count)
 
 
 @helper
 def draw_sorted(first, count, scratch, drawing):
-    """Draw listed triangles front to back, culling those that are hidden by then."""
+    """Draw listed triangles front to back, culling hidden ones."""
     drawing.request[FIRST_LISTED], drawing.request[LISTED_COUNT] = first, count
     call_bound(drawing.sort)
     drawing.request[PREFETCH], drawing.request[IS_UNORDERED] = 0, 1
@@ -550,7 +546,7 @@ def draw_sorted(first, count, scratch, drawing):
     while begin < count:
         while ends[(bucket + 1) * PARTS_PER_BUCKET - 1] <= begin:
             bucket += 1
-        mask = open_cells(bounds[bucket], drawing.cell_depths)
+        mask = mask_open_cells(bounds[bucket], drawing.cell_depths)
         stop = min(begin + 2 * TRIANGLES_PER_BATCH, ends[(bucket + 1) * PARTS_PER_BUCKET - 1])
         queued, cells = queue_visible(order, begin, stop, mask, drawing.cells, queue, queued)
         touched |= cells
@@ -565,22 +561,22 @@ def draw_sorted(first, count, scratch, drawing):
                 queue[n] = queue[drawn + n]
             queued -= drawn
             drawing.request[SORTED_DRAWN] += drawn
-            raise_cells(scratch[0], drawing.cell_depths, touched)
+            raise_cell_depths(scratch[0], drawing.cell_depths, touched)
             touched = cells
     drawing.request[IS_UNORDERED] = 0
     drawing.request[SORTED] += count
 
 
 @cache
-def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def make_cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return bit masks of a tile's cells by range of columns, and of rows, at 8 * last + first."""
     columns = np.zeros(CELLS_PER_ROW * CELLS_PER_ROW, np.int64)
     rows = np.zeros(CELLS_PER_ROW * CELLS_PER_ROW, np.int64)
     for last in range(CELLS_PER_ROW):
         for first in range(last + 1):
-            some = np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), bool)
-            some[first : last + 1] = True
-            for table, cells in ((rows, some), (columns, some.T)):
+            is_in = np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), bool)
+            is_in[first : last + 1] = True
+            for table, cells in ((rows, is_in), (columns, is_in.T)):
                 table[last * CELLS_PER_ROW + first] = np.packbits(cells, bitorder="little").view(
                     np.int64
                 )[0]
@@ -588,15 +584,15 @@ def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 @helper
-def pays_to_sort(request, count):
+def should_sort(request, count):
     """
     Return whether to sort a list of triangles.
 
-    It is while half of the recently sorted triangles were hidden; else it is retried now and then.
+    True while half of the recently sorted triangles were hidden; else retried now and then.
     """
-    if count < MIN_SORTED:
+    if count < MIN_SORTED_TRIANGLES:
         return False
-    if request[SORTED] > MAX_HISTORY:
+    if request[SORTED] > MAX_HISTORY_TRIANGLES:
         request[SORTED] >>= 1
         request[SORTED_DRAWN] >>= 1
     if 2 * request[SORTED_DRAWN] <= request[SORTED]:
@@ -606,9 +602,9 @@ def pays_to_sort(request, count):
 
 
 @helper
-def draw_list(first, end, scratch, drawing, holes):
+def draw_list(first, end, scratch, drawing, alpha_queue):
     """Draw listed triangles ``first`` to ``end`` into the thread's tile, with alpha test."""
-    if holes.cutoffs.shape[0] == 0 and pays_to_sort(drawing.request, end - first):
+    if alpha_queue.cutoffs.shape[0] == 0 and should_sort(drawing.request, end - first):
         for begin in range(first, end, MAX_SORTED):
             count = min(MAX_SORTED, end - begin)
             drawing.request[PREFETCH] = min(2 * TRIANGLES_PER_BATCH, end - begin - count)
@@ -617,11 +613,11 @@ def draw_list(first, end, scratch, drawing, holes):
     raised = first + TRIANGLES_PER_BATCH
     for begin in range(first, end, TRIANGLES_PER_BATCH):
         if begin == raised:
-            raise_cells(scratch[0], drawing.cell_depths, np.int64(-1))
+            raise_cell_depths(scratch[0], drawing.cell_depths, np.int64(-1))
             raised += raised - first
         count = min(TRIANGLES_PER_BATCH, end - begin)
         drawing.request[PREFETCH] = min(2 * TRIANGLES_PER_BATCH, end - begin - count)
-        draw_listed(begin, count, scratch[2], drawing, holes)
+        draw_listed(begin, count, scratch[2], drawing, alpha_queue)
 
 
 @helper
@@ -647,19 +643,19 @@ def clear_frame_tile(frame, window, empty):
 
 
 @cache
-def empty_depth(depth_type: Any) -> Any:
+def get_empty_depth(depth_type: Any) -> Any:
     """Return the depth of empty samples, for a type of depths: below every stored one."""
     kind = np.dtype(depth_type)
     return kind.type(-1 if kind.kind == "i" else -np.inf)
 
 
-EMPTY = 7
-"""Index in the scratch memory of the depth of empty samples."""
+EMPTY_DEPTH_INDEX = 7
+"""Index of the depth of empty samples in the scratch memory."""
 
 
-def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
+def allocate_scratch(depth_type: Any = np.float32) -> tuple[Any, ...]:
     """
-    Return a thread's memory for rasterizing: a tile, and a batch.
+    Allocate a thread's memory for rasterizing: a tile, and a batch.
 
     Depths are stored in the given type: float32, float64 or int32.
     """
@@ -667,23 +663,23 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
         np.empty(SCRATCH_SHAPE, depth_type), np.empty(SCRATCH_SHAPE, np.int32),
         np.empty((INT_ROWS, ROW_STRIDE), np.int32), np.empty((FLOAT_ROWS, ROW_STRIDE), np.float64),
         np.empty(TILE_SIZE, np.int32), np.empty(TILE_SIZE, np.int32),
-        np.empty(TILE_SIZE, np.float64), np.full(1, empty_depth(depth_type)),
+        np.empty(TILE_SIZE, np.float64), np.full(1, get_empty_depth(depth_type)),
     )  # fmt: skip
 
 
 SCRATCH = (
-    stored[:, ::1], int32[:, ::1], int32[:, ::1], FLOAT_ROWS_TYPE, *SPANS, stored[::1],
+    stored[:, ::1], int32[:, ::1], int32[:, ::1], FLOAT_ROWS_TYPE, *SPAN_MEMORY, stored[::1],
 )  # fmt: skip
-"""The types of `scratch_memory`."""
+"""The types of `allocate_scratch`."""
 
 
 class TileDrawer(NamedTuple):
     """A thread's state for rasterizing a tile; keep it alive while kernels hold its addresses."""
 
     scratch: tuple[Any, ...]
-    """From `scratch_memory`."""
-    drawing: Drawing
-    holes: Holes
+    """From `allocate_scratch`."""
+    drawing: TileDrawing
+    alpha_queue: AlphaQueue
     called: tuple[Any, ...]
     """Owners of the memory behind the addresses."""
 
@@ -692,7 +688,7 @@ class TileMemory(NamedTuple):
     """The memory of a `TileDrawer`; its former contents do not affect pictures."""
 
     scratch: tuple[Any, ...]
-    """From `scratch_memory`."""
+    """From `allocate_scratch`."""
     request: NDArray[np.int64]
     cell_depths: NDArray[Any]
     order: tuple[Any, ...]
@@ -700,16 +696,16 @@ class TileMemory(NamedTuple):
     queue: NDArray[np.int32]
 
 
-def tile_memory(depth_type: Any = np.float32) -> TileMemory:
-    """Return the memory of a `TileDrawer`, for stored depths of a type."""
+def allocate_tile_memory(depth_type: Any = np.float32) -> TileMemory:
+    """Allocate the memory of a `TileDrawer`, for stored depths of a type."""
     return TileMemory(
-        scratch_memory(depth_type), np.zeros(REQUEST_SIZE, np.int64),
+        allocate_scratch(depth_type), np.zeros(REQUEST_SIZE, np.int64),
         np.empty((CELLS_PER_ROW, CELLS_PER_ROW), depth_type), allocate_order_memory(),
         np.empty(3 * TRIANGLES_PER_BATCH, np.int32),
     )  # fmt: skip
 
 
-def tile_drawer(
+def make_tile_drawer(
     listed: NDArray[np.int32],
     faces: Faces,
     screen: ScreenVertices,
@@ -718,7 +714,7 @@ def tile_drawer(
     memory: TileMemory | None = None,
 ) -> TileDrawer:
     """
-    Return a thread's state for rasterizing a tile.
+    Make a thread's state for rasterizing a tile.
 
     Parameters
     ----------
@@ -728,37 +724,45 @@ def tile_drawer(
     depth_type : dtype
         The type in which depths are stored: float32, float64 or int32.
     alpha_tests : AlphaTests or None
-        None: no object has holes.
+        None: no object is alpha-tested.
     memory : TileMemory or None
-        From `tile_memory` for the same type, for this thread alone; None: it is made here.
+        From `allocate_tile_memory` for the same type, for this thread alone; None: allocated here.
     """
-    scratch, request, cell_depths, (order, surveyed), queue = memory or tile_memory(depth_type)
-    test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
-    planned = Bound(set_up_batch, request, listed, faces, screen, *scratch[2:4])
-    tile = spare = drawn_into(scratch[:2], request, cell_depths, scratch)
+    scratch, request, cell_depths, (order, survey), queue = memory or allocate_tile_memory(
+        depth_type
+    )
+    test = TileAlphaTest(alpha_tests, scratch[:2], scratch[EMPTY_DEPTH_INDEX], scratch[2])
+    set_up = Bound(set_up_batch, request, listed, faces, screen, *scratch[2:4])
+    tile = scratch_tile = bind_drawing(scratch[:2], request, cell_depths, scratch)
     if alpha_tests is not None:
-        spare = drawn_into((test.holes.depth, test.holes.numbers), request, cell_depths, scratch)
-    sort = Bound(order_triangles, request, listed, faces, screen, *scratch[2:4], surveyed, order)
+        scratch_tile = bind_drawing(
+            (test.alpha_queue.depth, test.alpha_queue.numbers), request, cell_depths, scratch
+        )
+    sort = Bound(order_triangles, request, listed, faces, screen, *scratch[2:4], survey, order)
     queued = Bound(set_up_batch, request, queue, faces, screen, *scratch[2:4])
-    drawing = Drawing(
-        request, cell_depths, planned.words, tile.words, spare.words, sort.words, queued.words,
-        order, cell_masks(), queue,
+    drawing = TileDrawing(
+        request, cell_depths, set_up.words, tile.words, scratch_tile.words, sort.words,
+        queued.words, order, make_cell_masks(), queue,
     )  # fmt: skip
-    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, spare, sort, queued))
+    return TileDrawer(
+        scratch, drawing, test.alpha_queue, (test, set_up, tile, scratch_tile, sort, queued)
+    )
 
 
-def drawn_into(
+def bind_drawing(
     tile: tuple[Any, ...],
     request: NDArray[np.int64],
     cell_depths: NDArray[Any],
     scratch: tuple[Any, ...],
 ) -> Bound:
-    """Return `draw_planned`, bound to a tile."""
-    return Bound(draw_planned, request, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY])
+    """Bind `draw_batch` to a tile."""
+    return Bound(
+        draw_batch, request, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY_DEPTH_INDEX]
+    )
 
 
-ALL = np.empty(0, np.int64)
-"""Stands for the shared counter of tiles where one thread draws all."""
+NO_COUNTER = np.empty(0, np.int64)
+"""Replaces the shared counter of tiles where one thread draws all."""
 
 
 @helper
@@ -774,7 +778,7 @@ def claim_tiles(counter, count):
 def draw_tiles(
     tiles: int32[::1], counter: int64[::1], starts: int64[::1], tile_depths: stored[::1],
     viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH,
-    drawing: Drawing, holes: Holes,
+    drawing: TileDrawing, alpha_queue: AlphaQueue,
 ):  # fmt: skip
     """
     Draw some of the frame's tiles.
@@ -784,27 +788,26 @@ def draw_tiles(
     tiles : (N,) int32
         Tile numbers, row by row.
     counter : (2,) int64, or (0,)
-        How many of them threads have taken, changed, and how many each takes at a time; `ALL`: they
-        are all for this thread.
+        Number of tiles that threads have claimed, changed, and how many each claims at a time;
+        `NO_COUNTER`: all are for this thread.
     starts : (tiles + 1,) int64
-        Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list that the drawer was made
-        for, which ascend.
+        Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the drawer's list, which ascend.
     tile_depths : (tiles,) float32, float64 or int32, stored depth
-        Triangles below it are left out of a tile; `empty_depth` leaves out none.
+        Triangles below it are skipped in a tile; `get_empty_depth` skips none.
     viewport : Viewport
     frame : (depth (H, W) of the same type, face_id (H, W) int32)
-        Writes every pixel of the tiles: stored depth (greater is nearer, `empty_depth` where
-        nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
-    scratch, drawing, holes
-        Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
+        Writes every pixel of the tiles: stored depth (greater is nearer, `get_empty_depth` where
+        nothing is) and face number (-1 where nothing is). W = 0: not written.
+    scratch, drawing, alpha_queue
+        From this thread's `make_tile_drawer`; ``alpha_test.make_empty_queue`` tests nothing.
 
     Returns
     -------
     int
-        On how many pixels there is something; 0 where ``face_id`` is not wanted.
+        Number of covered pixels; 0 if ``face_id`` is not written.
     """
     depth, face_id = frame
-    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
+    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY_DEPTH_INDEX][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     n, stop = np.int64(0), np.int64(0 if counter.shape[0] else tiles.shape[0])
     covered = np.int64(0)
@@ -815,14 +818,14 @@ def draw_tiles(
                 return covered
         number = np.int64(tiles[n])
         n += 1
-        window = tile_window(number, columns, viewport)
+        window = get_tile_window(number, columns, viewport)
         first, end = starts[number], starts[number + 1]
         if first == end:
             clear_frame_tile(frame, window, empty)
             continue
         clear_tile(depths, numbers, empty)
         begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
-        draw_list(first, end, scratch, drawing, holes)
+        draw_list(first, end, scratch, drawing, alpha_queue)
         # Write the tile to the frame.
         left, top = window[0], window[1]
         width = window[2] + 1 - left
@@ -831,9 +834,9 @@ def draw_tiles(
             frame_numbers = face_id[top + row, left : left + width]
             for column in range(frame_depth.shape[0]):
                 frame_depth[column] = depths[row, column]
-            in_row = np.int32(0)
+            row_covered = np.int32(0)
             for column in range(frame_numbers.shape[0]):
                 face = numbers[row, column]
                 frame_numbers[column] = face
-                in_row += np.int32(face != NOTHING)
-            covered += in_row
+                row_covered += np.int32(face != NOTHING)
+            covered += row_covered

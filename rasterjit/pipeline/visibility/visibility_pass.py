@@ -40,19 +40,19 @@ from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 FACES_PER_TASK = 65536
 """Most faces set up by one task: enough to hide the cost of a task, few enough to share out."""
 
-MIN_FACES = 2048
+MIN_FACES_PER_TASK = 2048
 """Fewest faces set up by one task, if there are several threads."""
 
-MIN_CUT = 256
+MIN_CLIPPED_PER_TASK = 256
 """Fewest faces cut by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
 """Most vertices projected by one task; they may belong to several objects."""
 
-MIN_VERTICES = 4096
+MIN_VERTICES_PER_TASK = 4096
 """Fewest vertices projected by one task, if there are several threads."""
 
-EVEN_TASKS = 4
+TASKS_PER_THREAD = 4
 """Tasks per thread for work of even cost: faces to set up, vertices."""
 
 TILES_PER_TASK = 4
@@ -103,7 +103,7 @@ class TileLists(NamedTuple):
 
 
 class ModelVertices(NamedTuple):
-    """The vertices of all objects and their transforms to clip space: input of `transform`."""
+    """The vertices of all objects and their transforms to clip space: input of `transform_to_clip`."""
 
     positions: NDArray[np.float64] | NDArray[np.float32]
     """(V, 3), model space. Their type is that of the arithmetic that projects them."""
@@ -121,7 +121,7 @@ class Coverage(NamedTuple):
     """The visibility buffer and the geometry that it points into."""
 
     depth: NDArray[Any]
-    """(H, W), stored depth: greater is nearer; ``tile_rasterizer.empty_depth`` where nothing is;
+    """(H, W), stored depth: greater is nearer; ``tile_rasterizer.get_empty_depth`` where nothing is;
     (H, 0) if not kept."""
     face_id: NDArray[np.int32]
     """(H, W), -1 where nothing is."""
@@ -132,7 +132,7 @@ class Coverage(NamedTuple):
     lists: TileLists | None
     """``None`` unless they were asked for."""
     alpha_tests: records.AlphaTests | None = None
-    """With its geometry; ``None`` if no object has holes."""
+    """With its geometry; ``None`` if no object is alpha-tested."""
     reversed_depth: NDArray[np.float32] | None = None
     """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
     ``None`` if none reads it."""
@@ -147,7 +147,7 @@ class Coverage(NamedTuple):
     it does not."""
 
 
-def transform(
+def transform_to_clip(
     positions: NDArray[np.float64],
     vertex_starts: NDArray[np.int64],
     relative_from_model: NDArray[np.float64],
@@ -179,10 +179,10 @@ def transform(
         Found in arithmetic of the positions' type.
     """
     count, kind = len(positions), positions.dtype
-    per_task = _per_task(count, MIN_VERTICES, VERTICES_PER_TASK, workers)
+    per_task = _choose_per_task(count, MIN_VERTICES_PER_TASK, VERTICES_PER_TASK, workers)
     clip_positions = workers.memory.empty((count, 4), np.float64)
-    objects = vertex_starts, _rounded(relative_from_model, kind)
-    matrix = _rounded(clip_from_relative, kind)
+    objects = vertex_starts, _convert_matrices(relative_from_model, kind)
+    matrix = _convert_matrices(clip_from_relative, kind)
 
     shared = positions, objects, matrix, clip_positions
     workers.call(
@@ -196,12 +196,12 @@ def transform(
     return clip_positions
 
 
-def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
+def _choose_per_task(count: int, least: int, most: int, workers: Workers) -> int:
     """Return how many items one task does: see `count_per_task`; not more than the most."""
-    return min(count_per_task(count, least, workers, EVEN_TASKS), most)
+    return min(count_per_task(count, least, workers, TASKS_PER_THREAD), most)
 
 
-def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
+def _convert_matrices(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
     """Return matrices in the type of the vertices that they transform."""
     if kind == np.float64:
         return np.ascontiguousarray(matrices)
@@ -209,7 +209,7 @@ def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
         return np.ascontiguousarray(matrices, kind)
 
 
-def project(
+def project_to_screen(
     clip_positions: NDArray[np.float64],
     depth_coefficients: tuple[float, float, float],
     viewport: records.Viewport,
@@ -236,7 +236,7 @@ def project(
         The outcode bits set for any vertex.
     """
     arguments, count = (clip_positions, depth_coefficients, viewport), len(clip_positions)
-    return _to_screen(projection.project_vertices, count, arguments, workers, precision)
+    return _fill_screen(projection.project_vertices, count, arguments, workers, precision)
 
 
 def transform_and_project(
@@ -250,7 +250,7 @@ def transform_and_project(
     """
     Project all vertices from model space to the screen.
 
-    The same bits as `transform` then `project`, without storing clip positions.
+    The same bits as `transform_to_clip` then `project_to_screen`, without storing clip positions.
 
     Parameters
     ----------
@@ -271,21 +271,21 @@ def transform_and_project(
         The outcode bits set for any vertex.
     """
     count, kind = len(vertices.positions), vertices.positions.dtype
-    objects = vertices.vertex_starts, _rounded(vertices.relative_from_model, kind)
-    matrix = _rounded(vertices.clip_from_relative, kind)
+    objects = vertices.vertex_starts, _convert_matrices(vertices.relative_from_model, kind)
+    matrix = _convert_matrices(vertices.clip_from_relative, kind)
     arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
     runs = [(0, count)] if runs is None else runs
-    return _to_screen(projection.transform_vertices, count, arguments, workers, kind, kept, runs)
+    return _fill_screen(projection.transform_vertices, count, arguments, workers, kind, kept, runs)
 
 
-def _to_screen(
+def _fill_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
     kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[records.ScreenVertices, int]:  # fmt: skip
     """Call a kernel that fills the screen vertices, for all of them or for some runs."""
     kept = kept or Kept(workers.memory, lasts=False)
-    screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
-    per_task = _per_task(count, MIN_VERTICES, VERTICES_PER_TASK, workers)
+    screen = kept.made("screen", allocate_screen, count + SPARE_VERTICES, workers.memory)
+    per_task = _choose_per_task(count, MIN_VERTICES_PER_TASK, VERTICES_PER_TASK, workers)
 
     calls = []
     for start, end in [(0, count)] if runs is None else runs:
@@ -301,7 +301,7 @@ def _to_screen(
     return screen, all_codes
 
 
-def clip(
+def clip_faces(
     clip_positions: NDArray[np.float64],
     faces: NDArray[np.int32],
     depth_coefficients: tuple[float, float, float],
@@ -320,7 +320,7 @@ def clip(
     depth_coefficients : (float, float, float)
     viewport : Viewport
     screen : ScreenVertices
-        The V vertices snapped, as `project` returns them.
+        The V vertices snapped, as `project_to_screen` returns them.
     workers : Workers
     primitives : Primitives, optional
         The objects whose faces are not triangles: none of theirs is cut.
@@ -337,16 +337,16 @@ def clip(
     # Faces to clip.
     codes = screen.codes[: clip_positions.shape[0]]
     if primitives is None:
-        cut = _cut_faces(faces, codes, workers)
+        cut = _find_clipped_faces(faces, codes, workers)
     else:
-        runs = expansion.runs_between([one.faces for one in primitives.objects], len(faces))
+        runs = expansion.find_gaps([one.faces for one in primitives.objects], len(faces))
         cut = np.concatenate(
             [np.empty(0, np.int32)]
-            + [_cut_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
+            + [_find_clipped_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
         )
     # How many vertices each piece has.
     counts = np.zeros(len(cut), np.int64)
-    edges = _edges(len(cut), MIN_CUT, FACES_PER_TASK, workers)
+    edges = _split_into_tasks(len(cut), MIN_CLIPPED_PER_TASK, FACES_PER_TASK, workers)
     parts = [slice(first, end) for first, end in itertools.pairwise(edges)]
     scratches = [np.empty((2, clipping.MAX_VERTICES, 4), np.float64) for _ in parts]
     workers.call(
@@ -374,7 +374,7 @@ def clip(
     )  # fmt: skip
     first = clip_positions.shape[0]
     if first + len(positions) > len(screen.codes):
-        roomy = screen_arrays(first + len(positions), workers.memory)
+        roomy = allocate_screen(first + len(positions), workers.memory)
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
@@ -391,11 +391,11 @@ def clip(
     return records.Faces(faces, pieces, piece_faces), screen, len(cut)
 
 
-def _cut_faces(
+def _find_clipped_faces(
     faces: NDArray[np.int32], codes: NDArray[np.uint8], workers: Workers
 ) -> NDArray[np.int32]:
     """Return the numbers of the faces that have to be cut, ascending."""
-    edges = _edges(len(faces), MIN_FACES, FACES_PER_TASK, workers)
+    edges = _split_into_tasks(len(faces), MIN_FACES_PER_TASK, FACES_PER_TASK, workers)
     parts = [faces[first:end] for first, end in itertools.pairwise(edges)]
     lists = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
     rows = list(zip(parts, itertools.repeat(codes), lists))
@@ -412,9 +412,9 @@ def _cut_faces(
     )
 
 
-def _edges(count: int, least: int, most: int, workers: Workers) -> list[int]:
+def _split_into_tasks(count: int, least: int, most: int, workers: Workers) -> list[int]:
     """Return the boundaries of tasks over ``count`` items: each start, and the end of the last."""
-    return [*range(0, count, _per_task(count, least, most, workers)), count]
+    return [*range(0, count, _choose_per_task(count, least, most, workers)), count]
 
 
 class Drawable(NamedTuple):
@@ -494,7 +494,9 @@ def run_visibility(
     drawn_points: list[Primitive] = []
     if primitives is not None:
         drawn_points = [
-            one for one in primitives.objects if point_pass.is_cloud(one, wanted.lists, alpha_tests)
+            one
+            for one in primitives.objects
+            if point_pass.is_drawn_as_points(one, wanted.lists, alpha_tests)
         ]
     # Transform and project vertices.
     if isinstance(vertices, ModelVertices):
@@ -503,24 +505,24 @@ def run_visibility(
             # Points are projected when they are drawn.
             unused += [one.vertices for one in drawn_points]
         if unused:
-            runs = list(expansion.runs_between(sorted(unused), len(vertices.positions)))
+            runs = list(expansion.find_gaps(sorted(unused), len(vertices.positions)))
         screen, seen = transform_and_project(
             vertices, depth_coefficients, viewport, workers, kept, runs
         )
         clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
         if wanted.clip_positions or seen & setup.CLIPPED or primitives is not None:
-            clip_positions = transform(*vertices[:4], workers, runs)
+            clip_positions = transform_to_clip(*vertices[:4], workers, runs)
     else:
         clip_positions = vertices
-        screen, seen = project(
+        screen, seen = project_to_screen(
             clip_positions, depth_coefficients, viewport, workers, wanted.precision
         )
     clock("transform")
     # Clip faces.
     clipped = 0
-    all_faces = kept.made("faces", whole_faces, faces)
+    all_faces = kept.made("faces", make_unclipped_faces, faces)
     if seen & setup.CLIPPED:
-        all_faces, screen, clipped = clip(
+        all_faces, screen, clipped = clip_faces(
             clip_positions, faces, depth_coefficients, viewport, screen, workers, primitives
         )
     clock("clip")
@@ -528,10 +530,10 @@ def run_visibility(
     if primitives is not None:
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
-        make_room = partial(screen_arrays, memory=workers.memory)
+        make_room = partial(allocate_screen, memory=workers.memory)
         numbers = {one.number for one in drawn_points}
         expanded = tuple([one for one in primitives.objects if one.number not in numbers])
-        all_faces, screen = expansion.expand(
+        all_faces, screen = expansion.expand_primitives(
             primitives._replace(objects=expanded), EXPANDERS, projected, all_faces, screen,
             make_room, workers,
         )  # fmt: skip
@@ -540,7 +542,7 @@ def run_visibility(
         seen |= setup.GUARD
         clock("lines, points")
     if alpha_tests is not None:
-        geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
+        geometry = make_geometry(faces, screen, clip_positions, viewport, is_affine)
         alpha_tests = alpha_tests._replace(geometry=geometry)
     lists = None
     skipped = [one.faces for one in drawn_points]
@@ -572,13 +574,13 @@ def run_visibility(
     points = None
     if primitives is not None and "points" in primitives.kinds:
         view = vertices.clip_from_relative, depth_coefficients, viewport
-        points = point_pass.points_of(
+        points = point_pass.collect_points(
             primitives, objects.face_starts, vertices.vertex_starts, *view
         )
     covered = None
     if wanted.draws:
         frame = depth, face_id
-        covered = draw(
+        covered = draw_tiles(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
             kept,
         )  # fmt: skip
@@ -586,22 +588,25 @@ def run_visibility(
             covered = None
             cloud = point_pass.DrawnPoints(
                 vertices.positions, vertices.relative_from_model,
-                point_pass.subset(points.rows, drawn_points), points.view, depth_coefficients,
+                point_pass.select_points(points.rows, drawn_points), points.view,
+                depth_coefficients,
             )  # fmt: skip
             target = frame
             if wanted.lists:
                 # Transparent surfaces lie before it, or behind.
                 shape = viewport.height, viewport.width
                 target = np.empty(shape, depth_type), np.empty(shape, np.int32)
-                point_pass.clear(target)
+                point_pass.clear_pictures(target)
                 points = points._replace(picture=target)
-            sums = sums + point_pass.skipped(
-                point_pass.draw_cloud(cloud, viewport, target, workers)
+            sums = sums + point_pass.count_skipped(
+                point_pass.draw_all_points(cloud, viewport, target, workers)
             )
             if wanted.lists:
-                point_pass.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
+                point_pass.merge_into_frame(
+                    (target[0][np.newaxis], target[1][np.newaxis]), frame, workers
+                )
     else:
-        depth.fill(tile_rasterizer.empty_depth(depth_type))
+        depth.fill(tile_rasterizer.get_empty_depth(depth_type))
         face_id.fill(tile_rasterizer.NOTHING)
     clock("visibility")
     outside, degenerate, culled, unsampled, invalid = sums.tolist()
@@ -613,7 +618,7 @@ def run_visibility(
     )  # fmt: skip
 
 
-def kernels_of(
+def list_kernels(
     wanted: VisibilityOptions, has_alpha_tests: bool, kinds: Collection[str] = ()
 ) -> Rows:
     """
@@ -623,7 +628,7 @@ def kernels_of(
     faces are not triangles.
     """
     crossed = "a face crosses the near or far plane or the guard band"
-    depth = depth_variant(wanted.depth_type)
+    depth = name_depth_variant(wanted.depth_type)
     single = "float32 vertices" if np.dtype(wanted.precision) == np.float32 else ""
     moved = "" if wanted.clip_positions or kinds else crossed
     rows = [
@@ -645,7 +650,7 @@ def kernels_of(
         rows.append(KernelRow(tile_rasterizer.draw_tiles, depth))
     if wanted.draws or wanted.lists:
         batched = triangle_batches.set_up_batch, triangle_batches.order_triangles
-        rows += [*rows_where("", *batched), KernelRow(tile_rasterizer.draw_planned, depth)]
+        rows += [*rows_where("", *batched), KernelRow(tile_rasterizer.draw_batch, depth)]
     if wanted.draws and "points" in kinds:
         from rasterjit.pipeline.visibility import point_rasterizer
 
@@ -658,13 +663,13 @@ def kernels_of(
     return rows
 
 
-def depth_variant(depth_type: Any) -> str:
+def name_depth_variant(depth_type: Any) -> str:
     """Return the name of the kernel variant that compares depths of a type; empty for float32."""
     name = np.dtype(depth_type).name
     return "" if name == "float32" else f"{name} depth"
 
 
-def geometry_of(
+def make_geometry(
     faces: NDArray[np.int32],
     screen: records.ScreenVertices,
     clip_positions: NDArray[np.float64],
@@ -702,12 +707,12 @@ def set_up(
     Takes the outcode bits that occur, and the runs of faces to skip.
     """
     kept = kept or Kept(workers.memory, lasts=False)
-    columns, tiles = _tiles_of(viewport)
+    columns, tiles = _count_tiles(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    per_task = _per_task(face_count, MIN_FACES, FACES_PER_TASK, workers)
+    per_task = _choose_per_task(face_count, MIN_FACES_PER_TASK, FACES_PER_TASK, workers)
     edges = [
         (first, min(first + per_task, end))
-        for start, end in expansion.runs_between(skipped, face_count)
+        for start, end in expansion.find_gaps(skipped, face_count)
         for first in range(start, end, per_task)
     ] or [(0, 0)]
     chunks = len(edges)
@@ -755,7 +760,7 @@ def set_up_and_bin(
     triangles, boxes, parts, counts, sums = set_up(
         faces, objects, screen, viewport, workers, kept, seen, skipped
     )
-    columns, tiles = _tiles_of(viewport)
+    columns, tiles = _count_tiles(viewport)
     starts = kept.empty("starts", (tiles + 1,), np.int64)
     cursors = kept.empty("cursors", (len(parts), tiles), np.int64)
     binning.start_lists(counts, starts, cursors)
@@ -772,8 +777,8 @@ def set_up_and_bin(
         n for n in range(len(parts)) if viewport.sample_radius == 0 and counts[n, tiles] != 0
     ]
     if not with_large:
-        return starts, binned, kept.made("depths", _empty_depths, tiles, depth_type), sums
-    tile_depths = np.full((len(with_large), tiles), tile_rasterizer.empty_depth(depth_type))
+        return starts, binned, kept.made("depths", _make_empty_depths, tiles, depth_type), sums
+    tile_depths = np.full((len(with_large), tiles), tile_rasterizer.get_empty_depth(depth_type))
     holes = np.empty(0, np.int64), np.empty(0, np.float32)
     if alpha_tests is not None:
         holes = alpha_tests.face_starts, alpha_tests.cutoffs
@@ -790,13 +795,13 @@ def set_up_and_bin(
     return starts, binned, tile_depths.max(axis=0), sums
 
 
-def _tiles_of(viewport: records.Viewport) -> tuple[int, int]:
+def _count_tiles(viewport: records.Viewport) -> tuple[int, int]:
     """Return the columns of tiles of a picture, and its tiles."""
     columns = -(-viewport.width // setup.TILE_SIZE)
     return columns, columns * -(-viewport.height // setup.TILE_SIZE)
 
 
-def draw(
+def draw_tiles(
     starts: NDArray[np.int64],
     binned: NDArray[np.int32],
     tile_depths: NDArray[Any],
@@ -810,45 +815,49 @@ def draw(
 ) -> int:
     """Rasterize all tiles, each by one thread; return how many pixels are covered."""
     kept = kept or Kept(workers.memory, lasts=False)
-    tiles = kept.made("tiles", _count, len(starts) - 1)
+    tiles = kept.made("tiles", _number_tiles, len(starts) - 1)
     per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
     kind = frame[0].dtype
     # A drawer per thread: making one takes longer than drawing a few tiles.
-    drawers = kept.made("drawers", _no_drawers, binned, faces, screen, kind, alpha_tests)
+    drawers = kept.made("drawers", _make_no_drawers, binned, faces, screen, kind, alpha_tests)
     tasks = -(-len(tiles) // per_task)
     threads = min(workers.threads, tasks)
     while len(drawers) < threads:
-        memory = None if drawers else kept.made("tile memory", tile_rasterizer.tile_memory, kind)
-        drawers.append(
-            tile_rasterizer.tile_drawer(binned, faces, screen, kind, alpha_tests, memory)
+        memory = (
+            None
+            if drawers
+            else kept.made("tile memory", tile_rasterizer.allocate_tile_memory, kind)
         )
-    counter = np.array([0, per_task], np.int64) if tasks > 1 else tile_rasterizer.ALL
+        drawers.append(
+            tile_rasterizer.make_tile_drawer(binned, faces, screen, kind, alpha_tests, memory)
+        )
+    counter = np.array([0, per_task], np.int64) if tasks > 1 else tile_rasterizer.NO_COUNTER
     shared = tiles, counter, starts, tile_depths, viewport, frame
     calls = [(*shared, *drawer[:3]) for drawer in drawers[:threads]]
     return int(sum(workers.call(tile_rasterizer.draw_tiles, calls)))
 
 
-def whole_faces(faces: NDArray[np.int32]) -> records.Faces:
+def make_unclipped_faces(faces: NDArray[np.int32]) -> records.Faces:
     """Return the `Faces` record of faces none of which was clipped."""
     return records.Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
 
 
-def _empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
+def _make_empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
     """Return the cleared depth of each tile."""
-    return np.full(tiles, tile_rasterizer.empty_depth(depth_type))
+    return np.full(tiles, tile_rasterizer.get_empty_depth(depth_type))
 
 
-def _no_drawers(*_: Any) -> list[Any]:
+def _make_no_drawers(*_: Any) -> list[Any]:
     """Return an empty list: each thread makes its drawer when it finds none."""
     return []
 
 
-def _count(count: int) -> NDArray[np.int32]:
+def _number_tiles(count: int) -> NDArray[np.int32]:
     """Return the integers from 0 to ``count`` - 1."""
     return np.arange(count, dtype=np.int32)
 
 
-def screen_arrays(count: int, memory: Memory) -> records.ScreenVertices:
+def allocate_screen(count: int, memory: Memory) -> records.ScreenVertices:
     """Return room for so many vertices."""
     # A vertex's position and depth lie side by side, in one cache line.
     packed = memory.empty((count, 2), np.float64)
@@ -869,7 +878,7 @@ class Region(NamedTuple):
     height: int
 
 
-def viewport_of(
+def make_viewport(
     size: tuple[int, int],
     subpixel_bits: int,
     region: Region | None = None,
@@ -893,7 +902,7 @@ def viewport_of(
     )
 
 
-class Seen(NamedTuple):
+class RasterizedView(NamedTuple):
     """A rasterized picture: its coverage, geometry and viewport."""
 
     objects: records.Objects
