@@ -40,7 +40,8 @@ def clip_segment(a, b, viewport):
     t0, t1 = 0.0, 1.0
     plane0 = plane1 = UNCUT
     for plane in range(PLANE_COUNT):
-        here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
+        here = plane_distance(plane, a, viewport.guard_x, viewport.guard_y)
+        there = plane_distance(plane, b, viewport.guard_x, viewport.guard_y)
         if not here >= 0.0 and not there >= 0.0:
             return 1.0, 0.0, plane, plane
         if not here >= 0.0 and here / (here - there) > t0:
@@ -60,7 +61,8 @@ def cut_end(a, b, end, plane, viewport, k):
     """
     if plane == UNCUT:
         return end[k]
-    here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
+    here = plane_distance(plane, a, viewport.guard_x, viewport.guard_y)
+    there = plane_distance(plane, b, viewport.guard_x, viewport.guard_y)
     return (a[k] * there - b[k] * here) / (there - here)
 
 

@@ -37,26 +37,27 @@ changes, so n grows to at most 3n/2: 3, 4, 6, 9, 13, 19, 28.
 
 
 @helper
-def plane_distance(plane, vertex, viewport):
+def plane_distance(plane, vertex, guard_x, guard_y):
     """Return the signed distance of a clip position to a plane, >= 0 inside (unnormalized)."""
     if plane == 0:
         return vertex[3] + vertex[2]
     if plane == 1:
         return vertex[3] - vertex[2]
     if plane == 2:
-        return viewport.guard_x * vertex[3] + vertex[0]
+        return guard_x * vertex[3] + vertex[0]
     if plane == 3:
-        return viewport.guard_x * vertex[3] - vertex[0]
+        return guard_x * vertex[3] - vertex[0]
     if plane == 4:
-        return viewport.guard_y * vertex[3] + vertex[1]
-    return viewport.guard_y * vertex[3] - vertex[1]
+        return guard_y * vertex[3] + vertex[1]
+    return guard_y * vertex[3] - vertex[1]
 
 
 @helper
 def cross_plane(inside, outside, plane, viewport, crossing):
     """Write where an edge crosses a plane, computed from its inside end."""
-    inside_distance = plane_distance(plane, inside, viewport)
-    t = inside_distance / (inside_distance - plane_distance(plane, outside, viewport))
+    inside_distance = plane_distance(plane, inside, viewport.guard_x, viewport.guard_y)
+    outside_distance = plane_distance(plane, outside, viewport.guard_x, viewport.guard_y)
+    t = inside_distance / (inside_distance - outside_distance)
     for k in range(4):
         crossing[k] = inside[k] + t * (outside[k] - inside[k])
     # Put the crossing exactly on the plane: far ends cancel, and rounding may leave it outside.
@@ -75,8 +76,8 @@ def clip_polygon(polygon, count, plane, viewport, clipped):
     for n in range(count):
         vertex = polygon[n]
         next_vertex = polygon[n + 1 if n + 1 < count else 0]
-        distance = plane_distance(plane, vertex, viewport)
-        next_distance = plane_distance(plane, next_vertex, viewport)
+        distance = plane_distance(plane, vertex, viewport.guard_x, viewport.guard_y)
+        next_distance = plane_distance(plane, next_vertex, viewport.guard_x, viewport.guard_y)
         if distance >= 0.0:
             for k in range(4):
                 clipped[new_count, k] = vertex[k]

@@ -91,8 +91,9 @@ offset from the pixels' centres, sub-pixel units.
 
 TRIANGLE, BATCH_COUNT, LAST_OWNER, QUEUED, LEFT_COLUMN, TOP_ROW, OFFSET_X, OFFSET_Y = range(8)
 """
-Elements of ``AlphaQueue.request``: a triangle's index in its batch, the batch's size, its object, how
-many samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel units.
+Elements of ``AlphaQueue.request``: a triangle's index in its batch, the batch's size, its object,
+how many samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel
+units.
 """
 
 
@@ -314,7 +315,7 @@ def queue_neighbours(scratch, depths, empty, i, j, last, indices, stored, queued
     """
     Queue the samples of a vector that pass the depth test, and clear them.
 
-    Takes row and column in the tile, and the last column of the triangle. Returns the queue's length.
+    Takes row and column in the tile, and the triangle's last column. Returns the queue's length.
     """
     any_nearer = np.int32(0)
     for k in range(LANES):
@@ -376,11 +377,8 @@ def flush_queue(queued, request, tile, lists, query):
     """Run the alpha test on queued samples; write those that pass to the frame's tile if nearer."""
     indices, faces, queued_depths = lists
     owner, alpha_request = request[LAST_OWNER], query.request
-    alpha_request[SAMPLE_OBJECT], alpha_request[SHIFT_X], alpha_request[SHIFT_Y] = (
-        owner,
-        request[OFFSET_X],
-        request[OFFSET_Y],
-    )
+    alpha_request[SAMPLE_OBJECT], alpha_request[SHIFT_X] = owner, request[OFFSET_X]
+    alpha_request[SHIFT_Y] = request[OFFSET_Y]
     for first in range(0, queued, MAX_BATCH_SAMPLES):
         stop = min(first + MAX_BATCH_SAMPLES, queued)
         count = stop - first
@@ -465,7 +463,7 @@ def queue_from_scratch(n, owner, alpha_queue):
 
 
 def allocate_alpha_memory(capacity: int = MAX_BATCH_SAMPLES) -> tuple[Any, ...]:
-    """Allocate a thread's memory for computing the alphas of up to ``capacity`` samples together."""
+    """Allocate a thread's memory for computing the alphas of up to ``capacity`` samples."""
     # Like `round_up_to_vectors`, which is compiled: calling it here would wait for Numba.
     capacity = -(-capacity // rows.MAX_VECTOR_SAMPLES) * rows.MAX_VECTOR_SAMPLES + LANES
     return (

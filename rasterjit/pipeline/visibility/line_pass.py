@@ -53,7 +53,7 @@ def expand_lines(
     )
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
     # Project the segments to the screen.
-    sizes = obj.sizes, primitives.factor(obj), int(obj.is_world)
+    sizes = obj.sizes, primitives.pixels_per_size(obj), int(obj.is_world)
     right, down = (step * primitives.pixels for step in rule.depth_offset)
     workers.call(
         line_tessellation.project_segments,

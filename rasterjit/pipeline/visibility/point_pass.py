@@ -45,13 +45,13 @@ from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING, get_empty_dep
 from rasterjit.runtime.threads import Workers, rows_per_task
 
 MIN_POINTS_PER_THREAD = 1 << 16
-"""Fewest points per thread: each draws a picture of its own."""
+"""Fewest points per thread: each thread draws a separate picture."""
 
 SHAPE_COST = 16
-"""Cost of a point of another shape, in points of one pixel."""
+"""Cost of a point of any other size or shape, in squares of one pixel."""
 
 MAX_MERGED_BYTES = 1 << 29
-"""Most memory for the threads' pictures, bytes."""
+"""Most memory for the threads' pictures."""
 
 
 SHAPES = {"square": SQUARE, "disc": DISC, "sphere": SPHERE}
@@ -69,12 +69,12 @@ class PicturePoints(NamedTuple):
 
     @property
     def read(self) -> tuple[PointRows, PointView, Viewport]:
-        """What stages and kernels read."""
+        """The arguments of stages and kernels."""
         return self.rows, self.view, self.viewport
 
     @property
     def has_spheres(self) -> bool:
-        """Whether any of them are spheres."""
+        """Whether any points are spheres."""
         return bool((self.rows.shapes[:, 0] == SPHERE).any())
 
 
@@ -95,7 +95,7 @@ def make_point_view(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
 ) -> PointView:
-    """Return the camera's rays through a picture, or through a part of one."""
+    """Compute the camera's rays through a picture, or through a part of one."""
     right, up, deeper, further = (row[:3] for row in clip_from_relative.tolist())
     # Away from the eye w grows, or, where w is constant, the stored depth falls.
     if any(further):
@@ -132,25 +132,25 @@ def draw_all_points(
     Returns
     -------
     (4,) int64
-        What became of the points: see ``POINTS_OUTSIDE``.
+        Number of points by outcome: see ``POINTS_OUTSIDE``.
     """
     points = cloud.points
     starts = points.vertex_starts
     owners = np.flatnonzero(points.shapes[:, 0] != NOT_POINTS)
     first, end = int(starts[owners[0]]), int(starts[owners[-1] + 1])
     is_square = points.shapes[owners, 0] == SQUARE
-    weights = np.where(is_square & (points.size_places[owners, 1] == 0), 1, SHAPE_COST)
-    load = int(np.add.reduce((starts[owners + 1] - starts[owners]) * weights))
-    size = frame[0].nbytes + frame[1].nbytes
-    least = max(MIN_POINTS_PER_THREAD, frame[1].size // 4)
-    chunks = max(min(workers.threads, load // least, MAX_MERGED_BYTES // size + 1), 1)
+    costs = np.where(is_square & (points.size_ranges[owners, 1] == 0), 1, SHAPE_COST)
+    cost = int(np.add.reduce((starts[owners + 1] - starts[owners]) * costs))
+    picture_bytes = frame[0].nbytes + frame[1].nbytes
+    min_cost = max(MIN_POINTS_PER_THREAD, frame[1].picture_bytes // 4)
+    chunks = max(min(workers.threads, cost // min_cost, MAX_MERGED_BYTES // picture_bytes + 1), 1)
     edges = [first + (end - first) * n // chunks for n in range(chunks + 1)]
     height, width = frame[1].shape
-    drawn = (
+    pictures = (
         workers.memory.empty((chunks - 1, height, width), frame[0].dtype),
         workers.memory.empty((chunks - 1, height, width), np.int32),
     )
-    clear_pictures(drawn)
+    clear_pictures(pictures)
     counts = np.zeros((chunks, 4), np.int64)
     shared = (
         np.ascontiguousarray(cloud.positions, np.float64),
@@ -162,14 +162,14 @@ def draw_all_points(
         [
             (
                 (edges[n], edges[n + 1]), *shared,
-                frame if n == 0 else (drawn[0][n - 1], drawn[1][n - 1]), counts[n],
+                frame if n == 0 else (pictures[0][n - 1], pictures[1][n - 1]), counts[n],
                 allocate_scratch(),
             )
             for n in range(chunks)
         ],
     )  # fmt: skip
     if chunks > 1:
-        merge_into_frame(drawn, frame, workers)
+        merge_into_frame(pictures, frame, workers)
     return np.add.reduce(counts, axis=0)
 
 
@@ -180,28 +180,30 @@ def clear_pictures(frame: tuple[NDArray[Any], NDArray[np.int32]]) -> None:
 
 
 def merge_into_frame(
-    drawn: tuple[NDArray[Any], NDArray[np.int32]],
+    pictures: tuple[NDArray[Any], NDArray[np.int32]],
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
 ) -> None:
-    """Merge pictures (N, H, W) into the frame, keeping the nearest of each pixel."""
+    """Merge pictures (N, H, W) into the frame: the nearest sample of each pixel wins."""
     height, per_task = len(frame[1]), rows_per_task(frame[1].shape, workers)
     workers.call(
         merge_pictures,
-        [((row, min(row + per_task, height)), drawn, frame) for row in range(0, height, per_task)],
+        [
+            ((row, min(row + per_task, height)), pictures, frame)
+            for row in range(0, height, per_task)
+        ],
     )
 
 
-def is_drawn_as_points(obj: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
+def is_drawn_as_points(obj: Primitive, keeps_lists: bool, alpha_tests: AlphaTests | None) -> bool:
     """
     Tell whether an object consists of points that are drawn as points.
 
-    Squares become two triangles where lists of triangles are kept, to draw these again, and for
-    hit tests.
+    Squares become two triangles where triangles are drawn again from lists, and for alpha tests.
     """
     if not isinstance(obj.rule, PointRule):
         return False
-    is_tested = hit_tests is not None and hit_tests.cutoffs[obj.number] > 0.0
+    is_tested = alpha_tests is not None and alpha_tests.cutoffs[obj.number] > 0.0
     return not ((keeps_lists or is_tested) and obj.rule.shape == "square")
 
 
@@ -213,7 +215,7 @@ def collect_points(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
 ) -> PicturePoints:
-    """Return the points among the objects of a picture, and the camera's rays."""
+    """Collect the points among the objects of a picture, and the camera's rays."""
     count = len(vertex_starts) - 1
     shapes, places = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
     scales, sizes, first = np.zeros(count), [], 0
@@ -233,7 +235,7 @@ def collect_points(
 
 
 def select_points(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
-    """Return the points of some objects alone."""
+    """Return the rows with points of some objects alone."""
     shapes = np.zeros_like(rows.shapes)
     for obj in objects:
         shapes[obj.number] = rows.shapes[obj.number]
@@ -241,7 +243,7 @@ def select_points(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
 
 
 def count_skipped(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the counts of points not drawn, by outcome, (5,), as `set_up_triangles` has them."""
+    """Convert counts of points not drawn to the totals of `set_up_triangles`, (5,)."""
     outside, unsampled, invalid, _ = counts.tolist()
     return np.array([outside, 0, 0, unsampled, invalid], np.int64)
 
@@ -250,9 +252,9 @@ def expand_squares(
     obj: Primitive, primitives: Primitives, projected: Projected, workers: Workers
 ) -> Expansion:
     """
-    Count the pieces of squares: two triangles each, which cover what `draw_points` does.
+    Count the pieces of squares: two triangles each, which cover the pixels of `draw_points`.
 
-    Takes what `primitive_expansion.Expand` does.
+    A `primitive_expansion.Expand`.
     """
     viewport, (first, end) = projected.viewport, obj.vertices
     numbers = np.flatnonzero((projected.codes[first:end] & UNDRAWN_CODES) == 0)
@@ -271,7 +273,7 @@ def expand_squares(
     is_any = (wide > 0) & (high > 0)
     numbers, wide, high = numbers[is_any], wide[is_any], high[is_any]
 
-    def write(
+    def write_squares(
         start: int, screen: ScreenVertices, pieces: NDArray[np.int32], faces: NDArray[np.int32]
     ) -> None:
         """Write the corners, and the triangles between them."""
@@ -292,4 +294,4 @@ def expand_squares(
         pieces[1::2] = corners + np.array([1, 3, 2], np.int32)
         faces[:] = np.repeat(obj.faces[0] + numbers, 2)
 
-    return Expansion(4 * len(numbers), 2 * len(numbers), write)
+    return Expansion(4 * len(numbers), 2 * len(numbers), write_squares)

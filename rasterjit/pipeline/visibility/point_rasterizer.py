@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rasterjit.pipeline.geometry import projection, setup
+from rasterjit.pipeline.geometry.barycentric import transform_point
 from rasterjit.pipeline.records import Viewport
 from rasterjit.runtime.intrinsics import fetch, flat, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
@@ -47,23 +48,23 @@ UNDRAWN_CODES = setup.NEAR | setup.FAR | setup.GUARD | setup.INVALID
 """A point with one of these outcodes is not drawn, unless it is a sphere."""
 
 POINTS_OUTSIDE, POINTS_UNSAMPLED, POINTS_INVALID, POINTS_DRAWN = range(4)
-"""Elements of the counts."""
+"""Elements of the counts, and outcomes of a point."""
 
 MAX_GRID_SIZE = float(1 << 29)
-"""Largest size in units of the sub-pixel grid: larger ones cover no pixel more. Squares of twice
-that, and of distances between coordinates, fit int64."""
+"""Largest size, sub-pixel units: larger ones cover no more pixels. Squares of twice that, and of
+distances between coordinates, fit int64."""
 
 
 class PointRows(NamedTuple):
-    """The points among the objects of a scene, and how large they are."""
+    """The points among the objects of a scene, and their sizes."""
 
     vertex_starts: int64[::1]
     """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
     face_starts: int64[::1]
-    """(O+1,): and faces, one for each vertex if it is of points."""
+    """(O+1,): and faces, one for each vertex if the object consists of points."""
     shapes: int64[:, ::1]
     """(O, 2): shape, `NOT_POINTS` for other objects; unit of the sizes."""
-    size_places: int64[:, ::1]
+    size_ranges: int64[:, ::1]
     """(O, 2): index of the first size in ``sizes``, and stride between points."""
     sizes: float64[::1]
     """(S,): sides and diameters, in pixels or in units of the model."""
@@ -72,16 +73,16 @@ class PointRows(NamedTuple):
 
 
 class PointView(NamedTuple):
-    """The camera's rays: how they run through pixels."""
+    """The camera's rays through pixels."""
 
     matrix: float64[:, ::1]
     """(4, 4): ``clip_from_relative``."""
     away: float64
     """1 or -1: sign of the ray direction that leads away from the eye."""
     across: float64
-    """How many pixels wide a scene unit is in the picture where w is 1."""
+    """Width of a scene unit in the picture, pixels, where w is 1."""
     down: float64
-    """How many pixels high."""
+    """Height of a scene unit, pixels."""
 
 
 @helper
@@ -109,7 +110,7 @@ def depth_test(pixel, depth, face, depths, faces):
 
 @helper
 def to_grid_units(pixels, viewport):
-    """Return a number of pixels in units of the sub-pixel grid, rounded."""
+    """Convert pixels to units of the sub-pixel grid, rounded."""
     units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), MAX_GRID_SIZE)
     return np.int64((units + projection.ROUNDING_OFFSET) - projection.ROUNDING_OFFSET)
 
@@ -202,9 +203,9 @@ def draw_disc(x, y, sizes, depth, face, frame, viewport):
     bottom = min(find_first_centre(2 * y + high + 1, grid) - 1, viewport.height - 1)
     outcome = POINTS_OUTSIDE
     for row in range(top, bottom + 1):
-        reach = find_half_width(2 * (row * unit - y) + unit, wide, high)
-        left = max(find_first_centre(2 * x - reach, grid), np.int64(0))
-        right = min(find_first_centre(2 * x + reach + 1, grid) - 1, viewport.width - 1)
+        half_width = find_half_width(2 * (row * unit - y) + unit, wide, high)
+        left = max(find_first_centre(2 * x - half_width, grid), np.int64(0))
+        right = min(find_first_centre(2 * x + half_width + 1, grid) - 1, viewport.width - 1)
         start = row * viewport.width
         for pixel in range(start + left, start + right + 1):
             depth_test(np.uintp(pixel), depth, face, depths, faces)
@@ -238,7 +239,7 @@ def get_ndc(column, row, viewport):
 @helper
 def find_nearest_ray_point(centre, ndc, view):
     """
-    Return the offset from a sphere's centre to the nearest point of a ray, and its direction.
+    Return the offset from a sphere's centre to the nearest point of a ray, and the ray's direction.
 
     The ray is the intersection of two planes, ``r0 p = x r3 p`` and ``r1 p = y r3 p`` with rows r
     of the matrix; the centre's distances from them are differences of its clip coordinates.
@@ -247,10 +248,8 @@ def find_nearest_ray_point(centre, ndc, view):
     ax, ay, az = m[0, 0] - x * m[3, 0], m[0, 1] - x * m[3, 1], m[0, 2] - x * m[3, 2]
     bx, by, bz = m[1, 0] - y * m[3, 0], m[1, 1] - y * m[3, 1], m[1, 2] - y * m[3, 2]
     w = get_clip_coordinate(m, 3, centre)
-    beside_a, beside_b = (
-        get_clip_coordinate(m, 0, centre) - x * w,
-        get_clip_coordinate(m, 1, centre) - y * w,
-    )
+    beside_a = get_clip_coordinate(m, 0, centre) - x * w
+    beside_b = get_clip_coordinate(m, 1, centre) - y * w
     dx, dy, dz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     shrink = -1.0 / dot(dx, dy, dz, dx, dy, dz)
     to_a, to_b = shrink * beside_a, shrink * beside_b
@@ -320,8 +319,8 @@ def bound_sphere(centre, radius, row, view):
         return -np.inf, np.inf
     within = square * (w * w * aa - 2.0 * a * w * aw + a * a * ww)
     within -= square * square * (aa * ww - aw * aw)
-    middle, reach = a * w - square * aw, np.sqrt(max(within, 0.0))
-    return (middle - reach) / below, (middle + reach) / below
+    middle, half_extent = a * w - square * aw, np.sqrt(max(within, 0.0))
+    return (middle - half_extent) / below, (middle + half_extent) / below
 
 
 @helper
@@ -341,7 +340,7 @@ def is_depth_culled(centre, radius, view):
     fx, fy, fz = m[3, 0] - m[2, 0], m[3, 1] - m[2, 1], m[3, 2] - m[2, 2]
     near = radius * np.sqrt(dot(nx, ny, nz, nx, ny, nz))
     far = radius * np.sqrt(dot(fx, fy, fz, fx, fy, fz))
-    # Twice as far, for rounding.
+    # Twice the radius, for rounding.
     return z + w < -2.0 * near or w - z < -2.0 * far
 
 
@@ -361,8 +360,8 @@ def bound_nearest_depth(centre, radius, view, depth_coefficients):
     elif depth_coefficients[1] != 0.0:
         return np.inf
     # With a margin for rounding, to float32 as well.
-    reach = sign * radius * (1.0 + 2.0**-20) / np.sqrt(dot(x, y, z, x, y, z))
-    point = centre[0] + reach * x, centre[1] + reach * y, centre[2] + reach * z
+    step = sign * radius * (1.0 + 2.0**-20) / np.sqrt(dot(x, y, z, x, y, z))
+    point = centre[0] + step * x, centre[1] + step * y, centre[2] + step * z
     w = get_clip_coordinate(m, 3, point)
     if not w > 0.0:
         return np.inf
@@ -387,7 +386,7 @@ def draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport)
     for row in range(top, bottom + 1):
         start = row * viewport.width
         for column in range(left, right + 1):
-            # Only once it is known to cover a pixel: hidden spheres count as drawn.
+            # Only after the sphere is known to cover a pixel: hidden ones count as drawn.
             if outcome == POINTS_DRAWN and depths[np.uintp(start + column)] > bound:
                 continue
             ndc = get_ndc(column, row, viewport)
@@ -402,10 +401,8 @@ def draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport)
 @helper
 def draw_sphere_pixel(x, y, centre, radius, face, frame, view, depth_coefficients, viewport):
     """Draw the pixel that holds a sphere's centre, if its ray misses the sphere."""
-    column, row = (
-        find_holding_pixel(x, viewport.grid_bits),
-        find_holding_pixel(y, viewport.grid_bits),
-    )
+    column = find_holding_pixel(x, viewport.grid_bits)
+    row = find_holding_pixel(y, viewport.grid_bits)
     offset, is_seen = intersect_ray_with_sphere(
         centre, radius, get_ndc(column, row, viewport), view
     )
@@ -416,21 +413,9 @@ def draw_sphere_pixel(x, y, centre, radius, face, frame, view, depth_coefficient
 
 
 @helper
-def centre_of(positions, vertex, matrices, owner):
-    """Return a point's position in world axes, relative to the eye, float64."""
-    m = matrices
-    x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
-    return (
-        m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
-        m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
-        m[owner, 2, 0] * x + m[owner, 2, 1] * y + m[owner, 2, 2] * z + m[owner, 2, 3],
-    )
-
-
-@helper
 def get_radius(points, owner, number):
     """Return the radius of a sphere, scene units, by its number in its object."""
-    first, step = points.size_places[owner, 0], points.size_places[owner, 1]
+    first, step = points.size_ranges[owner, 0], points.size_ranges[owner, 1]
     return 0.5 * (points.sizes[np.uintp(first + step * number)] * points.scales[owner])
 
 
@@ -439,7 +424,7 @@ def find_pixels(snapped_x, snapped_y, codes, viewport):
     """
     Write the pixel of each point of one pixel over its outcode, -1 for none.
 
-    Returns how many have one, and how many are invalid.
+    Returns the numbers of drawn and of invalid points.
     """
     bits = np.int32(viewport.grid_bits)
     width, height = np.int32(viewport.width), np.int32(viewport.height)
@@ -447,10 +432,8 @@ def find_pixels(snapped_x, snapped_y, codes, viewport):
     for i in range(codes.shape[0]):
         column = (snapped_x[i] - np.int32(1)) >> bits
         row = (snapped_y[i] - np.int32(1)) >> bits
-        is_seen = (
-            ((codes[i] & np.int32(UNDRAWN_CODES)) == 0) & (column >= 0) & (column < width) & (row >= 0)
-            & (row < height)
-        )  # fmt: skip
+        is_inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        is_seen = ((codes[i] & np.int32(UNDRAWN_CODES)) == 0) & is_inside
         drawn += np.int32(is_seen)
         invalid += np.int32((codes[i] & np.int32(setup.INVALID)) != 0)
         codes[i] = row * width + column if is_seen else np.int32(-1)
@@ -480,13 +463,13 @@ def draw_pixels(first_face, count, frame, viewport, scratch, counts):
 
 
 @helper
-def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, scratch, counts):
+def draw_shapes(first, count, owner, positions, matrices, points, camera, frame, scratch, counts):
     """Draw a block of points of any size and shape, of one object."""
-    view, depth_coefficients, viewport = lens
+    view, depth_coefficients, viewport = camera
     floats, ints, _ = scratch
     kind = frame[0].dtype.type
     shape, unit = points.shapes[owner, 0], points.shapes[owner, 1]
-    first_size, step = points.size_places[owner, 0], points.size_places[owner, 1]
+    first_size, step = points.size_ranges[owner, 0], points.size_ranges[owner, 1]
     first_number = first - points.vertex_starts[owner]
     first_face = points.face_starts[owner] + first_number
     scale = points.scales[owner]
@@ -506,7 +489,9 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
         is_ahead = (code & setup.GUARD) == 0
         sizes = find_grid_sizes(size, unit, scale, w if is_ahead else 1.0, view, viewport)
         if shape == SPHERE:
-            centre = centre_of(positions, np.uintp(first + i), matrices, owner)
+            v = np.uintp(first + i)
+            position = positions[v, 0], positions[v, 1], positions[v, 2]
+            centre = transform_point(position[0], position[1], position[2], owner, matrices)
             radius = 0.5 * (size * scale)
             outcome = draw_sphere(
                 centre, radius, face, frame, view, depth_coefficients, viewport
@@ -528,8 +513,8 @@ def are_one_pixel_squares(owner, points):
     """Return whether all points of an object are squares of one pixel."""
     return (
         points.shapes[owner, 0] == SQUARE and points.shapes[owner, 1] == IN_PIXELS
-        and points.size_places[owner, 1] == 0
-        and points.sizes[np.uintp(points.size_places[owner, 0])] * points.scales[owner] == 1.0
+        and points.size_ranges[owner, 1] == 0
+        and points.sizes[np.uintp(points.size_ranges[owner, 0])] * points.scales[owner] == 1.0
     )  # fmt: skip
 
 
@@ -558,9 +543,9 @@ def draw_points(
     frame : (depth (H, W), face_id (H, W) int32)
         Changed where points are nearer.
     counts : (4,) int64
-        What became of the points is added: see ``POINTS_OUTSIDE``.
+        Number of points by outcome, added to: see ``POINTS_OUTSIDE``.
     scratch : tuple
-        This call's own, from `projection.allocate_scratch`.
+        From `projection.allocate_scratch`, not shared with other calls.
     """
     floats, ints, largest = scratch
     pixels = flat(frame[0]), flat(frame[1])
@@ -590,9 +575,9 @@ def draw_points(
                 face = points.face_starts[o] + first - points.vertex_starts[o]
                 draw_pixels(face, count, pixels, viewport, scratch, counts)
             else:
-                lens = view, depth_coefficients, viewport
+                camera = view, depth_coefficients, viewport
                 draw_shapes(
-                    first, count, o, positions, relative_from_model, points, lens, pixels,
+                    first, count, o, positions, relative_from_model, points, camera, pixels,
                     scratch, counts,
                 )  # fmt: skip
             first += count
@@ -600,22 +585,22 @@ def draw_points(
 
 @kernel
 def merge_pictures(
-    rows: (int64, int64), drawn: (stored[:, :, ::1], int32[:, :, ::1]),
+    row_range: (int64, int64), drawn: (stored[:, :, ::1], int32[:, :, ::1]),
     frame: (stored[:, ::1], int32[:, ::1]),
 ):  # fmt: skip
     """
-    Merge pictures: keep the nearest of each pixel.
+    Merge pictures: the nearest sample of each pixel wins.
 
     Parameters
     ----------
-    rows : (int, int)
+    row_range : (int, int)
         First row, and one past the last.
     drawn : (depth (N, H, W), face_id (N, H, W) int32)
     frame : (depth (H, W) of the same type, face_id (H, W) int32)
-        Changed where one of the others is nearer, or as near and its face lower.
+        Changed where a picture is nearer, or as near with a lower face number.
     """
     for n in range(drawn[0].shape[0]):
-        for row in range(rows[0], rows[1]):
+        for row in range(row_range[0], row_range[1]):
             depths, faces = drawn[0][n, row], drawn[1][n, row]
             depth, face_id = frame[0][row], frame[1][row]
             for column in range(depths.shape[0]):

@@ -48,15 +48,15 @@ class Primitive(NamedTuple):
     kind: str
     """``lines`` or ``points``."""
     number: int
-    """Which object of the scene it is."""
+    """Index of the object in the scene."""
     vertices: tuple[int, int]
-    """Its first vertex, and one past the last."""
+    """The first vertex, and one past the last."""
     faces: tuple[int, int]
-    """Its first face, and one past the last."""
+    """The first face, and one past the last."""
     sizes: NDArray[np.float64]
     """(1,) or (N,): widths of segments or sizes of points, shared or each."""
     is_world: bool
-    """Whether they are in model space, else in pixels."""
+    """Whether sizes are in model space, else in pixels."""
     rule: LineRule | PointRule
 
 
@@ -68,7 +68,7 @@ class Primitives(NamedTuple):
     scales: NDArray[np.float64]
     """(O,): largest scale factor of each object's transform."""
     pixels: float
-    """Pixels of the picture that is drawn, of a pixel that sizes are in."""
+    """Drawn pixels for each pixel of sizes."""
     units: float
     """Pixels of the drawn picture per world unit across the view, at w = 1."""
     positions: NDArray[np.float64] | NDArray[np.float32]
@@ -78,15 +78,15 @@ class Primitives(NamedTuple):
 
     @property
     def kinds(self) -> frozenset[str]:
-        """What their faces are."""
+        """Kinds of the objects."""
         return frozenset(one.kind for one in self.objects)
 
     def find(self, number: int) -> Primitive | None:
         """Return an object by its number in the scene; None if its faces are triangles."""
         return next((one for one in self.objects if one.number == number), None)
 
-    def factor(self, one: Primitive) -> float:
-        """Return the factor from an object's sizes to pixels; at w = 1 for those in model space."""
+    def pixels_per_size(self, one: Primitive) -> float:
+        """Return the factor from an object's sizes to pixels; at w = 1 for sizes in model space."""
         return self.units * float(self.scales[one.number]) if one.is_world else self.pixels
 
 
@@ -99,32 +99,32 @@ def collect_primitives(
     pixels: float = 1.0,
 ) -> Primitives | None:
     """
-    Return the lines and points of a picture, and how large they are in it; None without any.
+    Collect the lines and points of a picture, and their scale factors; None without any.
 
     Parameters
     ----------
     objects : tuple of Primitive
-        Those whose faces are segments or points.
+        The objects whose faces are segments or points.
     relative_from_model : (O, 3 or 4, 4) float64
     positions : (V, 3) float64 or float32, model space
-        Those that are taken to the screen.
+        The positions that are projected.
     clip_from_relative : (4, 4) float64
         From world axes with the origin at the eye.
     size : (int, int)
         Width and height of the whole picture, pixels.
     pixels : float
-        Pixels of the picture that is drawn, of a pixel that sizes are in.
+        Drawn pixels for each pixel of sizes.
     """
     if not objects:
         return None
     m = relative_from_model
     with np.errstate(over="ignore"):
-        # In one order on every CPU.
+        # A fixed order of additions, for every CPU.
         lengths = np.sqrt(
             (m[:, 0, :3] * m[:, 0, :3] + m[:, 1, :3] * m[:, 1, :3]) + m[:, 2, :3] * m[:, 2, :3]
         )
     width, height = size
-    units = 0.5 * math.sqrt(_area_across(clip_from_relative) * width * height)
+    units = 0.5 * math.sqrt(_measure_facing_area(clip_from_relative) * width * height)
     across = find_pixels_per_unit(clip_from_relative, size)
     return Primitives(objects, lengths.max(axis=1), pixels, units, positions, across)
 
@@ -132,21 +132,23 @@ def collect_primitives(
 def find_pixels_per_unit(
     clip_from_relative: NDArray[np.float64], size: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return the columns and rows per world unit along each, at w = 1."""
+    """Return the pixels per world unit along columns and along rows, at w = 1."""
     right, up, _, deep = (row[:3] for row in np.asarray(clip_from_relative).tolist())
-    return _length_across(right, deep) * size[0] / 2.0, _length_across(up, deep) * size[1] / 2.0
+    return _measure_perpendicular(right, deep) * size[0] / 2.0, _measure_perpendicular(
+        up, deep
+    ) * size[1] / 2.0
 
 
-def _length_across(row: list[float], deep: list[float]) -> float:
+def _measure_perpendicular(row: list[float], deep: list[float]) -> float:
     """Return the length of a row's component perpendicular to the direction in which w grows."""
     square = dot(deep, deep)
     if square > 0.0:
-        share = dot(row, deep) / square
-        row = [a - share * b for a, b in zip(row, deep, strict=True)]
+        factor = dot(row, deep) / square
+        row = [a - factor * b for a, b in zip(row, deep, strict=True)]
     return length(row)
 
 
-def _area_across(clip_from_relative: NDArray[np.float64]) -> float:
+def _measure_facing_area(clip_from_relative: NDArray[np.float64]) -> float:
     """Return the area in x and y, at w = 1, of a unit square facing the view."""
     columns, rows, _, deep = (row[:3].tolist() for row in np.asarray(clip_from_relative))
     normal = cross(columns, rows)
@@ -173,8 +175,8 @@ class Expansion(NamedTuple):
     vertices: int
     pieces: int
     write: Callable[[int, ScreenVertices, NDArray[np.int32], NDArray[np.int32]], None]
-    """Takes the number of the first vertex, the screen's vertices, and where the pieces (P, 3) and
-    their faces (P,) go."""
+    """Takes the number of the first vertex, the screen's vertices, and the arrays of pieces (P, 3)
+    and of their faces (P,) to write."""
 
 
 Expand = Callable[[Primitive, Primitives, Projected, Workers], Expansion]
@@ -198,7 +200,7 @@ def expand_primitives(
     projected: Projected,
     cut: Faces,
     screen: ScreenVertices,
-    make_room: Callable[[int], ScreenVertices],
+    allocate: Callable[[int], ScreenVertices],
     workers: Workers,
 ) -> tuple[Faces, ScreenVertices]:
     """
@@ -208,50 +210,50 @@ def expand_primitives(
     ----------
     primitives : Primitives
     expanders : dict
-        By kind, what counts the pieces of an object. One that has none is not drawn by pieces.
+        The function that counts an object's pieces, by kind; kinds without one have no pieces.
     projected : Projected
     cut : Faces
         All faces, and the pieces of triangles that were clipped.
     screen : ScreenVertices
-        Of the vertices and of those that clipping made; the outcodes of the vertices of segments
-        and points are changed.
-    make_room : callable
-        Returns memory for so many vertices.
+        The vertices, and those that clipping made; outcodes of vertices of segments and points are
+        changed.
+    allocate : callable
+        Allocates memory for a number of vertices.
     workers : Workers
 
     Returns
     -------
     Faces
-        With the pieces of segments and points among the others, in the order of the faces.
+        The pieces of clipped faces, of segments and of points, in the order of the faces.
     ScreenVertices
-        With their vertices behind the others.
+        The vertices, followed by those of pieces.
     """
-    found = [
+    expansions = [
         (one, expanders[one.kind](one, primitives, projected, workers))
         for one in primitives.objects
         if one.kind in expanders
     ]
-    used = int(cut.pieces.max()) + 1 if len(cut.pieces) else len(projected.clip_positions)
-    total = used + sum(expansion.vertices for _, expansion in found)
-    if total > len(screen.codes):
-        roomy = make_room(total)
-        for old, new in zip(screen, roomy, strict=True):
-            new[:used] = old[:used]
-        screen = roomy
-    count = len(cut.pieces) + sum(expansion.pieces for _, expansion in found)
+    vertex_count = int(cut.pieces.max()) + 1 if len(cut.pieces) else len(projected.clip_positions)
+    total_vertices = vertex_count + sum(expansion.vertices for _, expansion in expansions)
+    if total_vertices > len(screen.codes):
+        larger = allocate(total_vertices)
+        for old, new in zip(screen, larger, strict=True):
+            new[:vertex_count] = old[:vertex_count]
+        screen = larger
+    count = len(cut.pieces) + sum(expansion.pieces for _, expansion in expansions)
     pieces, piece_faces = np.empty((count, 3), np.int32), np.empty(count, np.int32)
-    copied = place = 0
-    for one, expansion in found:
+    copied_pieces = next_piece = 0
+    for one, expansion in expansions:
         stop = int(cut.piece_faces.searchsorted(one.faces[0]))
-        place = _copy_pieces(cut, copied, stop, pieces, piece_faces, place)
-        copied, own = stop, slice(place, place + expansion.pieces)
-        screen.codes[used : used + expansion.vertices] = 0
-        expansion.write(used, screen, pieces[own], piece_faces[own])
-        used, place = used + expansion.vertices, own.stop
-    _copy_pieces(cut, copied, len(cut.pieces), pieces, piece_faces, place)
+        next_piece = _copy_pieces(cut, copied_pieces, stop, pieces, piece_faces, next_piece)
+        copied_pieces, object_pieces = stop, slice(next_piece, next_piece + expansion.pieces)
+        screen.codes[vertex_count : vertex_count + expansion.vertices] = 0
+        expansion.write(vertex_count, screen, pieces[object_pieces], piece_faces[object_pieces])
+        vertex_count, next_piece = vertex_count + expansion.vertices, object_pieces.stop
+    _copy_pieces(cut, copied_pieces, len(cut.pieces), pieces, piece_faces, next_piece)
     for one in primitives.objects:
         codes = screen.codes[slice(*one.vertices)]
-        # Never outside: they reach farther than their vertices.
+        # Never outside: pieces extend beyond the vertices.
         codes[:] = np.where(codes & INVALID, INVALID, GUARD)
     return Faces(cut.faces, pieces, piece_faces), screen
 
@@ -262,10 +264,10 @@ def _copy_pieces(
     stop: int,
     pieces: NDArray[np.int32],
     piece_faces: NDArray[np.int32],
-    place: int,
+    next_piece: int,
 ) -> int:
-    """Copy pieces into the array of all; return the index of the next."""
-    end = place + stop - first
-    pieces[place:end] = cut.pieces[first:stop]
-    piece_faces[place:end] = cut.piece_faces[first:stop]
+    """Copy pieces of clipped faces into the array of all; return the index of the next."""
+    end = next_piece + stop - first
+    pieces[next_piece:end] = cut.pieces[first:stop]
+    piece_faces[next_piece:end] = cut.piece_faces[first:stop]
     return end

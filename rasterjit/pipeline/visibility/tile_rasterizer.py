@@ -315,7 +315,7 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_uno
 
 @helper
 def find_hidden_depth(n, ints, origin, cells):
-    """Return the least depth of the cells that a triangle's box touches, which hides what is below."""
+    """Return the least depth of the cells that a triangle's box touches; all below is hidden."""
     left = max(np.int64(ints[flat_index(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
     right = (np.int64(ints[flat_index(RIGHT, n)]) - origin[0]) >> CELL_BITS
     top = (np.int64(ints[flat_index(TOP, n)]) - origin[1]) >> CELL_BITS

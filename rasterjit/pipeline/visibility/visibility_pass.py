@@ -38,13 +38,13 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
 from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 
 FACES_PER_TASK = 65536
-"""Most faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+"""Most faces set up by one task: enough to hide the cost of a task, few enough to balance."""
 
 MIN_FACES_PER_TASK = 2048
 """Fewest faces set up by one task, if there are several threads."""
 
 MIN_CLIPPED_PER_TASK = 256
-"""Fewest faces cut by one task, if there are several threads."""
+"""Fewest faces clipped by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
 """Most vertices projected by one task; they may belong to several objects."""
@@ -103,7 +103,7 @@ class TileLists(NamedTuple):
 
 
 class ModelVertices(NamedTuple):
-    """The vertices of all objects and their transforms to clip space: input of `transform_to_clip`."""
+    """The vertices of all objects and their transforms to clip space."""
 
     positions: NDArray[np.float64] | NDArray[np.float32]
     """(V, 3), model space. Their type is that of the arithmetic that projects them."""
@@ -121,30 +121,30 @@ class Coverage(NamedTuple):
     """The visibility buffer and the geometry that it points into."""
 
     depth: NDArray[Any]
-    """(H, W), stored depth: greater is nearer; ``tile_rasterizer.get_empty_depth`` where nothing is;
-    (H, 0) if not kept."""
+    """(H, W), stored depth: greater is nearer; ``get_empty_depth`` where nothing is; (H, 0) if not
+    kept."""
     face_id: NDArray[np.int32]
     """(H, W), -1 where nothing is."""
     screen: records.ScreenVertices
     clip_positions: NDArray[np.float64]
-    """(V, 4), clip space; (0, 4) where no vertex has a ``CLIPPED`` code and none were asked for."""
+    """(V, 4), clip space; (0, 4) where no vertex has a ``CLIPPED`` code and none are requested."""
     totals: Totals
     lists: TileLists | None
-    """``None`` unless they were asked for."""
+    """``None`` unless requested."""
     alpha_tests: records.AlphaTests | None = None
     """With its geometry; ``None`` if no object is alpha-tested."""
     reversed_depth: NDArray[np.float32] | None = None
     """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
     ``None`` if none reads it."""
     reversed_vertex_depth: NDArray[np.float64] | None = None
-    """(V+E,), that of the vertices."""
+    """(V+E,), reversed depth of the vertices."""
     points: PicturePoints | None = None
     """The points of the picture; ``None`` if no object is of points."""
     covered: int | None = None
-    """How many pixels show a face; ``None`` if they were not counted."""
+    """Number of pixels that show a face; ``None`` if not counted."""
     first_depth: NDArray[Any] | None = None
-    """(H, W), as ``depth``, at the first of several samples: replaces it in the output; ``None`` if
-    it does not."""
+    """(H, W), depth at the first of several samples, which replaces ``depth`` in the output, or
+    ``None``."""
 
 
 def transform_to_clip(
@@ -158,8 +158,7 @@ def transform_to_clip(
     """
     Transform every object's vertices to clip space, by way of eye-relative world coordinates.
 
-    Differences of large coordinates are taken while they are exact, so a scene far from the origin
-    loses no precision.
+    Large coordinates are subtracted while exact, so a scene far from the origin loses no precision.
 
     Parameters
     ----------
@@ -171,12 +170,12 @@ def transform_to_clip(
     clip_from_relative : (4, 4) float64
     workers : Workers
     runs : sequence of (int, int), optional
-        Of the vertices that are taken there the first, and one past the last. Default: all.
+        Runs of vertices to transform: the first, and one past the last. Default: all.
 
     Returns
     -------
     (V, 4) float64, clip space
-        Found in arithmetic of the positions' type.
+        Computed in the positions' type.
     """
     count, kind = len(positions), positions.dtype
     per_task = _choose_per_task(count, MIN_VERTICES_PER_TASK, VERTICES_PER_TASK, workers)
@@ -197,12 +196,12 @@ def transform_to_clip(
 
 
 def _choose_per_task(count: int, least: int, most: int, workers: Workers) -> int:
-    """Return how many items one task does: see `count_per_task`; not more than the most."""
+    """Choose the number of items of a task: see `count_per_task`; at most ``most``."""
     return min(count_per_task(count, least, workers, TASKS_PER_THREAD), most)
 
 
 def _convert_matrices(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
-    """Return matrices in the type of the vertices that they transform."""
+    """Convert matrices to the type of the vertices that they transform."""
     if kind == np.float64:
         return np.ascontiguousarray(matrices)
     with np.errstate(over="ignore"):
@@ -226,12 +225,12 @@ def project_to_screen(
     viewport : Viewport
     workers : Workers
     precision : dtype
-        Of the arithmetic: float64 or float32.
+        Type of the arithmetic: float64 or float32.
 
     Returns
     -------
     ScreenVertices
-        With room for ``SPARE_VERTICES`` more behind the V.
+        With spare capacity for ``SPARE_VERTICES`` after the V.
     int
         The outcode bits set for any vertex.
     """
@@ -259,14 +258,14 @@ def transform_and_project(
     viewport : Viewport
     workers : Workers
     kept : Kept, optional
-        What the picture before left.
+        Memory of the previous picture.
     runs : sequence of (int, int), optional
-        Of the vertices that are taken there the first, and one past the last. Default: all.
+        Runs of vertices to transform: the first, and one past the last. Default: all.
 
     Returns
     -------
     ScreenVertices
-        With room for ``SPARE_VERTICES`` more behind the V.
+        With spare capacity for ``SPARE_VERTICES`` after the V.
     int
         The outcode bits set for any vertex.
     """
@@ -282,7 +281,7 @@ def _fill_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
     kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[records.ScreenVertices, int]:  # fmt: skip
-    """Call a kernel that fills the screen vertices, for all of them or for some runs."""
+    """Fill the screen vertices, all or some runs; return them and the bits of their outcodes."""
     kept = kept or Kept(workers.memory, lasts=False)
     screen = kept.made("screen", allocate_screen, count + SPARE_VERTICES, workers.memory)
     per_task = _choose_per_task(count, MIN_VERTICES_PER_TASK, VERTICES_PER_TASK, workers)
@@ -323,18 +322,18 @@ def clip_faces(
         The V vertices snapped, as `project_to_screen` returns them.
     workers : Workers
     primitives : Primitives, optional
-        The objects whose faces are not triangles: none of theirs is cut.
+        The objects whose faces are not triangles, and not clipped.
 
     Returns
     -------
     Faces
-        All F faces, and the pieces of those that were cut.
+        All F faces, and the pieces of those that were clipped.
     ScreenVertices
-        The V vertices, and behind them those that clipping made.
+        The V vertices, followed by those that clipping made.
     int
-        How many faces were cut.
+        Number of clipped faces.
     """
-    # Faces to clip.
+    # Find the faces to clip.
     codes = screen.codes[: clip_positions.shape[0]]
     if primitives is None:
         cut = _find_clipped_faces(faces, codes, workers)
@@ -344,7 +343,7 @@ def clip_faces(
             [np.empty(0, np.int32)]
             + [_find_clipped_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
         )
-    # How many vertices each piece has.
+    # Count the vertices of each, and clip.
     counts = np.zeros(len(cut), np.int64)
     edges = _split_into_tasks(len(cut), MIN_CLIPPED_PER_TASK, FACES_PER_TASK, workers)
     parts = [slice(first, end) for first, end in itertools.pairwise(edges)]
@@ -374,10 +373,10 @@ def clip_faces(
     )  # fmt: skip
     first = clip_positions.shape[0]
     if first + len(positions) > len(screen.codes):
-        roomy = allocate_screen(first + len(positions), workers.memory)
-        for old, new in zip(screen, roomy, strict=True):
+        larger = allocate_screen(first + len(positions), workers.memory)
+        for old, new in zip(screen, larger, strict=True):
             new[:first] = old[:first]
-        screen = roomy
+        screen = larger
     workers.call(
         projection.project_clipped_vertices,
         [
@@ -394,7 +393,7 @@ def clip_faces(
 def _find_clipped_faces(
     faces: NDArray[np.int32], codes: NDArray[np.uint8], workers: Workers
 ) -> NDArray[np.int32]:
-    """Return the numbers of the faces that have to be cut, ascending."""
+    """Find the numbers of the faces that have to be clipped, ascending."""
     edges = _split_into_tasks(len(faces), MIN_FACES_PER_TASK, FACES_PER_TASK, workers)
     parts = [faces[first:end] for first, end in itertools.pairwise(edges)]
     lists = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
@@ -413,7 +412,7 @@ def _find_clipped_faces(
 
 
 def _split_into_tasks(count: int, least: int, most: int, workers: Workers) -> list[int]:
-    """Return the boundaries of tasks over ``count`` items: each start, and the end of the last."""
+    """Split ``count`` items into tasks; return each start, and the end of the last."""
     return [*range(0, count, _choose_per_task(count, least, most, workers)), count]
 
 
@@ -421,7 +420,7 @@ class Drawable(NamedTuple):
     """The geometry that a picture is drawn from."""
 
     vertices: ModelVertices | NDArray[np.float64]
-    """Or (V, 4) float64, clip space."""
+    """Model space; or (V, 4) float64, clip space."""
     faces: NDArray[np.int32]
     """(F, 3)."""
     objects: records.Objects
@@ -439,7 +438,7 @@ class Drawable(NamedTuple):
 
 
 class VisibilityOptions(NamedTuple):
-    """Which results of a picture are kept, and how it is drawn."""
+    """The results of a picture to keep, and options of drawing."""
 
     depth: bool = True
     faces: bool = True
@@ -447,21 +446,21 @@ class VisibilityOptions(NamedTuple):
     lists: bool = False
     """Whether the tiles' lists of triangles are kept."""
     clip_positions: bool = False
-    """Whether they are made even if no vertex has a ``CLIPPED`` code."""
+    """Whether clip positions are computed even if no vertex has a ``CLIPPED`` code."""
     draws: bool = True
     """Whether depth or faces are read; else all pixels are empty."""
     depth_type: Any = np.float32
     """Type that depths are rounded to before they are compared: float32, float64, or int32, which
     truncates."""
     precision: Any = np.float64
-    """Type of the arithmetic that projects clip positions; for model positions it is their own."""
+    """Type of the arithmetic that projects clip positions; model positions have their own type."""
     sample_radius: int = 0
     """``Viewport.sample_radius`` of the samples that the lists are for; 0 for drawing pictures."""
 
 
 def run_visibility(
     drawable: Drawable,
-    wanted: VisibilityOptions,
+    options: VisibilityOptions,
     workers: Workers,
     clock: Callable[[str], None],
     *,
@@ -475,53 +474,52 @@ def run_visibility(
     Parameters
     ----------
     drawable : Drawable
-    wanted : VisibilityOptions
+    options : VisibilityOptions
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
     depth : (H, W) float32, optional
-        Where the depth is written.
+        Output: depth.
     face_id : (H, W) int32, optional
-        Where the face at each pixel is written, if it outlives the drawing.
+        Output: the face at each pixel, if it outlives the drawing.
     kept : Kept, optional
-        What the picture before left: all that is returned, but for depth and face, lies there.
-        Default: nothing.
+        Memory of the previous picture, which all results but depth and face use. Default: none.
     """
     vertices, faces, objects, depth_coefficients, viewport, alpha_tests = drawable[:6]
     primitives, hidden, is_affine = drawable[6:]
-    sample_radius, depth_type = wanted.sample_radius, wanted.depth_type
+    sample_radius, depth_type = options.sample_radius, options.depth_type
     kept = kept or Kept(workers.memory, lasts=False)
-    drawn_points: list[Primitive] = []
+    point_objects: list[Primitive] = []
     if primitives is not None:
-        drawn_points = [
+        point_objects = [
             one
             for one in primitives.objects
-            if point_pass.is_drawn_as_points(one, wanted.lists, alpha_tests)
+            if point_pass.is_drawn_as_points(one, options.lists, alpha_tests)
         ]
     # Transform and project vertices.
     if isinstance(vertices, ModelVertices):
         runs, unused = None, list(vertices.unused)
-        if not (wanted.lists or wanted.clip_positions):
+        if not (options.lists or options.clip_positions):
             # Points are projected when they are drawn.
-            unused += [one.vertices for one in drawn_points]
+            unused += [one.vertices for one in point_objects]
         if unused:
             runs = list(expansion.find_gaps(sorted(unused), len(vertices.positions)))
-        screen, seen = transform_and_project(
+        screen, all_codes = transform_and_project(
             vertices, depth_coefficients, viewport, workers, kept, runs
         )
         clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
-        if wanted.clip_positions or seen & setup.CLIPPED or primitives is not None:
+        if options.clip_positions or all_codes & setup.CLIPPED or primitives is not None:
             clip_positions = transform_to_clip(*vertices[:4], workers, runs)
     else:
         clip_positions = vertices
-        screen, seen = project_to_screen(
-            clip_positions, depth_coefficients, viewport, workers, wanted.precision
+        screen, all_codes = project_to_screen(
+            clip_positions, depth_coefficients, viewport, workers, options.precision
         )
     clock("transform")
     # Clip faces.
     clipped = 0
     all_faces = kept.made("faces", make_unclipped_faces, faces)
-    if seen & setup.CLIPPED:
+    if all_codes & setup.CLIPPED:
         all_faces, screen, clipped = clip_faces(
             clip_positions, faces, depth_coefficients, viewport, screen, workers, primitives
         )
@@ -530,46 +528,46 @@ def run_visibility(
     if primitives is not None:
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
-        make_room = partial(allocate_screen, memory=workers.memory)
-        numbers = {one.number for one in drawn_points}
+        allocate = partial(allocate_screen, memory=workers.memory)
+        numbers = {one.number for one in point_objects}
         expanded = tuple([one for one in primitives.objects if one.number not in numbers])
         all_faces, screen = expansion.expand_primitives(
             primitives._replace(objects=expanded), EXPANDERS, projected, all_faces, screen,
-            make_room, workers,
+            allocate, workers,
         )  # fmt: skip
-        for one in drawn_points:
+        for one in point_objects:
             screen.codes[slice(*one.vertices)] = setup.GUARD
-        seen |= setup.GUARD
+        all_codes |= setup.GUARD
         clock("lines, points")
     if alpha_tests is not None:
         geometry = make_geometry(faces, screen, clip_positions, viewport, is_affine)
         alpha_tests = alpha_tests._replace(geometry=geometry)
     lists = None
-    skipped = [one.faces for one in drawn_points]
+    skipped = [one.faces for one in point_objects]
     if hidden:
         skipped = sorted({*skipped, *hidden})
-        drawn_points = [one for one in drawn_points if one.faces not in hidden]
-    # Set up triangles, and list those of each tile.
-    if wanted.draws or wanted.lists:
+        point_objects = [one for one in point_objects if one.faces not in hidden]
+    # Set up and bin triangles.
+    if options.draws or options.lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
             all_faces, objects, screen,
             viewport._replace(sample_radius=sample_radius) if sample_radius else viewport, workers,
-            alpha_tests, depth_type, kept, seen, skipped,
+            alpha_tests, depth_type, kept, all_codes, skipped,
         )  # fmt: skip
-        if wanted.lists:
+        if options.lists:
             lists = TileLists(
                 starts, binned[: starts[-1]], all_faces, objects, hidden, sample_radius
             )
     else:
-        sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
+        sums = set_up(all_faces, objects, screen, viewport, workers, kept, all_codes, skipped).sums
     clock("set up, bin")
     # Draw triangles, then points.
-    has_points = wanted.draws and bool(drawn_points)
+    has_points = options.draws and bool(point_objects)
     if depth is None:
-        width = viewport.width * (wanted.depth or has_points)
+        width = viewport.width * (options.depth or has_points)
         depth = workers.memory.empty((viewport.height, width), depth_type)
     if face_id is None:
-        width = viewport.width * (wanted.faces or has_points)
+        width = viewport.width * (options.faces or has_points)
         face_id = workers.memory.empty((viewport.height, width), np.int32)
     points = None
     if primitives is not None and "points" in primitives.kinds:
@@ -578,7 +576,7 @@ def run_visibility(
             primitives, objects.face_starts, vertices.vertex_starts, *view
         )
     covered = None
-    if wanted.draws:
+    if options.draws:
         frame = depth, face_id
         covered = draw_tiles(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
@@ -588,12 +586,12 @@ def run_visibility(
             covered = None
             cloud = point_pass.DrawnPoints(
                 vertices.positions, vertices.relative_from_model,
-                point_pass.select_points(points.rows, drawn_points), points.view,
+                point_pass.select_points(points.rows, point_objects), points.view,
                 depth_coefficients,
             )  # fmt: skip
             target = frame
-            if wanted.lists:
-                # Transparent surfaces lie before it, or behind.
+            if options.lists:
+                # Transparent surfaces may lie in front of points, or behind.
                 shape = viewport.height, viewport.width
                 target = np.empty(shape, depth_type), np.empty(shape, np.int32)
                 point_pass.clear_pictures(target)
@@ -601,7 +599,7 @@ def run_visibility(
             sums = sums + point_pass.count_skipped(
                 point_pass.draw_all_points(cloud, viewport, target, workers)
             )
-            if wanted.lists:
+            if options.lists:
                 point_pass.merge_into_frame(
                     (target[0][np.newaxis], target[1][np.newaxis]), frame, workers
                 )
@@ -619,18 +617,17 @@ def run_visibility(
 
 
 def list_kernels(
-    wanted: VisibilityOptions, has_alpha_tests: bool, kinds: Collection[str] = ()
+    options: VisibilityOptions, has_alpha_tests: bool, kinds: Collection[str] = ()
 ) -> Rows:
     """
-    Return the kernels that `run_visibility` calls, each with its variant and when it is called.
+    List the kernels that `run_visibility` calls, each with its variant and condition.
 
-    ``wanted.precision`` is that of model positions as well; ``kinds`` are those of objects whose
-    faces are not triangles.
+    ``options.precision`` applies to model positions, too; ``kinds`` are those of primitives.
     """
     crossed = "a face crosses the near or far plane or the guard band"
-    depth = name_depth_variant(wanted.depth_type)
-    single = "float32 vertices" if np.dtype(wanted.precision) == np.float32 else ""
-    moved = "" if wanted.clip_positions or kinds else crossed
+    depth = name_depth_variant(options.depth_type)
+    single = "float32 vertices" if np.dtype(options.precision) == np.float32 else ""
+    moved = "" if options.clip_positions or kinds else crossed
     rows = [
         KernelRow(projection.transform_vertices, single),
         KernelRow(projection.transform_positions, single, moved),
@@ -641,30 +638,30 @@ def list_kernels(
         *(line_pass.kernel_rows() if "lines" in kinds else []),
         KernelRow(setup.set_up_triangles),
     ]  # fmt: skip
-    if wanted.draws or wanted.lists:
+    if options.draws or options.lists:
         rows += [
             *rows_where("", binning.start_lists, binning.bin_triangles),
             KernelRow(find_tile_depths, depth, "a face covers whole tiles"),
         ]
-    if wanted.draws:
+    if options.draws:
         rows.append(KernelRow(tile_rasterizer.draw_tiles, depth))
-    if wanted.draws or wanted.lists:
+    if options.draws or options.lists:
         batched = triangle_batches.set_up_batch, triangle_batches.order_triangles
         rows += [*rows_where("", *batched), KernelRow(tile_rasterizer.draw_batch, depth)]
-    if wanted.draws and "points" in kinds:
+    if options.draws and "points" in kinds:
         from rasterjit.pipeline.visibility import point_rasterizer
 
         rows += [
             KernelRow(point_rasterizer.draw_points, depth),
             KernelRow(point_rasterizer.merge_pictures, depth, "several threads draw points"),
         ]
-    if wanted.draws and has_alpha_tests:
+    if options.draws and has_alpha_tests:
         rows += [KernelRow(alpha_test.queue_triangle, depth), KernelRow(alpha_test.find_alphas)]
     return rows
 
 
 def name_depth_variant(depth_type: Any) -> str:
-    """Return the name of the kernel variant that compares depths of a type; empty for float32."""
+    """Name the kernel variant that compares depths of a type; empty for float32."""
     name = np.dtype(depth_type).name
     return "" if name == "float32" else f"{name} depth"
 
@@ -676,7 +673,7 @@ def make_geometry(
     viewport: records.Viewport,
     is_affine: bool = False,
 ) -> records.Geometry:
-    """Return the geometry to interpolate on: perspective-correct, or affine on the screen."""
+    """Make the geometry to interpolate on: perspective-correct, or affine on the screen."""
     w = np.empty(0) if is_affine else screen.w
     return records.Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
 
@@ -685,26 +682,26 @@ class SetUp(NamedTuple):
     """Triangles that survived culling, and their tiles."""
 
     triangles: NDArray[np.int32]
-    """Their numbers, those of each part packed to its front."""
+    """(F + P,): triangle numbers, packed at the start of each part."""
     boxes: NDArray[np.uint8]
-    """(T, 4): the tiles around each."""
+    """(F + P, 4): inclusive tile columns and rows of each triangle."""
     parts: list[slice]
-    """Where the triangles of each task lie."""
+    """The range of each task's triangles."""
     counts: NDArray[np.int32]
-    """(parts, tiles + 1): triangles of each tile, and how many cover whole tiles."""
+    """(parts, tiles + 1): triangles of each tile; last, the number of large ones."""
     sums: NDArray[np.int64]
-    """(5,): counts of the others, by outcome."""
+    """(5,): number of the other faces, by outcome."""
 
 
 def set_up(
     faces: records.Faces, objects: records.Objects, screen: records.ScreenVertices,
     viewport: records.Viewport, workers: Workers, kept: Kept | None = None,
-    seen: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
+    possible_codes: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
 ) -> SetUp:  # fmt: skip
     """
     Cull faces, and find the tiles of the survivors.
 
-    Takes the outcode bits that occur, and the runs of faces to skip.
+    Takes the outcode bits of any vertex, and the runs of faces to skip.
     """
     kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _count_tiles(viewport)
@@ -730,7 +727,7 @@ def set_up(
         [
             (
                 edges[n], piece_edges[n], faces, objects, screen, viewport, (triangles, boxes),
-                (columns, counts[n], sums[n]), batches[n], seen,
+                (columns, counts[n], sums[n]), batches[n], possible_codes,
             )
             for n in range(chunks)
         ],
@@ -748,17 +745,17 @@ def set_up_and_bin(
     alpha_tests: records.AlphaTests | None = None,
     depth_type: Any = np.float32,
     kept: Kept | None = None,
-    seen: int = setup.ANY_CODE,
+    possible_codes: int = setup.ANY_CODE,
     skipped: Sequence[tuple[int, int]] = (),
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
     """
-    Return each tile's start in the list of triangles, that list, tile depths, and totals.
+    Return each tile's start in the list of triangles, the list, tile depths, and totals.
 
-    The list may be longer than what is written of it, which ends at the last start.
+    The list is valid up to the last start.
     """
     kept = kept or Kept(workers.memory, lasts=False)
     triangles, boxes, parts, counts, sums = set_up(
-        faces, objects, screen, viewport, workers, kept, seen, skipped
+        faces, objects, screen, viewport, workers, kept, possible_codes, skipped
     )
     columns, tiles = _count_tiles(viewport)
     starts = kept.empty("starts", (tiles + 1,), np.int64)
@@ -772,22 +769,22 @@ def set_up_and_bin(
             for n, part in enumerate(parts)
         ],
     )
-    # A triangle that covers all centres of a tile need not cover all its samples.
+    # A triangle that covers all pixel centres of a tile may miss other samples.
     with_large = [
         n for n in range(len(parts)) if viewport.sample_radius == 0 and counts[n, tiles] != 0
     ]
     if not with_large:
         return starts, binned, kept.made("depths", _make_empty_depths, tiles, depth_type), sums
     tile_depths = np.full((len(with_large), tiles), tile_rasterizer.get_empty_depth(depth_type))
-    holes = np.empty(0, np.int64), np.empty(0, np.float32)
+    cutoffs = np.empty(0, np.int64), np.empty(0, np.float32)
     if alpha_tests is not None:
-        holes = alpha_tests.face_starts, alpha_tests.cutoffs
+        cutoffs = alpha_tests.face_starts, alpha_tests.cutoffs
     workers.call(
         find_tile_depths,
         [
             (
                 triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport,
-                tile_depths[row], holes,
+                tile_depths[row], cutoffs,
             )
             for row, n in enumerate(with_large)
         ],
@@ -796,7 +793,7 @@ def set_up_and_bin(
 
 
 def _count_tiles(viewport: records.Viewport) -> tuple[int, int]:
-    """Return the columns of tiles of a picture, and its tiles."""
+    """Count the columns of tiles of a picture, and its tiles."""
     columns = -(-viewport.width // setup.TILE_SIZE)
     return columns, columns * -(-viewport.height // setup.TILE_SIZE)
 
@@ -818,7 +815,7 @@ def draw_tiles(
     tiles = kept.made("tiles", _number_tiles, len(starts) - 1)
     per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
     kind = frame[0].dtype
-    # A drawer per thread: making one takes longer than drawing a few tiles.
+    # One drawer for each thread: making it takes longer than drawing a few tiles.
     drawers = kept.made("drawers", _make_no_drawers, binned, faces, screen, kind, alpha_tests)
     tasks = -(-len(tiles) // per_task)
     threads = min(workers.threads, tasks)
@@ -838,17 +835,17 @@ def draw_tiles(
 
 
 def make_unclipped_faces(faces: NDArray[np.int32]) -> records.Faces:
-    """Return the `Faces` record of faces none of which was clipped."""
+    """Make the `Faces` record of faces without clipped ones."""
     return records.Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
 
 
 def _make_empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
-    """Return the cleared depth of each tile."""
+    """Make the depths of empty tiles."""
     return np.full(tiles, tile_rasterizer.get_empty_depth(depth_type))
 
 
 def _make_no_drawers(*_: Any) -> list[Any]:
-    """Return an empty list: each thread makes its drawer when it finds none."""
+    """Make an empty list: each thread makes its drawer if there is none."""
     return []
 
 
@@ -858,8 +855,8 @@ def _number_tiles(count: int) -> NDArray[np.int32]:
 
 
 def allocate_screen(count: int, memory: Memory) -> records.ScreenVertices:
-    """Return room for so many vertices."""
-    # A vertex's position and depth lie side by side, in one cache line.
+    """Allocate screen vertices."""
+    # A vertex's position and depth share a cache line.
     packed = memory.empty((count, 2), np.float64)
     return records.ScreenVertices(
         packed.view(np.int32)[:, :2],
@@ -884,7 +881,7 @@ def make_viewport(
     region: Region | None = None,
     spacing: float = 1.0,
 ) -> records.Viewport:
-    """Return the viewport record, with guard band, of an image (width, height) or a part of it."""
+    """Make the viewport record, with guard band, of an image (width, height) or a part of it."""
     width, height = size
     left, top, columns, rows = region or (0, 0, width, height)
     return records.Viewport(
