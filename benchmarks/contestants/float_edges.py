@@ -160,7 +160,7 @@ def edges_at(a, b, c, column, row, grid_bits):
 
 
 @helper
-def inside_line(ax, ay, bx, by, left, top, grid_bits):
+def prepare_inside(ax, ay, bx, by, left, top, grid_bits):
     """Return an edge as (value at a pixel, step to the next column, to the next row)."""
     unit = np.float32(np.int64(1) << grid_bits)
     return (
@@ -170,7 +170,7 @@ def inside_line(ax, ay, bx, by, left, top, grid_bits):
 
 
 @helper
-def crossing_line(edge):
+def prepare_crossing(edge):
     """Return an edge as (value, step down, columns for each unit of them, side)."""
     value, across, down = edge
     if across == 0:
@@ -208,20 +208,20 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
         begin, end = np.int32(first), np.int32(max(last, np.float32(-1.0))) + np.int32(1)
         begins[i], ends[i] = begin, end
         longest = max(longest, np.int32(end - begin))
-        depths[i] = depth_from(
+        depths[i] = evaluate_depth(
             plane, e0 + first * across0 + row * down0, e1 + first * across1 + row * down1
         )
     return np.int64(longest)
 
 
 @helper
-def depth_from(plane, edge_bc, edge_ca):
+def evaluate_depth(plane, edge_bc, edge_ca):
     """Return the depth where two edge functions have the given values."""
     return plane[0] + (edge_bc * plane[1] + edge_ca * plane[2])
 
 
 @helper
-def draw_small(n, whole, real, plane, origin, tile, is_mixed):
+def draw_small(n, whole, real, plane, origin, tile, is_unordered):
     """Test the samples in the box of a triangle against edges in float32, row by row."""
     left, top = (
         np.int64(whole[flat_index(batches.LEFT, n)]),
@@ -243,11 +243,11 @@ def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(tile_rasterizer.SCRATCH_SHAPE[1]), rows, columns, edges,
-        depth, np.int32(whole[flat_index(batches.FACE, n)]), is_mixed,
+        depth, np.int32(whole[flat_index(batches.FACE, n)]), is_unordered,
     )  # fmt: skip
 
 
-def scratch_memory(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
+def allocate_scratch(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
     """Return the memory that a thread needs to draw, its real numbers in float32."""
     return tuple(
         np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
@@ -309,9 +309,10 @@ def careless_stages() -> SimpleNamespace:
     covering = twin(
         tile_rasterizer, set_up_batch=planning.set_up_batch,
         order_triangles=planning.order_triangles, edge_at=edge_at, edges_at=edges_at,
-        crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
-        draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
-        FLOAT_ROWS_TYPE=planning.FLOAT_ROWS_TYPE, SPANS=in_float32(tile_rasterizer.SPAN_MEMORY),
+        prepare_crossing=prepare_crossing, find_spans=find_spans, evaluate_depth=evaluate_depth,
+        draw_small=draw_small, prepare_inside=prepare_inside, allocate_scratch=allocate_scratch,
+        FLOAT_ROWS_TYPE=planning.FLOAT_ROWS_TYPE,
+        SPAN_MEMORY=in_float32(tile_rasterizer.SPAN_MEMORY),
         SCRATCH=in_float32(tile_rasterizer.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.

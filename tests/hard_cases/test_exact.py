@@ -94,7 +94,7 @@ def test_quotients_of_spans_are_below_half_an_ulp_from_exact(grid):
 
 
 def test_spans_end_where_exact_arithmetic_says():
-    crossing_line = getattr(
+    prepare_crossing = getattr(
         tile_rasterizer.prepare_crossing, "function", tile_rasterizer.prepare_crossing
     )
     bound_span = getattr(tile_rasterizer.bound_span, "function", tile_rasterizer.bound_span)
@@ -107,8 +107,8 @@ def test_spans_end_where_exact_arithmetic_says():
         if abs(value) >= 2**47:
             continue
         # The last column x with value - x slope >= 0, the first with -value + x slope >= 0.
-        begins = crossing_line((np.int64(-value), np.int64(slope), np.int64(0)))
-        ends = crossing_line((np.int64(value), np.int64(-slope), np.int64(0)))
+        begins = prepare_crossing((np.int64(-value), np.int64(slope), np.int64(0)))
+        ends = prepare_crossing((np.int64(value), np.int64(-slope), np.int64(0)))
         first, last = bound_span(-(2.0**48), 2.0**48, begins, np.int64(0))
         first, last = bound_span(first, last, ends, np.int64(0))
         assert last == value // slope

@@ -79,7 +79,7 @@ def find_receivers(
     Parameters
     ----------
     block : Block
-        Writes rows POINT and NORMAL of ``receivers``, the corners in ``doubles``, and IS_LIT.
+        Writes rows RECEIVER_POINT and RECEIVER_NORMAL, the corners in ``doubles``, and IS_LIT.
     count : int
     positions : (V, 3) float64, model space
     relative_from_model : (O, 3, 4) float64

@@ -196,7 +196,7 @@ def project_to_map(block: Block, count, point: int64, row: float64[::1]):
         After ``receivers.find_receivers``. Writes rows SHADOW_MAP_U.. to BIAS.
     count : int
     point : int
-        Where ``receivers`` has the points, and the normals behind them: POINT or OFFSET_POINT.
+        First row of the points in ``receivers``, then normals: RECEIVER_POINT or OFFSET_POINT.
     row : (MAP_COLUMNS,) float64
         The light's, of ``ShadowRecord.maps``.
     """

@@ -81,7 +81,7 @@ def evaluate_clipped_edges(a, b, c, column, row, clip, viewport):
 
 
 @helper
-def dot(a, b):
+def dot3(a, b):
     """Return the dot product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -96,7 +96,7 @@ def is_on_line(level, half_width, scalars, edges):
     """
     values, right, down = edges
     differences = scalars[0] - level, scalars[1] - level, scalars[2] - level
-    g, x, y = dot(values, differences), dot(right, differences), dot(down, differences)
+    g, x, y = dot3(values, differences), dot3(right, differences), dot3(down, differences)
     steepest = max(abs(x), abs(y))
     if not steepest > 0.0:
         return False

@@ -214,7 +214,7 @@ def draw_disc(x, y, sizes, depth, face, frame, viewport):
 
 
 @helper
-def dot(ax, ay, az, bx, by, bz):
+def dot3(ax, ay, az, bx, by, bz):
     """Return the dot product of two vectors."""
     return ax * bx + ay * by + az * bz
 
@@ -223,7 +223,7 @@ def dot(ax, ay, az, bx, by, bz):
 def get_clip_coordinate(matrix, row, point):
     """Return one clip coordinate of a point relative to the eye."""
     x, y, z = point
-    return dot(matrix[row, 0], matrix[row, 1], matrix[row, 2], x, y, z) + matrix[row, 3]
+    return dot3(matrix[row, 0], matrix[row, 1], matrix[row, 2], x, y, z) + matrix[row, 3]
 
 
 @helper
@@ -251,7 +251,7 @@ def find_nearest_ray_point(centre, ndc, view):
     beside_a = get_clip_coordinate(m, 0, centre) - x * w
     beside_b = get_clip_coordinate(m, 1, centre) - y * w
     dx, dy, dz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    shrink = -1.0 / dot(dx, dy, dz, dx, dy, dz)
+    shrink = -1.0 / dot3(dx, dy, dz, dx, dy, dz)
     to_a, to_b = shrink * beside_a, shrink * beside_b
     offset = (
         to_a * (by * dz - bz * dy) + to_b * (dy * az - dz * ay),
@@ -279,7 +279,7 @@ def intersect_ray_with_sphere(centre, radius, ndc, view):
     0: no visible hit; 1: hit; 2: the ray misses, and the offset leads to its nearest point.
     """
     foot, along = find_nearest_ray_point(centre, ndc, view)
-    squared = radius * radius - dot(foot[0], foot[1], foot[2], foot[0], foot[1], foot[2])
+    squared = radius * radius - dot3(foot[0], foot[1], foot[2], foot[0], foot[1], foot[2])
     half = np.sqrt(max(squared, 0.0))
     offset = foot[0] - half * along[0], foot[1] - half * along[1], foot[2] - half * along[2]
     is_in_front, is_before_far = is_between_planes(centre, offset, view)
@@ -310,9 +310,9 @@ def bound_sphere(centre, radius, row, view):
     """
     m = view.matrix
     a, w = get_clip_coordinate(m, row, centre), get_clip_coordinate(m, 3, centre)
-    aa = dot(m[row, 0], m[row, 1], m[row, 2], m[row, 0], m[row, 1], m[row, 2])
-    ww = dot(m[3, 0], m[3, 1], m[3, 2], m[3, 0], m[3, 1], m[3, 2])
-    aw = dot(m[row, 0], m[row, 1], m[row, 2], m[3, 0], m[3, 1], m[3, 2])
+    aa = dot3(m[row, 0], m[row, 1], m[row, 2], m[row, 0], m[row, 1], m[row, 2])
+    ww = dot3(m[3, 0], m[3, 1], m[3, 2], m[3, 0], m[3, 1], m[3, 2])
+    aw = dot3(m[row, 0], m[row, 1], m[row, 2], m[3, 0], m[3, 1], m[3, 2])
     square = radius * radius
     below = w * w - square * ww
     if not (w > 0.0 and below > 0.0):
@@ -338,8 +338,8 @@ def is_depth_culled(centre, radius, view):
     z, w = get_clip_coordinate(m, 2, centre), get_clip_coordinate(m, 3, centre)
     nx, ny, nz = m[3, 0] + m[2, 0], m[3, 1] + m[2, 1], m[3, 2] + m[2, 2]
     fx, fy, fz = m[3, 0] - m[2, 0], m[3, 1] - m[2, 1], m[3, 2] - m[2, 2]
-    near = radius * np.sqrt(dot(nx, ny, nz, nx, ny, nz))
-    far = radius * np.sqrt(dot(fx, fy, fz, fx, fy, fz))
+    near = radius * np.sqrt(dot3(nx, ny, nz, nx, ny, nz))
+    far = radius * np.sqrt(dot3(fx, fy, fz, fx, fy, fz))
     # Twice the radius, for rounding.
     return z + w < -2.0 * near or w - z < -2.0 * far
 
@@ -360,7 +360,7 @@ def bound_nearest_depth(centre, radius, view, depth_coefficients):
     elif depth_coefficients[1] != 0.0:
         return np.inf
     # With a margin for rounding, to float32 as well.
-    step = sign * radius * (1.0 + 2.0**-20) / np.sqrt(dot(x, y, z, x, y, z))
+    step = sign * radius * (1.0 + 2.0**-20) / np.sqrt(dot3(x, y, z, x, y, z))
     point = centre[0] + step * x, centre[1] + step * y, centre[2] + step * z
     w = get_clip_coordinate(m, 3, point)
     if not w > 0.0:
