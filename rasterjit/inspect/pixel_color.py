@@ -397,7 +397,7 @@ def find_color_parts(
 
 def _sample_viewport(drawn: VisibleScene) -> VisibleScene:
     """Return the scene with a viewport for samples anywhere in their pixels."""
-    viewport = fragment_bands.sampled_viewport(
+    viewport = fragment_bands.make_sampled_viewport(
         drawn.seen.geometry.viewport, drawn.plan.layers.samples
     )
     geometry = drawn.seen.geometry._replace(viewport=viewport)

@@ -42,7 +42,6 @@ from rasterjit.rendering.resolve_layers import (
     ColorRows,
     Shader,
     Tones,
-    at_samples,
     before_tones,
     is_direct,
     lay_faces,
@@ -430,7 +429,7 @@ class CommandBuffer:
         layers = self._plan.layers
         if layers is not None and layers.samples != 1:
             # The first lists are not read again.
-            sample_viewport = fragment_bands.sampled_viewport(viewport, layers.samples)
+            sample_viewport = fragment_bands.make_sampled_viewport(viewport, layers.samples)
             bin_calls, self._sample_binning = self._record_binning(lists, sample_viewport)
             calls = *calls, *bin_calls
         self._lists = lists
@@ -505,7 +504,9 @@ class CommandBuffer:
         )  # fmt: skip
         tones = None
         if plan.layers is not None:
-            shader, tones = before_tones(at_samples(shader, plan.layers.samples))
+            shader, tones = before_tones(
+                fragment_bands.make_sampled_finder(shader, plan.layers.samples)
+            )
         shader = shader.ready(viewer=viewer)
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
         color = self._face_id.view(np.uint32)
@@ -559,14 +560,14 @@ class CommandBuffer:
                 a_buffer.split_lists, lists.starts, lists.binned, lists.faces,
                 lists.objects.face_starts, layers.is_blended, split, bounds,
             )  # fmt: skip
-        tile_args, alone = a_buffer.layer_drawer(
+        tile_args, alone = a_buffer.make_layer_drawer(
             tile_rasterizer.make_tile_drawer(
                 split, lists.faces, lists.screen, np.float32, shader.alpha_tests
             )
         )
         points, shifts = (
-            fragment_bands.no_points(np.float32),
-            fragment_bands.sample_shifts(samples, viewport.grid_bits),
+            fragment_bands.make_no_points(np.float32),
+            fragment_bands.get_sample_shifts(samples, viewport.grid_bits),
         )
         calls.kept += [tile_args, alone, points, shader]
         direct, table = (

@@ -21,7 +21,7 @@ from rasterjit.outputs import ground_truth, output_table
 from rasterjit.outputs.frame import LayeredFrame
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.fragments import fragment_bands
-from rasterjit.pipeline.fragments.a_buffer import without_holes
+from rasterjit.pipeline.fragments.a_buffer import remove_discarded
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.tile_rasterizer import get_empty_depth
@@ -173,7 +173,7 @@ def peel(
     faces : (K, H, W) int32
         -1 where a pixel has fewer surfaces.
     """
-    finder = fragment_bands.at_samples(finder, 1)
+    finder = fragment_bands.make_sampled_finder(finder, 1)
     viewport = finder.geometry.viewport
     everything = np.ones(len(seen.objects.face_starts) - 1, np.uint8)
     lists = fragment_bands.split_tile_lists(seen.coverage, viewport, everything, workers)
@@ -189,7 +189,7 @@ def peel(
             assert band.depths is not None
             found = band.transparent[0], band.depths[0]
             if finder.alpha_tests is not None:
-                found = without_holes(band.first_row, *found, finder.alpha_tests)
+                found = remove_discarded(band.first_row, *found, finder.alpha_tests)
             target = slice(band.first_row, band.first_row + found[0].shape[1])
             faces[:, target][: len(found[0])] = found[0][:count]
             depths[:, target][: len(found[1])] = found[1][:count]

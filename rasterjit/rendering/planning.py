@@ -23,7 +23,7 @@ from rasterjit.outputs.output_table import (
     find_row,
 )
 from rasterjit.pipeline import srgb_encoding
-from rasterjit.pipeline.fragments.fragment_bands import peeling_kernels
+from rasterjit.pipeline.fragments.fragment_bands import list_peeling_kernels
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import visibility_pass
@@ -316,7 +316,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     if plan.lens:
         rows += lens_kernels(plan.outputs)
     if plan.surfaces is not None:
-        rows += peeling_kernels(plan.depth_format.kind, plan.facts.tests_alpha)
+        rows += list_peeling_kernels(plan.depth_format.kind, plan.facts.tests_alpha)
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
     return tuple(dict.fromkeys(rows))

@@ -21,7 +21,7 @@ from rasterjit.outputs import ground_truth, motion
 from rasterjit.outputs.frame import Frame, FrameStats, select_outputs
 from rasterjit.outputs.ground_truth import add_reversed_depth
 from rasterjit.outputs.output_table import Outputs
-from rasterjit.pipeline.fragments.fragment_bands import sampled_viewport
+from rasterjit.pipeline.fragments.fragment_bands import make_sampled_viewport
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.primitive_expansion import collect_primitives
@@ -363,7 +363,7 @@ def find_visible(
     wanted = plan.visibility._replace(**changes)
     if plan.layers is not None and not wanted.draws:
         wanted = wanted._replace(
-            sample_radius=sampled_viewport(viewport, plan.layers.samples).sample_radius
+            sample_radius=make_sampled_viewport(viewport, plan.layers.samples).sample_radius
         )
     drawable = visibility_pass.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,

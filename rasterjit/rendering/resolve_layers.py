@@ -27,10 +27,10 @@ from rasterjit.pipeline.fragments.fragment_bands import (
     MAX_BYTES,
     Band,
     Finder,
-    Lists,
-    at_samples,
+    PartitionedLists,
     find_areas,
     find_layers,
+    make_sampled_finder,
     split_tile_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
@@ -315,7 +315,11 @@ def lay_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
 
 
 def mix_areas(
-    rows: tuple[int, int], lists: Lists, shader: Shader, target: ColorRows, memory: Memory
+    rows: tuple[int, int],
+    lists: PartitionedLists,
+    shader: Shader,
+    target: ColorRows,
+    memory: Memory,
 ) -> None:
     """Resolve one row of tiles of opaque faces by exact area coverage."""
     faces, shares, rest = find_areas(rows, lists, shader.finder, memory)
@@ -359,7 +363,7 @@ def mix_samples(
     shape, first = (samples, height, width), first_row + rows[0]
     shown, shares = memory.empty(shape, np.int32), memory.empty(shape, np.float32)
     rest, mixed = memory.empty(shape[1:], np.float32), memory.empty((height, 4, width), np.float32)
-    others = memory.empty((2, coverage_resolve.BLOCK_COLUMNS), np.int32)
+    others = memory.empty((2, coverage_resolve.COLUMNS_PER_BLOCK), np.int32)
     behind = shader.backdrop(calls, shape[1:], first, memory)
     sharing = Sharing(opaque, rows, shown, shares, rest, others)
     calls.mix(shader.shading, first, sharing, behind, mixed, shader.has_codes)
@@ -474,7 +478,7 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    shader, tones = before_tones(at_samples(shader, plan.samples))
+    shader, tones = before_tones(make_sampled_finder(shader, plan.samples))
     viewport = shader.geometry.viewport
     lists = split_tile_lists(coverage, viewport, plan.is_blended, workers)
     shader, table = shader.ready(), srgb_encoding.encoding_table(shader.encoding)
@@ -510,7 +514,7 @@ def show_rows(
 def shade_rows(
     rows: tuple[int, int],
     plan: PixelLayers,
-    lists: Lists,
+    lists: PartitionedLists,
     shader: Shader,
     target: ColorRows,
     memory: Memory,
@@ -601,11 +605,11 @@ def shade_codes(
     """
     shader = shader._replace(has_codes=True)
     if shader.plain is not None:
-        shader = fragment_bands.at_samples(shader, plan.samples)
+        shader = fragment_bands.make_sampled_finder(shader, plan.samples)
     elif plan.at_centers:
-        shader = fragment_bands.at_samples(shader.ready(), plan.samples)
+        shader = fragment_bands.make_sampled_finder(shader.ready(), plan.samples)
     else:
-        shader = fragment_bands.at_samples(shader, plan.samples).ready()
+        shader = fragment_bands.make_sampled_finder(shader, plan.samples).ready()
     viewport = shader.geometry.viewport
     lists = fragment_bands.split_tile_lists(coverage, viewport, plan.is_blended, workers)
     packed = None if color is None else color.view(np.uint32)[:, :, 0]

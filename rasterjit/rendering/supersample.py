@@ -514,7 +514,7 @@ def cover_samples(
     coverage = seen.coverage
     if samples == 1:
         return (coverage.face_id >= 0).astype(np.float32)
-    finder = fragment_bands.at_samples(finder, samples)
+    finder = fragment_bands.make_sampled_finder(finder, samples)
     viewport = finder.geometry.viewport
     nothing = np.zeros(len(seen.objects.face_starts) - 1, np.uint8)
     lists = fragment_bands.split_tile_lists(coverage, viewport, nothing, workers)

@@ -29,7 +29,7 @@ from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.output_table import TABLE
-from rasterjit.pipeline.fragments.fragment_bands import SAMPLE_POSITIONS, STEPS
+from rasterjit.pipeline.fragments.fragment_bands import SAMPLE_POSITIONS, STEPS_PER_PIXEL
 from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.quality import Quality
@@ -54,7 +54,7 @@ _ROWS_AT_ONCE = 32
 """Rows whose numbers become colours at once."""
 
 _X, _Y = SAMPLE_POSITIONS[4][0]
-_FIRST_SAMPLE = _X / STEPS, -_Y / STEPS
+_FIRST_SAMPLE = _X / STEPS_PER_PIXEL, -_Y / STEPS_PER_PIXEL
 """Where the first sample lies, from the centre of a pixel to the right and down: its depth is the
 pixel's."""
 

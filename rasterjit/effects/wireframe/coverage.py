@@ -32,7 +32,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.effects.wireframe.stage import cut_segment, divided, write_depths
-from rasterjit.pipeline.fragments.srgb_compositing import over as over_codes
+from rasterjit.pipeline.fragments.srgb_compositing import composite_over as over_codes
 from rasterjit.pipeline.geometry.projection import snap_vertex
 from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, get_picture_size
 from rasterjit.pipeline.records import Geometry, Viewport

@@ -11,7 +11,7 @@ without branches, per sample, so intersecting triangles are right.
 A tile gets a layer once a sample needs it. Fragments beyond the last available layer are counted
 and dropped; the caller sees the count and tries again with more.
 
-`drop_holes` removes fragments that fail the alpha test.
+`drop_discarded` removes fragments that fail the alpha test.
 
 References
 ----------
@@ -47,7 +47,7 @@ from rasterjit.runtime.state_block import int32, int64, stored, uint8
 @kernel
 def split_lists(
     starts: int64[::1], binned: int32[::1], faces: Faces, face_starts: int64[::1],
-    is_blended: uint8[::1], parted: int32[::1], middles: int64[::1],
+    is_blended: uint8[::1], partitioned: int32[::1], middles: int64[::1],
 ):  # fmt: skip
     """
     Partition each tile's list: opaque triangles first, then transparent ones.
@@ -56,13 +56,13 @@ def split_lists(
     ----------
     starts : (tiles + 1,) int64
     binned : (M,) int32
-        As ``visibility_pass.TileLists`` has them.
+        As in ``visibility_pass.TileLists``.
     faces : Faces
     face_starts : (O+1,) int64
     is_blended : (O,) uint8
         1 for each object that is transparent.
-    parted : (M,) int32
-        Written: the lists, each in the old order within its two parts.
+    partitioned : (M,) int32
+        Written: the lists, each in the same order within its two parts.
     middles : (tiles,) int64
         Written: where the transparent triangles of each tile begin.
     """
@@ -79,7 +79,7 @@ def split_lists(
                 while face >= face_starts[owner + 1]:
                     owner += 1
                 if np.int64(is_blended[owner]) == is_second:
-                    parted[end] = binned[n]
+                    partitioned[end] = binned[n]
                     end += 1
             if is_second == 0:
                 middle = end
@@ -89,9 +89,9 @@ def split_lists(
 @disjoint_helper
 def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
     """
-    Move a triangle's row out of the scratch tile, where nothing opaque hides it; clear the row.
+    Move a triangle's visible samples out of a row of the scratch tile; clear the row.
 
-    Returns whether any sample is left; counts the samples.
+    Returns whether any sample is in front of the opaque surface; counts these samples.
     """
     any_left = np.int32(0)
     for i in range(drawn.shape[0]):
@@ -108,25 +108,25 @@ def extract_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, f
 
 @helper
 def clear_beside(drawn, empty, row, first):
-    """Clear the columns beside a box, to which whole groups of columns were drawn."""
+    """Clear the columns right of a box, which whole groups of columns overlap."""
     for k in range(MAX_SMALL_PIXELS):
         drawn[row, np.uintp(first + k)] = empty
 
 
 @disjoint_helper
 def insert_row(layer_depths, layer_faces, depths, empty, faces):
-    """Keep the nearer fragments in the layer, and carry the others on; return if any is left."""
+    """Keep the nearer fragments in the layer, and the others in the row; return if any is left."""
     any_left = np.int32(0)
     for i in range(depths.shape[0]):
-        here, there = layer_depths[i], depths[i]
-        face_here, face_there = layer_faces[i], faces[i]
+        layer_depth, depth = layer_depths[i], depths[i]
+        layer_face, face = layer_faces[i], faces[i]
         # Empty samples are deepest and are never exchanged: in a layer their face is -1.
-        is_nearer = (there > here) | ((there == here) & (face_there < face_here))
-        layer_depths[i] = there if is_nearer else here
-        layer_faces[i] = face_there if is_nearer else face_here
-        left = here if is_nearer else there
+        is_nearer = (depth > layer_depth) | ((depth == layer_depth) & (face < layer_face))
+        layer_depths[i] = depth if is_nearer else layer_depth
+        layer_faces[i] = face if is_nearer else layer_face
+        left = layer_depth if is_nearer else depth
         depths[i] = left
-        faces[i] = face_here if is_nearer else face_there
+        faces[i] = layer_face if is_nearer else face
         any_left = np.int32(any_left | np.int32(left > empty))
     return any_left
 
@@ -147,9 +147,9 @@ def clear_layer(layers, empty, sample, level, left, right):
 
 @helper
 def insert_triangle(
-    n, ints, window, drawn, empty, hiding, counts, layers, sample, used, carried
+    n, ints, window, drawn, empty, hiding, counts, layers, sample, used, row_memory
 ):  # fmt: skip
-    """Insert the fragments of one triangle into a tile's layers; return how many are in use."""
+    """Insert the fragments of one triangle into a tile's layers; return the number in use."""
     # A wide triangle's box begins where its block of columns does, which may be left of the tile.
     left = max(np.int64(ints[LEFT, n]) - window[0], np.int64(0))
     right = np.int64(ints[RIGHT, n]) - window[0]
@@ -158,7 +158,7 @@ def insert_triangle(
     layer_depths, layer_faces = layers
     if count <= 0:
         return used
-    depths, faces = carried[0][:count], carried[1][:count]
+    depths, faces = row_memory[0][:count], row_memory[1][:count]
     first, end = window[0] + left, window[0] + right + 1
     for row in range(top, bottom + 1):
         any_left = extract_row(
@@ -180,33 +180,33 @@ def insert_triangle(
 
 
 @helper
-def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
+def insert_listed(first, end, window, layers, sample, scratch, layer_scratch, drawing):
     """
-    Insert transparent triangles ``first`` to ``end`` of the lists, of one tile, into the layers.
+    Insert transparent triangles ``first`` to ``end`` of the lists into the layers of one tile.
 
-    Returns how many layers are in use.
+    Returns the number of layers in use.
     """
     ints, empty, used = scratch[2], scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0], np.int64(0)
     for begin in range(first, end, TRIANGLES_PER_BATCH):
         count = min(TRIANGLES_PER_BATCH, end - begin)
         tile_rasterizer.set_up_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
-            tile_rasterizer.draw_range(drawing, spare.draw, n, n + np.uintp(1))
+            tile_rasterizer.draw_range(drawing, layer_scratch.draw, n, n + np.uintp(1))
             used = insert_triangle(
-                n, ints, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
-                used, (spare.carried_depths, spare.carried_faces),
+                n, ints, window, layer_scratch.depths, empty, scratch[:2], layer_scratch.counts,
+                layers, sample, used, (layer_scratch.row_depths, layer_scratch.row_faces),
             )  # fmt: skip
     return used
 
 
 @helper
-def deepest_of(counts, window, most):
-    """Return the larger of ``most`` and the largest count of a tile, with its pixel."""
+def find_deepest(counts, window, deepest):
+    """Return ``deepest``, or a tile's largest count with its pixel, if that is larger."""
     for row in range(window[3] + 1 - window[1]):
         for column in range(window[2] + 1 - window[0]):
-            if counts[row, column] > most[0]:
-                most = np.int64(counts[row, column]), window[0] + column, window[1] + row
-    return most
+            if counts[row, column] > deepest[0]:
+                deepest = np.int64(counts[row, column]), window[0] + column, window[1] + row
+    return deepest
 
 
 @disjoint_helper
@@ -224,18 +224,18 @@ class LayerScratch(NamedTuple):
     numbers: int32[:, ::1]
     counts: int32[:, ::1]
     """(64, 64): the transparent surfaces of each sample."""
-    carried_depths: stored[::1]
-    """(64,): the row being carried through the layers."""
-    carried_faces: int32[::1]
+    row_depths: stored[::1]
+    """(64,): the row that is inserted into the layers."""
+    row_faces: int32[::1]
     draw: int64[::1]
     """How to call ``tile_rasterizer.draw_batch`` for that tile."""
 
 
-def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, LayerScratch]:
+def make_layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, LayerScratch]:
     """
-    Return a thread's state for building layers, given its `TileDrawer`.
+    Make a thread's state for building layers, given its `TileDrawer`.
 
-    Keep both results alive while they are in use: machine code holds addresses of their memory.
+    Keep both results alive while in use: machine code holds addresses of their memory.
     """
     depth_type = drawer.scratch[0].dtype
     tile = (
@@ -281,54 +281,51 @@ def write_first_depth(depths, layers, levels, window, first_depth):
 
 @kernel
 def find_layers(
-    rows: (int64, int64), starts: int64[::1], middles: int64[::1],
+    row_range: (int64, int64), starts: int64[::1], middles: int64[::1],
     points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
     opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
     scratch: tile_rasterizer.SCRATCH, drawing: TileDrawing, alpha_queue: AlphaQueue,
-    spare: LayerScratch,
+    layer_scratch: LayerScratch,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
 
     Parameters
     ----------
-    rows : (int, int)
+    row_range : (int, int)
         The first, and one past the last, of one row of tiles.
     starts, middles : arrays
-        Of the lists of the tiles, as `split_lists` takes and writes them.
+        The tiles' lists, as in `split_lists`.
     points : (depth (H, W), face_id (H, W) int32)
-        The opaque surfaces of the picture that are no triangles, of which one sample of a pixel is
-        known; (0, 0) without any.
+        Opaque discs and spheres, which have one sample a pixel; (0, 0) without any.
     viewport : Viewport
     shifts : (N, 2) int32
-        Of each sample, what is added to the vertices: its way to the pixel's centre, in units of
-        the sub-pixel grid.
+        The offset from each sample to the pixel's centre, added to vertices, sub-pixel units.
     opaque : (N, R, W) int32
         Written: the nearest opaque face at each sample, -1 where there is none.
     first_depth : (R, W)
-        Written: the stored depth of the nearest surface at the first sample; (0, 0) if unwanted.
+        Written: the stored depth of the nearest surface at the first sample; (0, 0) without.
     layers : (depths (N, K, R, W), faces (N, K, R, W) int32)
-        Written: the transparent surfaces in front of it, nearest first: stored depth, of the type
-        of the scratch memory's, and face number, of as many layers as the samples have; -1 where a
-        sample has fewer.
+        Written: stored depth and face number of the transparent surfaces in front of it, nearest
+        first, in as many layers as any sample has; -1 where a sample has fewer.
     used : (N, tiles in a row) int64
         Scratch memory.
     deepest : (3,) int64
-        Written: the most transparent surfaces that a sample has, and its pixel's column and row. If
-        they are more than K, some are missing.
-    scratch, drawing, holes, spare
-        Those of this thread's `layer_drawer`.
+        Written: the most transparent surfaces of a sample, and its pixel's column and row. Beyond
+        K, some are missing.
+    scratch, drawing, alpha_queue, layer_scratch
+        From this thread's `make_layer_drawer`.
     """
     columns = used.shape[1]
     most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = spare.counts, scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
+    counts, empty = layer_scratch.counts, scratch[tile_rasterizer.EMPTY_DEPTH_INDEX][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
-            tile = (rows[0] >> TILE_BITS) * columns + column
+            tile = (row_range[0] >> TILE_BITS) * columns + column
             left, _, right, _ = tile_rasterizer.get_tile_window(tile, columns, viewport)
-            window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
+            window = left, np.int64(row_range[0]), right, np.int64(row_range[1]) - 1
             tile_rasterizer.clear_tile(scratch[0], scratch[1], empty)
             tile_rasterizer.begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
@@ -340,10 +337,10 @@ def find_layers(
                     for i in range(TILE_SIZE):
                         counts[row, i] = 0
                 used[sample, column] = insert_listed(
-                    middle, stop, window, layers, sample, scratch, spare, drawing
+                    middle, stop, window, layers, sample, scratch, layer_scratch, drawing
                 )
-                most = deepest_of(counts, window, most)
-            for row in range(rows[1] - rows[0]):
+                most = find_deepest(counts, window, most)
+            for row in range(row_range[1] - row_range[0]):
                 copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
             if sample == 0 and first_depth.shape[0] != 0:
                 write_first_depth(scratch[0], layers, used[sample, column], window, first_depth)
@@ -358,8 +355,8 @@ def find_layers(
 
 
 @kernel
-def drop_holes(
-    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], query: AlphaQuery,
+def drop_discarded(
+    first_row: int64, faces: int32[:, :, ::1], layer_indices: int64[:, :, ::1], query: AlphaQuery,
 ):  # fmt: skip
     """
     Remove from each pixel the layers that fail the alpha test, keeping their order.
@@ -367,13 +364,13 @@ def drop_holes(
     Parameters
     ----------
     first_row : int
-        Of the frame: row 0 of the arrays.
+        The frame's row of row 0 of the arrays.
     faces : (K, R, W) int32
         The faces of each pixel, nearest first; -1 behind the last. Changed.
-    kept : (K, R, W) int64
-        Written: which layer each of the layers that are left was; behind the last as it is.
+    layer_indices : (K, R, W) int64
+        Written: the former index of each remaining layer; valid for these.
     query : AlphaQuery
-        Of an ``alpha_test.AlphaComputation``.
+        From an ``alpha_test.AlphaComputation``.
     """
     levels, rows, columns = faces.shape
     for row in range(rows):
@@ -381,21 +378,21 @@ def drop_holes(
             count = np.int64(0)
             for level in range(levels):
                 face = np.int64(faces[level, row, column])
-                kept[level, row, column] = level
+                layer_indices[level, row, column] = level
                 if face < 0 or alpha_test.is_discarded(face, column, first_row + row, query):
                     continue
                 faces[count, row, column] = face
-                kept[count, row, column] = level
+                layer_indices[count, row, column] = level
                 count += 1
             for level in range(count, levels):
                 faces[level, row, column] = -1
 
 
-def without_holes(
+def remove_discarded(
     first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], alpha_tests: AlphaTests
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
     """Return the layers of some rows, (K, R, W), without fragments that fail the alpha test."""
-    kept = np.empty(faces.shape, np.int64)
+    layer_indices = np.empty(faces.shape, np.int64)
     test = AlphaComputation(alpha_tests)
-    drop_holes(first_row, faces, kept, test.query)
-    return faces, np.take_along_axis(depths, kept, axis=0)
+    drop_discarded(first_row, faces, layer_indices, test.query)
+    return faces, np.take_along_axis(depths, layer_indices, axis=0)

@@ -2,17 +2,15 @@
 Compute exact area coverage: the visible area of each face in each pixel.
 
 A triangle clipped to a pixel's square is a convex polygon. The part hidden by another triangle is
-convex too: where the other is nearer, bounded by a line, since depth is linear on the screen. So
+convex, too: where the other is nearer, bounded by a line, since depth is linear on the screen. So
 the visible part is a convex polygon minus convex polygons, computed as a list of convex pieces.
-Vertices are those on the sub-pixel grid; everything after is float64, until areas become
-shares: whole numbers of parts, as those of samples are, of which there are 2**24 in a pixel.
+Vertices lie on the sub-pixel grid; everything after is float64, until areas become coverage in
+whole steps of 2**-24 pixel.
 
-What gives nothing is left out. Whether polygons are apart, or one is nearer all over, their bounds
-and corners tell. Candidates are taken nearest first, until what is seen of them is the whole pixel:
-nothing is seen of the others.
+Bounds and corners tell whether polygons are apart, or one is nearer everywhere. Candidates are
+processed nearest first, until their visible areas fill the pixel; the others are hidden.
 
-If depths differ by less than float32 resolves all over the pixel, the lower face number is nearer,
-as it is for samples.
+If depths are equal to float32 all over the pixel, the lower face number is nearer, as for samples.
 
 References
 ----------
@@ -39,32 +37,31 @@ MAX_CORNERS = 40
 MAX_PIECES = 512
 """Most pieces of a triangle's visible part in a pixel."""
 
-CORNERS = 3
-"""Polygons with fewer corners have no area."""
-
 MIN_AREA = 2.0**-46
-"""Smaller pieces, in pixels, are dropped: they come from rounding."""
+"""Least area of a piece, square pixels; smaller ones come from rounding and are dropped."""
 
-FULL_PIXEL = 1.0 - 2.0**-42
-"""Visible areas that add up to this fill a pixel: what is left are pieces to be dropped."""
+FULL_PIXEL_AREA = 1.0 - 2.0**-42
+"""Sum of visible areas that fills a pixel: the rest are pieces to be dropped."""
 
-MIN_EDGE = 2.0**-40
-"""Shorter edges, pixels, come from rounding and have no direction: nothing is cut along them."""
+MIN_EDGE_LENGTH = 2.0**-40
+"""Least length of an edge, pixels; shorter ones come from rounding, and have no direction."""
 
-APART = 2.0**-50
-"""Pixels that a polygon may overlap another by, from rounding, and share no area to be kept."""
+MAX_ROUNDING_OVERLAP = 2.0**-50
+"""Pixels by which rounding may make disjoint polygons overlap."""
 
-PARTS = 1 << 24
+COVERAGE_STEPS = 1 << 24
 """
-Parts of a pixel. Coverage is a whole number of them: as float32 it is 1 exactly if nothing else
-is visible in the pixel, and 0 exactly if the face is not.
+Steps of coverage in a pixel.
+
+As float32, coverage is 1 exactly if nothing else is visible in the pixel, and 0 exactly if the face
+is hidden.
 """
 
-DEPTH_STEP = 2.0**-24
-"""Depths are equal within this relative difference: half a step of float32."""
+DEPTH_TOLERANCE = 2.0**-24
+"""Relative difference within which depths are equal: half a step of float32."""
 
-BEHIND = 2.0**-20
-"""A face is behind another by more than ties may change, if by this part of its depth."""
+BEHIND_TOLERANCE = 2.0**-20
+"""Relative depth difference from which a face is behind another, whatever depths are tied."""
 
 FACE, DEPTH, SLOPE_X, SLOPE_Y = 0, 1, 2, 3
 """
@@ -72,7 +69,7 @@ Columns of a triangle and of a candidate: face; stored depth at the triangle's f
 pixel's, and the slopes of the depth.
 """
 X, Y = 4, 7
-"""Three columns each of a triangle: corners, pixels."""
+"""Columns of a triangle, three each: corners, pixels."""
 TRIANGLE_COLUMNS = 10
 LOWEST, HIGHEST = 4, 5
 """Columns of a candidate: its least and greatest depth in the pixel."""
@@ -83,14 +80,14 @@ LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
 """Rows of the bounds of triangles, pixels."""
 
 TILE, STRIP, ROW, BLOCK, PIXEL = 0, 1, 2, 3, 4
-"""Where triangles are listed: each list is a part of the one before."""
+"""Regions for which triangles are listed, each inside the previous one."""
 
 STRIP_BITS = 3
 """Rows of a strip, and columns of a block, as a power of two."""
 
 
 @helper
-def area_of(polygon, count):
+def compute_area(polygon, count):
     """Return the area of a polygon, positive if it runs clockwise as seen on the screen."""
     doubled = 0.0
     for n in range(1, count - 1):
@@ -101,11 +98,11 @@ def area_of(polygon, count):
 
 
 @helper
-def split(polygon, count, line, kept, dropped):
+def split_polygon(polygon, count, line, kept, dropped):
     """
     Clip a convex polygon to both half planes of a line; return both corner counts.
 
-    It is kept where ``a x + b y + c >= 0``; with ``dropped`` None the rest is not written.
+    ``kept`` lies where ``a x + b y + c >= 0``; ``dropped`` may be None.
     """
     a, b, c = line
     inside, outside = np.int64(0), np.int64(0)
@@ -135,24 +132,24 @@ def split(polygon, count, line, kept, dropped):
 
 
 @helper
-def cut(polygon, count, line, target):
+def clip_polygon(polygon, count, line, target):
     """Clip a convex polygon to the half plane ``a x + b y + c >= 0``; return its corner count."""
-    return split(polygon, count, line, target, None)[0]
+    return split_polygon(polygon, count, line, target, None)[0]
 
 
 @helper
-def distance_range(polygon, count, line):
-    """Return how far a polygon's corners lie inside a line, at least and at most."""
+def find_distance_range(polygon, count, line):
+    """Return the least and the greatest distance of a polygon's corners inside a line."""
     a, b, c = line
     least, most = np.inf, -np.inf
     for n in range(count):
-        here = a * polygon[n, 0] + b * polygon[n, 1] + c
-        least, most = min(least, here), max(most, here)
+        distance = a * polygon[n, 0] + b * polygon[n, 1] + c
+        least, most = min(least, distance), max(most, distance)
     return least, most
 
 
 @helper
-def edge_line(polygon, count, n):
+def get_edge_line(polygon, count, n):
     """Return the line through an edge, positive inside."""
     following = n + 1 if n + 1 < count else 0
     x, y = polygon[n, 0], polygon[n, 1]
@@ -164,10 +161,10 @@ def edge_line(polygon, count, n):
 def is_beyond(polygon, count, other, other_count):
     """Return whether a polygon lies beyond an edge of another, but for rounding."""
     for n in range(other_count):
-        line = edge_line(other, other_count, n)
+        line = get_edge_line(other, other_count, n)
         length = abs(line[0]) + abs(line[1])
-        _, most = distance_range(polygon, count, line)
-        if length > MIN_EDGE and most <= APART * length:
+        _, most = find_distance_range(polygon, count, line)
+        if length > MIN_EDGE_LENGTH and most <= MAX_ROUNDING_OVERLAP * length:
             return True
     return False
 
@@ -184,77 +181,76 @@ def clip_to_pixel(triangle, column, row, is_over, spare, target):
     """
     Clip a triangle to a pixel, relative to the pixel's corner; return its number of corners.
 
-    ``is_over`` tells of the left, right, upper and lower side whether the triangle crosses it.
+    ``is_over``: whether the triangle crosses the left, right, upper and lower side.
     """
     left, right, above, below = is_over
     for n in range(3):
         spare[0, n, 0], spare[0, n, 1] = triangle[X + n] - column, triangle[Y + n] - row
     count, side = np.int64(3), 0
     if left:
-        count = cut(spare[side], count, (1.0, 0.0, 0.0), spare[1 - side])
+        count = clip_polygon(spare[side], count, (1.0, 0.0, 0.0), spare[1 - side])
         side = 1 - side
     if right:
-        count = cut(spare[side], count, (-1.0, 0.0, 1.0), spare[1 - side])
+        count = clip_polygon(spare[side], count, (-1.0, 0.0, 1.0), spare[1 - side])
         side = 1 - side
     if above:
-        count = cut(spare[side], count, (0.0, 1.0, 0.0), spare[1 - side])
+        count = clip_polygon(spare[side], count, (0.0, 1.0, 0.0), spare[1 - side])
         side = 1 - side
     if below:
-        count = cut(spare[side], count, (0.0, -1.0, 1.0), spare[1 - side])
+        count = clip_polygon(spare[side], count, (0.0, -1.0, 1.0), spare[1 - side])
         side = 1 - side
     copy_polygon(spare[side], count, target)
     return count
 
 
 @helper
-def depth_at(triangle, x, y):
+def evaluate_depth(triangle, x, y):
     """Return the depth of a triangle's plane at a point."""
-    way_x, way_y = x - triangle[X], y - triangle[Y]
-    return triangle[DEPTH] + (triangle[SLOPE_X] * way_x + triangle[SLOPE_Y] * way_y)
+    dx, dy = x - triangle[X], y - triangle[Y]
+    return triangle[DEPTH] + (triangle[SLOPE_X] * dx + triangle[SLOPE_Y] * dy)
 
 
 @helper
-def depth_line(p, q):
-    """Return how much nearer one candidate is than another: a line, and depth's size."""
+def find_intersection_line(p, q):
+    """Return the line where two candidates meet, positive where ``p`` is nearer; and depth."""
     a, b = p[SLOPE_X] - q[SLOPE_X], p[SLOPE_Y] - q[SLOPE_Y]
-    here, there = p[DEPTH], q[DEPTH]
-    return (a, b, here - there), max(abs(here), abs(there))
+    return (a, b, p[DEPTH] - q[DEPTH]), max(abs(p[DEPTH]), abs(q[DEPTH]))
 
 
 @helper
 def is_tied(line, size):
     """Return whether two depths are equal all over the pixel, to float32."""
     a, b, c = line
-    if abs(c) > DEPTH_STEP * size:
+    if abs(c) > DEPTH_TOLERANCE * size:
         return False
     most = max(max(abs(c), abs(c + a)), max(abs(c + b), abs(c + a + b)))
-    return most <= DEPTH_STEP * size
+    return most <= DEPTH_TOLERANCE * size
 
 
 @helper
-def find_levels(count, candidates, levels):
+def find_tied_candidates(count, candidates, tied):
     """
-    Write whose depths stand for each candidate's: the first that it is tied with, or its own.
+    Write, for each candidate, the first one with tied depths, or itself.
 
     Ties are not transitive: compared by their own depths, three faces might hide each other in a
     cycle, and none would be visible.
     """
     for n in range(count):
-        levels[n] = n
+        tied[n] = n
         for k in range(n):
-            if levels[k] == k:
-                line, size = depth_line(candidates[n], candidates[k])
+            if tied[k] == k:
+                line, size = find_intersection_line(candidates[n], candidates[k])
                 if is_tied(line, size):
-                    levels[n] = k
+                    tied[n] = k
                     break
 
 
 @helper
 def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
     """
-    Subtract a convex polygon from pieces; return how many are left, -1 without room.
+    Subtract a convex polygon from pieces; return the number left, -1 beyond the capacity.
 
-    ``lists`` has the source and target list: (0, 1) or (1, 0).
+    ``lists`` are the source and target list: (0, 1) or (1, 0).
     """
     source, target = lists
     left = np.int64(0)
@@ -268,23 +264,23 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
             copy_polygon(piece, size, spare[0])
             inside, side = size, 0
             for k in range(hiding_size):
-                line = edge_line(hiding, hiding_size, k)
-                least, most = distance_range(spare[side], inside, line)
-                if least >= 0.0 or abs(line[0]) + abs(line[1]) <= MIN_EDGE:
+                line = get_edge_line(hiding, hiding_size, k)
+                least, most = find_distance_range(spare[side], inside, line)
+                if least >= 0.0 or abs(line[0]) + abs(line[1]) <= MIN_EDGE_LENGTH:
                     continue
                 if most <= 0.0:
                     inside = np.int64(0)
                     break
-                inside, outside = split(
+                inside, outside = split_polygon(
                     spare[side], inside, line, spare[1 - side], pieces[target, left]
                 )
                 side = 1 - side
-                if area_of(pieces[target, left], outside) > MIN_AREA:
+                if compute_area(pieces[target, left], outside) > MIN_AREA:
                     sizes[target, left] = outside
                     left += 1
-            is_touched = area_of(spare[side], inside) > MIN_AREA
+            is_touched = compute_area(spare[side], inside) > MIN_AREA
         if not is_touched:
-            # It is whole.
+            # The piece stays whole.
             left = before
             copy_polygon(piece, size, pieces[target, left])
             sizes[target, left] = size
@@ -296,8 +292,8 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
 
 @helper
 def is_behind(a, b):
-    """Return whether a candidate lies behind another all over, whatever depths are tied."""
-    return a[HIGHEST] < b[LOWEST] - BEHIND * abs(b[LOWEST])
+    """Return whether a candidate lies behind another everywhere, whatever depths are tied."""
+    return a[HIGHEST] < b[LOWEST] - BEHIND_TOLERANCE * abs(b[LOWEST])
 
 
 @helper
@@ -309,17 +305,17 @@ def are_disjoint(a, b):
 
 
 @helper
-def visible_area(n, candidates, count, polygons, corners, levels, work):
+def compute_visible_area(n, candidates, count, polygons, corners, tied, work):
     """Return the visible area of a candidate in a pixel; -1 if it has too many pieces."""
     pieces, sizes, spare = work
-    face, level = candidates[n, FACE], candidates[levels[n]]
+    face, level = candidates[n, FACE], candidates[tied[n]]
     copy_polygon(polygons[n], corners[n], pieces[0, 0])
     sizes[0, 0] = corners[n]
     left, source = np.int64(1), 0
     for k in range(count):
         other, hiding, size = candidates[k, FACE], polygons[k], corners[k]
-        is_level = levels[k] == levels[n]
-        if (other == face) | (is_level & (other > face)):
+        is_tied_depth = tied[k] == tied[n]
+        if (other == face) | (is_tied_depth & (other > face)):
             continue
         if is_behind(candidates[k], candidates[n]) or are_disjoint(candidates[k], candidates[n]):
             continue
@@ -327,12 +323,12 @@ def visible_area(n, candidates, count, polygons, corners, levels, work):
             continue
         if is_beyond(hiding, size, polygons[n], corners[n]):
             continue
-        if not is_level:
-            # Where the other is nearer.
-            line, _ = depth_line(candidates[levels[k]], level)
-            size = cut(hiding, size, line, spare[2])
+        if not is_tied_depth:
+            # Clip the other to where it is nearer.
+            line, _ = find_intersection_line(candidates[tied[k]], level)
+            size = clip_polygon(hiding, size, line, spare[2])
             hiding = spare[2]
-            if area_of(hiding, size) <= MIN_AREA:
+            if compute_area(hiding, size) <= MIN_AREA:
                 continue
         left = subtract(pieces, sizes, left, hiding, size, spare, (source, 1 - source))
         source = 1 - source
@@ -342,7 +338,7 @@ def visible_area(n, candidates, count, polygons, corners, levels, work):
         return -1.0
     total = 0.0
     for k in range(left):
-        total += area_of(pieces[source, k], sizes[source, k])
+        total += compute_area(pieces[source, k], sizes[source, k])
     return total
 
 
@@ -374,18 +370,18 @@ def set_up_triangles(listed, parts, screen, bits, triangles, lists):
 
 
 @helper
-def filter_list(lists, place, count, side, low, high):
+def filter_list(lists, region, count, side, low, high):
     """
-    List the triangles of the place before, TILE or so, that reach into a range; return how many.
+    List the triangles of the enclosing region that overlap a range; return their number.
 
     ``side`` is LEFT for columns, TOP for rows.
     """
     all_bounds, numbers = lists
-    source, bounds = all_bounds[place - 1], all_bounds[place]
+    source, bounds = all_bounds[region - 1], all_bounds[region]
     length = np.int64(0)
     for n in range(count):
         if (source[side + 1, n] > low) & (source[side, n] < high):
-            numbers[place, length] = numbers[place - 1, n]
+            numbers[region, length] = numbers[region - 1, n]
             for k in range(4):
                 bounds[k, length] = source[k, n]
             length += 1
@@ -399,7 +395,7 @@ def write_bounds(triangle, polygon, corners, column, row, candidate):
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
     for n in range(corners):
         x, y = polygon[n, 0], polygon[n, 1]
-        depth = depth_at(triangle, column + x, row + y)
+        depth = evaluate_depth(triangle, column + x, row + y)
         lowest, highest = min(lowest, depth), max(highest, depth)
         left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
     candidate[LOWEST], candidate[HIGHEST] = lowest, highest
@@ -410,9 +406,9 @@ def write_bounds(triangle, polygon, corners, column, row, candidate):
 @helper
 def find_candidates(lists, listed, triangles, column, row, candidates, polygons, corners, work,
                     query):  # fmt: skip
-    """List the triangles in a pixel that no nearer one hides completely; return how many."""
+    """List the triangles in a pixel that no nearer one hides completely; return their number."""
     bounds, numbers = lists[0][PIXEL], lists[1][PIXEL]
-    count, floor = np.int64(0), -np.inf
+    count, hidden_depth = np.int64(0), -np.inf
     for n in range(listed):
         triangle, candidate = triangles[numbers[n]], candidates[count]
         if is_discarded(np.int64(triangle[FACE]), column, row, query):
@@ -422,15 +418,15 @@ def find_candidates(lists, listed, triangles, column, row, candidates, polygons,
             bounds[TOP, n] < row, bounds[BOTTOM, n] > row + 1.0,
         )  # fmt: skip
         size = clip_to_pixel(triangle, column, row, is_over, work[2], polygons[count])
-        area = area_of(polygons[count], size)
+        area = compute_area(polygons[count], size)
         if area <= MIN_AREA:
             continue
         write_bounds(triangle, polygons[count], size, column, row, candidate)
-        if candidate[HIGHEST] < floor - DEPTH_STEP * abs(candidate[HIGHEST]):
+        if candidate[HIGHEST] < hidden_depth - DEPTH_TOLERANCE * abs(candidate[HIGHEST]):
             continue
         if area >= 1.0:
-            floor = max(floor, candidate[LOWEST])
-        candidate[FACE], candidate[DEPTH] = triangle[FACE], depth_at(triangle, column, row)
+            hidden_depth = max(hidden_depth, candidate[LOWEST])
+        candidate[FACE], candidate[DEPTH] = triangle[FACE], evaluate_depth(triangle, column, row)
         candidate[SLOPE_X], candidate[SLOPE_Y] = triangle[SLOPE_X], triangle[SLOPE_Y]
         corners[count] = size
         count += 1
@@ -438,7 +434,7 @@ def find_candidates(lists, listed, triangles, column, row, candidates, polygons,
     count_kept = np.int64(0)
     for n in range(count):
         highest = candidates[n, HIGHEST]
-        if highest < floor - DEPTH_STEP * abs(highest):
+        if highest < hidden_depth - DEPTH_TOLERANCE * abs(highest):
             continue
         if count_kept < n:
             for k in range(CANDIDATE_COLUMNS):
@@ -461,16 +457,16 @@ def sort_candidates(count, candidates, order):
 
 
 @helper
-def visible_areas(count, candidates, polygons, corners, orders, work, areas):
-    """Write the visible areas of candidates, summed per face at its first; False without room."""
-    levels, order = orders[0], orders[1]
-    find_levels(count, candidates, levels)
+def compute_visible_areas(count, candidates, polygons, corners, orders, work, areas):
+    """Write visible areas, summed at the first candidate of a face; False beyond the capacity."""
+    tied, order = orders[0], orders[1]
+    find_tied_candidates(count, candidates, tied)
     sort_candidates(count, candidates, order)
     seen = 0.0
     for k in range(count):
         n, area = order[k], 0.0
-        if seen < FULL_PIXEL:
-            area = visible_area(n, candidates, count, polygons, corners, levels, work)
+        if seen < FULL_PIXEL_AREA:
+            area = compute_visible_area(n, candidates, count, polygons, corners, tied, work)
         if area < 0.0:
             return False
         areas[n] = area
@@ -488,35 +484,34 @@ def visible_areas(count, candidates, polygons, corners, orders, work, areas):
 
 @helper
 def write_pixel(count, candidates, areas, shown, coverage, rest, row, i):
-    """Write the faces of a pixel and their shares, as far as there is room; return how many."""
+    """Write the faces of a pixel and their coverage, up to the capacity; return their number."""
     faces, written, total = np.int64(0), np.int64(0), 0.0
     for n in range(count):
-        # Round running sums, not shares: then shares and the rest add up to the pixel.
+        # Round running sums, so that coverage and the rest add up to the pixel.
         total += areas[n]
-        end = min(np.int64(total * PARTS + 0.5), np.int64(PARTS))
+        end = min(np.int64(total * COVERAGE_STEPS + 0.5), np.int64(COVERAGE_STEPS))
         if end > written:
             if faces < shown.shape[0]:
                 shown[faces, row, i] = np.int32(candidates[n, FACE])
-                coverage[faces, row, i] = np.float32((end - written) / PARTS)
+                coverage[faces, row, i] = np.float32((end - written) / COVERAGE_STEPS)
             faces, written = faces + 1, end
-    rest[row, i] = np.float32((PARTS - written) / PARTS)
+    rest[row, i] = np.float32((COVERAGE_STEPS - written) / COVERAGE_STEPS)
     return faces
 
 
-def scratch_memory(most: int) -> tuple[Any, ...]:
-    """Return a thread's memory for tiles of at most that many triangles."""
+def allocate_scratch(max_triangles: int) -> tuple[Any, ...]:
+    """Allocate a thread's memory for tiles of at max_triangles so many triangles."""
     return (
-        np.empty((most, TRIANGLE_COLUMNS), np.float64),
-        (np.empty((PIXEL + 1, 4, most), np.float64), np.empty((PIXEL + 1, most), np.int64)),
-        np.empty((2, most), np.int64),
-        np.empty((most, CANDIDATE_COLUMNS), np.float64),
-        np.empty((most + 1, MAX_CORNERS, 2), np.float64),
-        np.empty(most + 1, np.int64),
-        np.empty(most, np.float64),
+        np.empty((max_triangles, TRIANGLE_COLUMNS), np.float64), (np.empty((PIXEL + 1, 4,
+        max_triangles), np.float64), np.empty((PIXEL + 1, max_triangles), np.int64)),
+        np.empty((2, max_triangles), np.int64),
+        np.empty((max_triangles, CANDIDATE_COLUMNS), np.float64),
+        np.empty((max_triangles + 1, MAX_CORNERS, 2), np.float64),
+        np.empty(max_triangles + 1, np.int64), np.empty(max_triangles, np.float64),
         np.empty((2, MAX_PIECES + MAX_CORNERS, MAX_CORNERS, 2), np.float64),
         np.empty((2, MAX_PIECES + MAX_CORNERS), np.int64),
         np.empty((3, MAX_CORNERS, 2), np.float64),
-    )
+    )  # fmt: skip
 
 
 SCRATCH = (
@@ -524,12 +519,12 @@ SCRATCH = (
     float64[:, :, ::1], int64[::1], float64[::1], float64[:, :, :, ::1], int64[:, ::1],
     float64[:, :, ::1],
 )  # fmt: skip
-"""The types of `scratch_memory`."""
+"""Types of `allocate_scratch`."""
 
 
 @kernel
 def find_areas(
-    rows: (int64, int64), starts: int64[::1], binned: int32[::1], faces: Faces,
+    row_range: (int64, int64), starts: int64[::1], binned: int32[::1], faces: Faces,
     screen: ScreenVertices, viewport: Viewport, begin: int64, shown: int32[:, :, ::1],
     coverage: float32[:, :, ::1], rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
     query: AlphaQuery,
@@ -539,44 +534,44 @@ def find_areas(
 
     Parameters
     ----------
-    rows : (int, int)
+    row_range : (int, int)
         The first, and one past the last, of one row of tiles.
     starts, binned : arrays
-        The triangles that reach each tile, as ``visibility_pass.TileLists`` has them.
+        The triangles of each tile, as in ``visibility_pass.TileLists``.
     faces, screen, viewport : records
     begin : int
-        The pixel to begin with: 0, or the number that the last call returned.
+        The first pixel: 0, or the number that the previous call returned.
     shown : (J, R, W) int32
-        Written: the faces of each pixel, ascending. Behind the last it must be -1.
+        Written: the faces of each pixel, ascending. Must be -1 before.
     coverage : (J, R, W) float32
-        Written: their shares of the pixel's area; for a face -1 anything.
+        Written: their shares of the pixel's area; undefined for a face -1.
     rest : (R, W) float32
         Written: the share that shows no face.
     deepest : (3,) int64
         The most faces in a pixel so far, with its column and row; at first 0. Written; -1 for a
         pixel that falls into too many pieces.
     scratch : tuple
-        This thread's own, from `scratch_memory`, for the longest of the lists.
+        From `allocate_scratch` for the longest list, of this thread alone.
     query : AlphaQuery
-        Of an ``alpha_test.AlphaComputation``. A face has one alpha in a pixel: at its centre.
+        From an ``alpha_test.AlphaComputation``. A face has one alpha in a pixel: at its centre.
 
     Returns
     -------
     int
-        -1, or the number of a pixel whose faces are more than J or -1.
+        -1, or the number of a pixel that has more than J faces, or too many pieces.
     """
     triangles, lists, orders, candidates, polygons, corners, areas = scratch[:7]
     work, parts = scratch[7:10], (faces.faces, faces.pieces, faces.piece_faces)
-    height, step = rows[1] - rows[0], np.int64(1) << STRIP_BITS
+    height, step = row_range[1] - row_range[0], np.int64(1) << STRIP_BITS
     columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
     for tile_column in range(begin // (height << TILE_BITS), columns):
-        tile = (rows[0] >> TILE_BITS) * columns + tile_column
+        tile = (row_range[0] >> TILE_BITS) * columns + tile_column
         left, _, right, _ = get_tile_window(tile, columns, viewport)
         listed = binned[starts[tile] : starts[tile + 1]]
         set_up_triangles(listed, parts, screen, viewport.grid_bits, triangles, lists)
         in_strip, in_row, in_block = np.int64(0), np.int64(0), np.int64(0)
         for row in range(height):
-            y = np.float64(rows[0] + row)
+            y = np.float64(row_range[0] + row)
             if row % step == 0:
                 in_strip = filter_list(lists, STRIP, listed.shape[0], TOP, y, y + step)
             in_row = filter_list(lists, ROW, in_strip, TOP, y, y + 1.0)
@@ -592,10 +587,10 @@ def find_areas(
                     lists, in_pixel, triangles, x, y, candidates, polygons, corners, work, query
                 )
                 used = np.int64(-1)
-                if visible_areas(count, candidates, polygons, corners, orders, work, areas):
+                if compute_visible_areas(count, candidates, polygons, corners, orders, work, areas):
                     used = write_pixel(count, candidates, areas, shown, coverage, rest, row, column)
                 if used > deepest[0] or used < 0:
-                    deepest[0], deepest[1], deepest[2] = used, column, rows[0] + row
+                    deepest[0], deepest[1], deepest[2] = used, column, row_range[0] + row
                 if used > shown.shape[0] or used < 0:
                     return number
     return np.int64(-1)

@@ -30,7 +30,7 @@ MAX_TRANSMITTANCE = np.float32(1.0 - 2.0**-24)
 
 
 @helper
-def transmittance_behind(transmittance, alpha):
+def attenuate(transmittance, alpha):
     """Return the transmittance behind a layer whose alpha is not 0."""
     return min(transmittance * (np.float32(1.0) - alpha), MAX_TRANSMITTANCE)
 
@@ -57,7 +57,7 @@ def composite_under(
     colors: float32[:, :, ::1], faces: int32[:, :], below: int32[:, :], sums: float32[:, :, ::1]
 ):
     """
-    Composite a layer behind those before it (front to back).
+    Composite a layer under the nearer ones (front to back).
 
     Parameters
     ----------
@@ -65,38 +65,38 @@ def composite_under(
     faces : (R, W) int32
         The faces of the layer, -1 where there is none.
     below : (R, W) int32
-        Those of the next layer; -1 is written where nothing comes through to it.
+        The faces of the next layer; -1 is written where no light passes to it.
     sums : (R, W, 4) float32
-        Changed: premultiplied colour, and the share of light that comes through.
+        Changed: premultiplied colour, and transmittance.
     """
-    none = np.float32(0.0)
+    zero = np.float32(0.0)
     for row in range(faces.shape[0]):
         for i in range(faces.shape[1]):
             transmittance = sums[row, i, TRANSMITTANCE]
             if faces[row, i] >= 0:
                 alpha = clamped(colors[row, i, 3], np.float32(0.0), np.float32(1.0))
                 weight = transmittance * alpha
-                # Do not multiply what is hidden: its colour may be infinite.
-                if weight > none:
+                # Skip hidden layers: their colour may be infinite.
+                if weight > zero:
                     for k in range(3):
                         sums[row, i, k] += weight * colors[row, i, k]
-                    transmittance = transmittance_behind(transmittance, alpha)
+                    transmittance = attenuate(transmittance, alpha)
                     sums[row, i, TRANSMITTANCE] = transmittance
-            if transmittance == none:
+            if transmittance == zero:
                 below[row, i] = NOTHING
 
 
 @helper
-def over_background(total, transmittance, color):
+def composite_over_background(total, transmittance, color):
     """Composite a premultiplied sum over a straight-alpha colour; return straight RGBA."""
-    one, none = np.float32(1.0), np.float32(0.0)
-    if transmittance == none:
+    one, zero = np.float32(1.0), np.float32(0.0)
+    if transmittance == zero:
         return total[0], total[1], total[2], one
     alpha = one - transmittance * (one - color[3])
-    if alpha == none:
-        return color[0], color[1], color[2], none
+    if alpha == zero:
+        return color[0], color[1], color[2], zero
     weight = transmittance * color[3]
-    if weight == none:
+    if weight == zero:
         return total[0] / alpha, total[1] / alpha, total[2] / alpha, alpha
     return (
         (total[0] + weight * color[0]) / alpha,
@@ -109,14 +109,14 @@ def over_background(total, transmittance, color):
 @kernel
 def finish_sums(sums: float32[:, :, ::1], linear: float32[:, :, ::1]):
     """
-    Composite the sums over what lies behind all layers.
+    Composite the sums over the opaque surfaces and the background.
 
     Parameters
     ----------
     sums : (R, W, 4) float32
-        As `composite_under` leaves them.
+        From `composite_under`.
     linear : (R, W, 4) float32
-        Opaque surfaces and background; changed where a layer lies before it.
+        Opaque surfaces and background; changed where a layer lies in front.
     """
     for row in range(sums.shape[0]):
         for i in range(sums.shape[1]):
@@ -125,7 +125,7 @@ def finish_sums(sums: float32[:, :, ::1], linear: float32[:, :, ::1]):
                 continue
             total = sums[row, i, 0], sums[row, i, 1], sums[row, i, 2]
             background = linear[row, i, 0], linear[row, i, 1], linear[row, i, 2], linear[row, i, 3]
-            result = over_background(total, transmittance, background)
+            result = composite_over_background(total, transmittance, background)
             for k in range(4):
                 linear[row, i, k] = result[k]
 
@@ -138,14 +138,14 @@ def empty_row(faces):
 
 
 @helper
-def weighted(weight, value):
-    """Return a share of a value, which may be infinite if the share is 0."""
-    none = np.float32(0.0)
-    return weight * value if weight > none else none
+def multiply_weight(weight, value):
+    """Return a weight times a value, which may be infinite if the weight is 0."""
+    zero = np.float32(0.0)
+    return weight * value if weight > zero else zero
 
 
 @helper
-def index_of(face, faces, count, row, i):
+def find_or_append(face, faces, count, row, i):
     """Return the index of a face in a pixel's list, appending it if it is new."""
     if face < 0:
         return np.int32(NOTHING), count
@@ -166,11 +166,11 @@ def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], faces
     Parameters
     ----------
     opaque : (N, R, W) int32
-        The opaque face at each sample; -1 where there is none. Replaced by its number.
+        The opaque face at each sample; -1 where there is none. Replaced by its index.
     transparent : (N, K, R, W) int32
-        The transparent faces before it, nearest first. Replaced by their numbers.
+        The transparent faces in front of it, nearest first. Replaced by their indices.
     faces : (N (K + 1), R, W) int32
-        Written: the different faces of each pixel, -1 behind the last.
+        Written: the distinct faces of each pixel, -1 after the last.
 
     Returns
     -------
@@ -187,9 +187,9 @@ def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], faces
             for sample in range(samples):
                 for level in range(levels):
                     face = transparent[sample, level, row, i]
-                    number, count = index_of(face, faces, count, row, i)
+                    number, count = find_or_append(face, faces, count, row, i)
                     transparent[sample, level, row, i] = number
-                number, count = index_of(opaque[sample, row, i], faces, count, row, i)
+                number, count = find_or_append(opaque[sample, row, i], faces, count, row, i)
                 opaque[sample, row, i] = number
             most = max(most, count)
     return most
@@ -208,21 +208,21 @@ def are_alike(opaque, transparent, row, i):
 
 
 @helper
-def sample_color(sample, opaque, transparent, colors, back, row, i):
+def composite_sample(sample, opaque, transparent, colors, back, row, i):
     """Return the colour of a sample, linear RGBA with straight alpha."""
-    one, none = np.float32(1.0), np.float32(0.0)
-    red, green, blue, transmittance = none, none, none, one
+    one, zero = np.float32(1.0), np.float32(0.0)
+    red, green, blue, transmittance = zero, zero, zero, one
     for level in range(transparent.shape[1]):
         layer = transparent[sample, level, row, i]
         if layer < 0:
             break
         alpha = clamped(colors[layer, row, i, 3], np.float32(0.0), np.float32(1.0))
         weight = transmittance * alpha
-        if weight > none:
+        if weight > zero:
             red += weight * colors[layer, row, i, 0]
             green += weight * colors[layer, row, i, 1]
             blue += weight * colors[layer, row, i, 2]
-            transmittance = transmittance_behind(transmittance, alpha)
+            transmittance = attenuate(transmittance, alpha)
     layer = opaque[sample, row, i]
     if layer >= 0:
         color = colors[layer, row, i, 0], colors[layer, row, i, 1], colors[layer, row, i, 2], one
@@ -230,7 +230,7 @@ def sample_color(sample, opaque, transparent, colors, back, row, i):
         color = back[row, i, 0], back[row, i, 1], back[row, i, 2], back[row, i, 3]
     if transmittance == one:
         return color
-    return over_background((red, green, blue), transmittance, color)
+    return composite_over_background((red, green, blue), transmittance, color)
 
 
 @kernel
@@ -248,29 +248,29 @@ def mix_samples(
     ----------
     opaque : (N, R, W) int32
     transparent : (N, K, R, W) int32
-        Numbers of faces, from `list_faces`.
+        Indices of faces, from `list_faces`.
     colors : (J, R, W, 4) float32
         The colours of these faces in each pixel.
     back : (R, W, 4) float32
-        What is seen where no face is.
+        The background.
     linear : (R, W, 4) float32
         Written: linear RGBA with straight alpha.
     """
-    samples, none = opaque.shape[0], np.float32(0.0)
+    samples, zero = opaque.shape[0], np.float32(0.0)
     part = np.float32(1.0) / np.float32(samples)
     for row in range(linear.shape[0]):
         for i in range(linear.shape[1]):
-            color = sample_color(0, opaque, transparent, colors, back, row, i)
+            color = composite_sample(0, opaque, transparent, colors, back, row, i)
             if not are_alike(opaque, transparent, row, i):
-                red, green, blue, alpha = none, none, none, none
+                red, green, blue, alpha = zero, zero, zero, zero
                 for sample in range(samples):
-                    color = sample_color(sample, opaque, transparent, colors, back, row, i)
+                    color = composite_sample(sample, opaque, transparent, colors, back, row, i)
                     weight = part * color[3]
-                    red += weighted(weight, color[0])
-                    green += weighted(weight, color[1])
-                    blue += weighted(weight, color[2])
+                    red += multiply_weight(weight, color[0])
+                    green += multiply_weight(weight, color[1])
+                    blue += multiply_weight(weight, color[2])
                     alpha += weight
-                scale = alpha if alpha > none else np.float32(1.0)
+                scale = alpha if alpha > zero else np.float32(1.0)
                 color = red / scale, green / scale, blue / scale, alpha
             for k in range(4):
                 linear[row, i, k] = color[k]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.pipeline.geometry.setup import find_last_at_most
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import int32, int64, uint32
 
-COLUMNS = 16
-"""Pixels of a row tested together: mostly all their samples are equal."""
+COLUMNS_PER_TEST = 16
+"""Pixels of a row tested together: usually all their samples are equal."""
 
 
 @disjoint_helper
@@ -32,20 +33,7 @@ def fill_codes(color, code):
 
 
 @helper
-def owner_of(face, face_starts):
-    """Return the object that a face belongs to."""
-    first, end = np.int64(0), np.int64(face_starts.shape[0] - 1)
-    while end - first > 1:
-        middle = (first + end) >> 1
-        if face >= face_starts[middle]:
-            first = middle
-        else:
-            end = middle
-    return first
-
-
-@helper
-def mean_code(opaque, row, column, codes, background, face_starts, owner):
+def average_pixel(opaque, row, column, codes, background, face_starts, owner):
     """Return the mean code of a pixel's samples, half up, and the last object in it."""
     count = np.uint32(opaque.shape[0])
     red = green = blue = count >> np.uint32(1)
@@ -56,7 +44,7 @@ def mean_code(opaque, row, column, codes, background, face_starts, owner):
             code = background
         else:
             if face < face_starts[owner] or face >= face_starts[owner + 1]:
-                owner = owner_of(face, face_starts)
+                owner = find_last_at_most(face_starts, face)
             code = codes[owner]
         red += code & np.uint32(255)
         green += (code >> np.uint32(8)) & np.uint32(255)
@@ -80,9 +68,9 @@ def average_codes(
     opaque : (N, R, W) int32
         The face at each sample, -1 where there is none.
     codes : (O,) uint32
-        The colour of each object, RGBA bytes from the lowest up; alpha 255.
+        The code of each object: RGBA bytes from the lowest up; alpha 255.
     background : int
-        The same where no face is.
+        The code where no face is.
     face_starts : (O+1,) int64
         Object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``.
     color : (R, W) uint32
@@ -90,8 +78,8 @@ def average_codes(
     """
     owner, nothing, width = np.int64(0), np.uint32(background), color.shape[1]
     for row in range(color.shape[0]):
-        for left in range(0, width, COLUMNS):
-            right = min(left + COLUMNS, width)
+        for left in range(0, width, COLUMNS_PER_TEST):
+            right = min(left + COLUMNS_PER_TEST, width)
             least = most = opaque[0, row, left]
             for sample in range(opaque.shape[0]):
                 least, most = extend_range(least, most, opaque[sample, row, left:right])
@@ -100,11 +88,11 @@ def average_codes(
                 continue
             if least >= 0:
                 if least < face_starts[owner] or least >= face_starts[owner + 1]:
-                    owner = owner_of(np.int64(least), face_starts)
+                    owner = find_last_at_most(face_starts, np.int64(least))
                 if most < face_starts[owner + 1]:
                     fill_codes(color[row, left:right], codes[owner])
                     continue
             for column in range(left, right):
-                color[row, column], owner = mean_code(
+                color[row, column], owner = average_pixel(
                     opaque, row, column, codes, nothing, face_starts, owner
                 )

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.fragments.compositing import empty_row, weighted
+from rasterjit.pipeline.fragments.compositing import empty_row, multiply_weight
 from rasterjit.pipeline.srgb_encoding import encode, encode_channels
 from rasterjit.pipeline.surface.sample_block import (
     ALPHA,
@@ -34,40 +34,39 @@ from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
-BLOCK_COLUMNS = 128
+COLUMNS_PER_BLOCK = 128
 """Columns whose samples are listed together."""
 
 
 @disjoint_helper
 def start_layers(faces, part, layers, weights, rest):
     """Start the layers of a row with the faces at the first sample, of weight ``part``."""
-    none = np.float32(0.0)
+    zero = np.float32(0.0)
     for i in range(faces.shape[0]):
         face = faces[i]
         layers[i] = face
-        weights[i] = none if face < 0 else part
-        rest[i] = part if face < 0 else none
+        weights[i] = zero if face < 0 else part
+        rest[i] = part if face < 0 else zero
 
 
 @helper
-def add_to_layer(face, here, weight, part):
+def add_to_layer(face, layer_face, weight, part):
     """
     Add a sample's face to a layer that holds the same face, or none.
 
-    Returns the layer's face and coverage, and the face if it must go on to the next layer.
+    Returns the layer's face and coverage, and the face if it belongs to a later layer.
     """
-    is_here = (face == here) | (here < 0)
-    raised = weight + part
+    is_added = (face == layer_face) | (layer_face < 0)
     return (
-        face if is_here else here,
-        raised if is_here & (face >= 0) else weight,
-        np.int32(NOTHING) if is_here else face,
+        face if is_added else layer_face,
+        weight + part if is_added & (face >= 0) else weight,
+        np.int32(NOTHING) if is_added else face,
     )
 
 
 @disjoint_helper
 def add_first(faces, part, layers, weights, rest, remaining):
-    """Add a sample to the first layer, and to the share that shows no face; see `add_sample`."""
+    """Add a sample to the first layer, and to the background's share; see `add_sample`."""
     any_left = np.int32(NOTHING)
     for i in range(faces.shape[0]):
         face = faces[i]
@@ -79,7 +78,7 @@ def add_first(faces, part, layers, weights, rest, remaining):
 
 @disjoint_helper
 def add_sample(faces, part, layers, weights, remaining):
-    """Add the faces of a sample to a layer; return whether any must go on to the next layer."""
+    """Add the faces of a sample to a layer; return whether any belongs to a later layer."""
     any_left = np.int32(NOTHING)
     for i in range(faces.shape[0]):
         layers[i], weights[i], remaining[i] = add_to_layer(faces[i], layers[i], weights[i], part)
@@ -114,7 +113,7 @@ def are_alike(opaque, row, left, right):
 
 
 @helper
-def list_part(opaque, row, left, right, y, layers, weights, rest, remaining):
+def list_columns(opaque, row, left, right, y, layers, weights, rest, remaining):
     """List the faces of a part of a row with their coverage; return the number of layers in use."""
     samples, count = np.int64(opaque.shape[0]), right - left
     part, used = np.float32(1.0) / np.float32(samples), np.int64(1)
@@ -146,13 +145,9 @@ def list_part(opaque, row, left, right, y, layers, weights, rest, remaining):
 
 @kernel
 def list_coverage(
-    opaque: int32[:, :, ::1],
-    rows: (int64, int64),
-    layers: int32[:, :, ::1],
-    weights: float32[:, :, ::1],
-    rest: float32[:, ::1],
-    remaining: int32[:, ::1],
-):
+    opaque: int32[:, :, ::1], row_range: (int64, int64), layers: int32[:, :, ::1],
+    weights: float32[:, :, ::1], rest: float32[:, ::1], remaining: int32[:, ::1],
+):  # fmt: skip
     """
     List the faces of each pixel's samples, with their coverage.
 
@@ -160,31 +155,31 @@ def list_coverage(
     ----------
     opaque : (N, H, W) int32
         The face at each sample, -1 where there is none.
-    rows : (int, int)
+    row_range : (int, int)
         The first row, and one past the last.
     layers : (N, R, W) int32
-        Written: the faces of each pixel of these rows, -1 behind the last; as many layers as have
+        Written: the faces of each pixel of these rows, -1 after the last; as many layers as have
         any.
     weights : (N, R, W) float32
         Written: their shares, where there is a face.
     rest : (R, W) float32
         Written: the share of the samples that show no face.
     remaining : (2, C) int32
-        Scratch memory; C is `BLOCK_COLUMNS`.
+        Scratch memory; C is `COLUMNS_PER_BLOCK`.
 
     Returns
     -------
     int
-        How many layers have any face; at least 1.
+        Number of layers with any face; at least 1.
     """
     most, columns = np.int64(1), opaque.shape[2]
-    for row in range(rows[0], rows[1]):
-        y = row - rows[0]
-        for left in range(0, columns, BLOCK_COLUMNS):
-            right = min(left + BLOCK_COLUMNS, columns)
-            used = list_part(opaque, row, left, right, y, layers, weights, rest, remaining)
+    for row in range(row_range[0], row_range[1]):
+        y = row - row_range[0]
+        for left in range(0, columns, COLUMNS_PER_BLOCK):
+            right = min(left + COLUMNS_PER_BLOCK, columns)
+            used = list_columns(opaque, row, left, right, y, layers, weights, rest, remaining)
             for layer in range(most, used):
-                # No pixel before these has so many.
+                # No earlier pixel has so many.
                 for above in range(y):
                     empty_row(layers[layer, above])
                 empty_row(layers[layer, y, :left])
@@ -196,7 +191,7 @@ def list_coverage(
 
 @helper
 def is_mixed(weight, rest):
-    """Return whether a pixel shows more than one face, or a face and the background."""
+    """Return whether a pixel shows several faces, or a face and the background."""
     one = np.float32(1.0)
     return (weight != one) & (rest != one)
 
@@ -208,18 +203,18 @@ def start_span(
 ):  # fmt: skip
     """Start the sums of a span of pixels: its first faces and the background, by coverage."""
     for i in range(weights.shape[0]):
-        weight, open = weights[i], rest[i]
-        is_mix = is_mixed(weight, open)
-        back = open * mixed_alpha[i]
-        alpha = np.float32(1.0) - (open - back)
-        red1 = weight * red[i] + weighted(back, mixed_red[i])
-        green1 = weight * green[i] + weighted(back, mixed_green[i])
-        blue1 = weight * blue[i] + weighted(back, mixed_blue[i])
+        weight, uncovered = weights[i], rest[i]
+        is_mix = is_mixed(weight, uncovered)
+        back = uncovered * mixed_alpha[i]
+        alpha = np.float32(1.0) - (uncovered - back)
+        red1 = weight * red[i] + multiply_weight(back, mixed_red[i])
+        green1 = weight * green[i] + multiply_weight(back, mixed_green[i])
+        blue1 = weight * blue[i] + multiply_weight(back, mixed_blue[i])
         mixed_red[i] = red1 if is_mix else red[i]
         mixed_green[i] = green1 if is_mix else green[i]
         mixed_blue[i] = blue1 if is_mix else blue[i]
-        own_alpha = alphas[i] if has_alpha != 0 else np.float32(1.0)
-        mixed_alpha[i] = alpha if is_mix else own_alpha
+        face_alpha = alphas[i] if has_alpha != 0 else np.float32(1.0)
+        mixed_alpha[i] = alpha if is_mix else face_alpha
 
 
 @disjoint_helper
@@ -227,18 +222,18 @@ def add_span(red, green, blue, weights, mixed_red, mixed_green, mixed_blue):
     """Add another face to the sums of a span of pixels, by coverage; coverage 0 adds nothing."""
     for i in range(weights.shape[0]):
         weight = weights[i]
-        mixed_red[i] += weighted(weight, red[i])
-        mixed_green[i] += weighted(weight, green[i])
-        mixed_blue[i] += weighted(weight, blue[i])
+        mixed_red[i] += multiply_weight(weight, red[i])
+        mixed_green[i] += multiply_weight(weight, green[i])
+        mixed_blue[i] += multiply_weight(weight, blue[i])
 
 
 @disjoint_helper
 def divide_row(weights, rest, red, green, blue, alphas):
     """Divide the mixed pixels of a row by their alpha; branchless."""
-    one, none = np.float32(1.0), np.float32(0.0)
+    one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(weights.shape[0]):
         alpha = alphas[i]
-        is_divided = is_mixed(weights[i], rest[i]) & (none < alpha) & (alpha < one)
+        is_divided = is_mixed(weights[i], rest[i]) & (zero < alpha) & (alpha < one)
         alpha = alpha if is_divided else one
         red[i] /= alpha
         green[i] /= alpha
@@ -246,7 +241,7 @@ def divide_row(weights, rest, red, green, blue, alphas):
 
 
 @disjoint_helper
-def shows_both(rest):
+def is_partly_covered(rest):
     """Return whether any pixel of a row shows a face and the background."""
     bits = np.int32(0)
     for i in range(rest.shape[0]):
@@ -265,17 +260,17 @@ def accumulate_layers(
     Parameters
     ----------
     block : Block
-        Its samples are those of the layers of a band, one layer below the other.
+        Samples of the layers of a band, one layer below the other.
     color_row : int
-        First of the three rows of colours to mix: light or codes.
+        First of the three rows of colours to average: light or codes.
     has_alpha : int
-        Not 0 where alphas are not all 1.
+        Not 0 if alphas may differ from 1.
     weights : (J, R, W) float32
-        The share that a face has in its pixel, layer by layer.
+        Coverage of the face in its pixel, layer by layer.
     rest : (R, W) float32
         The share that shows no face.
     sums : (R, 4, W) float32
-        What is behind all faces, straight alpha; changed.
+        The background, straight alpha; changed.
     """
     s, height = block.samples, rest.shape[0]
     for k in range(block.counts[INTERVAL_COUNT]):
@@ -314,21 +309,21 @@ def finish_light(
     Parameters
     ----------
     weights : (R, W) float32
-        Those of the first layer.
+        Weights of the first layer.
     rest : (R, W) float32
         The share that shows no face.
     sums : (R, 4, W) float32
-        As `accumulate_layers` leaves it; scratch memory from here on.
+        From `accumulate_layers`; overwritten.
     table : (65536,) int32
         `encoding_table`.
     linear : (R, W, 4) float32
-        Written: linear RGBA with straight alpha. Unless it is not wanted, then W is 0.
+        Written: linear RGBA with straight alpha; not if W is 0.
     color : (R, W) uint32
-        Written: the same in sRGB codes, RGBA bytes from the lowest up. Or W is 0, too.
+        Written: sRGB codes, RGBA bytes from the lowest up; not if W is 0.
     """
     for row in range(rest.shape[0]):
         red, green, blue, alpha = sums[row, 0], sums[row, 1], sums[row, 2], sums[row, 3]
-        if shows_both(rest[row]):
+        if is_partly_covered(rest[row]):
             divide_row(weights[row], rest[row], red, green, blue, alpha)
         encode_channels(red, green, blue, alpha, table, color[row])
         for i in range(linear.shape[1]):
@@ -343,13 +338,13 @@ def finish_codes(
     """Write resolved colours as codes, as `finish_light` writes light: (R, W) uint32."""
     for row in range(rest.shape[0]):
         red, green, blue, alpha = sums[row, 0], sums[row, 1], sums[row, 2], sums[row, 3]
-        if shows_both(rest[row]):
+        if is_partly_covered(rest[row]):
             divide_row(weights[row], rest[row], red, green, blue, alpha)
         pack_codes(red, green, blue, alpha, color[row])
 
 
 @disjoint_helper
-def to_codes(red, green, blue, table):
+def replace_by_codes(red, green, blue, table):
     """Replace light by its codes, 0..255, as float32."""
     for i in range(red.shape[0]):
         red[i] = np.float32(encode(red[i], table))
@@ -361,11 +356,13 @@ def to_codes(red, green, blue, table):
 def encode_samples(block: Block, count, first_row: int64, table: int32[::1]):
     """Replace the light in the three rows of samples from ``first_row`` on by its codes."""
     s = block.samples
-    to_codes(s[first_row, :count], s[first_row + 1, :count], s[first_row + 2, :count], table)
+    replace_by_codes(
+        s[first_row, :count], s[first_row + 1, :count], s[first_row + 2, :count], table
+    )
 
 
 @helper
-def rounded_code(value):
+def round_code(value):
     """Return a resolved code, rounded half up and clamped to 255."""
     value = value if value < np.float32(255.0) else np.float32(255.0)
     return np.uint32(np.int32(value + np.float32(0.5)))
@@ -377,9 +374,9 @@ def pack_codes(red, green, blue, alpha, color):
     for i in range(color.shape[0]):
         opacity = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
         color[i] = (
-            rounded_code(red[i])
-            | rounded_code(green[i]) << np.uint32(8)
-            | rounded_code(blue[i]) << np.uint32(16)
+            round_code(red[i])
+            | round_code(green[i]) << np.uint32(8)
+            | round_code(blue[i]) << np.uint32(16)
             | np.uint32(np.int32(np.float64(opacity) * 255.0 + 0.5)) << np.uint32(24)
         )
 
@@ -409,7 +406,7 @@ def add_row(linear, sums):
         red = alpha * np.float64(linear[n])
         green = alpha * np.float64(linear[n + np.uintp(1)])
         blue = alpha * np.float64(linear[n + np.uintp(2)])
-        # Skip what is not visible: its colour may be infinite.
+        # Skip invisible colours: they may be infinite.
         is_seen = alpha > 0.0
         sums[n] += red if is_seen else 0.0
         sums[n + np.uintp(1)] += green if is_seen else 0.0
@@ -447,7 +444,7 @@ def write_mean(
     Parameters
     ----------
     sums : (R, W, 4) float64
-        Of `add_picture`.
+        From `add_picture`.
     count : int
         Number of pictures.
     background : (4,) float32

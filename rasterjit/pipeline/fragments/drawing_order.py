@@ -15,12 +15,12 @@ from rasterjit.runtime.state_block import int32
 @kernel
 def drop_hidden(transparent: int32[:, :, :, :]):
     """
-    Drop faces behind others that were drawn before them.
+    Drop faces behind others that were drawn earlier.
 
     Parameters
     ----------
     transparent : (N, K, R, W) int32
-        Changed: the transparent faces at each sample, nearest first, -1 behind the last.
+        Changed: the transparent faces at each sample, nearest first, -1 after the last.
     """
     samples, levels, height, width = transparent.shape
     for sample in range(samples):

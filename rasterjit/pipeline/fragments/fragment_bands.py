@@ -31,11 +31,11 @@ MAX_LAYERS = 4096
 MAX_BYTES = 1 << 28
 """Most memory for the layers of one band, per thread."""
 
-BYTES_PER_SHARE = 8
-"""A face number and its share, 32 bits each."""
+BYTES_PER_FACE = 8
+"""Memory of a face number and its coverage."""
 
-STEPS = 16
-"""Positions of samples are whole sixteenths of a pixel."""
+STEPS_PER_PIXEL = 16
+"""Unit of sample positions: a sixteenth of a pixel."""
 
 SAMPLE_POSITIONS = {
     1: ((0, 0),),
@@ -48,7 +48,7 @@ SAMPLE_POSITIONS = {
     ),
 }  # fmt: skip
 """
-Where the samples of a pixel lie, from its centre to the right and down, in sixteenths of a pixel.
+Sample positions relative to the pixel's centre, right and down, in sixteenths of a pixel.
 
 References
 ----------
@@ -68,23 +68,23 @@ AnyFinder = TypeVar("AnyFinder", bound=NamedTuple)
 """A `Finder`, or another tuple with its fields."""
 
 
-class Lists(NamedTuple):
+class PartitionedLists(NamedTuple):
     """The triangles of each tile, the opaque ones first."""
 
     starts: NDArray[np.int64]
     """(tiles + 1,)."""
     middles: NDArray[np.int64]
-    """(tiles,): start of the transparent ones."""
-    parted: NDArray[np.int32]
+    """(tiles,): start of the transparent triangles."""
+    partitioned: NDArray[np.int32]
     """(M,)."""
     faces: Faces
     screen: ScreenVertices
     depth_type: Any
     """Type that depths are rounded to before they are compared."""
     points: tuple[NDArray[Any], NDArray[np.int32]]
-    """Depth and face number, (H, W), of opaque points that are no triangles; (0, 0) without."""
+    """Depth and face number, (H, W), of opaque discs and spheres; (0, 0) without."""
     first_depth: NDArray[Any]
-    """(H, W), written: the depth of the nearest surface at each first sample; (0, 0) without."""
+    """(H, W), written: the depth of the nearest surface at the first sample; (0, 0) without."""
 
 
 class Band(NamedTuple):
@@ -97,25 +97,25 @@ class Band(NamedTuple):
     """(N, K, R, W), the transparent faces in front of it, nearest first, -1 where there are
     fewer."""
     depths: NDArray[Any] | None = None
-    """(N, K, R, W), their stored depths."""
+    """(N, K, R, W), stored depths of the transparent faces."""
 
 
-def sample_shifts(samples: int, grid_bits: int) -> NDArray[np.int32]:
+def get_sample_shifts(samples: int, grid_bits: int) -> NDArray[np.int32]:
     """Return the offset from each sample to the pixel's centre, (N, 2), sub-pixel units."""
-    return np.array(SAMPLE_POSITIONS[samples], np.int32) * -((1 << grid_bits) // STEPS)
+    return np.array(SAMPLE_POSITIONS[samples], np.int32) * -((1 << grid_bits) // STEPS_PER_PIXEL)
 
 
-def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
-    """Return the viewport of a frame whose samples may lie anywhere in their pixels."""
+def make_sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
+    """Make the viewport of a frame whose samples may lie anywhere in their pixels."""
     if samples == 1:
         return viewport
     return viewport._replace(sample_radius=1 << (viewport.grid_bits - 1))
 
 
-def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
-    """Return the `Finder` of a frame whose samples may lie anywhere in their pixels."""
+def make_sampled_finder(finder: AnyFinder, samples: int | str) -> AnyFinder:
+    """Make the `Finder` of a frame whose samples may lie anywhere in their pixels."""
     geometry = finder.geometry
-    geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
+    geometry = geometry._replace(viewport=make_sampled_viewport(geometry.viewport, samples))
     alpha_tests = (
         None if finder.alpha_tests is None else finder.alpha_tests._replace(geometry=geometry)
     )
@@ -124,8 +124,8 @@ def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
 
 def split_tile_lists(
     coverage: Coverage, viewport: Viewport, is_blended: NDArray[np.uint8], workers: Workers
-) -> Lists:
-    """Return the tiles' lists with the opaque triangles before the transparent ones."""
+) -> PartitionedLists:
+    """Partition the tiles' lists: opaque triangles before transparent ones."""
     lists = coverage.lists
     if lists is None or lists.objects is None:
         raise ValueError("coverage must hold the lists of its tiles, got none")
@@ -135,43 +135,45 @@ def split_tile_lists(
         starts, binned, _, _ = visibility_pass.set_up_and_bin(
             lists.faces, lists.objects, coverage.screen, viewport, workers, skipped=lists.skipped
         )
-    parted = workers.memory.empty((len(binned),), np.int32)
+    partitioned = workers.memory.empty((len(binned),), np.int32)
     middles = np.empty(len(starts) - 1, np.int64)
     a_buffer.split_lists(
-        starts, binned, lists.faces, lists.objects.face_starts, is_blended, parted, middles
+        starts, binned, lists.faces, lists.objects.face_starts, is_blended, partitioned, middles
     )
     kind = coverage.depth.dtype
-    points = no_points(kind)
+    points = make_no_points(kind)
     if coverage.points is not None and coverage.points.picture is not None:
         points = coverage.points.picture
     first_depth = np.empty((0, 0), kind) if coverage.first_depth is None else coverage.first_depth
-    return Lists(starts, middles, parted, lists.faces, coverage.screen, kind, points, first_depth)
+    return PartitionedLists(
+        starts, middles, partitioned, lists.faces, coverage.screen, kind, points, first_depth
+    )
 
 
-def peeling_kernels(depth_type: Any, has_holes: bool) -> Rows:
-    """Return the kernels of depth peeling."""
+def list_peeling_kernels(depth_type: Any, has_alpha_tests: bool) -> Rows:
+    """List the kernels of depth peeling."""
     rows = list_kernels(1, depth_type)
-    if has_holes:
-        rows += rows_where("", a_buffer.drop_holes, alpha_test.find_alphas)
+    if has_alpha_tests:
+        rows += rows_where("", a_buffer.drop_discarded, alpha_test.find_alphas)
     return rows
 
 
 def list_kernels(samples: int | str, depth_type: Any) -> Rows:
-    """Return the kernels that split the tiles' lists and find faces at samples, or areas."""
-    found = KernelRow(a_buffer.find_layers, visibility_pass.name_depth_variant(depth_type))
+    """List the kernels that partition the tiles' lists, and find faces at samples or areas."""
+    finding = KernelRow(a_buffer.find_layers, visibility_pass.name_depth_variant(depth_type))
     if samples == "area":
-        found = KernelRow(area_coverage.find_areas)
-    return [KernelRow(a_buffer.split_lists), found]
+        finding = KernelRow(area_coverage.find_areas)
+    return [KernelRow(a_buffer.split_lists), finding]
 
 
-def no_points(depth_type: Any) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Return the empty `Lists.points` of a picture without such points."""
+def make_no_points(depth_type: Any) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """Make `PartitionedLists.points` of a picture without discs and spheres."""
     return np.empty((0, 0), depth_type), np.empty((0, 0), np.int32)
 
 
 def find_layers(
     rows: tuple[int, int],
-    lists: Lists,
+    lists: PartitionedLists,
     samples: int,
     finder: Finder,
     memory: Memory,
@@ -184,13 +186,13 @@ def find_layers(
     ----------
     rows : (int, int)
         First row, and one past the last, of one row of tiles.
-    lists : Lists
+    lists : PartitionedLists
     samples : int
     finder : Finder
-        Or what else has its fields.
+        A `Finder`, or another tuple with its fields.
     memory : Memory
     max_kept : int, optional
-        Layers of a sample that are kept, the nearest ones: there is no room for others.
+        Most layers of a sample to keep, the nearest ones.
 
     Raises
     ------
@@ -199,14 +201,14 @@ def find_layers(
     """
     viewport = finder.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
-    shifts = sample_shifts(samples, viewport.grid_bits)
-    drawer, layer_scratch = a_buffer.layer_drawer(
+    shifts = get_sample_shifts(samples, viewport.grid_bits)
+    drawer, layer_scratch = a_buffer.make_layer_drawer(
         tile_rasterizer.make_tile_drawer(
-            lists.parted, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
+            lists.partitioned, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
         )
     )
     deepest = np.empty(3, np.int64)
-    capacity = 0 if len(lists.parted) == 0 else min(START_CAPACITY, max_kept or START_CAPACITY)
+    capacity = 0 if len(lists.partitioned) == 0 else min(START_CAPACITY, max_kept or START_CAPACITY)
     while True:
         shape = samples, capacity, height, width
         found = memory.empty(shape, lists.depth_type), memory.empty(shape, np.int32)
@@ -219,8 +221,8 @@ def find_layers(
         needed, column, row = map(int, deepest)
         needed = needed if max_kept is None else min(needed, max_kept)
         # A stored depth and a face number.
-        bytes_of_one = np.dtype(lists.depth_type).itemsize + 4
-        most = min(MAX_LAYERS, MAX_BYTES // (bytes_of_one * samples * width))
+        bytes_per_fragment = np.dtype(lists.depth_type).itemsize + 4
+        most = min(MAX_LAYERS, MAX_BYTES // (bytes_per_fragment * samples * width))
         if needed > most:
             raise ValueError(
                 f"the scene has {needed} transparent surfaces behind each other at the pixel in "
@@ -230,7 +232,7 @@ def find_layers(
         if needed <= capacity:
             yield Band(rows[0], opaque, found[1][:, :needed], found[0][:, :needed])
             return
-        if needed * samples * height * width * bytes_of_one > MAX_BYTES:
+        if needed * samples * height * width * bytes_per_fragment > MAX_BYTES:
             middle = rows[0] + height // 2
             yield from find_layers((rows[0], middle), lists, samples, finder, memory, max_kept)
             yield from find_layers((middle, rows[1]), lists, samples, finder, memory, max_kept)
@@ -239,28 +241,28 @@ def find_layers(
 
 
 def find_areas(
-    rows: tuple[int, int], lists: Lists, finder: Finder, memory: Memory
+    rows: tuple[int, int], lists: PartitionedLists, finder: Finder, memory: Memory
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the faces visible in each pixel, their area coverage, and that of the background."""
+    """Find the faces visible in each pixel, their area coverage, and the background's."""
     viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
-    scratch = area_coverage.scratch_memory(int(np.diff(lists.starts).max()))
+    scratch = area_coverage.allocate_scratch(int(np.diff(lists.starts).max()))
     test, rest = AlphaComputation(finder.alpha_tests), memory.empty(shape, np.float32)
     deepest, count, begin = np.zeros(3, np.int64), 0, 0
     found: list[NDArray[Any]] = [np.empty((0, *shape), kind) for kind in (np.int32, np.float32)]
     while begin >= 0:
-        # Make room behind what is written.
+        # Grow the arrays, and copy what is written.
         previous, capacity = found, max(START_CAPACITY, count + count // 2)
         found = [memory.empty((capacity, *shape), written.dtype) for written in previous]
         for grown, written in zip(found, previous, strict=True):
             grown[: len(written)] = written
         found[0][len(previous[0]) :] = NOTHING
         begin = area_coverage.find_areas(
-            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, begin, *found,
-            rest, deepest, scratch, test.query,
+            rows, lists.starts, lists.partitioned, lists.faces, lists.screen, viewport, begin,
+            *found, rest, deepest, scratch, test.query,
         )  # fmt: skip
         count, column, row = map(int, deepest)
-        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_SHARE > MAX_BYTES:
+        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_FACE > MAX_BYTES:
             raise ValueError(
                 f"samples must be 1, 2, 4, 8 or 16 for this scene, got 'area': the pixel in column "
                 f"{column}, row {row} shows more faces than their areas can be found of"

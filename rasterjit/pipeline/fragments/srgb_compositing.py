@@ -21,55 +21,56 @@ from rasterjit.pipeline.visibility.tile_rasterizer import NOTHING
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
-FULL = 255
+MAX_CODE = 255
 """Largest code; alpha of opaque colours."""
 
-ALPHA = 24
+ALPHA_SHIFT = 24
 """Bit shift of alpha in a pixel."""
 
 
 @helper
-def channel(color, k):
+def get_channel(color, k):
     """Return a channel of a pixel, 0 for red to 3 for alpha."""
-    return np.int64(color >> np.uint32(8 * k)) & FULL
+    return np.int64(color >> np.uint32(8 * k)) & MAX_CODE
 
 
 @helper
-def packed(red, green, blue, alpha):
-    """Return four channels as a pixel."""
-    return np.uint32(red | green << 8 | blue << 16 | alpha << ALPHA)
+def pack_pixel(red, green, blue, alpha):
+    """Pack four channels into a pixel."""
+    return np.uint32(red | green << 8 | blue << 16 | alpha << ALPHA_SHIFT)
 
 
 @helper
-def rounded(numerator, denominator):
-    """Return a quotient of whole numbers rounded half up."""
+def divide_rounded(numerator, denominator):
+    """Return a quotient of whole numbers, rounded half up."""
     return (2 * numerator + denominator) // (2 * denominator)
 
 
 @helper
-def over(front, back):
-    """Return a pixel with straight alpha over another one."""
-    alpha, back_alpha = channel(front, 3), channel(back, 3)
-    if alpha == FULL or (back_alpha == 0 and alpha > 0):
+def composite_over(front, back):
+    """Composite a pixel with straight alpha over another one."""
+    alpha, back_alpha = get_channel(front, 3), get_channel(back, 3)
+    if alpha == MAX_CODE or (back_alpha == 0 and alpha > 0):
         return front
     if alpha == 0:
         return back
-    front_weight, back_weight = FULL * alpha, (FULL - alpha) * back_alpha
+    front_weight, back_weight = MAX_CODE * alpha, (MAX_CODE - alpha) * back_alpha
     total = front_weight + back_weight
-    return packed(
-        rounded(front_weight * channel(front, 0) + back_weight * channel(back, 0), total),
-        rounded(front_weight * channel(front, 1) + back_weight * channel(back, 1), total),
-        rounded(front_weight * channel(front, 2) + back_weight * channel(back, 2), total),
-        rounded(total, FULL),
-    )
+    return pack_pixel(
+        divide_rounded(front_weight * get_channel(front, 0) + back_weight * get_channel(back, 0),
+        total), divide_rounded(front_weight * get_channel(front,
+        1) + back_weight * get_channel(back, 1), total),
+        divide_rounded(front_weight * get_channel(front, 2) + back_weight * get_channel(back, 2),
+        total), divide_rounded(total, MAX_CODE),
+    )  # fmt: skip
 
 
 @helper
-def blended_channel(front, back, shift, alpha):
-    """Return one channel of a pixel over an opaque one, shifted into place."""
-    a = np.uint32(np.uint32(front >> shift) & np.uint32(FULL))
-    b = np.uint32(np.uint32(back >> shift) & np.uint32(FULL))
-    rest = np.uint32(np.uint32(FULL) - alpha)
+def blend_channel(front, back, shift, alpha):
+    """Blend one channel of a pixel over an opaque one; return the code shifted into place."""
+    a = np.uint32(np.uint32(front >> shift) & np.uint32(MAX_CODE))
+    b = np.uint32(np.uint32(back >> shift) & np.uint32(MAX_CODE))
+    rest = np.uint32(np.uint32(MAX_CODE) - alpha)
     # x / 255 rounded half up is (x + 128) 257 / 65536, exactly, for the sums of two products.
     total = np.uint32(np.uint32(a * alpha) + np.uint32(b * rest))
     total = np.uint32(total + np.uint32(128))
@@ -81,11 +82,11 @@ def blended_channel(front, back, shift, alpha):
 def composite_opaque_row(front, back):
     """Composite a row of pixels over opaque ones, in place; branchless."""
     for i in range(back.shape[0]):
-        alpha = np.uint32(front[i] >> np.uint32(ALPHA))
+        alpha = np.uint32(front[i] >> np.uint32(ALPHA_SHIFT))
         back[i] = (
-            blended_channel(front[i], back[i], np.uint32(0), alpha)
-            | blended_channel(front[i], back[i], np.uint32(8), alpha)
-            | blended_channel(front[i], back[i], np.uint32(16), alpha)
+            blend_channel(front[i], back[i], np.uint32(0), alpha)
+            | blend_channel(front[i], back[i], np.uint32(8), alpha)
+            | blend_channel(front[i], back[i], np.uint32(16), alpha)
             | np.uint32(0xFF000000)
         )
 
@@ -94,7 +95,7 @@ def composite_opaque_row(front, back):
 def composite_row(front, back):
     """Composite a row of pixels over others, in place."""
     for i in range(np.uintp(back.shape[0])):
-        back[i] = over(front[i], back[i])
+        back[i] = composite_over(front[i], back[i])
 
 
 @disjoint_helper
@@ -103,31 +104,31 @@ def is_opaque(color):
     bits = np.uint32(0xFFFFFFFF)
     for i in range(color.shape[0]):
         bits = np.uint32(bits & color[i])
-    return np.uint32(bits >> np.uint32(ALPHA)) == np.uint32(FULL)
+    return np.uint32(bits >> np.uint32(ALPHA_SHIFT)) == np.uint32(MAX_CODE)
 
 
 @kernel
 def mark_hidden(stack: uint32[:, :, ::1], level: int64, next_faces: int32[:, :]):
     """
-    Mark the pixels that are hidden by a layer or by those before it.
+    Mark the pixels that are hidden by a layer or a nearer one.
 
     Parameters
     ----------
     stack : (K+1, R, W) uint32
-        Pixels of the layers, the nearest first. Where a layer before hides this one, this one
-        becomes opaque, so that it hides what is behind in its turn; nobody sees it.
+        Pixels of the layers, nearest first. Where a nearer layer hides this one, this one becomes
+        opaque, invisibly, so that it hides the next in turn.
     level : int
         Number of the layer.
     next_faces : (R, W) int32
-        Faces of the next one; -1 is written where they are hidden.
+        Faces of the next layer; -1 is written where they are hidden.
     """
     previous = max(level - 1, 0)
     for row in range(next_faces.shape[0]):
         for i in range(np.uintp(next_faces.shape[1])):
-            is_hidden = channel(stack[previous, row, i], 3) == FULL
+            is_hidden = get_channel(stack[previous, row, i], 3) == MAX_CODE
             color = stack[previous, row, i] if is_hidden else stack[level, row, i]
             stack[level, row, i] = color
-            if channel(color, 3) == FULL:
+            if get_channel(color, 3) == MAX_CODE:
                 next_faces[row, i] = NOTHING
 
 
@@ -139,8 +140,7 @@ def composite_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
     Parameters
     ----------
     stack : (K+1, R, W) uint32
-        Pixels of the layers, the nearest first; 0 where there is none. The last is what lies behind
-        all of them.
+        Pixels of the layers, nearest first; 0 where there is none. The last is the background.
     color : (R, W) uint32
         Written.
     """
@@ -156,14 +156,14 @@ def composite_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
 
 
 @helper
-def sample_code(sample, opaque, transparent, colors, background, row, i):
+def composite_sample(sample, opaque, transparent, colors, background, row, i):
     """Return the colour of a sample, as a pixel."""
     layer = opaque[sample, row, i]
     color = colors[layer, row, i] if layer >= 0 else background[row, i]
     for level in range(transparent.shape[1] - 1, -1, -1):
         layer = transparent[sample, level, row, i]
         if layer >= 0:
-            color = over(colors[layer, row, i], color)
+            color = composite_over(colors[layer, row, i], color)
     return color
 
 
@@ -182,31 +182,31 @@ def mix_codes(
     ----------
     opaque : (N, R, W) int32
     transparent : (N, K, R, W) int32
-        Numbers of faces, from ``compositing.list_faces``.
+        Indices of faces, from ``compositing.list_faces``.
     colors : (J, R, W) uint32
         The pixels of these faces.
     background : (R, W) uint32
-        What is seen where no face is.
+        The background.
     color : (R, W) uint32
         Written.
     """
     samples = np.int64(opaque.shape[0])
     for row in range(color.shape[0]):
         for i in range(np.uintp(color.shape[1])):
-            code = sample_code(0, opaque, transparent, colors, background, row, i)
+            code = composite_sample(0, opaque, transparent, colors, background, row, i)
             if not are_alike(opaque, transparent, row, i):
                 red, green, blue, total = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
                 for sample in range(samples):
-                    code = sample_code(sample, opaque, transparent, colors, background, row, i)
-                    alpha = channel(code, 3)
-                    red += alpha * channel(code, 0)
-                    green += alpha * channel(code, 1)
-                    blue += alpha * channel(code, 2)
+                    code = composite_sample(sample, opaque, transparent, colors, background, row, i)
+                    alpha = get_channel(code, 3)
+                    red += alpha * get_channel(code, 0)
+                    green += alpha * get_channel(code, 1)
+                    blue += alpha * get_channel(code, 2)
                     total += alpha
                 divisor = max(total, np.int64(1))
-                code = packed(
-                    rounded(red, divisor), rounded(green, divisor), rounded(blue, divisor),
-                    rounded(total, samples),
+                code = pack_pixel(
+                    divide_rounded(red, divisor), divide_rounded(green, divisor),
+                    divide_rounded(blue, divisor), divide_rounded(total, samples),
                 )  # fmt: skip
             color[row, i] = code
 
@@ -224,9 +224,9 @@ def add_codes(color: uint32[:, :], sums: float64[:, :, ::1]):
     """
     for row in range(color.shape[0]):
         for i in range(np.uintp(color.shape[1])):
-            alpha = channel(color[row, i], 3)
+            alpha = get_channel(color[row, i], 3)
             for k in range(3):
-                sums[row, i, k] += np.float64(alpha * channel(color[row, i], k))
+                sums[row, i, k] += np.float64(alpha * get_channel(color[row, i], k))
             sums[row, i, 3] += np.float64(alpha)
 
 
@@ -240,7 +240,7 @@ def write_mean_codes(
     Parameters
     ----------
     sums : (R, W, 4) float64
-        Of `add_codes`.
+        From `add_codes`.
     count : int
         Number of pictures.
     background : (1, 1) uint32
@@ -254,11 +254,11 @@ def write_mean_codes(
             if total == 0:
                 color[row, i] = np.uint32(background[0, 0] & np.uint32(0xFFFFFF))
                 continue
-            color[row, i] = packed(
-                rounded(np.int64(sums[row, i, 0]), total),
-                rounded(np.int64(sums[row, i, 1]), total),
-                rounded(np.int64(sums[row, i, 2]), total),
-                rounded(total, np.int64(count)),
+            color[row, i] = pack_pixel(
+                divide_rounded(np.int64(sums[row, i, 0]), total),
+                divide_rounded(np.int64(sums[row, i, 1]), total),
+                divide_rounded(np.int64(sums[row, i, 2]), total),
+                divide_rounded(total, np.int64(count)),
             )
 
 
@@ -278,6 +278,6 @@ def decode_rows(color: uint32[:, :], light: float32[::1], linear: float32[:, :, 
     for row in range(color.shape[0]):
         for i in range(np.uintp(color.shape[1])):
             for k in range(3):
-                linear[row, i, k] = light[np.uintp(channel(color[row, i], k))]
-            alpha = np.float32(channel(color[row, i], 3))
-            linear[row, i, 3] = alpha / np.float32(FULL)
+                linear[row, i, k] = light[np.uintp(get_channel(color[row, i], k))]
+            alpha = np.float32(get_channel(color[row, i], 3))
+            linear[row, i, 3] = alpha / np.float32(MAX_CODE)
