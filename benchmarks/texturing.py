@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 import rasterjit as rj
 from benchmarks.report import machine
-from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.srgb_encoding import make_encoding_table
 
 SOURCE = Path(__file__).with_name("texturing.c")
 SIZE = (1280, 720)
@@ -94,7 +94,7 @@ def by_c(library: Any, zoom: float, texture: rj.Texture) -> Draw:
     plane = np.ascontiguousarray(plane, np.float32)
     texels = np.ascontiguousarray(texture.image[::-1])
     pixels = np.empty(SIZE[::-1], np.uint32)
-    table = encoding_table()
+    table = make_encoding_table()
 
     def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
         return ctypes.c_void_p(array.ctypes.data)

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import bresenham
-from rasterjit.pipeline.bresenham import unpacked_color
+from rasterjit.pipeline.bresenham import unpack_color
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import int32, int64, uint32
@@ -149,7 +149,7 @@ def record_ends(records, line, top):
 @helper
 def is_short(ends):
     """Return whether a line has at most ``SHORT_STEPS`` steps."""
-    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= bresenham.SHORT_STEPS
+    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= bresenham.MAX_SHARED_STEPS
 
 
 @helper
@@ -222,16 +222,16 @@ def draw_short_line(pixels, colors, places, width, height, ends, start_color, en
 
     ``colors`` and ``places`` are room for the pixels of one chunk.
     """
-    (first, last, steps), strides, (minor_start, minor_end) = bresenham.visible_run(
+    (first, last, steps), strides, (minor_start, minor_end) = bresenham.find_visible_run(
         ends, width, height
     )
     reciprocal = (1 << bresenham.FRACTION_BITS) // max(steps, 1)
-    minor_gain = bresenham.gain_per_step(minor_start, minor_end, steps, reciprocal)
-    gain = bresenham.color_gain(start_color, end_color, steps, reciprocal)
+    minor_gain = bresenham.find_gain(minor_start, minor_end, steps, reciprocal)
+    gain = bresenham.find_color_gain(start_color, end_color, steps, reciprocal)
     gain_lanes = lanes(gain)
     # Enter the line at its first visible step; what the minor coordinate gains is told apart
-    minor = bresenham.HALF + first * minor_gain
-    color = color_at(bresenham.entry_color(start_color, end_color, 0, steps), gain, first)
+    minor = bresenham.FIXED_HALF + first * minor_gain
+    color = color_at(bresenham.find_entry_color(start_color, end_color, 0, steps), gain, first)
     major_index, major_stride, minor_stride = strides
     for chunk in range(first, last + 1, CHUNK):
         count = min(last + 1 - chunk, CHUNK)
@@ -289,7 +289,7 @@ def draw_short_lines(
         ends = record_ends(records, number, top)
         if not is_short(ends):
             return number
-        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
+        start, end = unpack_color(records[number, 4]), unpack_color(records[number, 5])
         draw_short_line(pixels, colors, places, width, height, ends, start, end)
     return records.shape[0]
 
@@ -316,6 +316,6 @@ def draw_long_lines(
         ends = record_ends(records, number, top)
         if is_short(ends):
             return number
-        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
+        start, end = unpack_color(records[number, 4]), unpack_color(records[number, 5])
         bresenham.draw_line(pixels, width, height, ends, start, end)
     return records.shape[0]

@@ -59,10 +59,10 @@ import numpy as np
 
 from rasterjit.pipeline.bresenham import (
     FRACTION_BITS,
-    channel_of,
     draw_gradient_run,
     draw_run,
-    packed_color,
+    get_channel,
+    pack_fixed_color,
 )
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
@@ -183,9 +183,9 @@ def plane_value(plane, x, y):
 def channel_numerator(colors, channel, e0, e1, e2):
     """Return ``E0 c0 + E1 c1 + E2 c2`` for one channel."""
     return (
-        e0 * channel_of(colors[0], channel)
-        + e1 * channel_of(colors[1], channel)
-        + e2 * channel_of(colors[2], channel)
+        e0 * get_channel(colors[0], channel)
+        + e1 * get_channel(colors[1], channel)
+        + e2 * get_channel(colors[2], channel)
     )
 
 
@@ -423,7 +423,7 @@ def bezier_powers(points, axis):
 @helper
 def ramp_channel(colors, channel, t):
     """Return a channel at ``t`` in 0..1, and a half, as a running number of ``bresenham``."""
-    start, end = np.float64(channel_of(colors[0], channel)), channel_of(colors[1], channel)
+    start, end = np.float64(get_channel(colors[0], channel)), get_channel(colors[1], channel)
     value = start + t * (np.float64(end) - start) + (0.5 + TIE)
     return np.int64(value * (1 << FRACTION_BITS))
 
@@ -442,7 +442,7 @@ def ramp_color(colors, t):
 @helper
 def ramp_gain(colors, channel, change):
     """Return the change of a channel when ``t`` grows by ``change``, as a running number."""
-    difference = channel_of(colors[1], channel) - channel_of(colors[0], channel)
+    difference = get_channel(colors[1], channel) - get_channel(colors[0], channel)
     return np.int64(np.float64(difference) * change * (1 << FRACTION_BITS))
 
 
@@ -516,7 +516,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
     cubic_y, square_y, linear_y = bezier_powers(points, 1)
     # The pixel of the path before the next one; the turn that may have to be drawn between them
     last_x, last_y = nearest_pixel(start_x), nearest_pixel(start_y)
-    put_pixel(target, last_x, last_y, packed_color(ramp_color(colors, 0.0)))
+    put_pixel(target, last_x, last_y, pack_fixed_color(ramp_color(colors, 0.0)))
     is_turn = False
     turn_x, turn_y, turn_t = start_x, start_y, 0.0
     x0, y0, t0 = start_x, start_y, 0.0
@@ -549,14 +549,14 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
             )
             if is_new and is_needed:
                 last_x, last_y = nearest_pixel(turn_x), nearest_pixel(turn_y)
-                put_pixel(target, last_x, last_y, packed_color(ramp_color(colors, turn_t)))
+                put_pixel(target, last_x, last_y, pack_fixed_color(ramp_color(colors, turn_t)))
             if is_new or not is_needed:
                 turn_x, turn_y, turn_t, is_turn = x0, y0, t0, True
             # A turn that goes back is drawn
             if is_new and dx * old_dx + dy * old_dy < 0.0:
                 if x != last_x or y != last_y:
                     last_x, last_y = x, y
-                    put_pixel(target, x, y, packed_color(ramp_color(colors, t0)))
+                    put_pixel(target, x, y, pack_fixed_color(ramp_color(colors, t0)))
                 is_turn = False
         if not is_turn:
             turn_x, turn_y, turn_t = x0, y0, t0
@@ -581,7 +581,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
                 is_turn and is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
             ):
                 last_x, last_y = nearest_pixel(turn_x), nearest_pixel(turn_y)
-                put_pixel(target, last_x, last_y, packed_color(ramp_color(colors, turn_t)))
+                put_pixel(target, last_x, last_y, pack_fixed_color(ramp_color(colors, turn_t)))
             is_turn = False
             begin = np.int64(x == last_x and y == last_y)
             last_x, last_y = last, (minor + steps * gain) >> CURVE_BITS
@@ -622,9 +622,7 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
     far = is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
     if not touches(x, y, last_x, last_y) or (is_turn and far):
         put_pixel(
-            target,
-            nearest_pixel(turn_x),
-            nearest_pixel(turn_y),
-            packed_color(ramp_color(colors, turn_t)),
-        )
+            target, nearest_pixel(turn_x), nearest_pixel(turn_y),
+            pack_fixed_color(ramp_color(colors, turn_t)),
+        )  # fmt: skip
     put_pixel(target, x, y, colors[1])

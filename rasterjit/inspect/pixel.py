@@ -129,7 +129,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
     if has_face and plan.facts.draws_faces:
         surface_and_light = find_surface(drawn)
         terms, linear = find_light_terms(drawn, *surface_and_light, x, y)
-    codes = np.array([srgb_encoding.code_of(linear, plan.facts.encoding)], np.uint32)
+    codes = np.array([srgb_encoding.encode_color(linear, plan.facts.encoding)], np.uint32)
     color_without_edges = color = codes.view(np.uint8)
     # Render what one face does not explain: blending, samples, effects on the picture.
     if not all(planned.effect.is_explained for planned in plan.planned):

@@ -2,7 +2,7 @@
 Draw a batch of views in machine code, without returning to Python between them.
 
 All views of a thread use the same memory, so that argument blocks of kernels and stages are packed
-once. For each view a few arrays are copied into that memory (`LOAD_FROM` ...: matrices, lights),
+once. For each view a few arrays are copied into that memory (`LOAD_SOURCE` ...: matrices, lights),
 then the kernels are called by address. A view that exceeds the capacity for clipped faces or tile
 lists is skipped and reported: the caller draws it as a single frame.
 """
@@ -17,50 +17,61 @@ from rasterjit.runtime.intrinsics import call_at, call_bound, load_int64, store_
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state_block import WORD, float32, float64, int32, int64, uint8, uint32
 
-LOAD_FROM, LOAD_STEP, LOAD_TO, LOAD_WORDS = range(4)
+LOAD_SOURCE, LOAD_STRIDE, LOAD_TARGET, LOAD_WORDS = range(4)
 """Columns of a copy: address of the first view's words, stride between views in bytes, target
 address, number of words."""
 
 (
     TRANSFORM, FIND_CLIPPED, TRANSFORM_POSITIONS, COUNT_VERTICES, CLIP, PROJECT_CLIPPED, SET_UP,
     START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES, SET_UP_SAMPLES, START_SAMPLES, BIN_SAMPLES,
-    END_OF_SAMPLES,
+    ROW_COUNT,
 ) = range(15)  # fmt: skip
-"""Rows of the visibility kernels, as words of ``jit.Bound``. The last three build the lists for
-several samples a pixel, and exist only then. Then the number of rows."""
+"""Rows of the visibility kernels, as words of ``jit.Bound``; then the number of rows. The last
+three build the lists for several samples a pixel, and exist only then."""
 
-CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER, CALL_WHEN, CALL_MIN, CALL_MAX = range(7)
+CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER, CALL_CONDITION, CALL_MIN, CALL_MAX = range(7)
 """Columns of a call after visibility: machine code, its state; the address of a block of samples to
 clear first, or 0; the address of a word to which the view's number is written, or 0; the address of
 a word that must lie between the next two for the call to happen, or 0."""
 
-LIMIT_OF, LIMIT = range(2)
-"""Columns of a check after all calls: the address of a word, and its largest value; above it, some
-capacity was exceeded."""
+LIMITED_WORD, MAX_VALUE = range(2)
+"""Columns of a check after all calls: address of a word, and its largest value; above, a capacity
+was exceeded."""
 
-OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, LIT, LIT_WHITE, TOTALS = range(10)
+(
+    OUTSIDE,
+    DEGENERATE,
+    CULLED,
+    UNSAMPLED,
+    INVALID,
+    COVERED,
+    CUT,
+    LIT_PIXELS,
+    LIT_WHITE_PIXELS,
+    TOTAL_COUNT,
+) = range(10)
 """Columns of the totals: faces, as ``setup`` counts them; pixels that show a face; faces that were
-cut; what `count_white` counts. The last is how many columns there are."""
+clipped; the counts of `count_white`; then the number of columns."""
 
-MIN_WHITE = 254
+MIN_WHITE_CODE = 254
 """Least code of red, green and blue that counts as white (overexposed)."""
 
 RATIO, BETWEEN, SCALED = range(3)
-"""Ways from stored to metric depth, see `measure_depths`."""
+"""Formulas from stored to metric depth, see `measure_depths`."""
 
 
 @helper
 def load_view(number, loads):
     """Copy a view's arrays to the memory that kernels read."""
     for k in range(loads.shape[0]):
-        source = loads[k, LOAD_FROM] + number * loads[k, LOAD_STEP]
+        source = loads[k, LOAD_SOURCE] + number * loads[k, LOAD_STRIDE]
         for n in range(loads[k, LOAD_WORDS]):
-            store_int64(loads[k, LOAD_TO] + n * WORD, load_int64(source + n * WORD))
+            store_int64(loads[k, LOAD_TARGET] + n * WORD, load_int64(source + n * WORD))
 
 
 @helper
 def clip_faces(visibility, clipping):
-    """Clip faces to the near and far plane and the guard band; return how many, -1: no room."""
+    """Clip faces to near and far plane and guard band; return their number, -1: too many."""
     counts, vertex_starts, piece_starts, lengths, capacity = clipping
     count = call_bound(visibility[FIND_CLIPPED])
     if count == 0:
@@ -83,8 +94,8 @@ def clip_faces(visibility, clipping):
 
 
 @helper
-def list_triangles(binning, pieces, set_up, start, bin_all):
-    """List the triangles of each tile; return how many there are, or -1 where room was missing."""
+def bin_triangles(binning, pieces, set_up, start, bin_all):
+    """List the triangles of each tile; return their number, or -1: too many."""
     counts, sums, starts, capacity, piece_count, lengths = binning
     store_int64(piece_count, pieces)
     tiles = starts.shape[0] - 1
@@ -103,57 +114,57 @@ def list_triangles(binning, pieces, set_up, start, bin_all):
 
 
 @helper
-def find_faces(visibility, clipping, binning, tile_depths):
-    """Find the face at every pixel; return how many were cut, or -1 where room was missing."""
+def find_visible_faces(visibility, clipping, binning, tile_depths):
+    """Find the face at every pixel; return the number of clipped faces, or -1: too many."""
     counts, tiles = binning[0], tile_depths.shape[0]
-    seen = call_bound(visibility[TRANSFORM])
-    cut = np.int64(0)
-    if seen & CLIPPED:
-        cut = clip_faces(visibility, clipping)
-        if cut < 0:
-            return cut
-    pieces = clipping[2][cut] if cut > 0 else np.int64(0)
-    listed = list_triangles(
+    codes = call_bound(visibility[TRANSFORM])
+    clipped = np.int64(0)
+    if codes & CLIPPED:
+        clipped = clip_faces(visibility, clipping)
+        if clipped < 0:
+            return clipped
+    pieces = clipping[2][clipped] if clipped > 0 else np.int64(0)
+    triangles = bin_triangles(
         binning, pieces, visibility[SET_UP], visibility[START_LISTS], visibility[BIN]
     )  # fmt: skip
-    if listed < 0:
-        return listed
+    if triangles < 0:
+        return triangles
     for n in range(tiles):
         tile_depths[n] = -np.inf
     if counts[0, tiles] > 0:
         call_bound(visibility[FIND_TILE_DEPTHS])
     call_bound(visibility[DRAW_TILES])
-    return cut
+    return clipped
 
 
 @helper
-def list_for_samples(visibility, clipping, binning, cut):
-    """List the triangles of each tile once more, if pixels have several samples; -1: no room."""
-    if visibility.shape[0] == END_OF_SAMPLES:
-        pieces = clipping[2][cut] if cut > 0 else np.int64(0)
-        listed = list_triangles(
+def bin_for_samples(visibility, clipping, binning, clipped):
+    """List the triangles of each tile again, if pixels have several samples; -1: too many."""
+    if visibility.shape[0] == ROW_COUNT:
+        pieces = clipping[2][clipped] if clipped > 0 else np.int64(0)
+        triangles = bin_triangles(
             binning, pieces, visibility[SET_UP_SAMPLES], visibility[START_SAMPLES],
             visibility[BIN_SAMPLES]
         )  # fmt: skip
-        if listed < 0:
-            return listed
-    return cut
+        if triangles < 0:
+            return triangles
+    return clipped
 
 
 @helper
-def is_called(call):
+def is_due(call):
     """Tell whether a call happens in this view."""
-    if call[CALL_WHEN] == 0:
+    if call[CALL_CONDITION] == 0:
         return True
-    value = load_int64(call[CALL_WHEN])
+    value = load_int64(call[CALL_CONDITION])
     return call[CALL_MIN] <= value <= call[CALL_MAX]
 
 
 @helper
-def call_all(calls, limits, number):
+def run_calls(calls, limits, number):
     """Run the calls that follow visibility; return whether no capacity was exceeded."""
     for k in range(calls.shape[0]):
-        if not is_called(calls[k]):
+        if not is_due(calls[k]):
             continue
         block, number_address = calls[k, CALL_BLOCK], calls[k, CALL_NUMBER]
         if block != 0:
@@ -164,7 +175,7 @@ def call_all(calls, limits, number):
         call_at(calls[k, CALL_ADDRESS], calls[k, CALL_STATE], block, np.int64(0))
     has_room = True
     for k in range(limits.shape[0]):
-        has_room &= load_int64(limits[k, LIMIT_OF]) <= limits[k, LIMIT]
+        has_room &= load_int64(limits[k, LIMITED_WORD]) <= limits[k, MAX_VALUE]
     return has_room
 
 
@@ -173,10 +184,10 @@ def count_covered(face_id):
     """Return the number of pixels covered by a face."""
     covered = np.int64(0)
     for row in range(face_id.shape[0]):
-        in_row = np.int32(0)
+        row_covered = np.int32(0)
         for column in range(face_id.shape[1]):
-            in_row += np.int32(face_id[row, column] >= 0)
-        covered += in_row
+            row_covered += np.int32(face_id[row, column] >= 0)
+        covered += row_covered
     return covered
 
 
@@ -195,49 +206,48 @@ def draw_views(
     Parameters
     ----------
     chosen : (n, 2) int64
-        For each view, which of those at hand it is, and its number, as it is told.
+        For each view, its index in the arrays, and its number in the batch.
     loads : (K, 4) int64
-        What is copied before each, see ``LOAD_FROM``; the first at hand is number 0.
+        The copies before each view, see ``LOAD_SOURCE``; index 0 is the first view in the arrays.
     visibility : (11, 2) or (14, 2) int64
-        How to call the kernels that find the faces, see ``TRANSFORM``.
+        The kernels that find the faces, see ``TRANSFORM``.
     clipping : (counts (C,), vertex_starts (C+1,), piece_starts (C+1,), addresses (n,), int)
-        Of at most C faces that are cut: how many vertices each has then, and running sums of these
-        and of its pieces; words that are told how many faces are cut; the room for new vertices.
+        For at most C clipped faces: numbers of vertices, and running sums of these and of pieces;
+        addresses of words to which the number of clipped faces is written; capacity for vertices.
     binning : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int, int, lengths (n,))
-        What those kernels count, the room for the lists of all tiles, the address of the word that
-        tells how many pieces there are, and those of words that are told how many triangles were
-        listed.
-    listing_samples
-        The same of those that list what reaches any sample.
+        Counts of those kernels, capacity of the lists of all tiles, address of the word with the
+        number of pieces, and addresses of words to which the number of triangles is written.
+    sample_binning
+        The same for the kernels that list what touches any sample.
     tile_depths : (tiles,) float32
-        Scratch memory of theirs.
+        Scratch memory of the kernels.
     face_id : (H, W) int32
-        The faces that they find; colours may be written over them.
+        The visible faces; colours may overwrite them.
     calls : (C, 7) int64
-        What is called then, see ``CALL_ADDRESS``.
+        The calls after that, see ``CALL_ADDRESS``.
     limits : (L, 2) int64
-        What must hold after that, see ``LIMIT``; else the view is left out.
+        Checks after all calls, see ``LIMITED_WORD``; if one fails, the view is skipped.
     white : (2,) int64
-        What `count_white` counts, if it is called; else zeros.
+        Counts of `count_white`, if called; else zeros.
     totals : (n, 9) int64
-        Written for those drawn: see ``OUTSIDE``.
+        Written for drawn views: see ``OUTSIDE``.
     is_drawn : (n,) uint8
-        Written: 1 for those drawn, 0 for those left out.
+        Written: 1 for drawn views, 0 for skipped ones.
     """
     for n in range(chosen.shape[0]):
         load_view(chosen[n, 0], loads)
-        cut = find_faces(visibility, clipping, binning, tile_depths)
+        clipped = find_visible_faces(visibility, clipping, binning, tile_depths)
         # Later calls may overwrite the faces.
         covered = count_covered(face_id)
-        if cut >= 0:
-            cut = list_for_samples(visibility, clipping, sample_binning, cut)
-        if cut < 0 or not call_all(calls, limits, chosen[n, 1]):
+        if clipped >= 0:
+            clipped = bin_for_samples(visibility, clipping, sample_binning, clipped)
+        if clipped < 0 or not run_calls(calls, limits, chosen[n, 1]):
             is_drawn[n] = 0
             continue
         for k in range(COVERED):
             totals[n, k] = binning[1][k]
-        totals[n, COVERED], totals[n, CUT] = covered, cut
-        totals[n, LIT], totals[n, LIT_WHITE] = white[0], white[1]
+        totals[n, COVERED], totals[n, CUT] = covered, clipped
+        totals[n, LIT_PIXELS], totals[n, LIT_WHITE_PIXELS] = white[0], white[1]
         is_drawn[n] = 1
 
 
@@ -251,11 +261,11 @@ def start_resolve(
     Parameters
     ----------
     call : (2,) int64
-        How to call ``coverage_resolve.list_coverage`` for these rows.
+        ``coverage_resolve.list_coverage`` for these rows.
     rows : int
-        Address of the word that is told how many rows all images of faces have together.
+        Address of the word to which the number of rows of all layers is written.
     background : (R, W, 4) float32, or (1, 1, 4) if all is alike
-        What is behind all faces, linear.
+        The background, linear.
     sums : (R, 4, W) float32
         Written.
     """
@@ -277,9 +287,9 @@ def copy_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
     Parameters
     ----------
     number : int
-        That of the view.
+        The view's number.
     picture : (P,) uint32
-        Its output, whatever the numbers are.
+        The view's output, as 32-bit words.
     pictures : (N, P) uint32
         Writes the row of the view.
     """
@@ -294,19 +304,19 @@ def write_face_values(
     values: int32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write a per-face table's value at each pixel, -1 where nothing is.
+    Write the value of each pixel's face, -1 where nothing is.
 
     Parameters
     ----------
     number : int
-        That of the view.
+        The view's number.
     face_id : (H, W) int32
     step : int
-        Every how many rows and columns it is looked at.
+        Stride between the rows, and the columns, that are read.
     face_values : (F+1,) int32
-        Of each face.
+        The value of each face.
     values : (N, H / step, W / step) int32
-        Rounded up. Writes the picture of the view.
+        Rounded up. Writes the view's picture.
     """
     for row in range(values.shape[1]):
         for column in range(values.shape[2]):
@@ -319,14 +329,14 @@ def count_white(
     lit: int32[:, :, ::1], step: int64, color: uint32[:, ::1], counts: int64[::1]
 ):  # fmt: skip
     """
-    Count the lit pixels of a view, and those of them that are white.
+    Count the lit pixels of a view, and the white ones among them.
 
     Parameters
     ----------
     lit : (1, H / step, W / step) int32
-        As `write_face_values` writes it: 1 where what is seen is lit.
+        From `write_face_values`: 1 where the visible face is lit.
     step : int
-        Every how many rows and columns it is looked at.
+        Stride between the rows, and the columns, that are read.
     color : (H, W) uint32
         Codes of red, green, blue and alpha, from the lowest bits on.
     counts : (2,) int64
@@ -340,7 +350,7 @@ def count_white(
             code = color[row * step, column * step]
             least = min(code & 255, code >> 8 & 255, code >> 16 & 255)
             counts[0] += 1
-            counts[1] += np.int64(least >= MIN_WHITE)
+            counts[1] += np.int64(least >= MIN_WHITE_CODE)
 
 
 @kernel
@@ -354,14 +364,14 @@ def measure_depths(
     Parameters
     ----------
     number : int
-        That of the view.
+        The view's number.
     method, factors : (1,) int64, (3,) float64
         Of stored depth s: ``RATIO`` a / s / b; ``BETWEEN`` a (1 + s) - b s; ``SCALED``
         ((-2 s - 1) a - b) / c.
     stored : (H, W) float32
     face_id : (H, W) int32
     depths : (N, H, W) float32, scene units
-        Writes the picture of the view.
+        Writes the view's picture.
     """
     a, b, c = factors[0], factors[1], factors[2]
     kind = method[0]
@@ -389,13 +399,13 @@ def measure_distances(
     Parameters
     ----------
     number : int
-        That of the view.
+        The view's number.
     is_parallel, axis : (1,) int64, (4,) float64
-        Whether lines of sight are parallel: then distances are along an axis x, y, z, of a length.
+        Whether lines of sight are parallel; then distances are along the axis x, y, z, of a length.
     relative : (H, W, 3) float32
-        The points, relative to the eye; NaN where nothing is.
+        Positions, relative to the eye; NaN where nothing is.
     distances : (N, H, W) float32, scene units
-        Writes the picture of the view.
+        Writes the view's picture.
     """
     x, y, z, length = axis[0], axis[1], axis[2], axis[3]
     for row in range(relative.shape[0]):
@@ -404,8 +414,8 @@ def measure_distances(
             up = np.float64(relative[row, column, 1])
             back = np.float64(relative[row, column, 2])
             if is_parallel[0] != 0:
-                far = -((x * right + y * up) + z * back) / length
+                distance = -((x * right + y * up) + z * back) / length
             else:
-                far = np.sqrt((right * right + up * up) + back * back)
-            far = np.inf if np.isnan(far) else far
-            distances[number, row, column] = np.float32(far)
+                distance = np.sqrt((right * right + up * up) + back * back)
+            distance = np.inf if np.isnan(distance) else distance
+            distances[number, row, column] = np.float32(distance)

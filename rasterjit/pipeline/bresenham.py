@@ -57,11 +57,11 @@ from rasterjit.runtime.state_block import int64, uint8, uint32
 FRACTION_BITS = 48
 """Fraction bits of a running number; 14 bits of coordinate and a sign still fit ``int64``."""
 
-HALF = 1 << (FRACTION_BITS - 1)
-"""One half in that format."""
+FIXED_HALF = 1 << (FRACTION_BITS - 1)
+"""One half in fixed point."""
 
-SHORT_STEPS = 1 << 14
-"""Up to this many steps the five gains may share one reciprocal; see the module's notes."""
+MAX_SHARED_STEPS = 1 << 14
+"""Most steps for which the five gains may share one reciprocal; see the module's notes."""
 
 CHUNK_BITS = FRACTION_BITS // 2
 """Bits of a quotient found by one division: a remainder below 2**32, so shifted, fits ``int64``."""
@@ -82,7 +82,7 @@ def multiply_divide(a, b, divisor):
 
 
 @helper
-def fixed_quotient(a, b):
+def divide_fixed(a, b):
     """Return ``a / b`` in fixed point, rounded up, for ``|a| <= 2**32``, ``0 < b < 2**32``."""
     whole = a // b
     high_part = (a - whole * b) << CHUNK_BITS
@@ -92,56 +92,56 @@ def fixed_quotient(a, b):
 
 
 @helper
-def entry_value(start, end, step, steps):
+def find_entry_value(start, end, step, steps):
     """Return ``start + step * (end - start) / steps + 1/2`` in fixed point, rounded up."""
     if step == 0:
-        return (start << FRACTION_BITS) + HALF
+        return (start << FRACTION_BITS) + FIXED_HALF
     quotient, remainder = multiply_divide(abs(end - start), step, steps)
     if end < start:
         quotient, remainder = -quotient, -remainder
-    return ((start + quotient) << FRACTION_BITS) + HALF + fixed_quotient(remainder, steps)
+    return ((start + quotient) << FRACTION_BITS) + FIXED_HALF + divide_fixed(remainder, steps)
 
 
 @helper
-def gain_per_step(start, end, steps, reciprocal):
-    """Return ``(end - start) / steps`` in fixed point, rounded up as the module's notes say."""
+def find_gain(start, end, steps, reciprocal):
+    """Return ``(end - start) / steps`` in fixed point, rounded up; see the module's notes."""
     change = end - start
-    if steps > SHORT_STEPS:
-        return fixed_quotient(change, steps)
+    if steps > MAX_SHARED_STEPS:
+        return divide_fixed(change, steps)
     return change * reciprocal + max(change, 0)
 
 
 @helper
-def entry_color(start, end, step, steps):
+def find_entry_color(start, end, step, steps):
     """Return the four channels at ``step`` of the ramp between two colours, in fixed point."""
     return (
-        entry_value(start[0], end[0], step, steps),
-        entry_value(start[1], end[1], step, steps),
-        entry_value(start[2], end[2], step, steps),
-        entry_value(start[3], end[3], step, steps),
+        find_entry_value(start[0], end[0], step, steps),
+        find_entry_value(start[1], end[1], step, steps),
+        find_entry_value(start[2], end[2], step, steps),
+        find_entry_value(start[3], end[3], step, steps),
     )
 
 
 @helper
-def color_gain(start, end, steps, reciprocal):
-    """Return what the four channels gain each step, in fixed point."""
+def find_color_gain(start, end, steps, reciprocal):
+    """Return the gains of the four channels each step, in fixed point."""
     return (
-        gain_per_step(start[0], end[0], steps, reciprocal),
-        gain_per_step(start[1], end[1], steps, reciprocal),
-        gain_per_step(start[2], end[2], steps, reciprocal),
-        gain_per_step(start[3], end[3], steps, reciprocal),
+        find_gain(start[0], end[0], steps, reciprocal),
+        find_gain(start[1], end[1], steps, reciprocal),
+        find_gain(start[2], end[2], steps, reciprocal),
+        find_gain(start[3], end[3], steps, reciprocal),
     )
 
 
 @helper
-def packed_channels(color):
-    """Return four channels as one RGBA pixel, red in the lowest byte."""
+def pack_channels(color):
+    """Pack four channels into one RGBA pixel, red in the lowest byte."""
     return color[0] | (color[1] << 8) | (color[2] << 16) | (color[3] << 24)
 
 
 @helper
-def packed_color(color):
-    """Return four fixed-point channels as one RGBA pixel, red in the lowest byte."""
+def pack_fixed_color(color):
+    """Pack four fixed-point channels into one RGBA pixel, red in the lowest byte."""
     return (
         (color[0] >> FRACTION_BITS)
         | ((color[1] >> FRACTION_BITS) << 8)
@@ -151,51 +151,56 @@ def packed_color(color):
 
 
 @helper
-def channel_of(pixel, channel):
+def get_channel(pixel, channel):
     """Return a channel of a pixel as ``int64``; red, number 0, is its lowest byte."""
     return (np.int64(pixel) >> (8 * channel)) & 255
 
 
 @helper
-def unpacked_color(pixel):
+def unpack_color(pixel):
     """Return the four channels of a pixel as ``int64``."""
-    return channel_of(pixel, 0), channel_of(pixel, 1), channel_of(pixel, 2), channel_of(pixel, 3)
+    return (
+        get_channel(pixel, 0),
+        get_channel(pixel, 1),
+        get_channel(pixel, 2),
+        get_channel(pixel, 3),
+    )
 
 
 @helper
-def first_step_reaching(offset, steps, minor_steps, bias):
+def find_first_step(offset, steps, minor_steps, bias):
     """
     Return the first step whose minor offset is at least ``offset``, for ``offset > 0``.
 
-    Step ``k`` has the minor offset ``floor((2 k minor_steps + bias) / (2 steps))``. An offset that
-    the line does not reach gives ``steps + 1``.
+    Step ``k`` has the minor offset ``floor((2 k minor_steps + bias) / (2 steps))``. Returns
+    ``steps + 1`` if no step has the offset.
     """
     if offset > minor_steps:
         return steps + 1
-    if steps <= SHORT_STEPS:
+    if steps <= MAX_SHARED_STEPS:
         return (2 * (steps * offset + minor_steps) - bias - 1) // (2 * minor_steps)
     quotient, remainder = multiply_divide(steps, offset, minor_steps)
     return quotient + (2 * remainder - bias + 2 * minor_steps - 1) // (2 * minor_steps)
 
 
 @helper
-def visible_steps(major_start, major_end, major_size, minor_start, minor_end, minor_size):
+def find_visible_steps(major_start, major_end, major_size, minor_start, minor_end, minor_size):
     """
-    Return the first and the last step inside the target; first > last if there is none.
+    Return the first and the last step inside the target; first > last if none is.
 
-    The two coordinates of the ends are given by axis, with the extent of the target along each.
+    Takes the coordinates of both ends by axis, with the extent of the target along each.
     """
     steps = abs(major_end - major_start)
     minor_steps = abs(minor_end - minor_start)
-    # Bound the steps along the major axis, where each step is one pixel
+    # Bound the steps along the major axis, where each step is one pixel.
     if major_end >= major_start:
         first = max(-major_start, 0)
         last = min(major_size - 1 - major_start, steps)
     else:
         first = max(major_start - (major_size - 1), 0)
         last = min(major_start, steps)
-    # Measure the target along the minor axis from the start, in the line's own direction; a
-    # mirrored line leaves its ties where they are
+    # Measure the target along the minor axis from the start, in the line's direction; mirroring
+    # keeps ties.
     if minor_end >= minor_start:
         nearest = -minor_start
         furthest = minor_size - 1 - minor_start
@@ -207,8 +212,8 @@ def visible_steps(major_start, major_end, major_size, minor_start, minor_end, mi
     if furthest < 0:
         return first, first - 1
     if nearest > 0:
-        first = max(first, first_step_reaching(nearest, steps, minor_steps, bias))
-    return first, min(last, first_step_reaching(furthest + 1, steps, minor_steps, bias) - 1)
+        first = max(first, find_first_step(nearest, steps, minor_steps, bias))
+    return first, min(last, find_first_step(furthest + 1, steps, minor_steps, bias) - 1)
 
 
 @helper
@@ -230,7 +235,7 @@ def draw_gradient_run(pixels, run, minor, minor_gain, color, gain):
     red, green, blue, alpha = color
     for _ in range(first, last + 1):
         index = np.uintp(major_index + (minor >> FRACTION_BITS) * minor_stride)
-        pixels[index] = packed_color((red, green, blue, alpha))
+        pixels[index] = pack_fixed_color((red, green, blue, alpha))
         major_index += major_stride
         minor += minor_gain
         red, green, blue, alpha = red + gain[0], green + gain[1], blue + gain[2], alpha + gain[3]
@@ -265,15 +270,15 @@ def draw_visible_run(pixels, depth, slack, ramp, run, minor, minor_gain, pixel):
 
 
 @helper
-def visible_run(ends, width, height):
+def find_visible_run(ends, width, height):
     """
-    Return which pixels of a line are seen and how it runs through the flat target.
+    Return the visible steps of a line, its way through the flat target, and its minor coordinates.
 
-    First and last step (first > last if nothing is seen) and the number of all steps; the index of
-    the first seen pixel's major coordinate in the flat target, and the distance in it of one pixel
-    along each axis; the minor coordinate at both ends.
+    First and last step (first > last if none is visible), number of all steps; index of the first
+    visible pixel's major coordinate in the flat target, strides along the major and the minor axis;
+    the minor coordinate at both ends.
     """
-    # Name the longer axis the major one
+    # Choose the longer axis as the major one.
     x0, y0, x1, y1 = ends
     if abs(x1 - x0) >= abs(y1 - y0):
         major_start, major_end, major_size, major_stride = x0, x1, width, 1
@@ -281,11 +286,11 @@ def visible_run(ends, width, height):
     else:
         major_start, major_end, major_size, major_stride = y0, y1, height, width
         minor_start, minor_end, minor_size, minor_stride = x0, x1, width, 1
-    # Find the steps that are seen
+    # Find the visible steps.
     steps = abs(major_end - major_start)
     first, last = np.int64(0), steps
     if not is_inside(ends, width, height):
-        first, last = visible_steps(
+        first, last = find_visible_steps(
             major_start, major_end, major_size, minor_start, minor_end, minor_size
         )
     major_sign = 1 if major_end >= major_start else -1
@@ -297,17 +302,17 @@ def visible_run(ends, width, height):
 @helper
 def enter_line(ends, width, height):
     """
-    Return how a line is drawn from its first visible pixel.
+    Set up a line from its first visible pixel on.
 
-    Its run, as `draw_gradient_run` takes it (first > last if nothing is seen); the minor coordinate
-    there and its gain; the number of all steps, and the reciprocal of it that gains share.
+    Returns its run for `draw_gradient_run` (first > last if nothing is visible); the minor
+    coordinate there and its gain; the number of all steps, and its fixed-point reciprocal.
     """
-    (first, last, steps), strides, (minor_start, minor_end) = visible_run(ends, width, height)
+    (first, last, steps), strides, (minor_start, minor_end) = find_visible_run(ends, width, height)
     reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
-    minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
+    minor_gain = find_gain(minor_start, minor_end, steps, reciprocal)
     minor = np.int64(0)
     if first <= last:
-        minor = entry_value(minor_start, minor_end, first, steps)
+        minor = find_entry_value(minor_start, minor_end, first, steps)
     return (first, last, strides[0], strides[1], strides[2]), minor, minor_gain, steps, reciprocal
 
 
@@ -322,21 +327,21 @@ def draw_line(pixels, width, height, ends, start_color, end_color):
     if run[0] > run[1]:
         return
     if start_color == end_color:
-        draw_run(pixels, run, minor, minor_gain, packed_channels(start_color))
+        draw_run(pixels, run, minor, minor_gain, pack_channels(start_color))
         return
-    color = entry_color(start_color, end_color, run[0], steps)
-    gain = color_gain(start_color, end_color, steps, reciprocal)
+    color = find_entry_color(start_color, end_color, run[0], steps)
+    gain = find_color_gain(start_color, end_color, steps, reciprocal)
     draw_gradient_run(pixels, run, minor, minor_gain, color, gain)
 
 
 @helper
-def line_ends(ends, line):
+def get_line_ends(ends, line):
     """Return the end points of one line as x, y, x, y."""
     return ends[line, 0], ends[line, 1], ends[line, 2], ends[line, 3]
 
 
 @helper
-def line_color(colors, line, end):
+def get_line_color(colors, line, end):
     """Return the colour of one end (0 or 1) of one line as four ``int64``."""
     return (
         np.int64(colors[line, end, 0]),
@@ -358,7 +363,7 @@ def draw_lines(target: uint32[:, ::1], ends: int64[:, ::1], colors: uint8[:, :, 
     ends : (N, 4) int64, pixels
         x and y of the start, x and y of the end; each in [-2**31, 2**31 - 1].
     colors : (N, 2, 4) uint8, RGBA
-        Of the start and of the end; equal ones take a faster path to the same pixels.
+        Colours of the start and of the end; if equal, a faster path writes the same pixels.
 
     Writes ``target``. Later lines draw over earlier ones.
 
@@ -370,9 +375,9 @@ def draw_lines(target: uint32[:, ::1], ends: int64[:, ::1], colors: uint8[:, :, 
     height, width = target.shape
     pixels = flat(target)
     for line in range(ends.shape[0]):
-        x_y_x_y = line_ends(ends, line)
-        start, end = line_color(colors, line, 0), line_color(colors, line, 1)
-        draw_line(pixels, width, height, x_y_x_y, start, end)
+        line_ends = get_line_ends(ends, line)
+        start, end = get_line_color(colors, line, 0), get_line_color(colors, line, 1)
+        draw_line(pixels, width, height, line_ends, start, end)
 
 
 @kernel
@@ -388,10 +393,8 @@ def draw_one_line(
         Written.
     start, end : (x, y), pixels
     colors : two pixels
-        Of the start and of the end.
+        Colours of the start and of the end.
     """
     height, width = target.shape
     ends = start[0], start[1], end[0], end[1]
-    draw_line(
-        flat(target), width, height, ends, unpacked_color(colors[0]), unpacked_color(colors[1])
-    )
+    draw_line(flat(target), width, height, ends, unpack_color(colors[0]), unpack_color(colors[1]))

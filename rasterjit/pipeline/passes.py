@@ -19,12 +19,12 @@ from rasterjit.runtime.jit import Stage
 from rasterjit.runtime.stage_runner import Step
 
 if TYPE_CHECKING:
-    # A pass is listed only where what it reads is there: here no part is None.
+    # A pass is listed only where all its inputs exist: no field is None here.
 
-    class PlannedFields(records.Fields):
-        """Fields with contours."""
+    class PlannedScalarFields(records.ScalarFields):
+        """Scalar fields with iso-lines."""
 
-        contours: records.Levels
+        contours: records.IsoLines
 
     class PlannedSurface(records.Surface):
         """A surface with all of its records."""
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
         maps: records.Maps
         alphas: records.Alphas
         microfacets: records.Microfacets
-        fields: PlannedFields
+        fields: PlannedScalarFields
         transmission: records.TransmissionRows
         layers: records.Layers
 
     class PlannedLighting(records.Lighting):
-        """Lighting as pyrender has it."""
+        """Lighting of pyrender's shading model."""
 
         pyrender: records.PyrenderObjects
 
@@ -47,11 +47,11 @@ class ShadingArrays(NamedTuple):
     """Arrays that passes of one picture read."""
 
     geometry: Geometry
-    """None, where vertices are shaded, whose passes read none."""
+    """None while vertices are shaded, whose passes read none."""
     placement: Placement
     surface: PlannedSurface
     lighting: PlannedLighting
-    """None, where nothing is lit."""
+    """None if nothing is lit."""
     viewer: NDArray[np.float32]
     """(4,) float32: ``placement.toward_viewer``."""
     seen: Placement
@@ -64,31 +64,31 @@ Arguments: TypeAlias = Callable[[ShadingArrays], tuple[Any, ...]]
 
 
 class Pass(NamedTuple):
-    """A shading pass: a stage, and how to get its arguments from a picture's arrays."""
+    """A shading pass: a stage, and a function that returns its arguments for a picture."""
 
     stage: Stage
     arguments: Arguments
-    """What the stage is called with, besides the block of samples."""
+    """Returns the arguments of the stage, besides the block of samples."""
 
     @property
     def name(self) -> str:
         """Module and function of the stage."""
-        return f"{short_name(self.stage.__module__)}.{self.stage.__name__}"
+        return f"{shorten_module_name(self.stage.__module__)}.{self.stage.__name__}"
 
 
-def short_name(module: str) -> str:
-    """Return how a plan names a module: the last part of its name, or its folder's."""
+def shorten_module_name(module: str) -> str:
+    """Return a module's name in plans: the last part, or the folder's for ``stage``."""
     parts = module.split(".")
     return parts[-2] if parts[-1] == "stage" else parts[-1]
 
 
 def fixed(stage: Stage, *arguments: Any) -> Pass:
-    """Return a pass whose arguments are the same whatever picture is shaded."""
+    """Make a pass whose arguments are the same for every picture."""
     return Pass(stage, lambda _: arguments)
 
 
 def bind(passes: Iterable[Pass], arrays: ShadingArrays) -> list[Step]:
-    """Return passes with the arrays of a picture."""
+    """Bind passes to the arrays of a picture."""
     return [Step(one.stage, one.arguments(arrays)) for one in passes]
 
 
@@ -104,7 +104,7 @@ class KernelRow(NamedTuple):
     @property
     def name(self) -> str:
         """Module and function."""
-        return f"{short_name(self.kernel.__module__)}.{self.kernel.__name__}"
+        return f"{shorten_module_name(self.kernel.__module__)}.{self.kernel.__name__}"
 
 
 Rows: TypeAlias = list[KernelRow]
@@ -129,12 +129,12 @@ class ShadingNeeds(NamedTuple):
     """
     Requirements of a picture that select its shading passes.
 
-    Contents of arrays (`kinds`, `flat`, `vertex_colors` ...) are those of all objects of the scene;
-    what is read of them depends on those in view: see `survey.shading_needs`.
+    Fields on array contents (`kinds`, `flat`, `vertex_colors` ...) cover all objects of the scene;
+    what is read depends on those in view: see `survey.shading_needs`.
     """
 
     lights: int | None
-    """How many there are; None: nothing is lit."""
+    """Number of lights; None: nothing is lit."""
     highlights: bool = False
     """Whether any Blinn-Phong material has a specular highlight."""
     renormalizes: bool = False
@@ -144,7 +144,7 @@ class ShadingNeeds(NamedTuple):
     """Whether any object is shaded flat."""
     smooth: bool = False
     """Whether any object is shaded with its vertices' normals at each pixel."""
-    others: bool = False
+    faceted: bool = False
     """Whether any object is shaded without its vertices' normals."""
     normals: bool = False
     """Whether vertices have normals that are read."""
@@ -155,23 +155,23 @@ class ShadingNeeds(NamedTuple):
     vertex_colors: bool = False
     face_colors: bool = False
     some_in_float32: bool = False
-    """Whether colours of vertices are mixed in float32 where an object allows it."""
+    """Whether vertex colours are interpolated in float32 where an object allows it."""
     all_in_float32: bool = False
     fields: bool = False
     """Whether colours are looked up for scalars."""
     contours: bool = False
     textures: bool = False
-    mipped: bool = False
+    mipmapped: bool = False
     """Whether any texture is mipmapped."""
     kinds: tuple[int, ...] = ()
     """The kinds of texture that any object has."""
-    apart: tuple[int, ...] = ()
-    """Kinds of texture that have their own coordinates on any object."""
+    separate_uv_kinds: tuple[int, ...] = ()
+    """Kinds of texture that have separate coordinates on any object."""
     maps: bool = False
     alphas: bool = False
-    """Whether samples have an alpha of their own."""
+    """Whether each sample has an alpha."""
     on_faces: bool = True
-    """Whether all samples lie on their faces: at the centres of pixels."""
+    """Whether all samples lie on their faces, at pixel centres."""
     microfacets: bool = False
     points: bool = False
     transmission: bool = False
@@ -193,10 +193,10 @@ class ShadingNeeds(NamedTuple):
         return self.pyrender is not None and self.vertex_colors
 
     @property
-    def reads_places_alone(self) -> bool:
-        """Whether only texture coordinates would need weights, for samples on their faces."""
-        others = self.is_lit or self.vertex_colors or self.fields or self.mipped
-        return self.textures and self.on_faces and not others
+    def reads_uv_only(self) -> bool:
+        """Whether only texture coordinates need weights, for samples on their faces."""
+        needs_weights = self.is_lit or self.vertex_colors or self.fields or self.mipmapped
+        return self.textures and self.on_faces and not needs_weights
 
     def has(self, kind: int) -> bool:
         """Tell whether maps of a kind are read."""

@@ -17,8 +17,8 @@ class Viewport(NamedTuple):
     """
     The viewport transform from NDC to pixels, the sub-pixel grid and the guard band.
 
-    A picture may be a part of a larger one: its vertices are snapped as in the whole, then moved by
-    whole pixels, so that all integers derived are those of the whole picture.
+    A picture may be a part of a larger one: vertices are snapped as in the whole, then shifted by
+    whole pixels, so that all derived integers are those of the whole picture.
 
     ``subpixel_bits`` is the grid that vertices are rounded to, ``grid_bits`` the unit of their
     coordinates. They are equal except for 0 sub-pixel bits, where a pixel's centre needs a second
@@ -38,13 +38,13 @@ class Viewport(NamedTuple):
     grid_bits: int64
     """Screen coordinates are integers in units of ``2**-grid_bits`` pixel."""
     sample_radius: int64 = 0
-    """Largest distance of samples from a pixel's centre, in those units; 0: one sample, centred."""
+    """Largest distance of samples from pixel centres, in x or y, sub-pixel units; 0: centred."""
     left: int64 = 0
     """Columns of the whole picture before the first of this part."""
     top: int64 = 0
     """Rows of the whole picture above this part."""
     right: int64 = 0
-    """Columns of the whole picture behind the last of this part."""
+    """Columns of the whole picture after the last of this part."""
     bottom: int64 = 0
     """Rows of the whole picture below this part."""
     spacing: float64 = 1.0
@@ -54,9 +54,9 @@ class Viewport(NamedTuple):
 
 class ScreenVertices(NamedTuple):
     """
-    Vertices on the sub-pixel grid: those of the meshes, then those made by clipping.
+    Vertices on the sub-pixel grid: vertices of meshes, then those made by clipping.
 
-    One that is outside the guard band has an outcode only.
+    A vertex outside the guard band has only an outcode.
     """
 
     xy: int32[:, :]
@@ -70,14 +70,14 @@ class ScreenVertices(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """The faces of all objects, and the pieces that stand in for those that were clipped."""
+    """The faces of all objects, and the pieces that replace clipped ones."""
 
     faces: int32[:, ::1]
     """(F, 3) int32, vertex numbers."""
     pieces: int32[:, ::1]
     """(P, 3) int32, vertex numbers of the pieces, grouped by source face."""
     piece_faces: int32[::1]
-    """(P,) int32, the face that each piece was cut from, ascending."""
+    """(P,) int32, the clipped face of each piece, ascending."""
 
 
 class Objects(NamedTuple):
@@ -117,11 +117,11 @@ class Placement(NamedTuple):
     normal_matrices: float64[:, :, :]
     """(O, 3, 3) float64: model normals to world axes, up to length."""
     mirrored: float64[::1]
-    """(O,) float64: -1 where the transform turns faces inside out, else 1."""
+    """(O,) float64: -1 where the transform mirrors, else 1."""
     front_windings: float64[::1]
     """(O,) float64: sign of the edge function of an object's front faces on the screen."""
     toward_viewer: float64[::1]
-    """(4,) float64: a point p, relative to the eye, is seen along ``xyz - w p``."""
+    """(4,) float64: the viewer lies along ``xyz - w p`` from a point p, relative to the eye."""
 
 
 class Textures(NamedTuple):
@@ -142,7 +142,7 @@ class Textures(NamedTuple):
     """
     (M, 3) int64: first texel, width, height.
 
-    A level 0 of codes is numbered as if it lay before the next level.
+    A level 0 of codes has the texel indices just before the next level's.
     """
     table: int64[:, :, ::1]
     """
@@ -151,36 +151,36 @@ class Textures(NamedTuple):
     floats; the first code; the curve of colours.
     """
     uv: float32[:, ::1]
-    """(V, 2) float32; v runs up. Those of base colours; ``Maps.coordinates`` has others."""
+    """(V, 2) float32; v runs up. For base colours; ``Maps.coordinates`` has other kinds'."""
     transforms: float64[:, :, ::1]
-    """(O, K, 6) float64, ``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5`` | (0, K, 6): all
-    as is."""
+    """(O, K, 6) float64, ``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5`` | (0, K, 6):
+    identities."""
 
 
 class AlphaTests(NamedTuple):
     """Inputs of the alpha test: a sample whose alpha is below the cutoff is discarded."""
 
     cutoffs: float32[::1]
-    """(O,) float32; 0 for an object without holes."""
+    """(O,) float32; 0 for an object without alpha test."""
     face_starts: int64[::1]
     """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
     materials: float32[:, ::1]
     """(O, 7) float32, as ``Surface.materials``."""
     vertex_colors: float32[:, ::1]
-    """(V, 4) float32 | (0, 4): their alpha is 1."""
+    """(V, 4) float32 | (0, 4): alpha 1."""
     face_colors: float32[:, ::1]
-    """(F, 4) float32 | (0, 4): their alpha is 1."""
+    """(F, 4) float32 | (0, 4): alpha 1."""
     textures: Textures
-    """With a table of no rows: their alpha is 1."""
+    """With a table of no rows: alpha 1."""
     geometry: Geometry = None
-    """That of the picture; None until its vertices are projected."""
+    """The picture's geometry; None until its vertices are projected."""
 
 
 UNLIT, FLAT, GOURAUD, PHONG, PBR = 0, 1, 2, 3, 4
 """Shading models, as ``Surface.materials`` numbers them."""
 
 MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
-"""Columns of ``Surface.materials`` behind the base colour."""
+"""Columns of ``Surface.materials`` after the base colour."""
 
 
 class Alphas(NamedTuple):
@@ -204,29 +204,29 @@ class Maps(NamedTuple):
     """For each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 
-class Levels(NamedTuple):
+class IsoLines(NamedTuple):
     """The iso-lines of the scalars of all objects: see ``surface.isolines``."""
 
     levels: Any
-    """(N,) float64: those of each object, ascending."""
+    """(N,) float64: the levels of each object, ascending."""
     ranges: Any
-    """(O, 2) int64: the first of an object's levels, and their number."""
+    """(O, 2) int64: index of an object's first level, and the number of its levels."""
     lines: Any
     """(O, 4) float32: half the width of lines, pixels; red, green, blue, linear."""
 
 
-class Fields(NamedTuple):
-    """The scalars of all objects' vertices, how they are shown: ``surface.scalar_colors``."""
+class ScalarFields(NamedTuple):
+    """The scalars of all objects' vertices, and their colormaps: see ``surface.scalar_colors``."""
 
     values: Any
     """(V,) float64."""
     intervals: Any
     """(O, 2) float64: the value of the first entry, and the width of the interval."""
     entries: Any
-    """(O, 2) int64: first row of ``colors`` and number of entries; 0 entries: it has none."""
+    """(O, 2) int64: first row of ``colors`` and number of entries; 0 without a colormap."""
     colors: Any
-    """(N, 4) float32, linear RGBA: the entries of each map, and the colour of NaN behind them."""
-    contours: Levels | None = None
+    """(N, 4) float32, linear RGBA: the entries of each map, then the colour of NaN."""
+    contours: IsoLines | None = None
     """None -> no object has iso-lines."""
 
 
@@ -236,8 +236,8 @@ class Microfacets(NamedTuple):
     factors: Any
     """(O, 2) float32: metallic, roughness."""
     lobes: Any
-    """(2,) float32: factors on the diffuse and the specular light; 1 and 1, except for outputs of
-    one of them alone."""
+    """(2,) float32: factors on diffuse and specular light; 1 and 1, except for outputs of one of
+    them alone."""
 
 
 class Layers(NamedTuple):
@@ -296,7 +296,7 @@ class Surface(NamedTuple):
     """Alpha-blended objects | None -> all are opaque."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
-    fields: Fields | None = None
+    fields: ScalarFields | None = None
     """Scalars of vertices | None -> none."""
     points: Any = None
     """The points in view, and the camera's rays: `PicturePoints.read` | None -> none."""

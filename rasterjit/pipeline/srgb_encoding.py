@@ -28,10 +28,10 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float32, int32, uint32
 
 BUCKET_BITS = 16
-"""Low bits of a float32 in one bucket: 128 buckets from each power of two to the next."""
+"""Low bits of a float32 that share a bucket: 128 buckets between powers of two."""
 
-BUCKETS = 1 << (32 - BUCKET_BITS)
-"""Buckets of all float32, those below zero and NaN last."""
+BUCKET_COUNT = 1 << (32 - BUCKET_BITS)
+"""Number of buckets of all float32, ordered by bits: negative values and NaN last."""
 
 INFINITY_BITS = 0x7F800000
 
@@ -43,9 +43,9 @@ def reaches_code(bits: int, code: int, encoding: Encoding = "srgb") -> bool:
     """
     Tell exactly whether the float32 with these bits, in 0..1, encodes to a code or a higher one.
 
-    A code c begins at the encoded value e = (2 c - 1) / 510. That decodes to e / 12.92 up to
-    0.04045, and above to ((e + 0.055) / 1.055)**(12/5); or to e**(11/5); or to itself: powers of
-    whole numbers decide.
+    A code c begins at the encoded value e = (2 c - 1) / 510. sRGB decodes it to e / 12.92 up to
+    0.04045, above to ((e + 0.055) / 1.055)**(12/5); gamma 2.2 to e**(11/5). Powers of whole numbers
+    are compared.
     """
     numerator, denominator = float(np.uint32(bits).view(np.float32)).as_integer_ratio()
     e = 2 * code - 1
@@ -59,8 +59,8 @@ def reaches_code(bits: int, code: int, encoding: Encoding = "srgb") -> bool:
 
 
 @functools.cache
-def code_thresholds(encoding: Encoding = "srgb") -> np.ndarray:
-    """Return the least float32 of each code from 1 to 255, (255,) float32, ascending."""
+def find_code_thresholds(encoding: Encoding = "srgb") -> np.ndarray:
+    """Find the least float32 of each code from 1 to 255, (255,) float32, ascending."""
     bits, one = [0], int(np.float32(1.0).view(np.uint32))
     for code in range(1, 256):
         reaches = functools.partial(reaches_code, code=code, encoding=encoding)
@@ -69,49 +69,53 @@ def code_thresholds(encoding: Encoding = "srgb") -> np.ndarray:
 
 
 @functools.cache
-def encoding_table(encoding: Encoding = "srgb") -> np.ndarray:
+def make_encoding_table(encoding: Encoding = "srgb") -> np.ndarray:
     """
-    Return what to add to the low bits of a value in each bucket, (65536,) int32.
+    Make the table of addends to the low bits of values, by bucket, (65536,) int32.
 
-    The lower 8 of the bits above ``BUCKET_BITS`` are the code then. So it stands there for the
-    start of the bucket; below is what low bits at or beyond a threshold lack to the next code, 0
-    where the whole bucket has one.
+    After the addition, bits ``BUCKET_BITS`` to ``BUCKET_BITS + 7`` are the code. An entry holds the
+    code of the bucket's start there; below, the carry that low bits from a threshold on need, 0 if
+    the bucket has one code.
     """
     # After infinity, the last value of code 255, codes are 0: NaN and negative values.
-    places = np.append(code_thresholds(encoding).view(np.int32), np.int32(INFINITY_BITS + 1))
-    first = -(-places.astype(np.int64) >> BUCKET_BITS)
-    buckets_of_codes = np.diff(first, prepend=0, append=BUCKETS)
+    thresholds = np.append(
+        find_code_thresholds(encoding).view(np.int32), np.int32(INFINITY_BITS + 1)
+    )
+    first_buckets = -(-thresholds.astype(np.int64) >> BUCKET_BITS)
+    buckets_of_codes = np.diff(first_buckets, prepend=0, append=BUCKET_COUNT)
     table = np.repeat(np.arange(len(buckets_of_codes)) << BUCKET_BITS, buckets_of_codes)
-    buckets, cuts = places >> BUCKET_BITS, places & ((1 << BUCKET_BITS) - 1)
-    inside = cuts != 0
-    table[buckets[inside]] += (1 << BUCKET_BITS) - cuts[inside]
+    buckets, low_bits = thresholds >> BUCKET_BITS, thresholds & ((1 << BUCKET_BITS) - 1)
+    is_inside = low_bits != 0
+    table[buckets[is_inside]] += (1 << BUCKET_BITS) - low_bits[is_inside]
     return table.astype(np.int32)
 
 
-def code_of(color: NDArray[np.float32], encoding: Encoding = "srgb") -> int:
-    """Return a linear RGBA colour, (4,), as a pixel, encoded as by `encode_rows`."""
+def encode_color(color: NDArray[np.float32], encoding: Encoding = "srgb") -> int:
+    """Encode a linear RGBA colour, (4,), as a pixel, as `encode_rows` does."""
     *light, alpha = [value if value > 0.0 else 0.0 for value in color.tolist()]
-    red, green, blue = [bisect.bisect_right(code_thresholds(encoding), value) for value in light]
+    red, green, blue = [
+        bisect.bisect_right(find_code_thresholds(encoding), value) for value in light
+    ]
     return red | green << 8 | blue << 16 | int(min(alpha, 1.0) * 255.0 + 0.5) << 24
 
 
-def codes_of(light: NDArray[np.float32], encoding: Encoding = "srgb") -> NDArray[np.uint32]:
-    """Return the codes of linear values of any shape, uint32, as by `encode`."""
-    return code_thresholds(encoding).searchsorted(light, side="right").astype(np.uint32)
+def encode_values(light: NDArray[np.float32], encoding: Encoding = "srgb") -> NDArray[np.uint32]:
+    """Encode linear values of any shape as codes, uint32, as `encode` does."""
+    return find_code_thresholds(encoding).searchsorted(light, side="right").astype(np.uint32)
 
 
 @helper
-def bits_of(value):
+def get_float_bits(value):
     """Return the bits of a float32, as an int32."""
     return np.float32(value).view(np.int32)
 
 
 @helper
 def encode(value, table):
-    """Return the sRGB code of a linear value, rounded half up."""
-    # Every step is cast back to 32 bits, which halves the registers it takes; the index is
-    # unsigned, so it is not tested for counting from the end.
-    bits = np.uint32(bits_of(value))
+    """Encode a linear value as an sRGB code, rounded half up."""
+    # Casts to 32 bits halve the registers needed; an unsigned index is not tested for being
+    # negative.
+    bits = np.uint32(get_float_bits(value))
     entry = np.uint32(table[np.uintp(np.uint32(bits >> np.uint32(BUCKET_BITS)))])
     low = np.uint32(bits & np.uint32((1 << BUCKET_BITS) - 1))
     return np.uint32(np.uint32(np.uint32(entry + low) >> np.uint32(BUCKET_BITS)) & np.uint32(255))
@@ -119,14 +123,14 @@ def encode(value, table):
 
 @helper
 def encode_alpha(value):
-    """Return alpha, which is linear, as a code, rounded half up."""
-    share = clamped(value, np.float32(0.0), np.float32(1.0))
-    return np.uint32(np.int32(np.float64(share) * 255.0 + 0.5))
+    """Encode alpha, which is linear, as a code, rounded half up."""
+    opacity = clamped(value, np.float32(0.0), np.float32(1.0))
+    return np.uint32(np.int32(np.float64(opacity) * 255.0 + 0.5))
 
 
 @helper
 def encode_light(red, green, blue, table, alpha, color):
-    """Encode a span of pixels, given by channel, with a constant alpha code, shifted into place."""
+    """Encode a span of pixels, given by channel, with a constant alpha code in the top byte."""
     size = color.shape[0]
     if size < LANES:
         for i in range(size):
@@ -151,7 +155,7 @@ def encode_span(red, green, blue, table, color):
 
 @helper
 def encode_pixel(linear, table):
-    """Return one linear RGBA colour as a pixel."""
+    """Encode one linear RGBA colour as a pixel."""
     return (
         encode(linear[0], table)
         | encode(linear[1], table) << np.uint32(8)
@@ -161,18 +165,18 @@ def encode_pixel(linear, table):
 
 
 @disjoint_helper
-def add_alpha(alpha, color):
+def add_alpha_codes(alpha, color):
     """Add the alpha of a span of pixels to their codes."""
     for i in range(color.shape[0]):
-        share = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
-        color[i] |= np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
+        opacity = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
+        color[i] |= np.uint32(np.int32(np.float64(opacity) * 255.0 + 0.5)) << np.uint32(24)
 
 
 @helper
 def encode_channels(red, green, blue, alpha, table, color):
     """Encode a span of pixels, given by channel."""
     encode_light(red, green, blue, table, np.uint32(0), color)
-    add_alpha(alpha, color)
+    add_alpha_codes(alpha, color)
 
 
 @disjoint_helper
@@ -198,7 +202,7 @@ def encode_rows(linear: float32[:, :, ::1], table: int32[::1], color: uint32[:, 
     ----------
     linear : (R, W, 4) float32
     table : (65536,) int32
-        `encoding_table`.
+        From `make_encoding_table`.
     color : (R, W) uint32
         Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.
     """
@@ -207,18 +211,18 @@ def encode_rows(linear: float32[:, :, ::1], table: int32[::1], color: uint32[:, 
 
 
 @helper
-def over(alpha, own, behind):
+def composite_over(alpha, front, behind):
     """Composite a straight-alpha colour over another one; return straight RGBA."""
-    one, none = np.float32(1.0), np.float32(0.0)
+    one, zero = np.float32(1.0), np.float32(0.0)
     if alpha >= one:
-        return own[0], own[1], own[2], one
-    if not alpha > none:
+        return front[0], front[1], front[2], one
+    if not alpha > zero:
         return behind
     through = (one - alpha) * behind[3]
     total = alpha + through
     return (
-        (own[0] * alpha + behind[0] * through) / total,
-        (own[1] * alpha + behind[1] * through) / total,
-        (own[2] * alpha + behind[2] * through) / total,
+        (front[0] * alpha + behind[0] * through) / total,
+        (front[1] * alpha + behind[1] * through) / total,
+        (front[2] * alpha + behind[2] * through) / total,
         total,
     )

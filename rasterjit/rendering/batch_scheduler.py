@@ -491,7 +491,10 @@ class GroupRenderer:
             pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
             totals, is_drawn[chosen] = commands.draw(prepared.fields, prepared.lights, pairs)
             counts[chosen] = count_chosen(totals, self._faces)
-            lit, white = totals[:, drawing_views.LIT], totals[:, drawing_views.LIT_WHITE]
+            lit, white = (
+                totals[:, drawing_views.LIT_PIXELS],
+                totals[:, drawing_views.LIT_WHITE_PIXELS],
+            )
             for n in np.flatnonzero(2 * white > lit).tolist():
                 share = float(white[n] / lit[n])
                 told.add(numbers[chosen[n]], view_warnings.burnt_out(commands.facts, share))

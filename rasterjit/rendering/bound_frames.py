@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.output_table import find_array_spec
-from rasterjit.pipeline.batch_driver import COVERED, CUT, LIT, LIT_WHITE
+from rasterjit.pipeline.batch_driver import COVERED, CUT, LIT_PIXELS, LIT_WHITE_PIXELS
 from rasterjit.rendering.batch_scheduler import (
     KNOWN_CAMERAS,
     can_batch,
@@ -192,6 +192,6 @@ def frame_of_totals(
         seconds=seconds, face_id=counted[COVERED],
     )  # fmt: skip
     frame = Frame(arrays, planned.plan, stats, None, planned.cache.face_starts)
-    lit, white = counted[LIT], counted[LIT_WHITE]
+    lit, white = counted[LIT_PIXELS], counted[LIT_WHITE_PIXELS]
     frame._white_share = white / lit if lit else 0.0
     return frame

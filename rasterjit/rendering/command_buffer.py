@@ -269,7 +269,7 @@ class CommandBuffer:
         self, chosen: NDArray[np.int64], loads: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Draw some views, given what is loaded for each; return what `draw` does."""
-        totals = np.zeros((len(chosen), batch_driver.TOTALS), np.int64)
+        totals = np.zeros((len(chosen), batch_driver.TOTAL_COUNT), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
         batch_driver.draw_views(
             chosen, loads, self._visibility_calls, self._clipping, self._binning,
@@ -572,7 +572,7 @@ class CommandBuffer:
         calls.kept += [tile_args, alone, points, shader]
         direct, table = (
             is_direct(layers, tones is not None),
-            srgb_encoding.encoding_table(shader.encoding),
+            srgb_encoding.make_encoding_table(shader.encoding),
         )
         face_memory, temp = ReusedMemory(), ReusedMemory()
         # Find the faces of a row of tiles, then shade some rows at once.

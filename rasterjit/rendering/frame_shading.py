@@ -23,7 +23,7 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
 )
-from rasterjit.pipeline.srgb_encoding import code_of
+from rasterjit.pipeline.srgb_encoding import encode_color
 from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import pass_runner, resolve_layers
 from rasterjit.rendering.effect_registry import prepare_effects
@@ -313,7 +313,7 @@ def shade_nothing(
     if linear is not None:
         linear[0] = shader.background
     if color is not None:
-        color.view(np.uint32)[0] = code_of(shader.background, shader.encoding)
+        color.view(np.uint32)[0] = encode_color(shader.background, shader.encoding)
     # All rows are alike.
     for picture in pictures:
         picture[1:] = picture[0]

@@ -414,7 +414,7 @@ def _finished(
     if name != "color":
         return target
     color = np.empty(target.shape, np.uint8)
-    packed, encoding = color.view(np.uint32)[:, :, 0], srgb_encoding.encoding_table()
+    packed, encoding = color.view(np.uint32)[:, :, 0], srgb_encoding.make_encoding_table()
     per_task = rows_per_task(packed.shape, workers)
     bands = [slice(first, first + per_task) for first in range(0, len(packed), per_task)]
     workers.run(

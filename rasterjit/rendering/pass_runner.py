@@ -18,7 +18,7 @@ from rasterjit.pipeline.batch_driver import start_resolve
 from rasterjit.pipeline.fragments import coverage_resolve
 from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
-from rasterjit.pipeline.srgb_encoding import Encoding, code_of, encoding_table
+from rasterjit.pipeline.srgb_encoding import Encoding, encode_color, make_encoding_table
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import list_samples
 from rasterjit.pipeline.surface.sample_block import Block
@@ -151,8 +151,8 @@ class Shading:
         passes, self._shown = shading_passes.shading_passes(self._needs, effects)
         self._stages = StageList(bind(passes, self._arrays))
         self._faces, self._face_starts = geometry.faces, placement.face_starts
-        self._effects, self._table = tuple(effects), encoding_table(encoding)
-        self._painted = background, code_of(background, encoding)
+        self._effects, self._table = tuple(effects), make_encoding_table(encoding)
+        self._painted = background, encode_color(background, encoding)
         self._spare: defaultdict[tuple[bool, bool], list[StageList]] = defaultdict(list)
 
     def shade(

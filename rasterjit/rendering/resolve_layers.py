@@ -106,9 +106,13 @@ class Shader(NamedTuple):
 
     def of_plain_codes(self) -> Shader:
         """Return this shader for constant-colour objects over an opaque background colour."""
-        red, green, blue = srgb_encoding.codes_of(self.surface.materials[:, :3], self.encoding).T
+        red, green, blue = srgb_encoding.encode_values(
+            self.surface.materials[:, :3], self.encoding
+        ).T
         codes = red | green << 8 | blue << 16 | np.uint32(255 << 24)
-        return self._replace(plain=(codes, srgb_encoding.code_of(self.background, self.encoding)))
+        return self._replace(
+            plain=(codes, srgb_encoding.encode_color(self.background, self.encoding))
+        )
 
     def ready(self, kept: Kept | None = None, viewer: NDArray[np.float32] | None = None) -> Shader:
         """
@@ -171,7 +175,7 @@ class Shader(NamedTuple):
 
     def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
         """Write the background of some rows, (R, W), in RGBA codes."""
-        color[:] = srgb_encoding.code_of(self.background, self.encoding)
+        color[:] = srgb_encoding.encode_color(self.background, self.encoding)
         nothing = np.full(color.shape, -1, np.int32)
         self.show_behind(IMMEDIATE, nothing, first_row, no_linear(color), color)
 
@@ -378,7 +382,7 @@ def finish_mixed(
     if shader.has_codes:
         calls.call(coverage_resolve.finish_codes, shares, rest, mixed, target.color)
     else:
-        table = srgb_encoding.encoding_table(shader.encoding)
+        table = srgb_encoding.make_encoding_table(shader.encoding)
         calls.call(coverage_resolve.finish_light, shares, rest, mixed, table, *target)
 
 
@@ -481,7 +485,7 @@ def shade(
     shader, tones = before_tones(make_sampled_finder(shader, plan.samples))
     viewport = shader.geometry.viewport
     lists = split_tile_lists(coverage, viewport, plan.is_blended, workers)
-    shader, table = shader.ready(), srgb_encoding.encoding_table(shader.encoding)
+    shader, table = shader.ready(), srgb_encoding.make_encoding_table(shader.encoding)
     nothing = np.empty((viewport.height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
     at_once = is_direct(plan, tones is not None)

@@ -18,7 +18,7 @@ from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.lighting.gouraud import gather_vertices, store_lit_vertices
 from rasterjit.pipeline.passes import Pass, PyrenderNeeds, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Placement
-from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.pipeline.surface import (
     attributes,
     barycentric_weights,
@@ -60,7 +60,7 @@ def list_passes(
 
     Those of vertices come first; then those of samples, up to those that write or mix colours.
     """
-    passes, no_arrays, table = [], np.empty((0, 4), np.float32), encoding_table()
+    passes, no_arrays, table = [], np.empty((0, 4), np.float32), make_encoding_table()
     for has_highlights in (True,) * needs.gouraud + (False,) * needs.diffuse_apart:
         own = needs.of_vertices(has_highlights and needs.highlights)
         listed = (0, 0), np.zeros(1, np.int64)
@@ -145,7 +145,7 @@ def _are_gouraud(arrays: ShadingArrays) -> NDArray[np.uint8]:
 
 def weight_passes(needs: ShadingNeeds) -> list[Pass]:
     """Return the passes that find weights in float64, and texture coordinates."""
-    if needs.reads_places_alone:
+    if needs.reads_uv_only:
         return [
             Pass(
                 uv_interpolation.interpolate_uv_from_edges,
@@ -236,7 +236,7 @@ def place_passes(needs: ShadingNeeds) -> list[Pass]:
                 lambda a: (a.surface.normals, a.seen.normal_matrices, a.lit_base),
             )
         )
-    if not needs.normals or needs.others:
+    if not needs.normals or needs.faceted:
         passes.append(
             Pass(attributes.find_face_normals, lambda a: (a.seen, a.lit_base, int(needs.normals)))
         )
@@ -257,7 +257,7 @@ def coordinate_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass
         return a.surface.textures.uv if kind is None else a.surface.maps.coordinates[kind]
 
     passes = [Pass(uv_derivatives.interpolate_uv, lambda a: (uv(a),))]
-    if needs.mipped:
+    if needs.mipmapped:
         passes.append(
             Pass(
                 uv_derivatives.find_uv_steps,
@@ -280,7 +280,7 @@ def read_pass(kind: int) -> Pass:
 
 def map_read_passes(needs: ShadingNeeds, kind: int, *applied: Pass) -> list[Pass]:
     """Return the passes that read maps of a kind, at their coordinates, and apply them."""
-    if kind not in needs.apart:
+    if kind not in needs.separate_uv_kinds:
         return [read_pass(kind), *applied]
     return [*lay_passes(needs, kind), read_pass(kind), *applied, *lay_passes(needs)]
 
@@ -405,7 +405,7 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
     passes = [Pass(material_maps.fill_emission, lambda a: (a.surface.maps.factors,))]
     kind = texture_filters.EMISSIVE
     if needs.has(kind):
-        passes += lay_passes(needs, kind) if kind in needs.apart else []
+        passes += lay_passes(needs, kind) if kind in needs.separate_uv_kinds else []
         passes += [read_pass(kind), *decoding, fixed(material_maps.apply_emission_maps)]
     return [*passes, fixed(material_maps.add_emission, shown)]
 

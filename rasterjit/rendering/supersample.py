@@ -448,7 +448,9 @@ def _average_codes(
     has_linear = "linear" in plan.outputs
     linear = workers.memory.empty((*shape, 4), np.float32) if has_linear else None
     packed = color.view(np.uint32)[:, :, 0]
-    behind = np.array([[srgb_encoding.code_of(plan.background, plan.facts.encoding)]], np.uint32)
+    behind = np.array(
+        [[srgb_encoding.encode_color(plan.background, plan.facts.encoding)]], np.uint32
+    )
 
     def write_band(band: slice) -> None:
         srgb_compositing.write_mean_codes(sums[band], count, behind, packed[band])
@@ -474,7 +476,7 @@ def _average(
     for one in plan.effects_at("mixed"):
         tones = resolve_layers.Tones(ActiveEffect(one.effect, one.data), plan.background, given)
     height, width, _ = sums.shape
-    table = srgb_encoding.encoding_table(plan.facts.encoding)
+    table = srgb_encoding.make_encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]

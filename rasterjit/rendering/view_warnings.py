@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.pipeline.batch_driver import MIN_WHITE
+from rasterjit.pipeline.batch_driver import MIN_WHITE_CODE
 from rasterjit.scene.warning import REPEATED, warn_caller
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import PlaneNeeds
@@ -148,7 +148,7 @@ def white_share(lit: NDArray[np.bool_] | None, color: NDArray[np.uint8]) -> floa
     if lit is None or not lit.any():
         return 0.0
     step = step_of(color.shape)
-    return float((color[::step, ::step, :3].min(axis=-1)[lit] >= MIN_WHITE).mean())
+    return float((color[::step, ::step, :3].min(axis=-1)[lit] >= MIN_WHITE_CODE).mean())
 
 
 def burnt_out(facts: Facts, share: float) -> dict[str, str]:

@@ -114,7 +114,7 @@ def darken_picture(
     palette : (256, 4) float32, linear
         Colours of the picture by their red codes; of one colour, all are the same.
     table : (65536,) int32
-        ``srgb_encoding.encoding_table``.
+        ``srgb_encoding.make_encoding_table``.
     codes : (H, W) uint32
         Changed: red, green, blue, alpha from the lowest byte up.
     light : (W, 4) float32

@@ -502,7 +502,7 @@ def _encode_background(
         return palette, background.image.view(np.uint32)[..., 0]
     palette[:, :3] = background[:3]
     code = np.empty((1, 1), np.uint32)
-    srgb_encoding.encode_rows(palette[None, :1], srgb_encoding.encoding_table(), code)
+    srgb_encoding.encode_rows(palette[None, :1], srgb_encoding.make_encoding_table(), code)
     return palette, np.full(size[::-1], code[0, 0])
 
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.records import (
     AlphaTests,
-    Fields,
     Layers,
     Maps,
     Microfacets,
     Placement,
+    ScalarFields,
     Surface,
     Textures,
     TransmissionRows,
@@ -276,7 +276,7 @@ class MaterialTables:
         return join_layers(self.meshes)
 
     @cached_property
-    def fields(self) -> Fields:
+    def fields(self) -> ScalarFields:
         """The scalars of all objects' vertices, and the colour maps that show them."""
         return join_fields(self.meshes)
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import records
 from rasterjit.pipeline.records import (
     AlphaTests,
-    Fields,
+    IsoLines,
     Layers,
-    Levels,
     Maps,
     Microfacets,
     Placement,
+    ScalarFields,
     Surface,
     Textures,
     TransmissionRows,
@@ -411,7 +411,7 @@ def _compute_dielectric_f0(ior: float) -> float:
     return ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
-def join_fields(meshes: Sequence[Mesh]) -> Fields:
+def join_fields(meshes: Sequence[Mesh]) -> ScalarFields:
     """Join the scalars of vertices, NaN where an object has none, and their colour maps."""
     runs = group_instances(meshes)
     colors, rules, entries, first = [], [], [], 0
@@ -422,7 +422,7 @@ def join_fields(meshes: Sequence[Mesh]) -> Fields:
         if field is not None:
             colors.append(field.table)
             first += len(field.table)
-    return Fields(
+    return ScalarFields(
         join_scalars(meshes),
         _repeat(rules, runs, np.float64),
         _repeat(entries, runs, np.int64),
@@ -431,7 +431,7 @@ def join_fields(meshes: Sequence[Mesh]) -> Fields:
     )
 
 
-def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> Levels:
+def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> IsoLines:
     """Join the iso-lines of all objects."""
     levels, ranges, lines, first = [], [], [], 0
     for mesh, _ in runs:
@@ -444,7 +444,7 @@ def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> Levels:
             (0.0,) * 4 if contours is None else (contours.width / 2.0, *contours.color[:3])
         )
         first += len(values)
-    return Levels(
+    return IsoLines(
         np.concatenate(levels), _repeat(ranges, runs, np.int64), _repeat(lines, runs, np.float32)
     )
 

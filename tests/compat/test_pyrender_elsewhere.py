@@ -107,7 +107,7 @@ def test_linear_light_is_what_codes_stand_for(drawn, camera):
 def test_codes_stand_for_what_is_encoded_as_them(encoding):
     light = decode_codes(encoding)
     codes = [
-        srgb_encoding.code_of(np.append(np.repeat(value, 3), 0.0), encoding) for value in light
+        srgb_encoding.encode_color(np.append(np.repeat(value, 3), 0.0), encoding) for value in light
     ]
     assert codes == [code | code << 8 | code << 16 for code in range(256)]
 

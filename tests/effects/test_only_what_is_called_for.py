@@ -24,14 +24,14 @@ import rasterjit as rj
 from rasterjit.runtime import store
 
 sys.path.append(sys.argv[1])
-from rasterjit.pipeline.passes import short_name
+from rasterjit.pipeline.passes import shorten_module_name
 
 mesh = rj.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
 scene = rj.Scene()
 scene.add(mesh)
 rj.render(scene, size=(96, 80))
 names = (name.rpartition(".") for name in (*store.USED.loaded, *store.USED.compiled))
-print(json.dumps(sorted((short_name(module), name) for module, _, name in names)))
+print(json.dumps(sorted((shorten_module_name(module), name) for module, _, name in names)))
 """
 
 OF_EVERY_SCENE = {

@@ -56,7 +56,7 @@ def encode(values):
     values = np.asarray(values, np.float32)
     linear = np.repeat(values[np.newaxis, :, np.newaxis], 4, axis=2)
     color = np.zeros((1, len(values)), np.uint32)
-    resolve.encode_rows(linear, resolve.encoding_table(), color)
+    resolve.encode_rows(linear, resolve.make_encoding_table(), color)
     rgba = color.view(np.uint8).reshape(-1, 4)
     return rgba[:, 0].tolist(), rgba[:, 3].tolist()
 

@@ -17,7 +17,7 @@ import pytest
 import screen
 
 import rasterjit as rj
-from rasterjit.pipeline.srgb_encoding import encode_rows, encoding_table
+from rasterjit.pipeline.srgb_encoding import encode_rows, make_encoding_table
 
 SIXTEENTHS = {
     1: [(8, 8)],
@@ -107,7 +107,7 @@ def resolve(linear):
     """Return the sRGB codes, (H, W, 4), that the engine makes of linear colour."""
     height, width = linear.shape[:2]
     color = np.empty((height, width), np.uint32)
-    encode_rows(np.ascontiguousarray(linear, np.float32), encoding_table(), color)
+    encode_rows(np.ascontiguousarray(linear, np.float32), make_encoding_table(), color)
     return color[..., None].view(np.uint8)
 
 

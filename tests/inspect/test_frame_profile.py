@@ -13,7 +13,7 @@ from kernel_files import kernel_modules
 
 import rasterjit as rj
 from rasterjit.inspect import profile
-from rasterjit.pipeline.passes import short_name
+from rasterjit.pipeline.passes import shorten_module_name
 from rasterjit.rendering import planning
 from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.runtime import jit
@@ -280,7 +280,7 @@ def called(monkeypatch):
     for module in [one for name, one in sys.modules.items() if name.startswith("rasterjit.")]:
         for name, thing in list(vars(module).items()):
             if any(thing is kernel for kernel in jit.KERNELS):
-                own = f"{short_name(thing.__module__)}.{thing.__name__}"
+                own = f"{shorten_module_name(thing.__module__)}.{thing.__name__}"
                 monkeypatch.setattr(module, name, Watched(thing, own))
     return names
 

@@ -7,7 +7,7 @@ from test_lines import HIGH, LOW, draw, random_colors, visible_reference
 
 from rasterjit.classics.framebuffer import _bin_lines, _draw_band
 from rasterjit.classics.line_bands import CHUNK
-from rasterjit.pipeline.bresenham import SHORT_STEPS
+from rasterjit.pipeline.bresenham import MAX_SHARED_STEPS
 from rasterjit.runtime import jit
 
 JIT = not jit.DISABLED
@@ -95,7 +95,7 @@ def test_huge_lines_through_bands_are_exact():
     assert hits > 20
 
 
-@pytest.mark.parametrize("steps", [CHUNK - 2, CHUNK - 1, CHUNK, 3 * CHUNK, SHORT_STEPS])
+@pytest.mark.parametrize("steps", [CHUNK - 2, CHUNK - 1, CHUNK, 3 * CHUNK, MAX_SHARED_STEPS])
 @pytest.mark.parametrize("upright", [False, True])
 def test_lines_of_whole_chunks_and_one_more_pixel_are_exact(steps, upright):
     width = min(steps + 1, 16384 if JIT else 512)
@@ -140,7 +140,7 @@ def test_order_holds_between_short_and_long_lines():
     far[:, :2] -= far[:, 2:] * 2**12
     ends = np.where(rng.random((60, 1)) < 0.5, near, far)
     steps = np.abs(ends[:, :2] - ends[:, 2:]).max(axis=1)
-    assert 10 < (steps > SHORT_STEPS).sum() < 50
+    assert 10 < (steps > MAX_SHARED_STEPS).sum() < 50
     colors = random_colors(rng, 60)
     for rows in (1, 7, 33):
         np.testing.assert_array_equal(

@@ -16,7 +16,7 @@ from rasterjit.effects import wireframe
 from rasterjit.effects.wireframe import coverage
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.runtime import threads as sharing
 from rasterjit.scene.color import decoding_table
@@ -243,7 +243,7 @@ def lay(shares, rgba, pixels, light):
     color = np.array(pixels, np.uint8).reshape(1, -1, 4)
     coverage.blend_lines(
         np.array([shares], np.float32), np.array(rgba, np.uint8).view(np.uint32), light,
-        encoding_table(), color.view(np.uint32)[:, :, 0],
+        make_encoding_table(), color.view(np.uint32)[:, :, 0],
     )  # fmt: skip
     return [tuple(code) for code in color[0].tolist()]
 

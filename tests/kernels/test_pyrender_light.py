@@ -138,15 +138,15 @@ def test_shadows_are_those_of_the_slow_twin(is_spot):
 
 @pytest.mark.parametrize("encoding", ["gamma 2.2", "as is"])
 def test_codes_are_rounded_half_up(encoding):
-    thresholds = srgb_encoding.code_thresholds(encoding).astype(np.float64)
+    thresholds = srgb_encoding.find_code_thresholds(encoding).astype(np.float64)
     power = 2.2 if encoding == "gamma 2.2" else 1.0
     np.testing.assert_allclose(thresholds, ((np.arange(255) + 0.5) / 255.0) ** power, rtol=1e-6)
     rng = np.random.default_rng(8)
     light = np.concatenate([rng.random(3000), thresholds, [0.0, 1.0, 7.0, -1.0, np.nan]])
     light = np.float32(np.tile(light[:, None], (1, 4)))[None]
     codes = np.empty(light.shape[1:2], np.uint32)[None]
-    srgb_encoding.encode_rows(light, srgb_encoding.encoding_table(encoding), codes)
-    want = [srgb_encoding.code_of(pixel, encoding) for pixel in light[0]]
+    srgb_encoding.encode_rows(light, srgb_encoding.make_encoding_table(encoding), codes)
+    want = [srgb_encoding.encode_color(pixel, encoding) for pixel in light[0]]
     np.testing.assert_array_equal(codes[0], np.array(want, np.uint32))
     reds = [naive_pyrender.code(red) for red in light[0, :3000, 0].astype(float)]
     if encoding == "gamma 2.2":

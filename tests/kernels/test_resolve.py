@@ -14,7 +14,7 @@ from rasterjit.pipeline import srgb_encoding as resolve
 from rasterjit.runtime.jit import helper
 from rasterjit.scene.color import linear_to_srgb
 
-TABLE = resolve.encoding_table()
+TABLE = resolve.make_encoding_table()
 
 
 def encode(values):
@@ -67,12 +67,12 @@ def test_codes_equal_naive_on_a_sweep():
 def test_one_colour_has_the_code_that_rows_get():
     ends = [np.nan, np.inf, -np.inf, -0.0, 0.0, -1.0, 1e-40, 2.0]
     alphas = around((np.arange(256) + 0.5) / 255.0, 1)
-    values = np.concatenate([ends, around(resolve.code_thresholds(), 1), alphas])
+    values = np.concatenate([ends, around(resolve.find_code_thresholds(), 1), alphas])
     values = values[: len(values) // 4 * 4].astype(np.float32)
     for colors in (values.reshape(-1, 4), np.roll(values, 2).reshape(-1, 4)):
         rows = np.zeros((1, len(colors)), np.uint32)
         resolve.encode_rows(np.ascontiguousarray(colors[np.newaxis]), TABLE, rows)
-        assert [resolve.code_of(color) for color in colors] == rows[0].tolist()
+        assert [resolve.encode_color(color) for color in colors] == rows[0].tolist()
 
 
 @settings(max_examples=200)
@@ -101,7 +101,7 @@ def test_no_rows_is_nothing():
 
 
 def test_every_code_begins_at_the_least_float32_that_reaches_it():
-    thresholds = resolve.code_thresholds()
+    thresholds = resolve.find_code_thresholds()
     for code in range(21, 256):
         power = ((200 * Fraction(2 * code - 1, 510) + 11) / 211) ** 12
         before = float(np.nextafter(thresholds[code - 1], np.float32(0)))
@@ -109,21 +109,21 @@ def test_every_code_begins_at_the_least_float32_that_reaches_it():
 
 
 def test_no_bucket_holds_two_thresholds():
-    buckets = resolve.code_thresholds().view(np.int32) >> resolve.BUCKET_BITS
+    buckets = resolve.find_code_thresholds().view(np.int32) >> resolve.BUCKET_BITS
     assert len(set(buckets.tolist())) == 255
     assert len(TABLE) == 2**16
 
 
 def test_what_is_read_of_the_table_leaves_most_of_the_smallest_cache_to_others():
     starts = bucket_starts()
-    is_read = (starts >= resolve.code_thresholds()[0] / 2) & (starts <= 1.0)
+    is_read = (starts >= resolve.find_code_thresholds()[0] / 2) & (starts <= 1.0)
     assert TABLE[is_read].nbytes < 7.2e3
 
 
 def codes_of_bits(first, count):
     """Return the codes of float32 values by their bits: those from ``first`` on, (count,) uint8."""
     infinity = int(np.float32(np.inf).view(np.uint32))
-    starts = resolve.code_thresholds().view(np.uint32).astype(np.int64)
+    starts = resolve.find_code_thresholds().view(np.uint32).astype(np.int64)
     # Above infinity and from the sign's bit on stand NaN and what is negative.
     begins, codes = [0, *starts.tolist(), infinity + 1], [*range(256), 0]
     ends = [*begins[1:], 1 << 32]
@@ -135,7 +135,7 @@ def jumps_of_bits():
     """Return bits of float32 where codes or buckets begin."""
     one, infinity = (int(np.float32(value).view(np.uint32)) for value in (1.0, np.inf))
     jumps = [0, one, infinity, 1 << 31, (1 << 31) + infinity, (1 << 32) - 64]
-    jumps += resolve.code_thresholds().view(np.uint32).tolist()
+    jumps += resolve.find_code_thresholds().view(np.uint32).tolist()
     return [*jumps, *bucket_starts().view(np.uint32).tolist()[::16]]
 
 

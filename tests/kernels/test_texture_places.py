@@ -269,7 +269,7 @@ def test_pictures_are_those_by_weights(monkeypatch, squares, side, filter):
     scene = ground(filter, squares=squares, side=side)
     outputs = "color", "linear"
     quick = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
-    monkeypatch.setattr(ShadingNeeds, "reads_places_alone", False)
+    monkeypatch.setattr(ShadingNeeds, "reads_uv_only", False)
     slow = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
     assert np.ptp(slow.color[..., 0]) > 100
     # Positions are rounded to 2**-24 texel: hardly any rounds otherwise.

@@ -51,7 +51,8 @@ edges = np.array([[0, 1]], np.int32)
 view = Viewport(64, 64, 1.0, 1.0, 8, 8)
 count = wireframe.project_edges(edges, vertices, (0.0, 1.0, 0.0), view, ends, depths)
 color = np.empty((1, 1), np.uint32)
-srgb_encoding.encode_rows(np.ones((1, 1, 4), np.float32), srgb_encoding.encoding_table(), color)
+table = srgb_encoding.make_encoding_table()
+srgb_encoding.encode_rows(np.ones((1, 1, 4), np.float32), table, color)
 compiled = [name.rpartition(".")[2] for name in store.USED.compiled]
 ran = [clock.seconds > 0.0 for clock in (clocks.COMPILER_CLOCK, clocks.COMPILE_CLOCK)]
 print(json.dumps([count, round(depths[0, 1], 6), hex(color[0, 0]), compiled, ran]))

@@ -101,7 +101,9 @@ def test_rows_of_several_parts_are_mixed_and_encoded_like_short_ones(samples):
     np.testing.assert_allclose(both.linear, want, rtol=0, atol=2e-6)
     mixed = np.abs(both.linear - np.float32(background)).max(axis=2) > 1e-4
     assert all(mixed[:, first : first + 128].sum() > 20 for first in range(0, 512, 128))
-    codes = np.searchsorted(srgb_encoding.code_thresholds(), both.linear[:, :, :3], side="right")
+    codes = np.searchsorted(
+        srgb_encoding.find_code_thresholds(), both.linear[:, :, :3], side="right"
+    )
     assert (both.color[:, :, :3] == codes).all()
     assert (both.color[:, :, 3] == np.floor(255.0 * both.linear[:, :, 3].astype(float) + 0.5)).all()
     alone = draw(meshes, samples, outputs=("color",), **options)

@@ -58,7 +58,7 @@ def shaded_slowly(placed, camera, palette, codes):
             light[:3] *= 1.0 - missing
             code = np.empty((1, 1), np.uint32)
             srgb_encoding.encode_rows(
-                light[None, None].astype(np.float32), srgb_encoding.encoding_table(), code
+                light[None, None].astype(np.float32), srgb_encoding.make_encoding_table(), code
             )
             shown[row, column] = code[0, 0]
     return shown
@@ -91,5 +91,5 @@ def test_colours_are_the_same_after_a_way_through_light():
     palette = np.ones((1, 256, 4), np.float32)
     palette[..., :3] = decoding_table()[:, None]
     codes = np.empty((1, 256), np.uint32)
-    srgb_encoding.encode_rows(palette, srgb_encoding.encoding_table(), codes)
+    srgb_encoding.encode_rows(palette, srgb_encoding.make_encoding_table(), codes)
     assert np.array_equal(codes[0] & 255, np.arange(256))

@@ -73,7 +73,7 @@ def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
     if part.dtype == np.uint8:
         return part.view(np.uint32)[..., 0]
     codes = np.empty(part.shape[:2], np.uint32)
-    srgb_encoding.encode_rows(part, srgb_encoding.encoding_table(), codes)
+    srgb_encoding.encode_rows(part, srgb_encoding.make_encoding_table(), codes)
     return codes
 
 

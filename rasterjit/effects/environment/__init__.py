@@ -23,7 +23,7 @@ from rasterjit.effects.environment.stage import EnvironmentRecord
 from rasterjit.effects.tone_map import tone_of
 from rasterjit.effects.tone_map.stage import ToneRecord
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, rows_where
-from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
@@ -81,7 +81,7 @@ class Sky(NamedTuple):
         left, top = self.corner
         calls.call(
             environment_stage.show_environment, face_id, (left, top + first_row), self.rays,
-            self.size, self.environment, self.tone, encoding_table(), linear, color,
+            self.size, self.environment, self.tone, make_encoding_table(), linear, color,
         )  # fmt: skip
 
 

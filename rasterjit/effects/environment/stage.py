@@ -544,7 +544,7 @@ def show_environment(
     environment : EnvironmentRecord
     tone : ToneRecord
     table : (65536,) int32
-        `srgb_encoding.encoding_table`.
+        `srgb_encoding.make_encoding_table`.
     linear : (R, W, 4) float32
         Written: linear red, green, blue, and alpha 1. Or W is 0.
     color : (R, W) uint32

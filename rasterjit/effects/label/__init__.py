@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.text_layout import PADDING, Float64, lay_out, text_coverage, warn_of_missing
-from rasterjit.pipeline.srgb_encoding import BUCKET_BITS, encoding_table
+from rasterjit.pipeline.srgb_encoding import BUCKET_BITS, make_encoding_table
 from rasterjit.scene.camera import near_far
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.label import Label
@@ -162,7 +162,7 @@ def encoded(light: Float64) -> NDArray[np.uint8]:
     """Return sRGB codes of linear light, rounded half up."""
     # As the kernels of `encode` do it, all values at once.
     bits = light.astype(np.float32).view(np.int32)
-    entries = encoding_table()[bits >> BUCKET_BITS] + (bits & LOW_BITS)
+    entries = make_encoding_table()[bits >> BUCKET_BITS] + (bits & LOW_BITS)
     return (entries >> BUCKET_BITS).astype(np.uint8)
 
 

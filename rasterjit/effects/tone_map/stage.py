@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.srgb_encoding import over
+from rasterjit.pipeline.srgb_encoding import composite_over
 from rasterjit.pipeline.surface.sample_block import NORMAL_X, Block
 from rasterjit.runtime.float_math import clamped, exp2
 from rasterjit.runtime.intrinsics import three_parts
@@ -203,8 +203,8 @@ def composite(linear, display, tone, background):
             linear[k], display[k] = background[k], background[k]
         return
     color = linear[0], linear[1], linear[2]
-    mapped = over(alpha, map_pixel(tone, color[0], color[1], color[2]), background)
-    blend = over(alpha, color, background)
+    mapped = composite_over(alpha, map_pixel(tone, color[0], color[1], color[2]), background)
+    blend = composite_over(alpha, color, background)
     for k in range(4):
         linear[k], display[k] = blend[k], mapped[k]
 

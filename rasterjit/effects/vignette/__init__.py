@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.vignette.stage import darken_rows
 from rasterjit.pipeline.passes import Rows, rows_where
-from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import Quality
@@ -63,7 +63,7 @@ class Vignetting(BatchedEffect):
         target, step = color.view(np.uint32)[:, :, 0], rows_per_task(color.shape, workers)
         parts = [(n, min(n + step, len(target))) for n in range(0, len(target), step)]
         parameters = plan.corner, plan.size, vignette.strength, vignette.start
-        tables = decoding_table().copy(), encoding_table()
+        tables = decoding_table().copy(), make_encoding_table()
         workers.run(darken_rows, [(target, rows, *parameters, *tables) for rows in parts])
 
     places: ClassVar = {"overlay": darken}

@@ -40,7 +40,7 @@ def darken_rows(
     light : (256,) float32
         Linear light of each code.
     table : (65536,) int32
-        `srgb_encoding.encoding_table`.
+        `srgb_encoding.make_encoding_table`.
     """
     width, height = np.float64(size[0]), np.float64(size[1])
     corner_distance = 0.5 * np.sqrt(width * width + height * height)

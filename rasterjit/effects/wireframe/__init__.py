@@ -19,7 +19,7 @@ from rasterjit.effects.wireframe.coverage import BAND_ROWS
 from rasterjit.pipeline.geometry import binning
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.srgb_encoding import encoding_table
+from rasterjit.pipeline.srgb_encoding import make_encoding_table
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
@@ -131,7 +131,7 @@ def cover_edges(
     ends = empty((len(edges), 4), np.int32)
     depths = empty((0 if hidden_by is None else len(edges), 2), np.float64)
     starts, listed = list_by_bands(edges, geometry, depth_coefficients, ends, depths, workers)
-    target, table = color.view(np.uint32)[:, :, 0], encoding_table()
+    target, table = color.view(np.uint32)[:, :, 0], make_encoding_table()
     light = np.empty(0, np.float32) if light is None else light
 
     def cover_band(band: int) -> None:

@@ -36,7 +36,7 @@ from rasterjit.pipeline.fragments.srgb_compositing import composite_over as over
 from rasterjit.pipeline.geometry.projection import snap_vertex
 from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, get_picture_size
 from rasterjit.pipeline.records import Geometry, Viewport
-from rasterjit.pipeline.srgb_encoding import encode_alpha, encode_pixel, over
+from rasterjit.pipeline.srgb_encoding import composite_over, encode_alpha, encode_pixel
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
@@ -342,7 +342,7 @@ def blend(coverage, rgba, linear, pixel, light, table):
         light[np.uintp((pixel >> np.uint32(16)) & np.uint32(255))],
         np.float32(pixel >> np.uint32(24)) / np.float32(255.0),
     )
-    return encode_pixel(over(coverage, linear, back), table)
+    return encode_pixel(composite_over(coverage, linear, back), table)
 
 
 @helper
@@ -372,7 +372,7 @@ def blend_lines(
         Opaque; red in the lowest byte.
     light : (256,) float32, or (0,): codes are mixed, not light
         Linear light of each code.
-    table : (65536,) int32, `srgb_encoding.encoding_table`
+    table : (65536,) int32, `srgb_encoding.make_encoding_table`
     color : (R, W) uint32
         Changed where lines are.
     """

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.bresenham import draw_run, draw_visible_run, enter_line, packed_channels
+from rasterjit.pipeline.bresenham import draw_run, draw_visible_run, enter_line, pack_channels
 from rasterjit.pipeline.geometry.clipping import PLANE_COUNT, plane_distance
 from rasterjit.pipeline.geometry.projection import compute_stored_depth
 from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, get_picture_size
@@ -219,7 +219,7 @@ def draw_edges(
     """
     height, width = target.shape
     pixels, stored, allowed = flat(target), flat(depth), flat(slack)
-    pixel = packed_channels(
+    pixel = pack_channels(
         (np.int64(rgba[0]), np.int64(rgba[1]), np.int64(rgba[2]), np.int64(rgba[3]))
     )
     is_hidden = line_depths.shape[0] != 0

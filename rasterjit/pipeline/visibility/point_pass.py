@@ -142,7 +142,7 @@ def draw_all_points(
     costs = np.where(is_square & (points.size_ranges[owners, 1] == 0), 1, SHAPE_COST)
     cost = int(np.add.reduce((starts[owners + 1] - starts[owners]) * costs))
     picture_bytes = frame[0].nbytes + frame[1].nbytes
-    min_cost = max(MIN_POINTS_PER_THREAD, frame[1].picture_bytes // 4)
+    min_cost = max(MIN_POINTS_PER_THREAD, frame[1].size // 4)
     chunks = max(min(workers.threads, cost // min_cost, MAX_MERGED_BYTES // picture_bytes + 1), 1)
     edges = [first + (end - first) * n // chunks for n in range(chunks + 1)]
     height, width = frame[1].shape
