@@ -473,6 +473,8 @@ def draw_shapes(first, count, owner, positions, matrices, points, camera, frame,
     first_number = first - points.vertex_starts[owner]
     first_face = points.face_starts[owner] + first_number
     scale = points.scales[owner]
+
+    # Skip what lies outside, measure, and draw by shape.
     for i in range(count):
         n = np.uintp(i)
         code, w = ints[projection.CODE, n], floats[projection.W, n]
@@ -493,9 +495,7 @@ def draw_shapes(first, count, owner, positions, matrices, points, camera, frame,
             position = positions[v, 0], positions[v, 1], positions[v, 2]
             centre = transform_point(position[0], position[1], position[2], owner, matrices)
             radius = 0.5 * (size * scale)
-            outcome = draw_sphere(
-                centre, radius, face, frame, view, depth_coefficients, viewport
-            )  # fmt: skip
+            outcome = draw_sphere(centre, radius, face, frame, view, depth_coefficients, viewport)
             is_large = min(sizes[0], sizes[1]) >= np.int64(1) << viewport.grid_bits
             if is_ahead and is_large and outcome != POINTS_DRAWN:
                 outcome = draw_sphere_pixel(
