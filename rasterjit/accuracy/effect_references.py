@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.ambient_occlusion import radius_of
+from rasterjit.effects.ambient_occlusion import get_radius
 from rasterjit.effects.environment import LIGHT
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.view_warnings import ViewWarning
@@ -270,7 +270,7 @@ def trace_ambient_occlusion(studio: Studio, scene: Scene, seconds: float) -> Lig
     # Weaken their ambient light.
     positions = frame.position[rows, columns].astype(np.float64)
     normals = frame.geometric_normal[rows, columns].astype(np.float64)
-    occlusion = measure_occlusion(scene, positions, normals, radius_of(effect, scene))
+    occlusion = measure_occlusion(scene, positions, normals, get_radius(effect, scene))
     openness = 1.0 - effect.strength * occlusion
     ambient = open_light[rows, columns] - light[rows, columns]
     light[rows, columns] += openness[:, np.newaxis] * ambient

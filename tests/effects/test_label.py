@@ -14,7 +14,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.distributed import render_partitions
-from rasterjit.effects.label import LABELS, box_of
+from rasterjit.effects.label import LABELS, find_box
 from rasterjit.io import fonts, text_layout
 from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
@@ -310,7 +310,7 @@ def test_the_anchor_lies_at_the_place(cube, anchor):
     label = rj.Label((0, 0, 0), "Hx", anchor=anchor, background="red", size=12)
     left, right, top, bottom = columns_and_rows(touched(scene_of(cube, label)))
     width, height = right - left + 1, bottom - top + 1
-    assert (width, height) == box_of(label, (0, 0))[2:4]
+    assert (width, height) == find_box(label, (0, 0))[2:4]
     x = 48 if "left" in anchor else 48 - width if "right" in anchor else 48 - width / 2
     y = 32 if "top" in anchor else 32 - height if "bottom" in anchor else 32 - height / 2
     assert (left, top) == (math.floor(x + 0.5), math.floor(y + 0.5))
@@ -348,7 +348,7 @@ def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
         scene = scene_of(cube, label)
         plain = shown(LABELS.without(scene), camera, **options).color
         found = shown(scene, camera, **options).color
-        box = box_of(label, camera.project(label.position, SIZE).pixels.tolist())
+        box = find_box(label, camera.project(label.position, SIZE).pixels.tolist())
         layout = text_layout.lay_out(label.text, label.size, "left")
         window = (-box.padding, -box.padding, box.width, box.height)
         cover = text_layout.text_coverage(layout, label.size, window)
@@ -542,7 +542,7 @@ def test_holes_and_lone_edges_hide_nothing(cube):
 
 
 def test_points_hide_what_is_behind_their_centre_and_lines_by_their_farther_end(cube):
-    from rasterjit.effects.label import hides
+    from rasterjit.effects.label import hides_point
 
     planned = shown(scene_of(cube, rj.Label((0, 0, -2), "x", hidden=True)), FRONT).plan
     vertices = np.array([[0, 0, 1.0], [0, 0, -1.0], [5, 5, 5]])
@@ -564,7 +564,7 @@ def test_points_hide_what_is_behind_their_centre_and_lines_by_their_farther_end(
 
     Context.placement.relative_from_model[0, 2, 3] = -10.0
     for face, z, wanted in ((0, 0.0, True), (0, 1.0, False), (1, 0.0, False), (1, -2.0, True)):
-        assert hides(face, np.array([0.0, 0.0, z]), Context) is wanted
+        assert hides_point(face, np.array([0.0, 0.0, z]), Context) is wanted
 
 
 # In parts, through lenses, in batches, again and again.

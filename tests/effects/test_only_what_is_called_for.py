@@ -134,7 +134,7 @@ GONE = {
         "environment.show_environment", LEANING, *FILTERED,
     },
     "eye-dome lighting": {
-        "eye_dome.darken_samples", "eye_dome.find_shading", "eye_dome.find_nearness",
+        "eye_dome.darken_samples", "eye_dome.compute_shading", "eye_dome.compute_nearness",
     },
     "fog": {"fog.apply_exp_fog"},
     "transmission": THROUGH,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.fog import FOG, fog_record
+from rasterjit.effects.fog import FOG, make_fog_record
 from rasterjit.effects.fog import stage as fog_stage
 from rasterjit.pipeline.passes import ShadingArrays, ShadingNeeds, bind
 from rasterjit.pipeline.surface import sample_block as block
@@ -40,7 +40,7 @@ def covered(fog, eye, points, viewer=(0.0, 0.0, 0.0, 1.0)):
     samples = np.zeros((block.SAMPLE_ROWS, len(points)), np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     samples[block.OUT_GREEN] = 1.0
-    record = fog_record(fog, camera)
+    record = make_fog_record(fog, camera)
     # Without the compiler NumPy warns where a density overflows on purpose.
     with np.errstate(over="ignore"):
         cover(samples, record, np.array(viewer, np.float32))
@@ -89,7 +89,7 @@ def test_parallel_rays_start_on_the_plane_of_the_camera(fog):
     samples = np.zeros((block.SAMPLE_ROWS, len(points)), np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     viewer = np.array([*toward, 0.0], np.float32)
-    cover(samples, fog_record(fog, camera), viewer)
+    cover(samples, make_fog_record(fog, camera), viewer)
     for n, point in enumerate(points.astype(np.float64)):
         on_plane = eye + point - (point @ toward) * toward
         share = naive.fog_share(fog, eye + point, on_plane)
@@ -102,7 +102,7 @@ def test_parallel_rays_start_on_the_plane_of_the_camera(fog):
 def test_fog_of_density_zero_changes_no_bit(fog):
     rng = np.random.default_rng(2)
     points = (rng.normal(size=(50, 3)) * 100.0).astype(np.float32)
-    record = fog_record(fog, rj.PerspectiveCamera((0, 0, 1), (0, 0, 0)))
+    record = make_fog_record(fog, rj.PerspectiveCamera((0, 0, 1), (0, 0, 0)))
     samples = rng.uniform(0, 4, (block.SAMPLE_ROWS, 50)).astype(np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     before = samples.copy()
@@ -149,4 +149,4 @@ def test_mean_density_keeps_its_error():
         a, b = float(low), float(rise)
         exact = 2.0**-a * (-math.expm1(-b * math.log(2.0)) / (b * math.log(2.0)) if b else 1.0)
         # The density at the eye is good to 4e-7 of itself, the difference of two to 1e-6 over 1/4.
-        assert float(fog_stage.mean_density(low, rise)) == pytest.approx(exact, rel=4e-6)
+        assert float(fog_stage.compute_mean_density(low, rise)) == pytest.approx(exact, rel=4e-6)

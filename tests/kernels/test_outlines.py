@@ -214,7 +214,7 @@ def test_threads_change_no_bit(threads, sphere, cube):
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 8, 17, 64])
 def test_line_is_a_disc_around_every_marked_pixel(width):
-    rows = outline_effect.disc_rows(width)
+    rows = outline_effect.make_disc_rows(width)
     disc = np.zeros((width, width), bool)
     first = -(width // 2) + (1 - width % 2)
     for down, begin, end in rows.tolist():
@@ -227,7 +227,7 @@ def test_width_grows_the_lines(cube):
     thin, _ = lines(scene_of(cube), looking())
     thick, _ = lines(scene_of(cube, width=5), looking())
     grown = np.zeros_like(thin)
-    for down, begin, end in outline_effect.disc_rows(5).tolist():
+    for down, begin, end in outline_effect.make_disc_rows(5).tolist():
         for across in range(begin, end):
             moved = np.zeros_like(thin)
             here = [

@@ -1,8 +1,8 @@
 """
 Screen-space ambient occlusion: dim ambient light in corners and creases.
 
-A frame has it where ambient light falls on objects lit per pixel. It is computed once per picture
-from the depth buffer; a sample reads that of its pixel.
+A frame has occlusion where ambient light falls on objects lit per pixel. Visibility is computed
+once per picture from the depth buffer; a sample reads that of its pixel.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from rasterjit.survey.effect import (
 from rasterjit.survey.facts import Facts, explain_unlit
 from rasterjit.survey.plan import RenderPlan
 
-LENS = "lens of occlusion"
-"""Key of a view's lens in recorded calls: see `Occlusion.compute_view_arrays`."""
+MATRIX = "unprojection for occlusion"
+"""Key of a view's unprojection matrix in recorded calls: see `Occlusion.compute_view_arrays`."""
 
 
 def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[np.float32]:
@@ -51,19 +51,19 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
     height, width = face_id.shape
-    lens = context.per_view(
-        LENS, build_unprojection_matrix(context.plan.camera, (width, height), effect.radius)
+    matrix = context.per_view(
+        MATRIX, build_unprojection_matrix(context.plan.camera, (width, height), effect.radius)
     )
-    snap = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
-    pattern = stage.screen_pattern()
+    snap_slack = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
+    pattern = stage.make_screen_pattern()
     rough, tolerance = empty(face_id.shape, np.float32), empty(face_id.shape, np.float32)
     smooth = empty(face_id.shape, np.float32)
     per_task = rows_per_task(face_id.shape, workers)
     bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
-    shared = geometry, context.placement, lens, snap, pattern, rough, tolerance
+    shared = geometry, context.placement, matrix, snap_slack, pattern, rough, tolerance
     # Keep bound kernels alive while others call them.
-    bounds, scratches = zip(*(stage.scratch_of(depth, lens) for _ in bands), strict=True)
-    workers.hold(bounds)
+    bound, scratches = zip(*(stage.make_scratch(depth, matrix) for _ in bands), strict=True)
+    workers.hold(bound)
     calls = [
         (face_id, rows, depth, *shared, scratch)
         for rows, scratch in zip(bands, scratches, strict=True)
@@ -78,7 +78,7 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     return rough
 
 
-def radius_of(effect: AmbientOcclusion, scene: Scene) -> float:
+def get_radius(effect: AmbientOcclusion, scene: Scene) -> float:
     """Return the radius of a scene's ambient occlusion, scene units."""
     if effect.radius is not None:
         return effect.radius
@@ -88,7 +88,7 @@ def radius_of(effect: AmbientOcclusion, scene: Scene) -> float:
 
 
 class Occlusion(ScreenEffect, BatchedEffect):
-    """Dim the light from all around."""
+    """Dim ambient light in corners and creases."""
 
     name = "ambient occlusion"
     field = "ambient_occlusion"
@@ -98,7 +98,7 @@ class Occlusion(ScreenEffect, BatchedEffect):
     def plan_data(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
         """Return the effect, with a radius."""
         effect = facts.fields[self.field]
-        return replace(effect, radius=radius_of(effect, planning.scene))
+        return replace(effect, radius=get_radius(effect, planning.scene))
 
     def unused_reason(self, facts: Facts) -> str:
         """Say why no ambient light falls on faces lit pixel by pixel, or is not dimmed."""
@@ -111,13 +111,13 @@ class Occlusion(ScreenEffect, BatchedEffect):
         return "" if facts.has_ambient_light else "no light comes from all around"
 
     def describe(self, facts: Facts) -> str:
-        """Say how far around corners ambient light is dimmed."""
+        """Say in what radius, and how much, ambient light is dimmed."""
         effect = facts.fields[self.field]
         radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
         return f"radius {radius}, strength {effect.strength:g}"
 
     def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell that it looks at depths around each pixel."""
+        """Return True: occlusion reads the depths around each pixel."""
         return True
 
     def prepare(
@@ -127,19 +127,19 @@ class Occlusion(ScreenEffect, BatchedEffect):
         return find_occlusion(data, context)
 
     def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
-        """Return the matrices of the cameras, in radii."""
+        """Return the cameras' unprojection matrices, in radii."""
         if scene.ambient_occlusion is None:
             return {}
-        radii = [radius_of(scene.ambient_occlusion, one) for one in group.scenes()]
-        return {LENS: group.lens_matrices(radii)}
+        radii = [get_radius(scene.ambient_occlusion, one) for one in group.scenes()]
+        return {MATRIX: group.lens_matrices(radii)}
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernels that find and smooth it."""
+        """Return the kernels that compute and smooth occlusion."""
         kernels = stage.find_occlusion, stage.trace_horizons, stage.smooth_occlusion
         return {"prepare": rows_where("", *kernels)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the pictures that it is computed in."""
+        """Return the images that occlusion is computed in."""
         return [("ambient occlusion, smooth, rough and its range", 3, "float32", plan.size)]
 
     def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:

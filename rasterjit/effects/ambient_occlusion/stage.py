@@ -41,13 +41,13 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64
 BLOCK_COLUMNS = 128
 """Columns of a block: their scratch memory stays in a core's own cache."""
 
-STEPS = 4
+SIDE_SAMPLES = 4
 """Samples on each side of a slice."""
 
-MAX_STEP = np.float32(256.0)
+MAX_STEP_PX = np.float32(256.0)
 """Longest step on the screen, pixels: beyond, samples would miss most of what lies between."""
 
-PATTERN = 4
+PATTERN_SIDE = 4
 """Side of the square of pixels that holds every direction and step length once."""
 
 DEPTH_ROUNDING = np.float32(2.0**-22)
@@ -62,14 +62,14 @@ MAX_SLOPES = np.float32(2.0)
 MAX_FOOTPRINTS = np.float32(2.0)
 """Pixels average if their depths differ by less than this many slopes and footprints of a pixel."""
 
-STRIDE = BLOCK_COLUMNS + 16
+ROW_LENGTH = BLOCK_COLUMNS + 16
 """Length of a row of scratch, padded, so that rows are not a power of two apart in a cache."""
 
 (
     COLUMN, DEPTH, PW, NX, NY, NZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, RISE_A, RISE_B,
     RISE_C, SLACK, ALONG_A, ALONG_B, ALONG_C, N_LENGTH, EYE_COSINE, EYE_SINE, RADIUS, HORIZON_0,
     HORIZON_1, STEP_X, STEP_Y, JITTER, BLOCKED, OPEN, TOLERANCE, INV_LENGTH, DX, DY, DZ, HEIGHT,
-) = (row * STRIDE for row in range(42))  # fmt: skip
+) = (row * ROW_LENGTH for row in range(42))  # fmt: skip
 """
 Where the rows of scratch begin. They lie a constant apart, so that loops over several vectorize.
 
@@ -88,10 +88,10 @@ Where the rows of scratch begin. They lie a constant apart, so that loops over s
 - TOLERANCE: largest difference of depth to pixels of the same surface.
 """
 
-SCRATCH = HEIGHT + STRIDE
+SCRATCH_SIZE = HEIGHT + ROW_LENGTH
 
 
-def screen_pattern() -> np.ndarray:
+def make_screen_pattern() -> np.ndarray:
     """
     Return direction and step offset of each pixel of a square, (4, 4, 3) float32.
 
@@ -101,18 +101,18 @@ def screen_pattern() -> np.ndarray:
     cosine, sine = 0.9951847266721969, 0.0980171403295606  # of 1 / 32 of a half turn
     x, y = 0.9987954562051724, 0.049067674327418015  # of half of that
     directions = []
-    for _ in range(PATTERN * PATTERN):
+    for _ in range(PATTERN_SIDE * PATTERN_SIDE):
         directions.append((x, y))
         x, y = x * cosine - y * sine, x * sine + y * cosine
     # Neighbours in x, y and on diagonals look in directions that lie far apart.
     order = (0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5)
     step_order = (0, 5, 10, 15, 7, 2, 13, 8, 14, 11, 4, 1, 9, 12, 3, 6)
     table = [(*directions[k], (n + 0.5) / 16.0) for k, n in zip(order, step_order, strict=True)]
-    return np.array(table, np.float32).reshape(PATTERN, PATTERN, 3)
+    return np.array(table, np.float32).reshape(PATTERN_SIDE, PATTERN_SIDE, 3)
 
 
 @helper
-def arc_cosine(x):
+def compute_arc_cosine(x):
     """
     Return the arc cosine of a float32 in [-1, 1], radians, to 7e-5.
 
@@ -139,7 +139,7 @@ def blocked_light(horizon, eye_cosine, eye_sine, eye_angle):
     double_sine = np.float32(2.0) * sine * cosine
     double_cosine = np.float32(1.0) - np.float32(2.0) * sine * sine
     swing = double_sine * eye_cosine - double_cosine * eye_sine + eye_sine
-    angle = min(arc_cosine(cosine), eye_angle)
+    angle = min(compute_arc_cosine(cosine), eye_angle)
     light = np.float32(0.5) * (np.float32(0.5) * swing - angle * eye_cosine)
     return max(light, np.float32(0.0))
 
@@ -174,16 +174,17 @@ def gather_faces(faces, depth, left, s, geometry, placement):
 
 
 @disjoint_helper
-def set_up_block(s, count, row, lens, viewer, snap, pattern):
+def set_up_block(s, count, row, matrix, viewer, snap_slack, pattern):
     """Find how points and heights change with column (a), row (b) and stored depth (c)."""
-    one, two, parts = np.float32(1.0), np.float32(2.0), (lens[0], lens[1], lens[2], lens[3])
+    one, two = np.float32(1.0), np.float32(2.0)
+    matrix_rows = matrix[0], matrix[1], matrix[2], matrix[3]
     for i in range(min(count, BLOCK_COLUMNS)):
         # Find the point, in radii, relative to the eye.
         depth = s[DEPTH + i]
-        x, y, z, s[PW + i] = unproject_pixel(parts, s[COLUMN + i], row, depth)
-        ax, ay, az = scaled_derivative(parts[0], x, y, z)
-        bx, by, bz = scaled_derivative(parts[1], x, y, z)
-        cx, cy, cz = scaled_derivative(parts[2], x, y, z)
+        x, y, z, s[PW + i] = unproject_pixel(matrix_rows, s[COLUMN + i], row, depth)
+        ax, ay, az = scaled_derivative(matrix_rows[0], x, y, z)
+        bx, by, bz = scaled_derivative(matrix_rows[1], x, y, z)
+        cx, cy, cz = scaled_derivative(matrix_rows[2], x, y, z)
         # Turn the normal toward the viewer.
         ex, ey, ez = viewer[0] - viewer[3] * x, viewer[1] - viewer[3] * y, viewer[2] - viewer[3] * z
         scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + TINY)
@@ -199,7 +200,7 @@ def set_up_block(s, count, row, lens, viewer, snap, pattern):
         step = np.sqrt(ax * ax + ay * ay + az * az)
         deep = np.sqrt(cx * cx + cy * cy + cz * cz) + TINY
         tolerance = MAX_SLOPES * slope + MAX_FOOTPRINTS * step / deep
-        s[SLACK + i] = snap * (abs(rise_a) + abs(rise_b))
+        s[SLACK + i] = snap_slack * (abs(rise_a) + abs(rise_b))
         s[TOLERANCE + i] = tolerance + two * DEPTH_ROUNDING * abs(depth)
         s[NX + i], s[NY + i], s[NZ + i] = nx, ny, nz
         s[VX + i], s[VY + i], s[VZ + i] = vx, vy, vz
@@ -208,31 +209,31 @@ def set_up_block(s, count, row, lens, viewer, snap, pattern):
         s[CX + i], s[CY + i], s[CZ + i] = cx, cy, cz
         s[RISE_A + i], s[RISE_B + i], s[RISE_C + i] = rise_a, rise_b, rise_c
         s[BLOCKED + i], s[OPEN + i] = np.float32(0.0), np.float32(0.0)
-        cell = np.uintp(np.int32(s[COLUMN + i]) % np.int32(PATTERN) * np.int32(3))
+        cell = np.uintp(np.int32(s[COLUMN + i]) % np.int32(PATTERN_SIDE) * np.int32(3))
         s[STEP_X + i], s[STEP_Y + i] = pattern[cell], pattern[cell + np.uintp(1)]
         s[JITTER + i] = pattern[cell + np.uintp(2)]
 
 
 @disjoint_helper
 def set_up_slice(s, count, quarter_turns):
-    """Lay a slice along the direction of each pixel, at ``quarter_turns``."""
+    """Set up a slice along each pixel's direction, turned by ``quarter_turns``."""
     one = np.float32(1.0)
     for i in range(min(count, BLOCK_COLUMNS)):
         right = (one - quarter_turns) * s[STEP_X + i] - quarter_turns * s[STEP_Y + i]
-        low = (one - quarter_turns) * s[STEP_Y + i] + quarter_turns * s[STEP_X + i]
+        down = (one - quarter_turns) * s[STEP_Y + i] + quarter_turns * s[STEP_X + i]
         nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
         vx, vy, vz = s[VX + i], s[VY + i], s[VZ + i]
         ax, ay, az = s[AX + i], s[AY + i], s[AZ + i]
         bx, by, bz = s[BX + i], s[BY + i], s[BZ + i]
         cx, cy, cz = s[CX + i], s[CY + i], s[CZ + i]
         # Find the axis of the slice that is at a right angle to the line of sight.
-        ex, ey, ez = right * ax + low * bx, right * ay + low * by, right * az + low * bz
+        ex, ey, ez = right * ax + down * bx, right * ay + down * by, right * az + down * bz
         along = ex * vx + ey * vy + ez * vz
         ex, ey, ez = ex - along * vx, ey - along * vy, ez - along * vz
         length = np.sqrt(ex * ex + ey * ey + ez * ez)
         scale = one / (length + TINY)
         ex, ey, ez = ex * scale, ey * scale, ez * scale
-        s[RADIUS + i] = min(s[PW + i] * scale, MAX_STEP)
+        s[RADIUS + i] = min(s[PW + i] * scale, MAX_STEP_PX)
         # Find the normal in the slice, and the way in the face's plane.
         n_along = nx * ex + ny * ey + nz * ez
         n_toward = nx * vx + ny * vy + nz * vz
@@ -249,18 +250,18 @@ def set_up_slice(s, count, quarter_turns):
 
 
 @disjoint_helper
-def find_heights(s, count, side, quarter_turns, sample, row, size, depths):
-    """Take one sample for each pixel, on one side of its slice; tell if any is above its plane."""
+def sample_heights(s, count, side, quarter_turns, sample, row, size, depths):
+    """Sample one height per pixel, on one side of its slice; return 1 if any is above 0."""
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     any_above = np.int32(0)
     for i in range(min(count, BLOCK_COLUMNS)):
-        # Find the pixel to look at.
-        part = (sample + s[JITTER + i]) * np.float32(1.0 / STEPS)
+        # Find the pixel to sample.
+        part = (sample + s[JITTER + i]) * np.float32(1.0 / SIDE_SAMPLES)
         step = side * (one + max(s[RADIUS + i] - one, zero) * part * part)
         dx, dy, depth = s[STEP_X + i], s[STEP_Y + i], s[DEPTH + i]
         right = np.floor(step * ((one - quarter_turns) * dx - quarter_turns * dy) + half)
-        low = np.floor(step * ((one - quarter_turns) * dy + quarter_turns * dx) + half)
-        x, y = s[COLUMN + i] + right, row + low
+        down = np.floor(step * ((one - quarter_turns) * dy + quarter_turns * dx) + half)
+        x, y = s[COLUMN + i] + right, row + down
         is_inside = (x >= zero) & (x < size[0]) & (y >= zero) & (y < size[1])
         x, y = clamped(x, zero, size[0] - one), clamped(y, zero, size[1] - one)
         pixel = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
@@ -270,32 +271,32 @@ def find_heights(s, count, side, quarter_turns, sample, row, size, depths):
         dz = other - depth if is_inside else zero
         rise_c = s[RISE_C + i]
         rounding = DEPTH_ROUNDING * (abs(other) + abs(depth)) * abs(rise_c)
-        height = right * s[RISE_A + i] + low * s[RISE_B + i] + dz * rise_c
+        height = right * s[RISE_A + i] + down * s[RISE_B + i] + dz * rise_c
         height = height - s[SLACK + i] - rounding
         is_above = is_inside & (height > zero)
         any_above = np.int32(any_above | np.int32(is_above))
         s[HEIGHT + i] = height if is_above else zero
-        s[DX + i], s[DY + i], s[DZ + i] = right, low, dz
+        s[DX + i], s[DY + i], s[DZ + i] = right, down, dz
     return any_above
 
 
 @disjoint_helper
-def raise_horizon(s, count, side, lens, horizon):
-    """Raise the horizon of each pixel, in its row of ``s``, to what is above its plane."""
+def raise_horizon(s, count, side, matrix, horizon):
+    """Raise each pixel's horizon to its sample, where that is above its plane."""
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
-    across, down, deeper = lens[0, 3], lens[1, 3], lens[2, 3]
+    w_per_column, w_per_row, w_per_depth = matrix[0, 3], matrix[1, 3], matrix[2, 3]
     for i in range(min(count, BLOCK_COLUMNS)):
-        height, right, low, dz = s[HEIGHT + i], s[DX + i], s[DY + i], s[DZ + i]
+        height, right, down, dz = s[HEIGHT + i], s[DX + i], s[DY + i], s[DZ + i]
         # Find how far along the plane it is.
-        flat = side * (right * s[ALONG_A + i] + low * s[ALONG_B + i] + dz * s[ALONG_C + i])
-        w = s[PW + i] + right * across + low * down + dz * deeper
-        high = height * s[INV_LENGTH + i]
-        squared = flat * flat + high * high + TINY
+        along = side * (right * s[ALONG_A + i] + down * s[ALONG_B + i] + dz * s[ALONG_C + i])
+        w = s[PW + i] + right * w_per_column + down * w_per_row + dz * w_per_depth
+        above = height * s[INV_LENGTH + i]
+        squared = along * along + above * above + TINY
         length = np.sqrt(squared)
         # Ignore samples beyond the radius.
         scale = one / (length * w * w)
         weight = min(one, two - two * squared * length * scale)
-        cosine = flat * w * w * scale
+        cosine = along * w * w * scale
         is_above = (height > zero) & (weight > zero)
         faded = one - weight * (one - cosine)
         horizon[i] = min(horizon[i], faded) if is_above else horizon[i]
@@ -303,10 +304,10 @@ def raise_horizon(s, count, side, lens, horizon):
 
 @disjoint_helper
 def add_slice(s, count):
-    """Add up what the horizons on both sides block, and the light there would be without."""
+    """Add the light that the horizons on both sides block, and the light without them."""
     for i in range(min(count, BLOCK_COLUMNS)):
         cosine, sine, n_length = s[EYE_COSINE + i], s[EYE_SINE + i], s[N_LENGTH + i]
-        angle = arc_cosine(cosine)
+        angle = compute_arc_cosine(cosine)
         back = PI_HALF + PI_HALF - angle
         blocked = s[BLOCKED + i] + n_length * blocked_light(s[HORIZON_0 + i], cosine, sine, angle)
         s[BLOCKED + i] = blocked + n_length * blocked_light(s[HORIZON_1 + i], -cosine, sine, back)
@@ -315,32 +316,32 @@ def add_slice(s, count):
 
 @helper
 def write_block(s, faces, occlusion, tolerance):
-    """Write the visibility; 1 where nothing is, or beyond the range of float32."""
-    n = np.int64(0)
+    """Write visibility and tolerance; 1 and 0 where nothing is, 1 beyond the range of float32."""
+    pixel = np.int64(0)
     for column in range(np.uintp(faces.shape[0])):
         occlusion[column], tolerance[column] = np.float32(1.0), np.float32(0.0)
         if faces[column] < 0:
             continue
-        blocked, full = s[BLOCKED + n], s[OPEN + n]
-        if full > np.float32(0.0):
-            fraction = max(np.float32(0.0), blocked / full)
+        blocked, unblocked = s[BLOCKED + pixel], s[OPEN + pixel]
+        if unblocked > np.float32(0.0):
+            fraction = max(np.float32(0.0), blocked / unblocked)
             occlusion[column] = max(np.float32(1.0) - fraction, np.float32(0.0))
-        tolerance[column] = s[TOLERANCE + n]
-        n += 1
+        tolerance[column] = s[TOLERANCE + pixel]
+        pixel += 1
 
 
 @kernel
 def trace_horizons(
-    request: int64[::1], depth: float32[:, ::1], lens: float32[:, ::1], s: float32[::1]
+    request: int64[::1], depth: float32[:, ::1], matrix: float32[:, ::1], s: float32[::1]
 ):  # fmt: skip
     """
-    Find what both slices block at the pixels of a block; `find_occlusion` calls it by address.
+    Find the light that both slices block at the pixels of a block.
 
     Parameters
     ----------
     request : (2,) int64
         How many pixels there are, and their row.
-    depth, lens : arrays
+    depth, matrix : arrays
         As `find_occlusion` takes them.
     s : float32
         Scratch, as `set_up_block` left it; changes rows BLOCKED and OPEN.
@@ -350,11 +351,11 @@ def trace_horizons(
     for slice_number in range(2):
         quarter_turns = np.float32(slice_number)
         set_up_slice(s, count, quarter_turns)
-        for n in range(2 * STEPS):
-            side, sample = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
-            horizon = HORIZON_0 + (n // STEPS) * STRIDE
-            if find_heights(s, count, side, quarter_turns, sample, row, size, depths) != 0:
-                raise_horizon(s, count, side, lens, s[horizon : horizon + count])
+        for n in range(2 * SIDE_SAMPLES):
+            side, sample = np.float32(1 - 2 * (n // SIDE_SAMPLES)), np.float32(n % SIDE_SAMPLES)
+            horizon = HORIZON_0 + (n // SIDE_SAMPLES) * ROW_LENGTH
+            if sample_heights(s, count, side, quarter_turns, sample, row, size, depths) != 0:
+                raise_horizon(s, count, side, matrix, s[horizon : horizon + count])
         add_slice(s, count)
 
 
@@ -362,23 +363,23 @@ class Scratch(NamedTuple):
     """The memory that a thread needs to find occlusion; keep its `Bound` kernel as long."""
 
     horizons: int64[::1]
-    """(2,): how to call `trace_horizons`."""
+    """(2,): address and arguments of a bound `trace_horizons`."""
     request: int64[::1]
     block: float32[::1]
     viewer: float32[::1]
 
 
-def scratch_of(depth: np.ndarray, lens: np.ndarray) -> tuple[Bound, Scratch]:
+def make_scratch(depth: np.ndarray, matrix: np.ndarray) -> tuple[Bound, Scratch]:
     """Return `trace_horizons`, bound to a picture and this thread's memory, and that memory."""
-    request, block = np.empty(2, np.int64), np.empty(SCRATCH, np.float32)
-    bound = Bound(trace_horizons, request, depth, lens, block)
+    request, block = np.empty(2, np.int64), np.empty(SCRATCH_SIZE, np.float32)
+    bound = Bound(trace_horizons, request, depth, matrix, block)
     return bound, Scratch(bound.words, request, block, np.empty(4, np.float32))
 
 
 @kernel
 def find_occlusion(
     face_id: int32[:, ::1], rows: (int64, int64), depth: float32[:, ::1], geometry: Geometry,
-    placement: Placement, lens: float32[:, ::1], snap: float64, pattern: float32[:, :, ::1],
+    placement: Placement, matrix: float32[:, ::1], snap_slack: float64, pattern: float32[:, :, ::1],
     occlusion: float32[:, ::1], tolerance: float32[:, ::1], scratch: Scratch,
 ):  # fmt: skip
     """
@@ -392,18 +393,18 @@ def find_occlusion(
     depth : (H, W) float32, C-contiguous
         Stored depth; -inf where nothing is.
     geometry, placement : records
-    lens : (4, 4) float32
+    matrix : (4, 4) float32
         See ``unproject``; in units of the radius.
-    snap : float
+    snap_slack : float
         Height that counts as none, as a share of that from one pixel to the next.
     pattern : (4, 4, 3) float32
-        `screen_pattern`.
+        `make_screen_pattern`.
     occlusion : (H, W) float32
         Writes these rows: 1 where all light arrives, and where nothing is; 0 for none.
     tolerance : (H, W) float32
         Writes these rows: how much the stored depth of the same surface may differ nearby.
     scratch : Scratch
-        This thread's own, from `scratch_of`.
+        This thread's own, from `make_scratch`.
     """
     s, viewer = scratch.block, scratch.viewer
     for k in range(4):
@@ -414,8 +415,10 @@ def find_occlusion(
             right = min(left + BLOCK_COLUMNS, width)
             faces = part(face_id, row, left, right)
             count = gather_faces(faces, part(depth, row, left, right), left, s, geometry, placement)
-            pattern_row = flat(pattern[row % PATTERN])
-            set_up_block(s, count, np.float32(row), lens, viewer, np.float32(snap), pattern_row)
+            pattern_row = flat(pattern[row % PATTERN_SIDE])
+            set_up_block(
+                s, count, np.float32(row), matrix, viewer, np.float32(snap_slack), pattern_row
+            )
             scratch.request[0], scratch.request[1] = count, row
             call_bound(scratch.horizons)
             write_block(
@@ -425,7 +428,7 @@ def find_occlusion(
 
 @disjoint_helper
 def add_neighbour(depth, tolerance, other_depth, values, total, counts):
-    """Add a neighbour's value where it is on the same surface."""
+    """Add the values of neighbours on the same surface."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(depth.shape[0]):
         is_same = abs(other_depth[i] - depth[i]) <= tolerance[i]
@@ -438,21 +441,21 @@ def add_four_neighbours(depth, tolerance, a, b, c, d, of_a, of_b, of_c, of_d, to
     """Add four neighbours as `add_neighbour` does, one after the other."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(depth.shape[0]):
-        here, within, added, count = depth[i], tolerance[i], total[i], counts[i]
-        is_a, is_b = abs(a[i] - here) <= within, abs(b[i] - here) <= within
-        is_c, is_d = abs(c[i] - here) <= within, abs(d[i] - here) <= within
-        added += of_a[i] if is_a else zero
-        added += of_b[i] if is_b else zero
-        added += of_c[i] if is_c else zero
-        added += of_d[i] if is_d else zero
+        own_depth, own_tolerance, summed, count = depth[i], tolerance[i], total[i], counts[i]
+        is_a, is_b = abs(a[i] - own_depth) <= own_tolerance, abs(b[i] - own_depth) <= own_tolerance
+        is_c, is_d = abs(c[i] - own_depth) <= own_tolerance, abs(d[i] - own_depth) <= own_tolerance
+        summed += of_a[i] if is_a else zero
+        summed += of_b[i] if is_b else zero
+        summed += of_c[i] if is_c else zero
+        summed += of_d[i] if is_d else zero
         count += (one if is_a else zero) + (one if is_b else zero)
         count += (one if is_c else zero) + (one if is_d else zero)
-        total[i], counts[i] = added, count
+        total[i], counts[i] = summed, count
 
 
 @helper
-def covered_columns(depth):
-    """Return the first column of a row that shows anything, and one past the last."""
+def find_covered_columns(depth):
+    """Return the first covered column of a row, and one past the last."""
     first, end = np.int64(0), np.int64(depth.shape[0])
     while first < end and depth[np.uintp(first)] == np.float32(-np.inf):
         first += 1
@@ -462,9 +465,9 @@ def covered_columns(depth):
 
 
 @helper
-def add_row(row, source, first, begin, end, depth, tolerance, occlusion, total, counts):
-    """Add the neighbours in a row, from ``first`` on, of the columns from ``begin`` to ``end``."""
-    low, high = max(begin, -first), min(end, depth.shape[1] - first - PATTERN + 1)
+def add_neighbour_row(row, source, first, begin, end, depth, tolerance, occlusion, total, counts):
+    """Add the neighbours in row ``source`` of the columns from ``begin`` to ``end``."""
+    low, high = max(begin, -first), min(end, depth.shape[1] - first - PATTERN_SIDE + 1)
     if low < high:
         add_four_neighbours(
             part(depth, row, low, high), part(tolerance, row, low, high),
@@ -480,9 +483,9 @@ def add_row(row, source, first, begin, end, depth, tolerance, occlusion, total, 
         )  # fmt: skip
     else:
         low = high = end
-    # At the sides of the picture, some of them are beyond it.
+    # At the sides of the picture, some neighbours are beyond it.
     for start, stop in ((begin, low), (high, end)):
-        for offset in range(first, first + PATTERN):
+        for offset in range(first, first + PATTERN_SIDE):
             left, right = max(start, -offset), min(stop, depth.shape[1] - offset)
             if left < right:
                 add_neighbour(
@@ -494,7 +497,7 @@ def add_row(row, source, first, begin, end, depth, tolerance, occlusion, total, 
 
 
 @disjoint_helper
-def finish_row(total, counts, strength, smooth):
+def write_mean_row(total, counts, strength, smooth):
     """Write the mean visibility of a row."""
     one = np.float32(1.0)
     for i in range(smooth.shape[0]):
@@ -517,13 +520,13 @@ def smooth_occlusion(
     rows : (int, int)
         The first row, and one past the last.
     first : int
-        Where the square begins, in x and in y, relative to the pixel: -2 or -1, one after the
-        other to be symmetrical.
+        Where the square begins, in x and in y, relative to the pixel: -2 in one pass and -1 in
+        the other, to be symmetrical.
     depth : (H, W) float32, stored depth
     tolerance : (H, W) float32
         How much the depth may differ on one surface.
     strength : float
-        Share of the effect that is kept, 0..1.
+        Share of the occlusion that is applied, 0..1.
     smooth : (H, W) float32
         Writes these rows.
     scratch : (2, W) float32
@@ -534,10 +537,12 @@ def smooth_occlusion(
     for row in range(rows[0], rows[1]):
         for i in range(np.uintp(width)):
             total[i], counts[i] = np.float32(0.0), np.float32(0.0)
-        begin, end = covered_columns(depth[row])
-        for source in range(max(row + first, 0), min(row + first + PATTERN, height)):
-            add_row(row, source, first, begin, end, depth, tolerance, occlusion, total, counts)
-        finish_row(total, counts, np.float32(strength), smooth[row])
+        begin, end = find_covered_columns(depth[row])
+        for source in range(max(row + first, 0), min(row + first + PATTERN_SIDE, height)):
+            add_neighbour_row(
+                row, source, first, begin, end, depth, tolerance, occlusion, total, counts
+            )
+        write_mean_row(total, counts, np.float32(strength), smooth[row])
 
 
 @stage

@@ -1,8 +1,9 @@
 """
 Antialiasing: several samples per pixel, exact area coverage, or averaged pictures.
 
-A frame has it where the quality asks for more than one sample and something has edges. Faces are
-shaded once a pixel and mixed by coverage (2 to 16, areas), or pictures are averaged (64 and more).
+A frame is antialiased where the quality asks for more than one sample and something has edges.
+Faces are shaded once a pixel and mixed by coverage (2 to 16, areas), or pictures are averaged (64
+and more).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Antialiasing(QualityEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why the colour of a pixel is that of one sample."""
+        """Say why each pixel has one sample."""
         if facts.antialiases:
             return ""
         return "quality.samples is 1" if facts.quality.samples == 1 else "nothing is shaded"
@@ -34,9 +35,9 @@ class Antialiasing(QualityEffect):
         """Say how edges are smoothed."""
         samples, note = facts.quality.samples, describe_blending(facts.quality)
         if facts.pictures > 1:
-            own = "" if samples == facts.supersamples else f" for {samples!r}: discs, spheres"
+            note = "" if samples == facts.supersamples else f" for {samples!r}: discs, spheres"
             count = facts.supersamples
-            return f"{count} pictures, moved by parts of a pixel, each shaded by itself{own}"
+            return f"{count} pictures, moved by parts of a pixel, each shaded by itself{note}"
         if samples == "area":
             return f"exact areas, shaded once per face and pixel{note}"
         return f"{samples} samples a pixel, shaded once per face and pixel{note}"
@@ -46,9 +47,9 @@ class Antialiasing(QualityEffect):
         return replace(quality, samples=1)
 
     def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
-        """Return the quality with a few samples a pixel, which need a grid within pixels."""
-        is_open = quality.samples == 1 and quality.subpixel_bits > 0
-        more = replace(quality, samples=SAMPLES_TO_TRY) if is_open else None
+        """Return the quality with 4 samples a pixel, where vertices lie between pixels."""
+        can_add_samples = quality.samples == 1 and quality.subpixel_bits > 0
+        more = replace(quality, samples=SAMPLES_TO_TRY) if can_add_samples else None
         return f"{SAMPLES_TO_TRY} samples", more
 
 

@@ -1,7 +1,7 @@
 """
 Background image, such as a photograph that the scene is composited over.
 
-Its pixels are copied where no face is; partly covered or transparent pixels are blended with it in
+The image is copied where no face is; partly covered or transparent pixels are blended with it in
 linear light, as with a colour. It is not tone mapped.
 """
 
@@ -40,7 +40,7 @@ class Plate(NamedTuple):
         color: NDArray[np.uint32],
     ) -> None:
         """
-        Write the picture to the pixels of some rows that show no face.
+        Write the image to the pixels of some rows that show no face.
 
         Parameters
         ----------
@@ -48,7 +48,7 @@ class Plate(NamedTuple):
             Always those that are made at once.
         face_id : (R, W) int32
         first_row : int
-            Where they lie in what is drawn.
+            Of these rows, in the part that is drawn.
         linear : (R, W, 4) float32, or (R, 0, 4)
         color : (R, W) uint32, or (R, 0)
             Written.
@@ -65,10 +65,10 @@ class Plate(NamedTuple):
             wide_pixels = linear.view(np.complex128), light.view(np.complex128)
             np.copyto(*wide_pixels, where=is_empty[..., None])
         if color.shape[1] > 0:
-            np.copyto(color, _codes(part), where=is_empty)
+            np.copyto(color, _get_codes(part), where=is_empty)
 
 
-def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
+def _get_codes(part: NDArray[Any]) -> NDArray[np.uint32]:
     """Return pixels, (R, W, 4), as RGBA codes, (R, W)."""
     if part.dtype == np.uint8:
         return part.view(np.uint32)[..., 0]
@@ -79,7 +79,7 @@ def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
 
 def _decode(part: NDArray[np.uint8], light: NDArray[np.float32]) -> NDArray[np.float32]:
     """Write pixels, (R, W, 4), as linear light, straight alpha, and return that."""
-    srgb_compositing.decode_rows(_codes(part), decoding_table().copy(), light)
+    srgb_compositing.decode_rows(_get_codes(part), decoding_table().copy(), light)
     return light
 
 
@@ -90,25 +90,25 @@ class BackgroundPicture(BackdropEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why no picture is seen where no face is."""
+        """Say why no background image is shown."""
         if facts.background_image is None:
             return "the render was given no picture"
         return "" if facts.is_colored else "no output shows colour"
 
     def plan_data(self, facts: Facts, planning: Planning) -> BackgroundImage | None:
-        """Return the picture."""
+        """Return the image."""
         return facts.background_image
 
     def describe(self, facts: Facts) -> str:
-        """Say where it is seen."""
+        """Say where the image is shown."""
         return "where no face is"
 
     def prepare(self, context: FrameContext, data: BackgroundImage, seen: Sequence[Any]) -> Plate:
-        """Return the picture, and where the part of it lies that is drawn."""
+        """Return the image, and the corner of the part that is drawn."""
         return Plate(data.image, context.plan.corner)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernels that turn codes into light, or light into codes."""
+        """Return the kernels that decode or encode the image."""
         is_8bit = plan.data(self.name).image.dtype == np.uint8
         kernel = srgb_compositing.decode_rows if is_8bit else srgb_encoding.encode_rows
         condition = "light is mixed or asked for" if is_8bit else "codes are mixed or asked for"

@@ -1,9 +1,9 @@
 """
 Eye-dome lighting: darken pixels that lie behind their neighbours.
 
-A frame has it where faces are shaded, lit or not. It is computed once per picture from the depth
-buffer; a sample reads that of its pixel. It needs no positions or normals, and costs a few
-nanoseconds a pixel.
+A frame has eye-dome lighting where faces are shaded, lit or not. The shading is computed once per
+picture from the depth buffer; a sample reads that of its pixel. No positions or normals are needed;
+it costs a few nanoseconds a pixel.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from rasterjit.survey.plan import RenderPlan
 
 LN_2 = 0.6931471805599453
 
-GAIN = 300.0
-"""What the mean of the logarithms is multiplied by, as is usual."""
+LOG_GAIN = 300.0
+"""Usual factor of the mean of the logarithms."""
 
-DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
-"""Where neighbours lie: to the right and down."""
+NEIGHBOUR_DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+"""To the 8 neighbours: columns to the right, rows down."""
 
-FIELD_OF_VIEW = 2.0 * (math.sqrt(2.0) - 1.0)
+VIEW_HEIGHT_PER_DISTANCE = 2.0 * (math.sqrt(2.0) - 1.0)
 """Height of a view of 45 degrees over its distance, assumed for parallel projections."""
 
 
-def neighbour_offsets(radius: float) -> NDArray[np.int64]:
-    """Return how far to the right and down the 8 neighbours lie, (8, 2) pixels."""
+def list_neighbour_offsets(radius: float) -> NDArray[np.int64]:
+    """Return the offsets of the 8 neighbours to the right and down, (8, 2) pixels."""
     straight = math.floor(radius + 0.5)
     slant = math.floor(radius * math.sqrt(0.5) + 0.5)
-    lengths = [slant if x and y else straight for x, y in DIRECTIONS]
-    return np.array(DIRECTIONS, np.int64) * np.array(lengths, np.int64)[:, np.newaxis]
+    lengths = [slant if x and y else straight for x, y in NEIGHBOUR_DIRECTIONS]
+    return np.array(NEIGHBOUR_DIRECTIONS, np.int64) * np.array(lengths, np.int64)[:, np.newaxis]
 
 
 def is_perspective(camera: Camera) -> bool:
@@ -51,14 +51,14 @@ def is_perspective(camera: Camera) -> bool:
     return camera.depth_coefficients()[0] != 0.0
 
 
-def nearness_of_depth(camera: Camera, size: tuple[int, int]) -> float:
-    """Return by how much nearness grows with the stored depth of a parallel projection."""
+def compute_nearness_per_depth(camera: Camera, size: tuple[int, int]) -> float:
+    """Return the change of nearness per unit of a parallel projection's stored depth."""
     _, vertical, along, _ = np.asarray(camera.projection_matrix(size)).tolist()
     height, depth = (2.0 / math.sqrt(x * x + y * y + z * z) for x, y, z, _ in (vertical, along))
-    return depth * FIELD_OF_VIEW / (height * LN_2)
+    return depth * VIEW_HEIGHT_PER_DISTANCE / (height * LN_2)
 
 
-def find_shading(
+def compute_shading(
     effect: EyeDome,
     camera: Camera,
     size: tuple[int, int],
@@ -83,25 +83,23 @@ def find_shading(
     bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
     nearness = workers.memory.empty(depth.shape, np.float32)
     if is_perspective(camera):
-        workers.run(lambda rows: eye_dome_stage.find_nearness(depth, rows, nearness), bands)
+        workers.run(lambda rows: eye_dome_stage.compute_nearness(depth, rows, nearness), bands)
     else:
-        np.multiply(depth, np.float32(nearness_of_depth(camera, size)), out=nearness)
-    shading, offsets = (
-        workers.memory.empty(depth.shape, np.float32),
-        neighbour_offsets(effect.radius),
-    )
-    factor = np.float32(GAIN * effect.strength / (len(offsets) * LN_2))
+        np.multiply(depth, np.float32(compute_nearness_per_depth(camera, size)), out=nearness)
+    shading = workers.memory.empty(depth.shape, np.float32)
+    offsets = list_neighbour_offsets(effect.radius)
+    factor = np.float32(LOG_GAIN * effect.strength / (len(offsets) * LN_2))
 
     def find_band(rows: tuple[int, int]) -> None:
         total = np.empty(width, np.float32)
-        eye_dome_stage.find_shading(nearness, rows, offsets, factor, shading, total)
+        eye_dome_stage.compute_shading(nearness, rows, offsets, factor, shading, total)
 
     workers.run(find_band, bands)
     return shading
 
 
 class EyeDomeLighting(ScreenEffect):
-    """Darken what lies behind its neighbours."""
+    """Darken pixels that lie behind their neighbours."""
 
     name = "eye-dome lighting"
     field = "eye_dome"
@@ -110,38 +108,38 @@ class EyeDomeLighting(ScreenEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why what lies behind is not darkened."""
+        """Say why pixels behind their neighbours are not darkened."""
         if facts.fields[self.field].strength == 0.0:
             return "its strength is 0"
         return "" if facts.shades else explain_unlit(facts)
 
     def describe(self, facts: Facts) -> str:
-        """Say how much what lies behind is darkened."""
+        """Say how much pixels behind their neighbours are darkened."""
         effect = facts.fields[self.field]
         return f"strength {effect.strength:g}, radius {effect.radius:g}"
 
     def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell that it looks at depths around each pixel."""
+        """Return True: the shading reads the depths around each pixel."""
         return True
 
     def read_radius(self, data: EyeDome) -> int:
         """Return how far away its neighbours are, pixels."""
-        return int(neighbour_offsets(data.radius).max())
+        return int(list_neighbour_offsets(data.radius).max())
 
     def prepare(
         self, context: FrameContext, data: EyeDome, seen: Sequence[Any]
     ) -> NDArray[np.float32]:
         """Return the share of its light that each pixel keeps, (H, W) float32."""
         plan, depth = context.plan, context.seen.coverage.reversed_depth
-        return find_shading(data, plan.camera, plan.size, depth, context.workers)
+        return compute_shading(data, plan.camera, plan.size, depth, context.workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernels that compute it."""
-        kernels = [eye_dome_stage.find_nearness] if is_perspective(plan.camera) else []
-        return {"prepare": rows_where("", *kernels, eye_dome_stage.find_shading)}
+        """Return the kernels that compute the shading."""
+        kernels = [eye_dome_stage.compute_nearness] if is_perspective(plan.camera) else []
+        return {"prepare": rows_where("", *kernels, eye_dome_stage.compute_shading)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the pictures that it is computed in."""
+        """Return the images that the shading is computed in."""
         return [("nearness and what it leaves of light", 2, "float32", plan.size)]
 
     def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:

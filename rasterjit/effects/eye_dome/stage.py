@@ -19,7 +19,7 @@ from rasterjit.runtime.state_block import float32, int64
 
 
 @disjoint_helper
-def log_row(depth, nearness):
+def write_log_depth_row(depth, nearness):
     """Write log2 of the stored depths of a row; -inf where nothing is."""
     nothing = np.float32(-np.inf)
     for i in range(nearness.shape[0]):
@@ -28,7 +28,7 @@ def log_row(depth, nearness):
 
 
 @kernel
-def find_nearness(depth: float32[:, ::1], rows: (int64, int64), nearness: float32[:, ::1]):
+def compute_nearness(depth: float32[:, ::1], rows: (int64, int64), nearness: float32[:, ::1]):
     """
     Find how near pixels are to the eye.
 
@@ -42,11 +42,11 @@ def find_nearness(depth: float32[:, ::1], rows: (int64, int64), nearness: float3
         Writes these rows: log2 of the depth; -inf where nothing is.
     """
     for row in range(rows[0], rows[1]):
-        log_row(depth[row], nearness[row])
+        write_log_depth_row(depth[row], nearness[row])
 
 
 @disjoint_helper
-def add_neighbour(nearness, neighbour, total):
+def add_nearer_neighbours(nearness, neighbour, total):
     """Add by how much neighbours are nearer."""
     zero = np.float32(0.0)
     for i in range(total.shape[0]):
@@ -55,7 +55,7 @@ def add_neighbour(nearness, neighbour, total):
 
 
 @disjoint_helper
-def finish_row(nearness, total, factor, shading):
+def write_shading_row(nearness, total, factor, shading):
     """Write the shares of light that are left; 1 where nothing is."""
     for i in range(shading.shape[0]):
         shade = exp2(-(factor * total[i]))
@@ -63,7 +63,7 @@ def finish_row(nearness, total, factor, shading):
 
 
 @kernel
-def find_shading(
+def compute_shading(
     nearness: float32[:, ::1], rows: (int64, int64), offsets: int64[:, ::1], factor: float32,
     shading: float32[:, ::1], total: float32[::1],
 ):  # fmt: skip
@@ -94,11 +94,11 @@ def find_shading(
             begin, end = max(0, -dx), min(width, width - dx)
             if source < 0 or source >= height or begin >= end:
                 continue
-            add_neighbour(
+            add_nearer_neighbours(
                 part(nearness, row, begin, end),
                 part(nearness, source, begin + dx, end + dx), total[begin:end],
             )  # fmt: skip
-        finish_row(nearness[row], total, factor, shading[row])
+        write_shading_row(nearness[row], total, factor, shading[row])
 
 
 @stage
@@ -114,7 +114,7 @@ def darken_samples(block: Block, count, shading: float32[:, ::1], first: int64):
     shading : (H, W) float32
         Of the frame, 0..1.
     first : int
-        The first of the rows.
+        Number of the row of red; green and blue follow.
     """
     red, green, blue = block.samples[first], block.samples[first + 1], block.samples[first + 2]
     for k in range(block.counts[INTERVAL_COUNT]):

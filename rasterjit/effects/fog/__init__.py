@@ -1,7 +1,7 @@
 """
 Fog by distance, and by height.
 
-A frame has it where a face in view is shaded and the fog begins before the farthest of them. It is
+A frame has fog where a face in view is shaded and the fog begins before the farthest of them. It is
 applied to each sample after lighting, and costs about a tenth of shading.
 """
 
@@ -27,9 +27,9 @@ LOG2_E = 1.4426950408889634
 """One over ln 2."""
 
 SQRT_LOG2_E = 1.2011224087864498
-"""Its square root: a density that is squared takes one of two equal factors."""
+"""Square root of `LOG2_E`, for a density that is squared afterwards."""
 
-MAX = float(np.finfo(np.float32).max)
+MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class FogRecord(NamedTuple):
@@ -39,17 +39,17 @@ class FogRecord(NamedTuple):
     eye_y: NDArray[np.float32]
     """(1,) scene units: height of the eye over where the fog has its density."""
     finds_points: bool
-    """Whether samples may be lit at centroids of faces, so that fog must find their positions."""
+    """Whether samples may be lit at centroids, so that fog must compute their positions."""
 
 
-def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
-    """Return fog as its passes read it, for a scene with or without objects shaded flat."""
-    return FogRecord(fog, _heights(fog, np.array(camera.eye_position()[1:2])), has_flat)
+def make_fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
+    """Return the fog's record, for a scene with or without objects shaded flat."""
+    return FogRecord(fog, _find_heights(fog, np.array(camera.eye_position()[1:2])), has_flat)
 
 
-def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return how high eyes, (N,), are above where the fog has its density."""
-    return np.clip(eyes - (fog.height or 0.0), -MAX, MAX).astype(np.float32)
+def _find_heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the heights of eyes, (N,), above where the fog has its density; float32."""
+    return np.clip(eyes - (fog.height or 0.0), -MAX_FLOAT32, MAX_FLOAT32).astype(np.float32)
 
 
 class FogEffect(BatchedEffect):
@@ -60,35 +60,35 @@ class FogEffect(BatchedEffect):
     key = "n"
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why fog covers no colour that is asked for."""
+        """Say why no requested colour has fog."""
         if facts.shades and facts.fog is None:
             is_thin = facts.fields[self.field].density == 0.0
             return "its density is 0" if is_thin else "it begins beyond everything"
         return "" if facts.shades else "no face is shaded"
 
     def describe(self, facts: Facts) -> str:
-        """Say what fog there is."""
+        """Say the fog's mode, and whether it depends on height."""
         fog = facts.fields[self.field]
         return f"mode {fog.mode}" + (", by height" if fog.height is not None else "")
 
     def plan_data(self, facts: Facts, planning: Planning) -> FogRecord:
-        """Return the fog that passes read."""
-        return fog_record(facts.fields[self.field], planning.camera, facts.visible.flat > 0)
+        """Return the fog's record."""
+        return make_fog_record(facts.fields[self.field], planning.camera, facts.visible.flat > 0)
 
     def decide_views(self, scene: Scene, group: ViewGroup) -> Any:
-        """Tell which views the fog is in reach of."""
+        """Return which views have something behind the fog's start."""
         return may_fog_cover(scene.fog, group)
 
     def prepare_batch(
         self, plan: RenderPlan, data: FogRecord, view_arrays: ViewArrays
     ) -> FogRecord:
-        """Return the fog, with the height of each view's eye."""
+        """Return the record, with the height of each view's eye."""
         return data._replace(eye_y=view_arrays("height above fog", (1,), np.float32))
 
     def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float32]]:
         """Return the heights of the eyes."""
         fog = scene.fog
-        return {} if fog is None else {"height above fog": _heights(fog, group.eyes[:, 1])}
+        return {} if fog is None else {"height above fog": _find_heights(fog, group.eyes[:, 1])}
 
     def neutral(self, record: FogRecord) -> FogRecord:
         """Return fog without density."""

@@ -25,33 +25,33 @@ from rasterjit.runtime.state_block import float32
 MIN_RISE = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""
 
-MAX_DEPTH = np.float32(1e9)
-"""Optical depths are clamped to this: their is_squared stay finite."""
+MAX_OPTICAL_DEPTH = np.float32(1e9)
+"""Optical depths are clamped to this: their squares stay finite."""
 
 LN_2 = np.float32(0.69314718)
 
 
 @helper
-def distance_to(px, py, pz, toward_viewer):
+def compute_distance(px, py, pz, toward_viewer):
     """
-    Return how far a point is: from the eye, or from the camera's plane for a parallel projection.
+    Return a point's distance from the eye, or from a parallel camera's plane (0 behind it).
 
-    Takes a viewer direction of length one, if there is one; behind the plane is at 0.
+    A parallel camera's direction to the viewer must have a length of one.
     """
-    straight = np.sqrt(px * px + py * py + pz * pz)
-    along = -(px * toward_viewer[0] + py * toward_viewer[1] + pz * toward_viewer[2])
-    return straight if toward_viewer[3] > np.float32(0.0) else max(along, np.float32(0.0))
+    from_eye = np.sqrt(px * px + py * py + pz * pz)
+    from_plane = -(px * toward_viewer[0] + py * toward_viewer[1] + pz * toward_viewer[2])
+    return from_eye if toward_viewer[3] > np.float32(0.0) else max(from_plane, np.float32(0.0))
 
 
 @helper
-def start_height(py, distance, toward_viewer):
-    """Return how far above the eye a ray starts: 0, or on the plane of a parallel camera."""
+def compute_start_height(py, distance, toward_viewer):
+    """Return the height above the eye where a ray starts: 0, or on a parallel camera's plane."""
     on_plane = py + distance * toward_viewer[1]
     return np.float32(0.0) if toward_viewer[3] > np.float32(0.0) else on_plane
 
 
 @helper
-def mean_density(low, rise):
+def compute_mean_density(low, rise):
     """
     Return the mean of 2**-t for t from ``low`` to ``low + rise``, to 1e-6; float32.
 
@@ -72,7 +72,7 @@ def blend_linear(end, inv_range, color, viewer, px, py, pz, red, green, blue):
     """Blend samples with fog that grows linearly with distance."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(red.shape[0]):
-        distance = distance_to(px[i], py[i], pz[i], viewer)
+        distance = compute_distance(px[i], py[i], pz[i], viewer)
         transmittance = min(max(zero, (end - distance) * inv_range), one)
         opacity = one - transmittance
         red[i] = red[i] * transmittance + color[0] * opacity
@@ -87,11 +87,11 @@ def blend_exponential(
     """Blend samples with fog of transmittance 2**-x, or 2**-(x**2)."""
     one = np.float32(1.0)
     for i in range(red.shape[0]):
-        distance = distance_to(px[i], py[i], pz[i], viewer)
-        start = start_height(py[i], distance, viewer)
+        distance = compute_distance(px[i], py[i], pz[i], viewer)
+        start = compute_start_height(py[i], distance, viewer)
         low, rise = (eye_y + start) * falloff, (py[i] - start) * falloff
-        depth = density * distance * mean_density(low, rise)
-        depth = min(depth, MAX_DEPTH)
+        depth = density * distance * compute_mean_density(low, rise)
+        depth = min(depth, MAX_OPTICAL_DEPTH)
         depth *= depth * is_squared + (one - is_squared)
         transmittance = exp2(-depth)
         opacity = one - transmittance
@@ -122,7 +122,7 @@ def apply_linear_fog(
         Reads rows POINT_X.., changes rows OUT_RED...
     count : int
     end, inv_range : float32
-        Scene units, and one over them; see ``FogRecord``.
+        Distance where nothing is left, and one over that from start to end, scene units.
     color : (3,) float32, linear
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
@@ -147,11 +147,11 @@ def apply_exp_fog(
     block, count, color, toward_viewer
         As `apply_linear_fog` takes them.
     density, falloff : float32
-        See ``FogRecord``.
+        Per scene unit, times log2(e); the density's root of that where the depth is squared.
     eye_y : (1,) float32, scene units
         Height of the eye over where the fog has its density.
     is_squared : float32
-        1: the depth is squared, 0: it is not.
+        1 to square the optical depth, 0 to leave it.
     """
     s = block.samples
     blend_exponential(

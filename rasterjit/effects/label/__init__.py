@@ -35,20 +35,20 @@ from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import describe_blending
 
 ANCHORS = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
-"""Where an anchor lies in a box, of its width or height; else in the middle."""
+"""Anchor's place in a box, as a share of its width or height; 0.5 for all others."""
 
-MAX_PIXEL = 1e9
-"""Pixels from the picture's corner beyond which an anchor is not visible."""
+MAX_ANCHOR_PX = 1e9
+"""Distance from the picture's corner beyond which an anchor is not visible."""
 
-LOW_BITS = (1 << BUCKET_BITS) - 1
-"""The bits of a float32 that are interpolated within one bucket."""
+INTERPOLATED_BITS = (1 << BUCKET_BITS) - 1
+"""Bits of a float32 that are interpolated within a bucket of the encoding table."""
 
 VISIBLE, HIDDEN, OUTSIDE = 1, 0, -1
-"""Visibility of a label in a picture or part: visible, occluded, or outside."""
+"""Visibility of a label in a picture or a part of one."""
 
 
 class Texts(NamedTuple):
-    """The labels of a scene, and their points."""
+    """The labels of a scene, and their world positions."""
 
     labels: tuple[Label, ...]
     points: Float64
@@ -58,31 +58,31 @@ class Texts(NamedTuple):
 
 
 class Box(NamedTuple):
-    """The pixels of a text, with what is behind it."""
+    """The pixels of a text and its background."""
 
     left: int
     top: int
-    """Of its first pixel, in the whole picture."""
+    """Row of the first pixel, as ``left`` is its column, in the whole picture."""
     width: int
     height: int
     padding: int
     """Pixels around the text."""
 
 
-def box_of(label: Label, anchor: Sequence[float]) -> Box:
+def find_box(label: Label, anchor: Sequence[float]) -> Box:
     """Return the box of a label, given its anchor in pixels of the whole picture."""
-    layout = lay_out(label.text, label.size, _side(label, "left", "right"), label.font)
+    layout = lay_out(label.text, label.size, _find_side(label, "left", "right"), label.font)
     padding = 0 if label.background is None else math.floor(PADDING * label.size + 0.5)
     width, height = layout.width + 2 * padding, layout.height + 2 * padding
     corner = []
     for axis, sides, length in ((0, ("left", "right"), width), (1, ("top", "bottom"), height)):
-        fraction = ANCHORS.get(_side(label, *sides), 0.5)
+        fraction = ANCHORS.get(_find_side(label, *sides), 0.5)
         corner.append(math.floor(anchor[axis] + label.offset[axis] - fraction * length + 0.5))
     return Box(corner[0], corner[1], width, height, padding)
 
 
-def _side(label: Label, first: str, last: str) -> str:
-    """Return which of two sides an anchor is at, else "center"."""
+def _find_side(label: Label, first: str, last: str) -> str:
+    """Return which of two sides a label is anchored at, else "center"."""
     return next((side for side in (first, last) if side in label.anchor), "center")
 
 
@@ -100,21 +100,21 @@ def draw_label(
     ----------
     label : Label
     anchor : (float, float)
-        Where its anchor lies, pixels of the whole picture.
+        Pixels of the whole picture.
     corner : (int, int)
         First column and row of the part, in the whole picture.
     color : (H, W, 4) uint8
         Changed where the label is.
     in_codes : bool
-        Whether codes are mixed, not light.
+        Whether to mix sRGB codes, not linear light.
     """
-    box, (height, width) = box_of(label, anchor), color.shape[:2]
+    box, (height, width) = find_box(label, anchor), color.shape[:2]
     left, top = max(box.left - corner[0], 0), max(box.top - corner[1], 0)
     right = min(box.left - corner[0] + box.width, width)
     bottom = min(box.top - corner[1] + box.height, height)
     if left >= right or top >= bottom:
         return
-    layout = lay_out(label.text, label.size, _side(label, "left", "right"), label.font)
+    layout = lay_out(label.text, label.size, _find_side(label, "left", "right"), label.font)
     warn_of_missing(layout)
     first = (
         left + corner[0] - box.left - box.padding,
@@ -122,10 +122,12 @@ def draw_label(
     )
     coverage = text_coverage(layout, label.size, (*first, right - left, bottom - top))
     layers = [] if label.background is None else [(np.ones_like(coverage), label.background)]
-    mix(color[top:bottom, left:right], [*layers, (coverage, label.color)], in_codes)
+    composite_layers(color[top:bottom, left:right], [*layers, (coverage, label.color)], in_codes)
 
 
-def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_codes: bool) -> None:
+def composite_layers(
+    pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_codes: bool
+) -> None:
     """
     Composite layers over pixels, bottom first.
 
@@ -136,7 +138,7 @@ def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_cod
     layers : sequence of ((R, C) float64, colour)
         The share of each pixel that a linear RGBA colour covers.
     in_codes : bool
-        Whether codes are mixed, not light.
+        Whether to mix sRGB codes, not linear light.
     """
     light = pixels[..., :3] / 255.0 if in_codes else decoding_table()[pixels[..., :3]].astype(float)
     alpha = pixels[..., 3] / 255.0
@@ -144,7 +146,7 @@ def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_cod
     for coverage, (*rgb, opacity) in layers:
         values = np.array(rgb, np.float64)
         if in_codes:
-            values = encoded(values) / 255.0
+            values = encode_srgb(values) / 255.0
         front = coverage * opacity
         back = (1.0 - front) * alpha
         total = front + back
@@ -153,41 +155,43 @@ def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_cod
         np.divide(weighted, total[..., np.newaxis], out=light, where=is_covered[..., np.newaxis])
         np.copyto(alpha, total, where=is_covered)
         is_touched |= is_covered
-    codes = np.floor(255.0 * light + 0.5).astype(np.uint8) if in_codes else encoded(light)
+    codes = np.floor(255.0 * light + 0.5).astype(np.uint8) if in_codes else encode_srgb(light)
     np.copyto(pixels[..., :3], codes, where=is_touched[..., np.newaxis])
     np.copyto(pixels[..., 3], np.floor(255.0 * alpha + 0.5).astype(np.uint8), where=is_touched)
 
 
-def encoded(light: Float64) -> NDArray[np.uint8]:
+def encode_srgb(light: Float64) -> NDArray[np.uint8]:
     """Return sRGB codes of linear light, rounded half up."""
-    # As the kernels of `encode` do it, all values at once.
+    # Interpolate as the kernels of `srgb_encoding` do.
     bits = light.astype(np.float32).view(np.int32)
-    entries = make_encoding_table()[bits >> BUCKET_BITS] + (bits & LOW_BITS)
+    entries = make_encoding_table()[bits >> BUCKET_BITS] + (bits & INTERPOLATED_BITS)
     return (entries >> BUCKET_BITS).astype(np.uint8)
 
 
 def find_states(texts: Texts, context: FrameContext) -> NDArray[np.int8]:
     """Return the visibility of each label in a picture, or a part of one: (N,), see ``VISIBLE``."""
-    out = np.full(len(texts.labels), VISIBLE, np.int8)
+    states = np.full(len(texts.labels), VISIBLE, np.int8)
     plan = context.plan
     if not plan.facts.draws_faces:
-        return out
+        return states
     face_id, (left, top) = context.seen.coverage.face_id, plan.corner
     height, width = face_id.shape
-    for n, (label, anchor) in enumerate(zip(texts.labels, anchors_of(texts, plan), strict=True)):
+    anchors = project_anchors(texts, plan)
+    for n, (label, anchor) in enumerate(zip(texts.labels, anchors, strict=True)):
         if not label.hidden:
             continue
-        out[n] = OUTSIDE
+        states[n] = OUTSIDE
         x, y = anchor.tolist()
-        if abs(x) < MAX_PIXEL and abs(y) < MAX_PIXEL:
+        if abs(x) < MAX_ANCHOR_PX and abs(y) < MAX_ANCHOR_PX:
             column, row = math.floor(x) - left, math.floor(y) - top
             if 0 <= column < width and 0 <= row < height:
                 face = int(face_id[row, column])
-                out[n] = HIDDEN if face >= 0 and hides(face, texts.points[n], context) else VISIBLE
-    return out
+                is_hidden = face >= 0 and hides_point(face, texts.points[n], context)
+                states[n] = HIDDEN if is_hidden else VISIBLE
+    return states
 
 
-def hides(face: int, point: Float64, context: FrameContext) -> bool:
+def hides_point(face: int, point: Float64, context: FrameContext) -> bool:
     """
     Tell whether a face that is seen at a point's pixel lies in front of it, a pixel's width away.
 
@@ -213,26 +217,26 @@ def hides(face: int, point: Float64, context: FrameContext) -> bool:
     distance = min(distances)
     if slope != 0.0:
         distance = min(_dot(normal, _subtract(corners[0], relative)) / slope, max(distances))
-    return distance > pixel_width(plan, length if w else 1.0)
+    return distance > compute_pixel_width(plan, length if w else 1.0)
 
 
-def pixel_width(plan: RenderPlan, distance: float) -> float:
-    """Return how wide a pixel is, scene units, at a distance from the eye; of a parallel view 1."""
+def compute_pixel_width(plan: RenderPlan, distance: float) -> float:
+    """Return a pixel's width, scene units, at a distance from the eye; 1 for a parallel view."""
     matrix = clip_from_relative(plan.camera, plan.size)
     across, depth = matrix[0, :3].tolist(), matrix[3, :3].tolist()
     per_distance = math.sqrt(_dot(depth, depth)) or 1.0
     return 2.0 * distance * per_distance / (math.sqrt(_dot(across, across)) * plan.size[0])
 
 
-def anchors_of(texts: Texts, plan: RenderPlan) -> Float64:
-    """Return where the points are seen, (N, 2): pixels of the whole picture, NaN if not."""
+def project_anchors(texts: Texts, plan: RenderPlan) -> Float64:
+    """Return the labels' anchors, (N, 2) pixels of the whole picture; NaN if not in view."""
     if texts.anchors is not None:
         return texts.anchors
     projected = project(plan.camera, texts.points, plan.size)
     planes = near_far(plan.camera)
     near, far = 0.0, math.inf
     if planes is not None:
-        # A plane that is not given is put where it cuts nothing.
+        # Ignore clipping planes that the camera leaves open or fits to the scene.
         if not planes.is_near_open and planes.near_steps is None:
             near = planes.near
         if not planes.is_far_open and planes.far_steps is None:
@@ -242,13 +246,13 @@ def anchors_of(texts: Texts, plan: RenderPlan) -> Float64:
 
 
 def _transform(matrix: Float64, position: Float64) -> list[float]:
-    """Return a position in model space relative to the eye, given (3, 4)."""
+    """Return a position transformed by a matrix, (3, 4)."""
     x, y, z = position.tolist()
     return [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix.tolist()]
 
 
 def _subtract(one: Sequence[float], other: Sequence[float]) -> list[float]:
-    """Return a difference of vectors."""
+    """Return the difference of two vectors."""
     return [a - b for a, b in zip(one, other, strict=True)]
 
 
@@ -274,7 +278,7 @@ class Labels(ScreenEffect, LensEffect):
     scope = "whole"
 
     def decide(self, facts: Facts, planning: Planning) -> UsedEffect | UnusedEffect:
-        """Say whether texts are drawn: they are 8-bit pixels."""
+        """Plan the labels where colour is requested in 8 bits."""
         nodes = planning.scene.labelled
         if not nodes or "color" not in facts.outputs:
             return UnusedEffect(self, facts)
@@ -286,7 +290,7 @@ class Labels(ScreenEffect, LensEffect):
         return UsedEffect(self, facts, Texts(labels, np.array(points)))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why texts are drawn or not."""
+        """Say why labels are drawn or not."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
         if not is_used:
@@ -294,12 +298,12 @@ class Labels(ScreenEffect, LensEffect):
         return f"over the finished picture{describe_blending(facts.quality)}"
 
     def analyses_picture(self, data: Texts) -> bool:
-        """Tell whether parts of a picture must know what hides texts in others."""
+        """Return whether parts of a picture need the visibility found in others."""
         return any(label.hidden for label in data.labels)
 
     def distort(self, data: Texts, eye: Any, pixels: Callable[[Any], Any]) -> Texts:
-        """Return the texts, each where a lens shows its point."""
-        # What is too far for numbers is seen nowhere.
+        """Return the texts, with anchors where a lens shows their points."""
+        # Points too far for floats are in no view.
         with np.errstate(all="ignore"):
             return data._replace(anchors=pixels(data.points - eye))
 
@@ -310,7 +314,7 @@ class Labels(ScreenEffect, LensEffect):
     def merge_parts(
         self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], NDArray[np.int8]]]
     ) -> NDArray[np.int8]:
-        """Return the visibility of each text, given that in parts of the picture."""
+        """Return the visibility of each text in the picture, given those in its parts."""
         return np.maximum.reduce([states for _, states in parts])
 
     def prepare(
@@ -329,10 +333,10 @@ class Labels(ScreenEffect, LensEffect):
         plan = context.plan
         cached = {} if plan.drawn is None else plan.drawn[0]
         states = cached[LABELS.name] if LABELS.name in cached else find_states(texts, context)
-        anchors = anchors_of(texts, plan)
+        anchors = project_anchors(texts, plan)
         for label, anchor, state in zip(texts.labels, anchors, states, strict=True):
             x, y = anchor.tolist()
-            if state == VISIBLE and abs(x) < MAX_PIXEL and abs(y) < MAX_PIXEL:
+            if state == VISIBLE and abs(x) < MAX_ANCHOR_PX and abs(y) < MAX_ANCHOR_PX:
                 draw_label(label, (x, y), plan.corner, color, plan.quality.blending == "srgb8")
 
     places: ClassVar = {"overlay": draw_over}

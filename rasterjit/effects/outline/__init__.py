@@ -1,7 +1,7 @@
 """
 Outlines: draw the edges of shapes over the colour.
 
-A frame has them where faces are drawn in 8-bit colour. Edges are detected in screen space, from
+A frame has outlines where faces are drawn in 8-bit colour. Edges are detected in screen space, from
 depth, normals and object numbers of neighbouring pixels, once for the finished picture.
 """
 
@@ -35,7 +35,7 @@ EDGE_BITS = {
     "crease": outline_stage.CREASE,
 }
 
-LENS, MARKS = "lens of outlines", "marks of outlines"
+MATRIX, MARKS = "unprojection for outlines", "marks of outlines"
 """Keys of a view's arrays in recorded calls: see `Outlines.compute_view_arrays`."""
 
 
@@ -54,30 +54,32 @@ def draw_outlines(effect: Outline, context: FrameContext, color: NDArray[np.uint
     geometry, coverage, workers = context.seen.geometry, context.seen.coverage, context.workers
     face_id, depth = coverage.face_id, coverage.reversed_depth
     height, width = face_id.shape
-    lens = context.per_view(LENS, build_unprojection_matrix(context.plan.camera, (width, height), 1.0))
-    snap = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
+    matrix = context.per_view(
+        MATRIX, build_unprojection_matrix(context.plan.camera, (width, height), 1.0)
+    )
+    snap_slack = math.ldexp(SNAP_SLACK_UNITS, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
-    _, least_cosine = transforms.sine_cosine(effect.crease_angle)
+    _, min_cosine = transforms.sine_cosine(effect.crease_angle)
     marks = context.per_view(MARKS, np.zeros(face_id.shape, np.uint8))
     rgba = opaque_codes(effect.color).view(np.uint32)
-    target, disc = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
+    target, disc = color.view(np.uint32)[:, :, 0], make_disc_rows(effect.width)
     per_task = rows_per_task(face_id.shape, workers)
     bands = [(n, min(n + per_task, height)) for n in range(0, height, per_task)]
-    shared = coverage.reversed_vertex_depth, geometry, context.placement, lens, snap, kinds
+    shared = coverage.reversed_vertex_depth, geometry, context.placement, matrix, snap_slack, kinds
     edges = [
-        (face_id, rows, depth, *shared, least_cosine, marks, outline_stage.scratch_memory(width))
+        (face_id, rows, depth, *shared, min_cosine, marks, outline_stage.make_scratch(width))
         for rows in bands
     ]
     workers.run(outline_stage.find_edges, edges)
     workers.run(outline_stage.dilate_marks, [(marks, rows, disc, rgba, target) for rows in bands])
 
 
-def disc_rows(width: int) -> NDArray[np.int32]:
+def make_disc_rows(width: int) -> NDArray[np.int32]:
     """
     Return the rows of a disc whose diameter is a number of pixels, (D, 3) int32.
 
-    Each as its distance from the middle, its first column and the one past its last, relative to
-    the middle. A disc of even diameter has its middle between pixels, to the upper left.
+    Each row as its distance from the middle, its first column and the one past its last, relative
+    to the middle. A disc of even diameter has its middle between pixels, to the upper left.
     """
     offset = 0.0 if width % 2 else 0.5
     first = -(width // 2) + (1 - width % 2)
@@ -99,7 +101,7 @@ class Outlines(ScreenEffect, BatchedEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why none are drawn: they are 8-bit pixels, around faces."""
+        """Say why no outlines are drawn: they need faces and colour in 8 bits."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
         return "" if facts.draws_faces else "only the wireframe is drawn"
@@ -110,7 +112,7 @@ class Outlines(ScreenEffect, BatchedEffect):
         return f"{', '.join(outline.edges)}, {outline.width} wide"
 
     def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell that it looks at depths around each pixel."""
+        """Return True: outlines read the depths around each pixel."""
         return True
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
@@ -118,7 +120,7 @@ class Outlines(ScreenEffect, BatchedEffect):
         return {"overlay": rows_where("", outline_stage.find_edges, outline_stage.dilate_marks)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the picture of marked edges."""
+        """Return the image of marked edges."""
         return [("marks of outlines", 1, "uint8", plan.size)]
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
@@ -126,10 +128,10 @@ class Outlines(ScreenEffect, BatchedEffect):
         return "on, one pixel wide", add_to_field(scene, self.field, Outline())
 
     def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[Any]]:
-        """Return the matrices of the cameras, and that there are no marks before."""
+        """Return the cameras' unprojection matrices, and an image without marks."""
         if scene.outline is None:
             return {}
-        return {LENS: group.lens_matrices([1.0]), MARKS: np.zeros((1, *group.size[::-1]), np.uint8)}
+        return {MATRIX: group.lens_matrices([1.0]), MARKS: np.zeros((1, *group.size[::-1]), np.uint8)}
 
     places: ClassVar = {"overlay": draw_outlines}
 

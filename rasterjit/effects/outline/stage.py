@@ -24,37 +24,37 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, uint8,
 SILHOUETTE, OBJECT, CREASE = 1, 2, 4
 """Kinds of edges, as bits of a whole number."""
 
-JUMP = np.float32(2.0)
-"""Footprints of a pixel by which depths differ at least, where a surface ends before another."""
+MIN_JUMP_FOOTPRINTS = np.float32(2.0)
+"""Least difference of depths, in footprints of a pixel, where a surface ends before another."""
 
 DEPTH_ROUNDING = np.float32(2.0**-21)
 """Slack for the rounding of two float32 depths and their slopes, as a share of the depth."""
 
-FACES = np.float32(2.0)
+MAX_FACES_PER_PIXEL = np.float32(2.0)
 """
-Faces of one surface that may follow each other from one pixel to the next, if they disc as far.
+Largest number of faces of one surface between neighbouring pixels, if they bend equally far.
 
-So a face that is seen edge-on, whose slope says nothing, hides no jump.
+So a face that is seen edge-on, whose slope is meaningless, hides no jump.
 """
 
 TINY = np.float32(1e-30)
-"""Added to divisors; the lens has entries up to 1."""
+"""Added to divisors; the matrix has entries up to 1."""
 
 NORMAL = 0
 """Rows of scratch: normal of the face, toward the viewer, world axes."""
 SLOPE_X, SLOPE_Y, SLACK = 3, 4, 5
-"""Rows: change of stored depth to the next column and the next row, and what counts as none."""
+"""Rows: change of stored depth to the next column and the next row, and its tolerance."""
 SCRATCH_ROWS = 6
 
 
-def scratch_memory(width: int) -> tuple[Any, Any]:
-    """Return the memory that a thread needs for an image of this width, pixels."""
+def make_scratch(width: int) -> tuple[Any, Any]:
+    """Return a thread's scratch memory for an image of a width in pixels."""
     return np.empty((2, SCRATCH_ROWS, width), np.float32), np.empty((2, width), np.int32)
 
 
 @helper
-def max_slope(a, b, c, axis, codes, xy, grid_bits, depths):
-    """Return the largest change of stored depth from one pixel to the next on faces like this."""
+def compute_max_slope(a, b, c, axis, codes, xy, grid_bits, depths):
+    """Return the largest change of stored depth between neighbouring pixels on faces of this size."""
     if (codes[a] | codes[b] | codes[c]) & (CLIPPED | INVALID):
         return np.float32(np.inf)
     nearest = max(depths[a], max(depths[b], depths[c]))
@@ -63,17 +63,19 @@ def max_slope(a, b, c, axis, codes, xy, grid_bits, depths):
     last = max(xy[a, axis], max(xy[b, axis], xy[c, axis]))
     pixel = np.float32(np.int64(1) << grid_bits)
     return (
-        FACES * span * max(pixel / max(np.float32(last - first), np.float32(1.0)), np.float32(1.0))
+        MAX_FACES_PER_PIXEL
+        * span
+        * max(pixel / max(np.float32(last - first), np.float32(1.0)), np.float32(1.0))
     )
 
 
 @helper
-def slopes_at(lens, viewer, column, row, depth, normal):
+def compute_slopes(matrix, viewer, column, row, depth, normal):
     """Return the normal toward the viewer, both slopes of the depth, and a footprint in depth."""
-    parts = lens[0], lens[1], lens[2], lens[3]
+    parts = matrix[0], matrix[1], matrix[2], matrix[3]
     x, y, z, _ = unproject_pixel(parts, column, row, depth)
-    across, down = scaled_derivative(lens[0], x, y, z), scaled_derivative(lens[1], x, y, z)
-    deeper = scaled_derivative(lens[2], x, y, z)
+    across, down = scaled_derivative(matrix[0], x, y, z), scaled_derivative(matrix[1], x, y, z)
+    deeper = scaled_derivative(matrix[2], x, y, z)
     nx, ny, nz = normal
     toward = (
         nx * (viewer[0] - viewer[3] * x)
@@ -92,8 +94,8 @@ def slopes_at(lens, viewer, column, row, depth, normal):
 
 
 @helper
-def fill_row(
-    faces, depth, row, lens, viewer, snap, vertex_depths, geometry, placement, s, owners
+def fill_scratch_row(
+    faces, depth, row, matrix, viewer, snap_slack, vertex_depths, geometry, placement, s, owners
 ):  # fmt: skip
     """Write normal, slopes, slack and object of each pixel of a row; object -1 where nothing is."""
     last_face, owner = np.int64(-1), np.int64(0)
@@ -111,19 +113,19 @@ def fill_row(
             a, b, c = get_face_vertices(geometry.faces, face)
             x, y, z = compute_face_normal(a, b, c, owner, placement)
             normal = np.float32(x), np.float32(y), np.float32(z)
-            max_x = max_slope(a, b, c, 0, codes, xy, bits, vertex_depths)
-            max_y = max_slope(a, b, c, 1, codes, xy, bits, vertex_depths)
+            max_x = compute_max_slope(a, b, c, 0, codes, xy, bits, vertex_depths)
+            max_y = compute_max_slope(a, b, c, 1, codes, xy, bits, vertex_depths)
         stored = depth[column]
-        facing, slope_x, slope_y, footprint = slopes_at(
-            lens, viewer, np.float32(column), np.float32(row), stored, normal
+        facing, slope_x, slope_y, footprint = compute_slopes(
+            matrix, viewer, np.float32(column), np.float32(row), stored, normal
         )
         for k in range(3):
             s[NORMAL + k, column] = facing[k]
         s[SLOPE_X, column] = clamped(slope_x, -max_x, max_x)
         s[SLOPE_Y, column] = clamped(slope_y, -max_y, max_y)
         s[SLACK, column] = (
-            JUMP * footprint
-            + snap * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))
+            MIN_JUMP_FOOTPRINTS * footprint
+            + snap_slack * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))
             + DEPTH_ROUNDING * abs(stored)
         )
         owners[column] = np.int32(owner)
@@ -145,45 +147,45 @@ def share_corner(face, other, faces, positions):
 
 
 @helper
-def is_crease(difference, slope, face, other, cosine, least_cosine, faces, positions):
+def is_crease(difference, slope, face, other, cosine, min_cosine, faces, positions):
     """
     Return whether two faces meet at an angle.
 
     If they bend toward the viewer, they may also intersect; if away, they must have a corner in
     common, for the end of what is round bends as much from one pixel to the next.
     """
-    if not cosine < least_cosine:
+    if not cosine < min_cosine:
         return False
     return difference > slope or share_corner(face, other, faces, positions)
 
 
 @helper
-def edge_between(
-    m, n, slope_row, face, other, depth, depth_there, s, t, owner, owner_there, kinds,
-    least_cosine, faces, positions,
+def find_edge(
+    m, n, slope_row, face, other, depth, other_depth, s, t, owner, other_owner, kinds,
+    min_cosine, faces, positions,
 ):  # fmt: skip
-    """Return -1, 1 or 0 if there is an edge that belongs to this pixel, the other, or no edge."""
-    if owner_there < 0 or owner < 0:
-        nearer = -1 if owner_there < 0 else 1
+    """Return -1 for an edge drawn on this pixel, 1 for one on the other pixel, 0 for none."""
+    if other_owner < 0 or owner < 0:
+        nearer = -1 if other_owner < 0 else 1
         return nearer if kinds & (SILHOUETTE | OBJECT) else 0
-    difference = depth_there - depth
+    difference = other_depth - depth
     nearer = 1 if difference > np.float32(0.0) else -1
     low = min(s[slope_row, m], t[slope_row, n])
     high = max(s[slope_row, m], t[slope_row, n])
     slack = max(s[SLACK, m], t[SLACK, n])
     if difference < low - slack or difference > high + slack:
-        is_drawn = kinds & SILHOUETTE or (kinds & OBJECT and owner != owner_there)
+        is_drawn = kinds & SILHOUETTE or (kinds & OBJECT and owner != other_owner)
         return nearer if is_drawn else 0
-    if kinds & OBJECT and owner != owner_there:
-        return 1 if owner_there > owner else -1
-    if kinds & CREASE and owner == owner_there:
+    if kinds & OBJECT and owner != other_owner:
+        return 1 if other_owner > owner else -1
+    if kinds & CREASE and owner == other_owner:
         cosine = (
             s[NORMAL, m] * t[NORMAL, n]
             + s[NORMAL + 1, m] * t[NORMAL + 1, n]
             + s[NORMAL + 2, m] * t[NORMAL + 2, n]
         )
         if is_crease(
-            difference, s[slope_row, m], face, other, cosine, least_cosine, faces, positions
+            difference, s[slope_row, m], face, other, cosine, min_cosine, faces, positions
         ):
             return -1
     return 0
@@ -192,8 +194,8 @@ def edge_between(
 @kernel
 def find_edges(
     face_id: int32[:, ::1], rows: (int64, int64), depth: float32[:, ::1],
-    vertex_depths: float64[:], geometry: Geometry, placement: Placement, lens: float32[:, ::1],
-    snap: float64, kinds: int64, least_cosine: float64, marks: uint8[:, ::1],
+    vertex_depths: float64[:], geometry: Geometry, placement: Placement, matrix: float32[:, ::1],
+    snap_slack: float64, kinds: int64, min_cosine: float64, marks: uint8[:, ::1],
     scratch: (float32[:, :, ::1], int32[:, ::1]),
 ):  # fmt: skip
     """
@@ -207,47 +209,48 @@ def find_edges(
     depth : (H, W) float32, stored depth
     vertex_depths : (V+E,) float64, stored depth of the vertices
     geometry, placement : records
-    lens : (4, 4) float32
+    matrix : (4, 4) float32
         See ``unproject``; in units in which its largest entry is about 1.
-    snap : float
+    snap_slack : float
         Slack for rounded vertices, as a share of the slopes.
     kinds : int
-        The kinds of edges looked for, as bits.
-    least_cosine : float
+        The kinds of edges to mark, as bits.
+    min_cosine : float
         Of the angle between the normals of two faces: below it is a crease.
     marks : (H, W) uint8
         1 is written to the pixels that an edge belongs to, in these rows and the one behind.
     scratch : tuple
-        This thread's own, from `scratch_memory`.
+        This thread's own, from `make_scratch`.
     """
     height, width = face_id.shape
-    lines, owners = scratch
+    scratch_rows, owners = scratch
     corners, positions = geometry.faces, placement.positions
     v = placement.toward_viewer
     viewer = np.float32(v[0]), np.float32(v[1]), np.float32(v[2]), np.float32(v[3])
-    slack, least = np.float32(snap), np.float32(least_cosine)
+    slack, float32_cosine = np.float32(snap_slack), np.float32(min_cosine)
     for row in range(rows[0], min(rows[1] + 1, height)):
         this, other = row & 1, 1 - (row & 1)
-        s, t, row_owners, previous_owners = lines[this], lines[other], owners[this], owners[other]
-        fill_row(
-            face_id[row], depth[row], row, lens, viewer, slack, vertex_depths, geometry,
+        s, t = scratch_rows[this], scratch_rows[other]
+        row_owners, previous_owners = owners[this], owners[other]
+        fill_scratch_row(
+            face_id[row], depth[row], row, matrix, viewer, slack, vertex_depths, geometry,
             placement, s, row_owners,
         )  # fmt: skip
         for i in range(np.uintp(width)):
             face = np.int64(face_id[row, i])
             if row > rows[0] and face_id[row - 1, i] != face:
-                side = edge_between(
+                side = find_edge(
                     i, i, SLOPE_Y, np.int64(face_id[row - 1, i]), face, depth[row - 1, i],
-                    depth[row, i], t, s, previous_owners[i], row_owners[i], kinds, least, corners,
-                    positions,
+                    depth[row, i], t, s, previous_owners[i], row_owners[i], kinds, float32_cosine,
+                    corners, positions,
                 )  # fmt: skip
                 if side != 0:
                     marks[row - 1 if side < 0 else row, i] = 1
             j = i + np.uintp(1)
             if row < rows[1] and j < width and face_id[row, j] != face:
-                side = edge_between(
+                side = find_edge(
                     i, j, SLOPE_X, face, np.int64(face_id[row, j]), depth[row, i], depth[row, j], s,
-                    s, row_owners[i], row_owners[j], kinds, least, corners, positions,
+                    s, row_owners[i], row_owners[j], kinds, float32_cosine, corners, positions,
                 )  # fmt: skip
                 if side != 0:
                     marks[row, i if side < 0 else j] = 1

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.outline import disc_rows
+from rasterjit.effects.outline import make_disc_rows
 from rasterjit.effects.outline.stage import dilate_marks
 from rasterjit.effects.wireframe import draw_edges
 from rasterjit.effects.wireframe import stage as wireframe_stage
@@ -172,7 +172,7 @@ class SectionLines(ScreenEffect):
                 edges = np.ascontiguousarray(edges[~is_behind])
             canvas = np.zeros(color.shape, np.uint8)
             draw_edges(edges, geometry, coefficients, MARK, canvas, hidden_by, workers)
-            marks, disc = canvas[:, :, 0].copy(), disc_rows(plane.line_width)
+            marks, disc = canvas[:, :, 0].copy(), make_disc_rows(plane.line_width)
             rgba = opaque_codes(plane.line_color).view(np.uint32)
 
             def draw_band(
