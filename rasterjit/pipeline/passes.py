@@ -21,7 +21,7 @@ from rasterjit.runtime.stage_runner import Step
 if TYPE_CHECKING:
     # A pass is listed only where all its inputs exist: no field is None here.
 
-    class PlannedScalarFields(records.ScalarFields):
+    class PlannedVertexScalars(records.VertexScalars):
         """Scalar fields with iso-lines."""
 
         contours: records.IsoLines
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         maps: records.Maps
         alphas: records.Alphas
         microfacets: records.Microfacets
-        fields: PlannedScalarFields
+        fields: PlannedVertexScalars
         transmission: records.TransmissionRows
         layers: records.Layers
 

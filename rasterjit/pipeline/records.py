@@ -215,7 +215,7 @@ class IsoLines(NamedTuple):
     """(O, 4) float32: half the width of lines, pixels; red, green, blue, linear."""
 
 
-class ScalarFields(NamedTuple):
+class VertexScalars(NamedTuple):
     """The scalars of all objects' vertices, and their colormaps: see ``surface.scalar_colors``."""
 
     values: Any
@@ -296,7 +296,7 @@ class Surface(NamedTuple):
     """Alpha-blended objects | None -> all are opaque."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
-    fields: ScalarFields | None = None
+    fields: VertexScalars | None = None
     """Scalars of vertices | None -> none."""
     points: Any = None
     """The points in view, and the camera's rays: `PicturePoints.read` | None -> none."""

@@ -16,10 +16,10 @@ from rasterjit.pipeline.records import (
     Maps,
     Microfacets,
     Placement,
-    ScalarFields,
     Surface,
     Textures,
     TransmissionRows,
+    VertexScalars,
 )
 from rasterjit.pipeline.visibility.primitive_expansion import find_gaps
 from rasterjit.scene.first_corners import corner_offsets
@@ -276,7 +276,7 @@ class MaterialTables:
         return join_layers(self.meshes)
 
     @cached_property
-    def fields(self) -> ScalarFields:
+    def fields(self) -> VertexScalars:
         """The scalars of all objects' vertices, and the colour maps that show them."""
         return join_fields(self.meshes)
 

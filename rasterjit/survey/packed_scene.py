@@ -19,10 +19,10 @@ from rasterjit.pipeline.records import (
     Maps,
     Microfacets,
     Placement,
-    ScalarFields,
     Surface,
     Textures,
     TransmissionRows,
+    VertexScalars,
 )
 from rasterjit.pipeline.surface import texture_filters as texturing
 from rasterjit.pipeline.visibility.primitive_expansion import LineRule, PointRule, Primitive
@@ -411,7 +411,7 @@ def _compute_dielectric_f0(ior: float) -> float:
     return ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
-def join_fields(meshes: Sequence[Mesh]) -> ScalarFields:
+def join_fields(meshes: Sequence[Mesh]) -> VertexScalars:
     """Join the scalars of vertices, NaN where an object has none, and their colour maps."""
     runs = group_instances(meshes)
     colors, rules, entries, first = [], [], [], 0
@@ -422,7 +422,7 @@ def join_fields(meshes: Sequence[Mesh]) -> ScalarFields:
         if field is not None:
             colors.append(field.table)
             first += len(field.table)
-    return ScalarFields(
+    return VertexScalars(
         join_scalars(meshes),
         _repeat(rules, runs, np.float64),
         _repeat(entries, runs, np.int64),

@@ -43,12 +43,12 @@ def levels_of(reflections):
 def test_a_picture_of_one_colour_is_that_colour(size):
     color = np.array([0.25, 0.5, 3.0], np.float32)
     sky = rj.Environment(np.broadcast_to(color, (size[1], size[0], 3))).sky
-    light = maps._irradiance(sky)
+    light = maps._compute_irradiance(sky)
     assert light.terms[0] == pytest.approx(color, rel=1e-6)
     assert np.abs(light.terms[1:]).max() < 1e-6
     assert np.abs(light.bands).max() < 1e-6
     assert len(light.spots) == 0
-    for level in levels_of(maps._reflections(sky, Workers(1))):
+    for level in levels_of(maps._filter_reflections(sky, Workers(1))):
         assert np.abs(level / color - 1.0).max() < 3e-5
 
 
@@ -57,7 +57,7 @@ def test_smooth_light_is_met_closely():
     image = (2.0 + d[..., :1] + 0.5 * d[..., 1:2] * d[..., 2:] + 0.25 * d[..., 2:] ** 2).repeat(
         3, 2
     )
-    light = maps._irradiance(rj.Environment(image).sky)
+    light = maps._compute_irradiance(rj.Environment(image).sky)
     for normal in units(2, 100):
         assert irradiance(light, normal) == pytest.approx(naive.irradiance(image, normal), rel=3e-4)
 
@@ -65,9 +65,9 @@ def test_smooth_light_is_met_closely():
 def test_a_gradient_is_projected_in_closed_form():
     environment = rj.Environment.gradient((0.1, 0.2, 0.9), (0.9, 0.8, 0.7), (0.3, 0.2, 0.1))
     sky = environment.sky
-    closed = maps._irradiance(sky)
+    closed = maps._compute_irradiance(sky)
     image = np.array([[naive.gradient(sky, d) for d in row] for row in skies.directions(2, 256)])
-    summed = maps._irradiance(rj.Environment(image.repeat(64, axis=1)).sky)
+    summed = maps._compute_irradiance(rj.Environment(image.repeat(64, axis=1)).sky)
     assert np.abs(closed.terms - summed.terms).max() < 2e-4
     assert np.abs(closed.bands - summed.bands).max() < 5e-5
     assert len(closed.spots) == len(summed.spots) == 0
@@ -76,7 +76,7 @@ def test_a_gradient_is_projected_in_closed_form():
 def test_bright_spots_are_few_and_lie_where_the_light_is():
     sun, brightness = np.array([0.6, 0.55, 0.5]) / np.linalg.norm([0.6, 0.55, 0.5]), 4000.0
     image = skies.sunny(256, 128, sun=sun, brightness=brightness, degrees=3.0)
-    spots = maps._bright_spots(maps._scaled(image, 128))
+    spots = maps._find_bright_spots(maps._resize(image, 128))
     assert len(spots) == 1
     assert np.degrees(np.arccos(spots[0, :3] @ sun)) < 0.5
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(3.0)))
@@ -85,14 +85,14 @@ def test_bright_spots_are_few_and_lie_where_the_light_is():
     # Far more small lights than there may be spots: the brightest are taken.
     many = np.zeros((64, 128, 3), np.float32)
     many[8:-8:8, ::12] = 1.0
-    assert len(maps._bright_spots(many)) == maps.MAX_SPOTS
+    assert len(maps._find_bright_spots(many)) == maps.MAX_SPOTS
 
 
 @cache
 def small_sun():
     """Return a sky, and its filtered pictures."""
     image = skies.sunny(256, 128, brightness=50.0, degrees=4.0)
-    return image, list(levels_of(maps._reflections(rj.Environment(image).sky, Workers(2))))
+    return image, list(levels_of(maps._filter_reflections(rj.Environment(image).sky, Workers(2))))
 
 
 @pytest.mark.parametrize("level", range(1, ROUGH_LEVELS + 1))
@@ -113,7 +113,7 @@ def test_a_filtered_picture_is_the_mean_over_its_lobe(level):
 
 def test_the_roughest_is_the_light_on_a_matt_surface():
     image = skies.sunny(128, 64, brightness=5.0, degrees=10.0)
-    roughest = list(levels_of(maps._reflections(rj.Environment(image).sky, Workers(1))))[-1]
+    roughest = list(levels_of(maps._filter_reflections(rj.Environment(image).sky, Workers(1))))[-1]
     height, width = roughest.shape[:2]
     for row, column in ((0, 0), (5, 20), (16, 60), (31, 3)):
         normal = skies.directions(width, height)[row, column]
@@ -125,7 +125,7 @@ def test_light_is_kept_when_a_picture_is_scaled():
     image = rng.uniform(0, 9, (37, 100, 3)).astype(np.float32)
     want = (image * skies.solid_angles(100, 37)[..., None]).sum(axis=(0, 1), dtype=np.float64)
     for width in (1024, 128, 64):
-        scaled = maps._scaled(image, width)
+        scaled = maps._resize(image, width)
         areas = skies.solid_angles(width, width // 2)[..., None]
         assert scaled.shape == (width // 2, width, 3)
         assert (scaled * areas).sum(axis=(0, 1), dtype=np.float64) == pytest.approx(want, rel=1e-5)
@@ -133,31 +133,31 @@ def test_light_is_kept_when_a_picture_is_scaled():
 
 def test_a_picture_that_fits_is_not_scaled():
     image = skies.sunny(128, 64)
-    assert maps._scaled(image, 128) is image
+    assert maps._resize(image, 128) is image
 
 
 def test_any_number_of_threads_prepares_the_same_bits():
     sky = rj.Environment(skies.sunny(256, 128)).sky
-    one, three = (maps._reflections(sky, Workers(n)) for n in (1, 3))
+    one, three = (maps._filter_reflections(sky, Workers(n)) for n in (1, 3))
     assert (one.texels == three.texels).all()
     assert (one.levels == three.levels).all()
 
 
 def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
     calls = []
-    filtered = maps._reflections
-    monkeypatch.setattr(maps, "_reflections", lambda *a: calls.append(a[0]) or filtered(*a))
+    filtered = maps._filter_reflections
+    monkeypatch.setattr(maps, "_filter_reflections", lambda *a: calls.append(a[0]) or filtered(*a))
     # Skies of other tests may be about to go.
     gc.collect()
     before = len(maps._filtered_skies)
     environment = rj.Environment(skies.sunny(64, 32))
     workers = Workers(1)
-    unmirrored = maps.environment_record(environment, False, workers)
+    unmirrored = maps.make_light_record(environment, False, workers)
     assert unmirrored.reflections is maps.NO_REFLECTIONS
     assert calls == []
-    first = maps.environment_record(environment, True, workers)
+    first = maps.make_light_record(environment, True, workers)
     turned = rj.Environment(environment.sky, intensity=2.0, rotation=90.0)
-    second = maps.environment_record(turned, True, workers)
+    second = maps.make_light_record(turned, True, workers)
     assert second.reflections is first.reflections
     assert len(calls) == 1
     assert (first.intensity, second.intensity) == (1.0, 2.0)
@@ -169,5 +169,5 @@ def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
 
 
 def test_one_colour_is_not_filtered():
-    reflections = maps._reflections(rj.Environment.constant("red").sky, Workers(1))
+    reflections = maps._filter_reflections(rj.Environment.constant("red").sky, Workers(1))
     assert reflections.levels.shape == (0, 3)

@@ -53,7 +53,7 @@ def add(samples, environment, *, viewer=VIEWER, occlusion=None):
 
 
 def record(environment, is_mirrored=True):
-    return maps.environment_record(environment, is_mirrored, Workers(1))
+    return maps.make_light_record(environment, is_mirrored, Workers(1))
 
 
 def test_angles_keep_their_error():
@@ -63,12 +63,12 @@ def test_angles_keep_their_error():
     ).astype(np.float32)
     for y, x in pairs:
         exact = math.atan2(float(y), float(x)) / (2.0 * math.pi)
-        assert abs(float(environment_stage.angle_of(y, x)) - exact) <= 6e-8
+        assert abs(float(environment_stage.compute_turns(y, x)) - exact) <= 6e-8
     eighths = {(0, 1): 0, (1, 1): 1, (1, 0): 2, (1, -1): 3, (-1, -1): -3, (-1, 0): -2, (-1, 1): -1}
     for (y, x), eighth in eighths.items():
-        assert environment_stage.angle_of(np.float32(y), np.float32(x)) == eighth / 8
-    assert environment_stage.angle_of(np.float32(0.0), np.float32(-2.0)) == 0.5
-    assert environment_stage.angle_of(np.float32(0.0), np.float32(0.0)) == 0.0
+        assert environment_stage.compute_turns(np.float32(y), np.float32(x)) == eighth / 8
+    assert environment_stage.compute_turns(np.float32(0.0), np.float32(-2.0)) == 0.5
+    assert environment_stage.compute_turns(np.float32(0.0), np.float32(0.0)) == 0.0
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (2, 1), (8, 4), (33, 20)])
@@ -78,7 +78,7 @@ def test_a_picture_is_looked_up_like_its_twin(width, height):
     around = record(rj.Environment(image), False)
     poles = [(0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1), (-1, 0, -1e-9)]
     for x, y, z in np.concatenate([units(rng, 100), poles]).astype(np.float32):
-        found = environment_stage.sky_color(
+        found = environment_stage.sample_sky(
             x, y, z, around.texels, around.width, around.height, around.gradient
         )
         # Five values of light a texel, and places good to 1e-6 of the picture.
@@ -94,7 +94,7 @@ def test_a_pole_has_one_colour_from_all_sides_the_mean_of_its_row(width, height,
     row = image[0 if y > 0.0 else -1].mean(axis=0)
     for longitude in np.linspace(0.0, 2.0 * np.pi, 23):
         x, z = 1e-5 * np.cos(longitude), 1e-5 * np.sin(longitude)
-        found = environment_stage.sky_color(
+        found = environment_stage.sample_sky(
             *np.float32((x, y, z)), around.texels, around.width, around.height, around.gradient
         )
         assert np.abs(found - row).max() < 1e-3
@@ -106,7 +106,7 @@ def test_the_middle_of_a_texel_shows_that_texel():
     around = record(rj.Environment(image), False)
     for (row, column), _ in np.ndenumerate(image[:, :, 0]):
         x, y, z = skies.directions(32, 16)[row, column].astype(np.float32)
-        found = environment_stage.sky_color(x, y, z, around.texels, 32, 16, around.gradient)
+        found = environment_stage.sample_sky(x, y, z, around.texels, 32, 16, around.gradient)
         assert np.abs(found - image[row, column]).max() < 2e-5
 
 
@@ -117,8 +117,8 @@ def test_what_is_no_direction_reads_a_texel_all_the_same():
         place = (np.float32(bad),) * 3
         # Without the compiler NumPy warns of what these directions do.
         with np.errstate(all="ignore"):
-            found = environment_stage.sky_color(*place, around.texels, 8, 4, around.gradient)
-            plain = environment_stage.sky_color(*place, around.texels, 0, 0, around.gradient)
+            found = environment_stage.sample_sky(*place, around.texels, 8, 4, around.gradient)
+            plain = environment_stage.sample_sky(*place, around.texels, 0, 0, around.gradient)
         assert found == (0.25, 0.25, 0.25)
         assert plain == tuple(around.gradient[environment_stage.HORIZON])
 
@@ -151,7 +151,7 @@ def test_a_gradient_is_looked_up_like_its_twin():
     environment = rj.Environment.gradient((0.1, 0.2, 0.9), (0.9, 0.8, 0.7), (0.3, 0.2, 0.1))
     around = record(environment, False)
     for x, y, z in units(np.random.default_rng(4), 50).astype(np.float32):
-        found = environment_stage.sky_color(x, y, z, around.texels, 0, 0, around.gradient)
+        found = environment_stage.sample_sky(x, y, z, around.texels, 0, 0, around.gradient)
         assert found == pytest.approx(naive.gradient(environment.sky, (x, y, z)), abs=3e-7)
 
 
@@ -232,10 +232,10 @@ def test_a_mirror_shows_what_lies_in_the_mirrored_direction():
 
 def test_levels_follow_roughness_without_steps():
     steps = np.linspace(0.0, 1.0, 2001).astype(np.float32)
-    levels = np.array([environment_stage.level_at_roughness(r) for r in steps])
+    levels = np.array([environment_stage.find_level(r) for r in steps])
     assert (levels[0], levels[-1]) == (0.0, 8.0)
     assert (np.diff(levels) >= 0.0).all()
     assert np.diff(levels).max() < 0.02
     for level in range(1, 9):
         roughness = np.float32(2.0 ** ((level - 8) / 2))
-        assert environment_stage.level_at_roughness(roughness) == pytest.approx(level, abs=1e-5)
+        assert environment_stage.find_level(roughness) == pytest.approx(level, abs=1e-5)

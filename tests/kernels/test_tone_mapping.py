@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit.effects.tone_map import make_tone_record
 from rasterjit.effects.tone_map import stage as tone_map_stage
-from rasterjit.effects.tone_map import tone_record
 
 CURVES = ["none", "reinhard", "aces", "neutral"]
 
@@ -21,7 +21,7 @@ def mapped(tone, colors):
     shown = np.empty_like(colors)
     # Without the compiler NumPy warns where a colour overflows on purpose.
     with np.errstate(over="ignore"):
-        tone_map_stage.map_tones(tone_record(tone), *colors, *shown)
+        tone_map_stage.map_tones(make_tone_record(tone), *colors, *shown)
     return shown.T
 
 
@@ -55,7 +55,7 @@ def test_reinhard_reaches_white(white):
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_one_colour_alone_is_mapped_like_a_row(curve):
-    tone = tone_record(rj.ToneMap(curve, 0.5))
+    tone = make_tone_record(rj.ToneMap(curve, 0.5))
     shown = mapped(rj.ToneMap(curve, 0.5), lights(40))
     for color, got in zip(lights(40), shown, strict=True):
         assert (np.array(tone_map_stage.map_pixel(tone, *color)) == got).all()

@@ -549,7 +549,7 @@ def test_pictures_of_one_process_filter_the_sky_once(monkeypatch, up):
     from rasterjit.effects.environment import prefilter
 
     filtered = []
-    filters = prefilter._irradiance, prefilter._reflections
+    filters = prefilter._compute_irradiance, prefilter._filter_reflections
     for own in filters:
         monkeypatch.setattr(
             prefilter, own.__name__, lambda *given, own=own: filtered.append(own) or own(*given)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.environment import prefilter_stage
 from rasterjit.effects.environment import stage as environment_stage
-from rasterjit.effects.environment.prefilter import backdrop_record, environment_record
+from rasterjit.effects.environment.prefilter import make_background_record, make_light_record
 from rasterjit.effects.environment.stage import EnvironmentRecord
-from rasterjit.effects.tone_map import tone_of
+from rasterjit.effects.tone_map import get_tone
 from rasterjit.effects.tone_map.stage import ToneRecord
 from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, rows_where
 from rasterjit.pipeline.srgb_encoding import make_encoding_table
@@ -46,7 +46,7 @@ RAYS = "rays through the background"
 
 
 class Sky(NamedTuple):
-    """The environment as a background, as ``stage.show_environment`` takes it."""
+    """The arguments of ``stage.show_environment`` for a frame."""
 
     rays: NDArray[np.float64]
     """(3, 3): direction at the middle of the frame, and its change with x and y."""
@@ -73,7 +73,7 @@ class Sky(NamedTuple):
         calls : Calls
         face_id : (R, W) int32
         first_row : int
-            Where they lie in what is drawn.
+            Of these rows, in the part that is drawn.
         linear : (R, W, 4) float32, or (R, 0, 4)
         color : (R, W) uint32, or (R, 0)
             Written.
@@ -85,35 +85,35 @@ class Sky(NamedTuple):
         )  # fmt: skip
 
 
-def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
+def compute_background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
     """
     Return the rays of a camera's pixels, (3, 3) float64, in world axes.
 
     Row 0 is the direction at the middle of the frame, rows 1 and 2 its change with x and y in
-    normalized device coordinates; see ``stage.color_along``. Only their ratios matter.
+    normalized device coordinates; see ``stage.sample_environment``. Only their ratios matter.
     """
-    return rays_of(clip_from_relative(camera, size))
+    return compute_rays(clip_from_relative(camera, size))
 
 
-def rays_of(clip: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `background_rays` of ``clip_from_relative``, (4, 4), whatever signs its zeros have."""
+def compute_rays(clip: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `compute_background_rays` of ``clip_from_relative``, (4, 4), with zeros of any sign."""
     with np.errstate(all="ignore"):
         rows = (clip[:, :3] + 0.0) / np.abs(clip[[0, 1, 3], :3]).max()
     x, y, depth, w = rows.tolist()
     middle = _cross(x, y)
     if any(w):
         rays = [middle, _cross(y, w), _cross(w, x)]
-        ahead = w
+        forward = w
     else:
-        # A parallel projection looks one way, the way that depth grows.
+        # All rays of a parallel projection have the direction in which depth grows.
         rays = [middle, [0.0] * 3, [0.0] * 3]
-        ahead = depth
-    toward = (ahead[0] * middle[0] + ahead[1] * middle[1]) + ahead[2] * middle[2]
+        forward = depth
+    toward = (forward[0] * middle[0] + forward[1] * middle[1]) + forward[2] * middle[2]
     return np.array(rays) * math.copysign(1.0, toward)
 
 
 def _cross(a: Any, b: Any) -> list[float]:
-    """Return the cross product."""
+    """Return the cross product of two vectors."""
     return [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -136,7 +136,7 @@ class EnvironmentLight(BatchedEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why no light from all around reaches a colour that is asked for."""
+        """Say why no requested colour is lit by the environment."""
         if facts.environment is None:
             return "scene.environment is None"
         if not facts.is_lit:
@@ -148,21 +148,21 @@ class EnvironmentLight(BatchedEffect):
         return facts.environment
 
     def describe(self, facts: Facts) -> str:
-        """Say what light comes from all around."""
+        """Say what the environment is, and whether surfaces reflect it."""
         mirrored = ", mirrored by pbr" if facts.visible.pbr else ""
         return f"{facts.fields['environment'].described}{mirrored}"
 
     def prepare(
         self, context: FrameContext, data: Environment, seen: Sequence[Any]
     ) -> EnvironmentRecord:
-        """Return the environment, filtered as far as anything reads it."""
-        return environment_record(data, context.plan.facts.needs_microfacets, context.workers)
+        """Return the environment, filtered for reflections where any object has them."""
+        return make_light_record(data, context.plan.facts.needs_microfacets, context.workers)
 
     def prepare_batch(
         self, plan: RenderPlan, data: Environment, view_arrays: ViewArrays
     ) -> EnvironmentRecord:
-        """Return the environment, which is the same for all views."""
-        return environment_record(data, plan.facts.needs_microfacets, Workers(1))
+        """Return the environment, the same for all views."""
+        return make_light_record(data, plan.facts.needs_microfacets, Workers(1))
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that filter a panorama."""
@@ -176,23 +176,25 @@ class EnvironmentLight(BatchedEffect):
         return record._replace(intensity=np.float32(0.0))
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with an environment that is seen alone: no headlight takes its place."""
-        around = scene.environment
-        if around is None:
+        """Return the scene with its environment shown but dark, so that no headlight is added."""
+        environment = scene.environment
+        if environment is None:
             return scene
-        alone = BackgroundOnly(around.sky, around.intensity, around.rotation, around.background)
+        alone = BackgroundOnly(
+            environment.sky, environment.intensity, environment.rotation, environment.background
+        )
         return with_field(scene, "environment", alone)
 
     @staticmethod
-    def add_light(around: EnvironmentRecord, needs: ShadingNeeds) -> list[Pass]:
+    def add_light(environment: EnvironmentRecord, needs: ShadingNeeds) -> list[Pass]:
         """Return the passes that add irradiance, and reflections for microfacets."""
         light_pass = Pass(
             environment_stage.add_sky,
-            lambda _: (around.irradiance, around.yaw, around.intensity),
+            lambda _: (environment.irradiance, environment.yaw, environment.intensity),
         )
         if not needs.microfacets:
             return [light_pass]
-        reflection_pass = Pass(environment_stage.add_reflections, lambda a: (around, a.viewer))
+        reflection_pass = Pass(environment_stage.add_reflections, lambda a: (environment, a.viewer))
         if not needs.layers:
             return [light_pass, reflection_pass]
         from rasterjit.pipeline.lighting import layered_materials
@@ -213,7 +215,7 @@ class EnvironmentBackground(BatchedEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why the environment is not seen where no face is."""
+        """Say why the environment is not shown."""
         if facts.environment is None:
             return "scene.environment is None"
         if not facts.is_colored:
@@ -227,33 +229,33 @@ class EnvironmentBackground(BatchedEffect):
         return facts.environment
 
     def describe(self, facts: Facts) -> str:
-        """Say where it is seen."""
+        """Say where the environment is shown."""
         return "where no face is"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernel that writes it."""
+        """Return the kernel that writes the background."""
         return {"background": rows_where("", environment_stage.show_environment)}
 
     def prepare(self, context: FrameContext, data: Environment, seen: Sequence[Any]) -> Sky:
         """Return the environment as the background of this picture."""
         plan = context.plan
-        rays = background_rays(plan.camera, plan.size)
-        return Sky(rays, plan.size, backdrop_record(data), tone_of(plan), plan.corner)
+        rays = compute_background_rays(plan.camera, plan.size)
+        return Sky(rays, plan.size, make_background_record(data), get_tone(plan), plan.corner)
 
     def prepare_batch(self, plan: RenderPlan, data: Environment, view_arrays: ViewArrays) -> Sky:
         """Return the environment as the background of each view."""
         return Sky(
-            view_arrays(RAYS, (3, 3), np.float64), plan.size, backdrop_record(data), tone_of(plan)
+            view_arrays(RAYS, (3, 3), np.float64), plan.size, make_background_record(data), get_tone(plan)
         )
 
     def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float64]]:
         """Return the rays of each view."""
         if scene.environment is None or not scene.environment.background:
             return {}
-        return {RAYS: np.array([rays_of(clip) for clip in group.views.clip_from_relative])}
+        return {RAYS: np.array([compute_rays(clip) for clip in group.views.clip_from_relative])}
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with an environment that is not seen."""
+        """Return the scene with an environment that is not shown."""
         around = scene.environment
         unseen = None if around is None else replace(around, background=False)
         return with_field(scene, "environment", unseen)

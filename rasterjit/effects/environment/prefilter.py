@@ -1,9 +1,9 @@
 """
 Prefilter environment maps for image-based lighting; results are cached with the map.
 
-A map is resized to a power of two first. Irradiance: it is projected onto the nine lowest spherical
-harmonics, and two more that depend on the height alone [1]_. Small bright spots, such as the sun,
-would be off by up to 24 %: they are removed from these and treated as directional lights.
+A map is first resized to a width that is a power of two. Irradiance: it is projected onto the nine
+lowest spherical harmonics, and two more that depend on the height alone [1]_. Small bright spots,
+such as the sun, would be off by up to 24 %: they are removed and treated as directional lights.
 
 Reflections: the map is filtered for eight roughnesses. The mean over a lobe is taken in rings, each
 from a mip level whose texels are at most a quarter as wide as their distance from the centre.
@@ -37,12 +37,12 @@ MAX_LEVEL_WIDTH = 512
 """Most columns of a filtered picture; the sharpest lobe is 1.2 degrees across."""
 
 RING_TEXELS = 4.0
-"""Texels from the middle of a lobe to the ring that is read from a coarser copy."""
+"""Texels from the middle of a lobe to the ring that the next coarser copy serves."""
 
 ROWS_PER_TASK = 8
 """Rows of a filtered picture made by one task."""
 
-TEXELS_AROUND = 8.0
+COLUMNS_TIMES_ALPHA = 8.0
 """Columns of the finest copy that a lobe is read from, times alpha: the middle of the lobe, 150
 alpha degrees wide, is three texels across."""
 
@@ -50,7 +50,7 @@ MAX_VERSINE = 3.0
 """Above one minus any cosine."""
 
 GRADIENT_SIZE = 256
-"""Columns of the picture that a sky without one is filtered from."""
+"""Columns of the picture drawn of a gradient."""
 
 PI = 3.141592653589793
 
@@ -64,9 +64,11 @@ SPOTS_WIDTH = 128
 MAX_SPOTS, SPOT_COSINE = 32, 0.99026807
 """Most spots of a picture, and the cosine of one's radius, 8 degrees."""
 
-BRIGHT, MIN_FLUX = 4.0, 0.004
-"""A spot is brighter than `BRIGHT` times the mean, and sends at least the share `MIN_FLUX` of all
-light. What is smaller stays in the harmonics, which are off by a sixteenth of its light."""
+MIN_SPOT_BRIGHTNESS, MIN_SPOT_FLUX = 4.0, 0.004
+"""Least brightness of a spot, in means of the map, and least share of all light that it sends.
+
+Smaller spots stay in the harmonics, which are off by a sixteenth of their light.
+"""
 
 NO_LIGHT = Irradiance(
     np.zeros((stage.IRRADIANCE_TERMS, 3), np.float32), np.zeros((0, 3), np.float32),
@@ -75,7 +77,7 @@ NO_LIGHT = Irradiance(
 """The irradiance of an environment that is only a background."""
 
 NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.int64))
-"""The reflections of an environment that nothing mirrors, or whose light is alike on all sides."""
+"""The reflections of an environment that nothing reflects, or of one colour."""
 
 
 class FilteredPanorama(NamedTuple):
@@ -83,16 +85,16 @@ class FilteredPanorama(NamedTuple):
 
     irradiance: Irradiance
     reflections: Reflections | None
-    """``None`` until something mirrors it."""
+    """``None`` until an object reflects the sky."""
 
 
 _filtered_skies: weakref.WeakKeyDictionary[Panorama | SkyGradient, FilteredPanorama] = (
     weakref.WeakKeyDictionary()
 )
-"""The filtered data of every sky that has been used and is still held."""
+"""The filtered data of all skies in use."""
 
 
-def environment_record(
+def make_light_record(
     environment: Environment, has_reflections: bool, workers: Workers
 ) -> EnvironmentRecord:
     """
@@ -102,22 +104,22 @@ def environment_record(
     ----------
     environment : rasterjit.Environment
     has_reflections : bool
-        Whether any object mirrors it: only then is it filtered for that.
+        Whether any object reflects the environment: only then is it filtered for reflections.
     workers : Workers
     """
     sky = environment.sky
     filtered = _filtered_skies.get(sky)
     if filtered is None:
-        filtered = FilteredPanorama(_irradiance(sky), None)
+        filtered = FilteredPanorama(_compute_irradiance(sky), None)
     if has_reflections and filtered.reflections is None:
-        filtered = filtered._replace(reflections=_reflections(sky, workers))
+        filtered = filtered._replace(reflections=_filter_reflections(sky, workers))
     _filtered_skies[sky] = filtered
-    record = backdrop_record(environment)
+    record = make_background_record(environment)
     reflections = filtered.reflections if has_reflections else NO_REFLECTIONS
     return record._replace(irradiance=filtered.irradiance, reflections=reflections)
 
 
-def backdrop_record(environment: Environment) -> EnvironmentRecord:
+def make_background_record(environment: Environment) -> EnvironmentRecord:
     """Return the record of an environment that is only a background."""
     sky = environment.sky
     sine, cosine = sine_cosine(environment.rotation)
@@ -140,25 +142,25 @@ def backdrop_record(environment: Environment) -> EnvironmentRecord:
     )
 
 
-def _irradiance(sky: Panorama | SkyGradient) -> Irradiance:
-    """Return the light on a surface over pi."""
+def _compute_irradiance(sky: Panorama | SkyGradient) -> Irradiance:
+    """Return a sky's irradiance over pi."""
     if isinstance(sky, SkyGradient):
-        return _gradient_irradiance(sky)
-    width = _copy_width(sky.image.shape[1])
-    image = _scaled(sky.image, width)
-    terms, bands = _project(_planar(image))
+        return _compute_gradient_irradiance(sky)
+    width = _choose_copy_width(sky.image.shape[1])
+    image = _resize(sky.image, width)
+    terms, bands = _project_harmonics(_make_planar(image))
     while width > SPOTS_WIDTH:
         width //= 2
-        image = _scaled(image, width)
-    spots = _bright_spots(image)
+        image = _resize(image, width)
+    spots = _find_bright_spots(image)
     for x, y, z, *color in spots.tolist():
-        spot_terms, spot_bands = _harmonics_of_cosine(x, y, z)
+        spot_terms, spot_bands = _project_cosine(x, y, z)
         terms -= np.outer(spot_terms, color)
         bands -= np.outer(spot_bands, color)
     return Irradiance(*(part.astype(np.float32) for part in (terms, bands, spots)))
 
 
-def _gradient_irradiance(sky: SkyGradient) -> Irradiance:
+def _compute_gradient_irradiance(sky: SkyGradient) -> Irradiance:
     """
     Return the polynomial of a gradient, which is ``h + (a - b)/2 y + (a + b)/2 |y|``.
 
@@ -177,8 +179,8 @@ def _gradient_irradiance(sky: SkyGradient) -> Irradiance:
     return Irradiance(terms.astype(np.float32), bands.astype(np.float32), NO_LIGHT.spots)
 
 
-def _harmonics_of_cosine(x: float, y: float, z: float) -> tuple[list[float], list[float]]:
-    """Return a cosine to a direction, 0 at least, as nine terms and two bands: see `Irradiance`."""
+def _project_cosine(x: float, y: float, z: float) -> tuple[list[float], list[float]]:
+    """Return the clamped cosine to a direction as nine terms and two bands: see `Irradiance`."""
     s = y * y
     terms = [
         1.0 / 4.0, x / 2.0, y / 2.0, z / 2.0, 15.0 / 16.0 * x * y, 15.0 / 16.0 * y * z,
@@ -189,23 +191,23 @@ def _harmonics_of_cosine(x: float, y: float, z: float) -> tuple[list[float], lis
     return terms, [-3.0 / 32.0 * four, 13.0 / 256.0 * six]
 
 
-def _bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
+def _find_bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
     """
     Return the directions of small bright spots, and their irradiance, (N, 6).
 
-    What is brighter than `BRIGHT` times the mean is given to spots, the brightest texel and what
-    lies around it first.
+    Texels brighter than `MIN_SPOT_BRIGHTNESS` times the mean make spots: the brightest and those
+    around it first.
     """
     height, width = image.shape[:2]
     longitudes = [sine_cosine(360.0 * ((n + 0.5) / width - 0.5)) for n in range(width)]
     sines, cosines = np.array(longitudes).T
-    y, s, area = (column[:, np.newaxis] for column in _latitudes(height))
+    y, s, area = (column[:, np.newaxis] for column in _compute_latitudes(height))
     directions = np.stack(np.broadcast_arrays(s * cosines, y, s * sines), axis=2).reshape(-1, 3)
     colors = image.astype(np.float64).reshape(-1, 3)
     light = colors[:, 0] + colors[:, 1] + colors[:, 2]
     areas = np.repeat(area[:, 0] / width, width)
-    min_flux = _sum(light * areas) * MIN_FLUX
-    excess = np.maximum(light - BRIGHT / (4.0 * PI) * _sum(light * areas), 0.0)
+    min_flux = _sum(light * areas) * MIN_SPOT_FLUX
+    excess = np.maximum(light - MIN_SPOT_BRIGHTNESS / (4.0 * PI) * _sum(light * areas), 0.0)
     spots: list[list[float]] = []
     while len(spots) < MAX_SPOTS and excess.any():
         x, y, z = directions[excess.argmax()].tolist()
@@ -222,26 +224,26 @@ def _bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.array(spots).reshape(-1, 6)
 
 
-def _copy_width(width: int) -> int:
+def _choose_copy_width(width: int) -> int:
     """Return the columns of the finest copy of a picture: a power of two."""
     return min(max(1 << (width.bit_length() - 1), MIN_COPY_WIDTH), MAX_COPY_WIDTH)
 
 
-def _latitudes(height: int) -> NDArray[np.float64]:
-    """Return sine and cosine of the latitude of each row, and the solid angle of a whole row."""
+def _compute_latitudes(height: int) -> NDArray[np.float64]:
+    """Return each row's sine and cosine of latitude, and its solid angle, (3, H)."""
     centers = [sine_cosine(90.0 - 180.0 * (row + 0.5) / height) for row in range(height)]
-    areas = np.diff(_row_edges(height)) * (2.0 * PI)
+    areas = np.diff(_compute_row_edges(height)) * (2.0 * PI)
     return np.array([*zip(*centers, strict=True), areas])
 
 
-def _row_edges(height: int) -> NDArray[np.float64]:
-    """Return one minus the sine of the latitude between rows, (H+1,): area, from the top."""
+def _compute_row_edges(height: int) -> NDArray[np.float64]:
+    """Return one minus the sine of latitude at the edges of rows, (H+1,): area from the top."""
     sines = [sine_cosine(90.0 - 180.0 * row / height)[0] for row in range(height + 1)]
     return 1.0 - np.array(sines)
 
 
-def _scaled(image: NDArray[np.float32], width: int) -> NDArray[np.float32]:
-    """Resize a picture to (width/2, width, 3): the means of the light by area."""
+def _resize(image: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+    """Resize a picture to (width/2, width, 3), averaging light by area."""
     height = width // 2
     rows, columns = image.shape[:2]
     if columns != width:
@@ -250,19 +252,21 @@ def _scaled(image: NDArray[np.float32], width: int) -> NDArray[np.float32]:
         prefilter_stage.average_columns(writable(image), *edges, resized)
         image = resized
     if rows != height:
-        upright = np.ascontiguousarray(image.swapaxes(0, 1))
-        turned_back = np.empty((width, height, 3), np.float32)
-        prefilter_stage.average_columns(upright, _row_edges(rows), _row_edges(height), turned_back)
-        image = np.ascontiguousarray(turned_back.swapaxes(0, 1))
+        transposed = np.ascontiguousarray(image.swapaxes(0, 1))
+        transposed_out = np.empty((width, height, 3), np.float32)
+        prefilter_stage.average_columns(
+            transposed, _compute_row_edges(rows), _compute_row_edges(height), transposed_out
+        )
+        image = np.ascontiguousarray(transposed_out.swapaxes(0, 1))
     return image
 
 
-def _planar(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def _make_planar(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return a picture channel by channel, (3, H, W)."""
     return np.ascontiguousarray(np.moveaxis(image, 2, 0))
 
 
-def _project(
+def _project_harmonics(
     channels: NDArray[np.float32],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
@@ -275,17 +279,17 @@ def _project(
     longitudes = [sine_cosine(360.0 * ((n + 0.5) / width - 0.5)) for n in range(width)]
     sines, cosines = np.array(longitudes).T.copy()
     sums = np.empty((5, height))
-    edges = 1.0 - _row_edges(height)
+    edges = 1.0 - _compute_row_edges(height)
     top, bottom = edges[:-1], edges[1:]
     first = (top * top - bottom * bottom) / 2.0
     second = top * top * top - bottom * bottom * bottom - (top - bottom)
-    fourth = _legendre_sum(top, LEGENDRE_4) - _legendre_sum(bottom, LEGENDRE_4)
-    sixth = _legendre_sum(top, LEGENDRE_6) - _legendre_sum(bottom, LEGENDRE_6)
-    y, s, area = _latitudes(height)
+    fourth = _integrate_legendre(top, LEGENDRE_4) - _integrate_legendre(bottom, LEGENDRE_4)
+    sixth = _integrate_legendre(top, LEGENDRE_6) - _integrate_legendre(bottom, LEGENDRE_6)
+    y, s, area = _compute_latitudes(height)
     terms, bands = np.empty((stage.IRRADIANCE_TERMS, 3)), np.empty((2, 3))
     for k in range(3):
         prefilter_stage.project_rows(writable(channels[k]), cosines, sines, sums)
-        # What each texel of a row stands for: a share of the row's area, over 4 pi.
+        # Weight each texel by its share of the row's area, over 4 pi.
         plain, cosine, sine, double_cosine, double_sine = sums / (2.0 * width)
         weight = area / (2.0 * PI)
         terms[:, k] = [
@@ -303,7 +307,7 @@ def _project(
     return terms, bands
 
 
-def _legendre_sum(y: NDArray[np.float64], factors: tuple[float, ...]) -> NDArray[np.float64]:
+def _integrate_legendre(y: NDArray[np.float64], factors: tuple[float, ...]) -> NDArray[np.float64]:
     """Return the integral of a Legendre polynomial of even degree up to y."""
     s, total = y * y, np.zeros_like(y)
     for factor in factors:
@@ -312,29 +316,29 @@ def _legendre_sum(y: NDArray[np.float64], factors: tuple[float, ...]) -> NDArray
 
 
 def _sum(values: NDArray[np.float64]) -> float:
-    """Return a sum, from the first to the last."""
+    """Return a sum in order, from the first value to the last."""
     total = 0.0
     for value in values.tolist():
         total += value
     return total
 
 
-def _reflections(sky: Panorama | SkyGradient, workers: Workers) -> Reflections:
+def _filter_reflections(sky: Panorama | SkyGradient, workers: Workers) -> Reflections:
     """Return a sky filtered for each level of roughness."""
     if isinstance(sky, SkyGradient):
         if sky.zenith == sky.horizon == sky.ground:
             return NO_REFLECTIONS
-        image = _gradient_image(sky)
+        image = _draw_gradient(sky)
     else:
         image = sky.image
     copies = {}
-    width = _copy_width(image.shape[1])
+    width = _choose_copy_width(image.shape[1])
     while width >= MIN_COPY_WIDTH:
-        image = copies[width] = _scaled(image, width)
+        image = copies[width] = _resize(image, width)
         width //= 2
     texels, levels, first = [], [], 0
     for level in range(1, stage.ROUGH_LEVELS + 1):
-        filtered = _filtered(copies, level, workers)
+        filtered = _filter_level(copies, level, workers)
         height, width = filtered.shape[:2]
         texels.append(filtered.reshape(-1, 3))
         levels.append((first, width, height))
@@ -342,39 +346,39 @@ def _reflections(sky: Panorama | SkyGradient, workers: Workers) -> Reflections:
     return Reflections(np.concatenate(texels), np.array(levels, np.int64))
 
 
-def _gradient_image(sky: SkyGradient) -> NDArray[np.float32]:
+def _draw_gradient(sky: SkyGradient) -> NDArray[np.float32]:
     """Return a picture of a gradient."""
     height = GRADIENT_SIZE // 2
-    y = _latitudes(height)[0][:, np.newaxis]
+    y = _compute_latitudes(height)[0][:, np.newaxis]
     zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
     rows = horizon + np.abs(y) * (np.where(y > 0.0, zenith, ground) - horizon)
     return np.repeat(rows.astype(np.float32)[:, np.newaxis], GRADIENT_SIZE, axis=1)
 
 
-def _filtered(
+def _filter_level(
     copies: dict[int, NDArray[np.float32]], level: int, workers: Workers
 ) -> NDArray[np.float32]:
-    """Return the picture that a surface of one degree of roughness mirrors, (H, W, 3)."""
+    """Return a sky's reflection in a surface of one roughness level, (H, W, 3)."""
     alpha = math.ldexp(1.0, level - stage.ROUGH_LEVELS)
-    finest = min(max(round(TEXELS_AROUND / alpha), MIN_COPY_WIDTH), max(copies))
+    finest = min(max(round(COLUMNS_TIMES_ALPHA / alpha), MIN_COPY_WIDTH), max(copies))
     width = min(finest, MAX_LEVEL_WIDTH)
     height = width // 2
     sums, totals = np.zeros((3, height, width)), np.zeros((height, width))
     used = [copy for copy in copies if copy <= finest]
     for number, copy in enumerate(used):
-        ring = _ring(copy, number == 0, number == len(used) - 1)
-        added, total = _ring_sums(copies[copy], ring, alpha * alpha, (height, width), workers)
+        ring = _find_ring_bounds(copy, number == 0, number == len(used) - 1)
+        added, total = _sum_ring(copies[copy], ring, alpha * alpha, (height, width), workers)
         sums += added.swapaxes(2, 3).reshape(sums.shape)
         totals += np.tile(total, (1, width // total.shape[1]))
     return np.ascontiguousarray(np.moveaxis(sums / totals, 0, 2), np.float32)
 
 
-def _ring(width: int, is_first: bool, is_last: bool) -> NDArray[np.float64]:
+def _find_ring_bounds(width: int, is_first: bool, is_last: bool) -> NDArray[np.float64]:
     """
     Return the bounds of the ring that is read from a copy of a picture, (4,).
 
-    In one minus the cosine, half the square of a small angle: it counts more and more from the
-    angle that is so many texels wide up to twice that angle, where the finer copy has faded.
+    Bounds are one minus a cosine, half the square of a small angle. The ring fades in from
+    `RING_TEXELS` to twice that angle, while the finer copy's ring fades out.
     """
     angle = RING_TEXELS * 2.0 * PI / width
     start = angle * angle / 2.0
@@ -383,7 +387,7 @@ def _ring(width: int, is_first: bool, is_last: bool) -> NDArray[np.float64]:
     return np.array(ends)
 
 
-def _ring_sums(
+def _sum_ring(
     image: NDArray[np.float32],
     ring: NDArray[np.float64],
     alpha_squared: float,
@@ -394,13 +398,14 @@ def _ring_sums(
     height, width = shape
     source_height, source_width = image.shape[:2]
     base = min(source_width, width)
-    phases = _planar(image).reshape(3, source_height, base, source_width // base).swapaxes(2, 3)
+    planar = _make_planar(image)
+    phases = planar.reshape(3, source_height, base, source_width // base).swapaxes(2, 3)
     source = np.ascontiguousarray(np.concatenate([phases, phases], axis=3))
     steps = 2 * max(source_width, width)
     cosines = np.array([sine_cosine(360.0 * n / steps)[1] for n in range(steps)])
     sums = np.zeros((3, height, width // base, base), np.float32)
     total = np.zeros((height, width // base))
-    heights = _latitudes(source_height), _latitudes(height)[:2].copy()
+    heights = _compute_latitudes(source_height), _compute_latitudes(height)[:2].copy()
     workers.run(
         prefilter_stage.add_ring,
         [

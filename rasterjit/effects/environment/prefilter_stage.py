@@ -2,7 +2,7 @@
 Resize an environment map, project it to harmonics, and filter it for rough surfaces.
 
 Pictures are equirectangular, row by row from the top, channel by channel (planar). Every sum runs
-in an order that is written down here, so the same picture gives the same bits everywhere.
+in a fixed order, so the same picture gives the same bits everywhere.
 
 The reflection of a surface of roughness r is a weighted mean around the mirror direction. A
 direction at the cosine c has the weight ``c D(c)``; D is the GGX distribution with alpha = r**2,
@@ -30,7 +30,7 @@ def average_columns(
     out: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write a picture of fewer or more columns: means by the measure that the edges are given in.
+    Write a picture of fewer or more columns, each the mean of the source between its edges.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def average_columns(
     source_edges : (W+1,) float64
         Ascending; column n lies between edges n and n+1.
     out_edges : (V+1,) float64
-        The same of ``out``, over the same range.
+        Edges of the columns of ``out``, over the same range.
     out : (R, V, 3) float32
         Written.
     """
@@ -69,15 +69,15 @@ def add_weighted(weight, source, out):
 
 
 @helper
-def lobe_weight(c, alpha_squared):
-    """Return the weight of a direction at a cosine above 0 to the mirrored one, up to a factor."""
+def compute_lobe_weight(c, alpha_squared):
+    """Return a direction's weight, given its cosine above 0 to the mirror direction."""
     spread = 0.5 * (1.0 + c) * (alpha_squared - 1.0) + 1.0
     return c / (spread * spread)
 
 
 @helper
-def ramp(value, start, end):
-    """Return how far a value is on its way from start to end, 0..1; 1 beyond the start if equal."""
+def compute_ramp(value, start, end):
+    """Return a value's fraction of the way from start to end, 0..1; a step where both are equal."""
     if value <= start:
         return 0.0
     if value >= end:
@@ -105,8 +105,8 @@ def add_ring(
     alpha_squared : float
         The square of the GGX alpha.
     ring : (4,) float64
-        Of one minus the cosine: where the ring begins to count, counts fully, begins to fade, and
-        has faded.
+        One minus the cosine where the ring begins to fade in, has its full weight, begins to
+        fade out, and ends.
     source : (3, H, P, 2 B) float32
         The picture, the columns of each phase twice.
     source_heights : (3, H) float64
@@ -138,9 +138,10 @@ def add_ring(
                         versine = 1.0 - c
                         if c <= 0.0 or versine <= ring[0] or versine >= ring[3]:
                             continue
-                        weight = lobe_weight(c, alpha_squared) * source_heights[2, source_row]
-                        weight *= ramp(versine, ring[0], ring[1])
-                        weight *= 1.0 - ramp(versine, ring[2], ring[3])
+                        weight = compute_lobe_weight(c, alpha_squared)
+                        weight *= source_heights[2, source_row]
+                        weight *= compute_ramp(versine, ring[0], ring[1])
+                        weight *= 1.0 - compute_ramp(versine, ring[2], ring[3])
                         total[row, phase] += weight
                         for channel in range(3):
                             add_weighted(

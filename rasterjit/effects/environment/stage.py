@@ -7,15 +7,12 @@ prefiltered for the roughness, times the single-scattering albedo (split sum) [2
 scattering [3]_ takes the irradiance. A white surface under white light is white, for any roughness
 and metallic (white furnace).
 
-Directions become longitude and latitude by a polynomial of our own, whose bits are the same on
-every CPU.
+Directions become longitude and latitude by a polynomial, whose bits are the same on every CPU.
 
-Show the environment where no face is.
-
-A ray through a pixel is where two planes meet: with the rows X, Y and W of ``clip_from_relative``,
-points seen at (x, y) in normalized device coordinates have ``(X - x W) p = 0 = (Y - y W) p``. So
-the ray is the cross product of the two, which is linear in x and y, and constant for a parallel
-projection.
+The environment is shown where no face is. A ray through a pixel is where two planes meet: with the
+rows X, Y and W of ``clip_from_relative``, points seen at (x, y) in normalized device coordinates
+have ``(X - x W) p = 0 = (Y - y W) p``. So the ray is the cross product of the two, which is linear
+in x and y, and constant for a parallel projection.
 
 References
 ----------
@@ -58,27 +55,27 @@ ROUGH_LEVELS = 8
 """Filtered levels; from each to the next the roughness grows by sqrt(2), up to 1 for the last."""
 
 MIN_ROUGHNESS = np.float32(0.08838835)
-"""Roughness of the first filtered level, 2**-3.5; below, it is mixed with the picture."""
+"""Roughness of the first filtered level, 2**-3.5; below, that level is mixed with the picture."""
 
 DIRECTION, LEVEL, COSINE, UV = 0, 3, 4, 5
 """Rows of ``floats``: `find_reflections` writes them, three for a direction, and `find_uvs` two."""
 
 IRRADIANCE = 3
-"""Rows of ``colors``, three: what `find_irradiance` writes."""
+"""First of three rows of ``colors`` that `compute_irradiance` writes."""
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
-"""Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
+"""Tangent of 22.5 degrees: larger ratios are rotated back by 45 degrees."""
 
 
 class Irradiance(NamedTuple):
-    """The light on a surface over pi, by its normal: the sum of three parts, 0 at least."""
+    """Irradiance over pi by the normal: the sum of three parts, clamped to 0."""
 
     terms: float32[:, ::1]
     """(9, 3) float32: of the polynomial of degree 2."""
     bands: float32[:, ::1]
     """(2, 3) float32: of the Legendre polynomials of y of degree 4 and 6 | (0, 3): none."""
     spots: float32[:, ::1]
-    """(N, 6) float32: direction, and what falls straight from there."""
+    """(N, 6) float32: direction, and irradiance over pi at normal incidence."""
 
 
 class Reflections(NamedTuple):
@@ -87,7 +84,7 @@ class Reflections(NamedTuple):
     texels: float32[:, ::1]
     """(N, 3) float32, linear RGB: level by level, row by row from the top."""
     levels: int64[:, ::1]
-    """(8, 3) int64: first texel, width, height | (0, 3): all are alike, or nothing mirrors it."""
+    """(8, 3) int64: first texel, width, height | (0, 3): one colour, or no reflections."""
 
 
 class EnvironmentRecord(NamedTuple):
@@ -95,13 +92,13 @@ class EnvironmentRecord(NamedTuple):
 
     irradiance: Irradiance
     yaw: float32[::1]
-    """(2,) float32: cosine and sine of the angle that it is turned by about y."""
+    """(2,) float32: cosine and sine of the rotation about y."""
     intensity: float32
     """float32, factor on all of its light."""
     texels: float32[:, ::1]
     """(N, 3) float32, linear RGB: an equirectangular picture, row by row from the top."""
     width: int64
-    """Of the picture, texels; 0 if there is none."""
+    """Width of the picture, texels; 0 if there is none."""
     height: int64
     gradient: float32[:, ::1]
     """(3, 3) float32, linear RGB: zenith, horizon and ground, where there is no picture."""
@@ -109,12 +106,12 @@ class EnvironmentRecord(NamedTuple):
 
 
 @helper
-def angle_of(y, x):
+def compute_turns(y, x):
     """
     Return the angle of (x, y) from the x axis in whole turns, -1/2..1/2, to 6e-8; float32.
 
     Multiples of 45 degrees are exact. The arc tangent of a ratio up to tan(22.5 degrees), over 2 pi
-    turns, is a polynomial with an error of 1.8e-8. No direction at all gives 0.
+    turns, is a polynomial with an error of 1.8e-8. A vector of length 0 gives 0.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     ax, ay = abs(x), abs(y)
@@ -133,11 +130,11 @@ def angle_of(y, x):
 
 
 @helper
-def panorama_uv(x, y, z):
+def find_panorama_uv(x, y, z):
     """Return u and v of a direction of any length in an equirectangular picture, 0..1."""
     half = np.float32(0.5)
-    u = angle_of(z, x) + half
-    v = half - np.float32(2.0) * angle_of(y, np.sqrt(x * x + z * z))
+    u = compute_turns(z, x) + half
+    v = half - np.float32(2.0) * compute_turns(y, np.sqrt(x * x + z * z))
     zero, one = np.float32(0.0), np.float32(1.0)
     return clamped(u, zero, one), clamped(v, zero, one)
 
@@ -159,18 +156,18 @@ def lerp3(a, b, t):
 
 
 @helper
-def texel_at(texels, n):
+def get_texel(texels, n):
     """Return one texel, linear RGB."""
     n = np.uintp(n)
     return texels[n, 0], texels[n, 1], texels[n, 2]
 
 
 @helper
-def row_mean(texels, first, width):
+def average_row(texels, first, width):
     """Return the mean of a row of texels; equal ones give exactly themselves."""
     red, green, blue = 0.0, 0.0, 0.0
     for n in range(width):
-        color = texel_at(texels, first + n)
+        color = get_texel(texels, first + n)
         red += np.float64(color[0])
         green += np.float64(color[1])
         blue += np.float64(color[2])
@@ -179,11 +176,11 @@ def row_mean(texels, first, width):
 
 
 @helper
-def filtered_texel(texels, first, width, height, uv):
+def sample_bilinear(texels, first, width, height, uv):
     """
-    Return a picture sampled at u and v, bilinearly.
+    Sample a picture bilinearly at u and v.
 
-    Towards a pole, half a texel beyond the last row, it becomes the mean of that row.
+    Within half a texel of a pole, the colour fades into the mean of the last row.
     """
     half = np.float32(0.5)
     x, row_y = uv[0] * np.float32(width) - half, uv[1] * np.float32(height) - half
@@ -194,18 +191,18 @@ def filtered_texel(texels, first, width, height, uv):
     column1 = column + 1 if column + 1 < width else np.int64(0)
     row0, row1 = first + row * width, first + min(row + 1, height - 1) * width
     fraction = x - left
-    upper = lerp3(texel_at(texels, row0 + column0), texel_at(texels, row0 + column1), fraction)
-    lower = lerp3(texel_at(texels, row1 + column0), texel_at(texels, row1 + column1), fraction)
+    upper = lerp3(get_texel(texels, row0 + column0), get_texel(texels, row0 + column1), fraction)
+    lower = lerp3(get_texel(texels, row1 + column0), get_texel(texels, row1 + column1), fraction)
     color = lerp3(upper, lower, y - top)
     beyond = abs(row_y - y)
     if beyond > np.float32(0.0):
-        return lerp3(color, row_mean(texels, row0, width), beyond + beyond)
+        return lerp3(color, average_row(texels, row0, width), beyond + beyond)
     return color
 
 
 @helper
-def gradient_color(gradient, height):
-    """Return the colour of a sky without picture, where the sine of the elevation is ``height``."""
+def get_gradient_color(gradient, height):
+    """Return the colour of a gradient where the sine of the elevation is ``height``."""
     side = ZENITH if height > np.float32(0.0) else GROUND
     fraction = clamped(abs(height), np.float32(0.0), np.float32(1.0))
     low = gradient[HORIZON, 0], gradient[HORIZON, 1], gradient[HORIZON, 2]
@@ -213,16 +210,16 @@ def gradient_color(gradient, height):
 
 
 @helper
-def sky_color(x, y, z, texels, width, height, gradient):
+def sample_sky(x, y, z, texels, width, height, gradient):
     """Return the colour of the sky along a direction of any length, in the axes of the picture."""
     if width == 0:
-        return gradient_color(gradient, y * invert_length(x, y, z))
-    return filtered_texel(texels, np.int64(0), width, height, panorama_uv(x, y, z))
+        return get_gradient_color(gradient, y * invert_length(x, y, z))
+    return sample_bilinear(texels, np.int64(0), width, height, find_panorama_uv(x, y, z))
 
 
 @helper
-def level_at_roughness(roughness):
-    """Return the level of a roughness in 0..1: 0 is the picture, then the filtered ones."""
+def find_level(roughness):
+    """Return the level of a roughness in 0..1: 0 for the picture, above for filtered levels."""
     if roughness < MIN_ROUGHNESS:
         return roughness / MIN_ROUGHNESS
     level = np.float32(ROUGH_LEVELS) + np.float32(2.0) * log2(roughness)
@@ -230,38 +227,38 @@ def level_at_roughness(roughness):
 
 
 @helper
-def level_color(level, uv, height, environment, reflections):
+def sample_level(level, uv, height, environment, reflections):
     """Sample one level at u and v; level 0 is a picture, or a gradient at a height."""
     if level == 0 or reflections.levels.shape[0] == 0:
         if environment.width == 0:
-            return gradient_color(environment.gradient, height)
+            return get_gradient_color(environment.gradient, height)
         first, size = np.int64(0), (environment.width, environment.height)
-        return filtered_texel(environment.texels, first, size[0], size[1], uv)
+        return sample_bilinear(environment.texels, first, size[0], size[1], uv)
     row = level - 1
     levels = reflections.levels
-    return filtered_texel(
+    return sample_bilinear(
         reflections.texels, levels[row, FIRST_TEXEL], levels[row, LEVEL_WIDTH],
         levels[row, LEVEL_HEIGHT], uv,
     )  # fmt: skip
 
 
 @helper
-def reflection_color(level, uv, height, environment, reflections):
-    """Return a reflection, of two levels; black where `find_reflections` writes no level."""
+def sample_reflection(level, uv, height, environment, reflections):
+    """Interpolate a reflection between two levels; black where `find_reflections` writes none."""
     if level < np.float32(0.0):
         return np.float32(0.0), np.float32(0.0), np.float32(0.0)
     finer = np.int64(level)
     fraction = level - np.float32(finer)
-    color = level_color(finer, uv, height, environment, reflections)
+    color = sample_level(finer, uv, height, environment, reflections)
     if fraction > np.float32(0.0):
-        coarser = level_color(finer + 1, uv, height, environment, reflections)
+        coarser = sample_level(finer + 1, uv, height, environment, reflections)
         color = lerp3(color, coarser, fraction)
     return color
 
 
 @helper
-def polynomial(x, y, z, terms, k):
-    """Return the irradiance over pi of one channel to degree 2, for a normal in its axes."""
+def evaluate_polynomial(x, y, z, terms, k):
+    """Return one channel's irradiance over pi to degree 2, for a normal in the picture's axes."""
     one, three = np.float32(1.0), np.float32(3.0)
     total = terms[0, k] + terms[1, k] * x + terms[2, k] * y + terms[3, k] * z
     total += terms[4, k] * (x * y) + terms[5, k] * (y * z) + terms[6, k] * (z * x)
@@ -270,7 +267,7 @@ def polynomial(x, y, z, terms, k):
 
 
 @helper
-def legendre(y):
+def evaluate_legendre(y):
     """Return the Legendre polynomials of degree 4 and 6."""
     s = y * y
     four = (np.float32(35.0) * s - np.float32(30.0)) * s + np.float32(3.0)
@@ -279,24 +276,24 @@ def legendre(y):
 
 
 @disjoint_helper
-def find_irradiance(irradiance, yaw, nx, ny, nz, red, green, blue):
-    """Write the light that falls on samples from all sides, over pi."""
+def compute_irradiance(irradiance, yaw, nx, ny, nz, red, green, blue):
+    """Write the irradiance of samples over pi."""
     zero = np.float32(0.0)
     terms, bands = irradiance.terms, irradiance.bands
     for i in range(red.shape[0]):
         x, z = rotate_y(nx[i], nz[i], yaw)
-        red[i] = polynomial(x, ny[i], z, terms, 0)
-        green[i] = polynomial(x, ny[i], z, terms, 1)
-        blue[i] = polynomial(x, ny[i], z, terms, 2)
+        red[i] = evaluate_polynomial(x, ny[i], z, terms, 0)
+        green[i] = evaluate_polynomial(x, ny[i], z, terms, 1)
+        blue[i] = evaluate_polynomial(x, ny[i], z, terms, 2)
     if bands.shape[0] > 0:
         for i in range(red.shape[0]):
-            four, six = legendre(ny[i])
+            four, six = evaluate_legendre(ny[i])
             red[i] += bands[0, 0] * four + bands[1, 0] * six
             green[i] += bands[0, 1] * four + bands[1, 1] * six
             blue[i] += bands[0, 2] * four + bands[1, 2] * six
     for n in range(irradiance.spots.shape[0]):
         spot = irradiance.spots[n]
-        # To world axes, as the normals here.
+        # Rotate the spot to world axes, where normals are.
         y = spot[1]
         x, z = yaw[0] * spot[0] + yaw[1] * spot[2], yaw[0] * spot[2] - yaw[1] * spot[0]
         for i in range(red.shape[0]):
@@ -313,7 +310,7 @@ def add_irradiance(
     intensity, occlusion, weights, light_red, light_green, light_blue, red, green, blue, out_red,
     out_green, out_blue,
 ):  # fmt: skip
-    """Add to each sample its irradiance times its base colour."""
+    """Add irradiance times base colour to each sample."""
     for i in range(out_red.shape[0]):
         scale = weights[i] * intensity * occlusion[i]
         out_red[i] += scale * (red[i] * light_red[i])
@@ -322,12 +319,12 @@ def add_irradiance(
 
 
 @helper
-def channel_weights(base, metallic, dielectric, brdf):
+def compute_channel_weights(base, metallic, dielectric, brdf):
     """
     Return the weights of one channel: of the prefiltered reflection, and of irradiance.
 
-    A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse. Multiple
-    scattering is in the second.
+    The material mixes a metal, which only reflects, and a dielectric, which diffuses the rest.
+    The second weight includes multiple scattering.
     """
     single, multiple = pbr.scattering_albedos(base, brdf)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
@@ -338,11 +335,11 @@ def channel_weights(base, metallic, dielectric, brdf):
 
 
 @helper
-def mirror_direction(normal, point, toward_viewer, alpha):
+def find_mirror_direction(normal, point, toward_viewer, alpha):
     """
     Return the dominant reflection direction, any length, and the viewer's cosine.
 
-    The direction is not a number where the way to the viewer is too long for float32.
+    The direction is NaN where the distance to the viewer is beyond float32.
     """
     nx, ny, nz = normal
     vx = toward_viewer[0] - toward_viewer[3] * point[0]
@@ -352,7 +349,7 @@ def mirror_direction(normal, point, toward_viewer, alpha):
     scale = scale if scale > np.float32(0.0) else np.float32(np.nan)
     vx, vy, vz = vx * scale, vy * scale, vz * scale
     facing = nx * vx + ny * vy + nz * vz
-    # The rougher, the closer to the normal.
+    # Bend the direction toward the normal, the more the rougher.
     smooth = np.float32(1.0) - alpha
     bend = smooth * (np.sqrt(smooth) + alpha)
     twice = np.float32(2.0) * facing
@@ -369,19 +366,19 @@ def find_reflections(
     yaw, toward_viewer, nx, ny, nz, px, py, pz, roughness, x, y, z, level, facing
 ):  # fmt: skip
     """
-    Write the reflection directions of samples, in the axes of the picture, and what to read there.
+    Write the samples' reflection directions, in the picture's axes, and levels to read.
 
-    ``facing`` is the viewer's cosine. The level is -1 where the direction is not a number.
+    ``facing`` is the viewer's cosine. The level is -1 where the direction is NaN.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(x.shape[0]):
         rough = clamped(roughness[i], zero, one)
         normal, point = (nx[i], ny[i], nz[i]), (px[i], py[i], pz[i])
-        (dx, dy, dz), facing[i] = mirror_direction(normal, point, toward_viewer, rough * rough)
+        (dx, dy, dz), facing[i] = find_mirror_direction(normal, point, toward_viewer, rough * rough)
         is_valid = abs(dx) + abs(dy) + abs(dz) < np.float32(np.inf)
         x[i], z[i] = rotate_y(dx, dz, yaw)
         y[i] = dy
-        rough_level = level_at_roughness(rough)
+        rough_level = find_level(rough)
         level[i] = rough_level if is_valid else np.float32(-1.0)
 
 
@@ -389,12 +386,12 @@ def find_reflections(
 def find_uvs(x, y, z, u, v):
     """Write u and v of directions."""
     for i in range(x.shape[0]):
-        u[i], v[i] = panorama_uv(x[i], y[i], z[i])
+        u[i], v[i] = find_panorama_uv(x[i], y[i], z[i])
 
 
 @disjoint_helper
 def find_elevations(x, y, z):
-    """Write the sines of the elevation of directions over y."""
+    """Replace y by the sine of the elevation of each direction."""
     for i in range(x.shape[0]):
         y[i] *= invert_length(x[i], y[i], z[i])
 
@@ -406,7 +403,7 @@ def read_reflections(
     """Write the reflections of samples of microfacets."""
     for i in range(red.shape[0]):
         if microfacet[i] > np.float32(0.0):
-            red[i], green[i], blue[i] = reflection_color(
+            red[i], green[i], blue[i] = sample_reflection(
                 level[i], (u[i], v[i]), height[i], environment, reflections
             )
 
@@ -415,13 +412,13 @@ def read_reflections(
 def add_split_sum(
     intensity, occlusion, light, metallic, roughness, microfacet, facing, base, reflection, out
 ):  # fmt: skip
-    """Write one channel of the shaded light over that of the reflection, by split sum."""
+    """Write one channel of shaded light, by split sum, over the reflection's."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out.shape[0]):
         brdf = pbr.approximate_env_brdf(facing[i], clamped(roughness[i], zero, one))
         dielectric = pbr.scattering_albedos(pbr.DIELECTRIC_F0, brdf)
         metal = clamped(metallic[i], zero, one)
-        direct, around = channel_weights(base[i], metal, dielectric, brdf)
+        direct, around = compute_channel_weights(base[i], metal, dielectric, brdf)
         scale = microfacet[i] * intensity * occlusion[i]
         reflection[i] = out[i] + scale * (direct * reflection[i] + around * light[i])
 
@@ -443,7 +440,7 @@ def add_sky(block: Block, count, irradiance: Irradiance, yaw: float32[::1], inte
     s = block.samples
     if pbr.is_any_above_zero(s[rows.LIT, :count]):
         light = three_parts(block.colors, IRRADIANCE, 0, count)
-        find_irradiance(irradiance, yaw, *three_parts(s, rows.NORMAL_X, 0, count), *light)
+        compute_irradiance(irradiance, yaw, *three_parts(s, rows.NORMAL_X, 0, count), *light)
         add_irradiance(
             intensity, part(s, rows.OCCLUSION, 0, count), part(s, rows.LIT, 0, count), *light,
             *three_parts(s, rows.RED, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
@@ -487,7 +484,7 @@ def add_reflections(
         *three_parts(c, 0, 0, count),
     )  # fmt: skip
     light = three_parts(c, IRRADIANCE, 0, count)
-    find_irradiance(environment.irradiance, environment.yaw, *normals, *light)
+    compute_irradiance(environment.irradiance, environment.yaw, *normals, *light)
     for k in range(3):
         reflection, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)
         add_split_sum(
@@ -499,7 +496,7 @@ def add_reflections(
 
 
 @helper
-def ray_at(rays, x, y):
+def compute_ray(rays, x, y):
     """Return the direction at a point in normalized device coordinates, length about one."""
     rx = rays[0, 0] + x * rays[1, 0] + y * rays[2, 0]
     ry = rays[0, 1] + x * rays[1, 1] + y * rays[2, 1]
@@ -510,10 +507,10 @@ def ray_at(rays, x, y):
 
 
 @helper
-def color_along(ray, environment):
+def sample_environment(ray, environment):
     """Return the light of the environment along a ray."""
     x, z = rotate_y(ray[0], ray[2], environment.yaw)
-    color = sky_color(
+    color = sample_sky(
         x, ray[1], z, environment.texels, environment.width, environment.height,
         environment.gradient,
     )  # fmt: skip
@@ -556,7 +553,7 @@ def show_environment(
             if face_id[row, column] >= 0:
                 continue
             x = (2.0 * (first[0] + column) + 1.0) / size[0] - 1.0
-            red, green, blue = color_along(ray_at(rays, x, y), environment)
+            red, green, blue = sample_environment(compute_ray(rays, x, y), environment)
             if linear.shape[1] > 0:
                 linear[row, column, 0] = red
                 linear[row, column, 1] = green

@@ -54,7 +54,7 @@ def make_scratch(width: int) -> tuple[Any, Any]:
 
 @helper
 def compute_max_slope(a, b, c, axis, codes, xy, grid_bits, depths):
-    """Return the largest change of stored depth between neighbouring pixels on faces of this size."""
+    """Return the largest change of stored depth between neighbouring pixels on a face."""
     if (codes[a] | codes[b] | codes[c]) & (CLIPPED | INVALID):
         return np.float32(np.inf)
     nearest = max(depths[a], max(depths[b], depths[c]))

@@ -1,5 +1,5 @@
 """
-Cross sections: report them, and draw section lines.
+Cross sections: report the planes, and draw section lines.
 
 The cut itself is geometry, made before planning (``survey/cross_sections.py``). Section lines are
 drawn over the finished picture, in 8-bit colour: like edges of a wireframe, occluded by nearer
@@ -29,12 +29,12 @@ from rasterjit.survey.effect import FrameContext, ModalEffect, Planning, ScreenE
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
-MARK = np.array([255, 255, 255, 255], np.uint8)
-"""What marks a pixel that a line goes through."""
+MARK_RGBA = np.array([255, 255, 255, 255], np.uint8)
+"""Colour that marks the pixels of lines before they are widened."""
 
 
 class Sections(ScreenEffect, ModalEffect):
-    """Cut a scene by planes: report by which."""
+    """Report the planes that cut a scene."""
 
     name = "section"
     field = "section"
@@ -70,11 +70,11 @@ class Sections(ScreenEffect, ModalEffect):
         return {"prepare": rows_where(anew, find_contacts, fill_outlines)}
 
     def mode_of(self, scene: Scene) -> str | None:
-        """Return how a scene is cut, as far as keys tell; None: it is not."""
+        """Return "own" if the scene is cut, else ``None``."""
         return None if scene.section is None else "own"
 
     def with_mode(self, scene: Scene, mode: str | None) -> Scene:
-        """Return the scene cut through its middle, across an axis, unless by planes of its own."""
+        """Return the scene cut by its own planes, or through its middle across an axis."""
         if mode is None or (mode == "own" and scene.section is not None):
             return scene if mode == "own" else with_field(scene, self.field, None)
         try:
@@ -96,7 +96,7 @@ class SectionLines(ScreenEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why no lines are drawn: they are 8-bit pixels, around faces."""
+        """Say why no lines are drawn: they need faces and colour in 8 bits."""
         planes = planes_in(facts.fields[self.field])
         if not any(plane.lines for plane in planes):
             return "no plane has lines" if planes else "scene.section is None"
@@ -109,21 +109,21 @@ class SectionLines(ScreenEffect):
         return planes_in(facts.fields[self.field])
 
     def describe(self, facts: Facts) -> str:
-        """Say how wide lines are."""
+        """Say the widths of the lines."""
         planes = planes_in(facts.fields[self.field])
         widths = [f"{plane.line_width}" for plane in planes if plane.lines]
         return f"{', '.join(dict.fromkeys(widths))} wide"
 
     def refusal(self) -> str:
-        """Say what must be otherwise where they cannot be drawn."""
+        """Say what the scene must have where lines cannot be drawn."""
         return "lines of scene.section's planes must be False"
 
     def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell that faces hide lines."""
+        """Return True: faces hide lines, by their depth."""
         return True
 
     def read_radius(self, data: tuple[SectionPlane, ...]) -> int:
-        """Return how far from its middle a line goes."""
+        """Return the largest width of a line, pixels."""
         return max(plane.line_width for plane in data if plane.lines)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
@@ -139,7 +139,7 @@ class SectionLines(ScreenEffect):
         }
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the pictures of hidden and marked lines."""
+        """Return the images of slack and of marked lines."""
         return [
             ("slack of hidden lines", 1, "float32", plan.size),
             ("marks of section lines", 4, "uint8", plan.size),
@@ -171,7 +171,7 @@ class SectionLines(ScreenEffect):
                 is_behind = _are_behind_solids(plane, edges, cut.sides[number], context)
                 edges = np.ascontiguousarray(edges[~is_behind])
             canvas = np.zeros(color.shape, np.uint8)
-            draw_edges(edges, geometry, coefficients, MARK, canvas, hidden_by, workers)
+            draw_edges(edges, geometry, coefficients, MARK_RGBA, canvas, hidden_by, workers)
             marks, disc = canvas[:, :, 0].copy(), make_disc_rows(plane.line_width)
             rgba = opaque_codes(plane.line_color).view(np.uint32)
 
@@ -190,8 +190,10 @@ def _are_behind_solids(
     plane: SectionPlane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
 ) -> NDArray[np.bool_]:
     """
-    Tell which edges of a cut are hidden by the solid that is cut, (E,): both its face there and the
-    cut are turned away. Depth alone does not tell along its silhouette.
+    Return which edges of a cut are hidden by the solid that is cut, (E,) bool.
+
+    There, both the solid's face and the cut are back-facing. Depth alone does not decide this along
+    the silhouette.
     """
     geometry, placement = context.seen.geometry, context.placement
     result = np.zeros(len(edges), bool)
@@ -207,7 +209,7 @@ def _are_behind_solids(
         facing = sides[rows, 2] * dot_rows(np.cross(b - a, c - a), toward)
         hidden = rows[(facing < 0.0) & (dot_rows(toward, np.array(plane.normal)) < 0.0)]
         first, last = placement.face_starts[owner : owner + 2].tolist()
-        # Whoever is inside of it sees them.
+        # A viewer inside the solid sees them.
         if len(hidden) and not (geometry.codes[geometry.faces[first:last]] & NEAR).any():
             result[hidden] = True
     return result

@@ -1,8 +1,8 @@
 """
 Tone mapping: exposure, and a curve from scene to display light.
 
-A frame has it where colour is 8-bit and the tone map changes it. Linear output is not mapped.
-Pixels of several faces are resolved first, unless codes are blended.
+A frame is tone mapped where colour is 8-bit and the tone map changes it. Linear output is not
+mapped. Pixels of several faces are resolved first, unless codes are blended.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ CURVES = {
 }
 
 
-def tone_record(tone_map: ToneMap) -> ToneRecord:
-    """Return a tone map as shading reads it."""
+def make_tone_record(tone_map: ToneMap) -> ToneRecord:
+    """Return the record of a tone map."""
     return ToneRecord(
         CURVES[tone_map.curve],
         np.float32(tone_map.exposure),
@@ -49,23 +49,23 @@ class ToneMapping(BatchedEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why light is not exposed, and no tone curve applied: to 8-bit colour alone."""
+        """Say why colour is not tone mapped."""
         if facts.tone_map is not None:
             return ""
         is_neutral = facts.fields[self.field].is_neutral
         return "curve none, exposure 0" if is_neutral else "no output shows colour in 8 bits"
 
     def plan_data(self, facts: Facts, planning: Planning) -> ToneRecord:
-        """Return the tone map as shading reads it."""
-        return tone_record(facts.fields[self.field])
+        """Return the tone map's record."""
+        return make_tone_record(facts.fields[self.field])
 
     def describe(self, facts: Facts) -> str:
-        """Say how light is brought onto the screen."""
+        """Say the curve and the exposure."""
         tone_map = facts.fields[self.field]
         return f"curve {tone_map.curve}, exposure {tone_map.exposure:g}"
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Return the scene with a curve that keeps colours."""
+        """Return the scene with the neutral curve."""
         return "curve neutral", add_to_field(scene, self.field, ToneMap())
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
@@ -77,7 +77,7 @@ class ToneMapping(BatchedEffect):
 
     @staticmethod
     def map_rows(tone: ToneRecord, first: int) -> tuple[list[Pass], int]:
-        """Return the stages that map three rows of samples, and where the result goes."""
+        """Return the stages that map three rows of samples, and the first row of the result."""
         return [fixed(stage.map_samples, first, tone)], NORMAL_X
 
     @staticmethod
@@ -91,7 +91,7 @@ class ToneMapping(BatchedEffect):
         """
         Map rows of resolved light, (R, W, 4), and composite them over a background.
 
-        If that is a picture, it is in ``display``.
+        A background image is given in ``display``.
         """
         if background is display:
             calls.call(stage.map_over_picture, linear, display, tone)
@@ -104,7 +104,7 @@ class ToneMapping(BatchedEffect):
 TONE_MAPPING = ToneMapping()
 
 
-def tone_of(plan: RenderPlan) -> ToneRecord:
-    """Return how a frame maps what it shows in 8 bits; `NO_TONES` -> as it is."""
+def get_tone(plan: RenderPlan) -> ToneRecord:
+    """Return a frame's tone map; `NO_TONES` if it has none."""
     tone = plan.data(TONE_MAPPING.name)
     return NO_TONES if tone is None else tone

@@ -1,8 +1,8 @@
 """
 Apply exposure and a tone curve, to 0..1.
 
-The curve is data: a loop for each, so that the loops vectorize. What is below zero or no number
-gives what zero gives.
+The curve is data: each has its own loop, so that the loops vectorize. Negative values and NaN count
+as zero.
 
 References
 ----------
@@ -32,16 +32,16 @@ UNMAPPED = -1
 """No tone mapping: neither exposed nor clamped."""
 
 MAX_LIGHT = np.float32(1e12)
-"""Exposed light is clamped to this: float32 holds its square, and every curve is at its end."""
+"""Largest exposed light: float32 holds its square, and every curve has reached its limit."""
 
-START = np.float32(0.76)
-"""Largest channel that the neutral curve keeps: 0.8, less the 0.04 that it takes off."""
+NEUTRAL_START = np.float32(0.76)
+"""Largest channel that the neutral curve leaves uncompressed: 0.8 - `DIELECTRIC_REFLECTANCE`."""
 
-REFLECTANCE = np.float32(0.04)
-"""Of common dielectrics head on: what the neutral curve takes off, so that base colours stay."""
+DIELECTRIC_REFLECTANCE = np.float32(0.04)
+"""Reflectance of dielectrics at normal incidence: the neutral curve subtracts it."""
 
 DESATURATION = np.float32(0.15)
-"""How fast colours pale beyond the start of the neutral curve."""
+"""How fast colours desaturate above the start of the neutral curve."""
 
 
 class ToneRecord(NamedTuple):
@@ -49,23 +49,23 @@ class ToneRecord(NamedTuple):
 
     curve: int64
     stops: float32
-    """Exposure."""
+    """Exposure, stops."""
     inverse_white: float32
     """One over the square of the luminance that becomes white."""
 
 
 NO_TONES = ToneRecord(UNMAPPED, 0.0, 0.0)
-"""What stands for a tone map where there is none."""
+"""The record of a frame without a tone map."""
 
 
 @helper
-def exposed(value, factor):
+def expose(value, factor):
     """Return exposed light clamped to 0..MAX_LIGHT; NaN gives 0."""
     return clamped(value * factor, np.float32(0.0), MAX_LIGHT)
 
 
 @helper
-def reinhard(red, green, blue, inverse_white):
+def apply_reinhard(red, green, blue, inverse_white):
     """Return a colour scaled so that its luminance L becomes L (1 + L inverse_white) / (1 + L)."""
     one = np.float32(1.0)
     luminance = np.float32(0.2126) * red + np.float32(0.7152) * green + np.float32(0.0722) * blue
@@ -74,15 +74,15 @@ def reinhard(red, green, blue, inverse_white):
 
 
 @helper
-def filmic(x):
-    """Return the rational curve of Hill's fit."""
+def evaluate_filmic(x):
+    """Evaluate the rational curve of Hill's fit."""
     above = x * (x + np.float32(0.0245786)) - np.float32(0.000090537)
     below = x * (np.float32(0.983729) * x + np.float32(0.4329510)) + np.float32(0.238081)
     return above / below
 
 
 @helper
-def weighted_sum(red, green, blue, weights):
+def sum_weighted(red, green, blue, weights):
     """Return the weighted sum of three channels."""
     return (
         np.float32(weights[0]) * red
@@ -92,32 +92,36 @@ def weighted_sum(red, green, blue, weights):
 
 
 @helper
-def aces(red, green, blue):
-    """Return Hill's fit of the transforms from scene light to an sRGB display, not cut off."""
-    r = filmic(weighted_sum(red, green, blue, (0.59719, 0.35458, 0.04823)))
-    g = filmic(weighted_sum(red, green, blue, (0.07600, 0.90834, 0.01566)))
-    b = filmic(weighted_sum(red, green, blue, (0.02840, 0.13383, 0.83777)))
+def apply_aces(red, green, blue):
+    """Apply Hill's fit of the transforms from scene light to an sRGB display, without clamping."""
+    r = evaluate_filmic(sum_weighted(red, green, blue, (0.59719, 0.35458, 0.04823)))
+    g = evaluate_filmic(sum_weighted(red, green, blue, (0.07600, 0.90834, 0.01566)))
+    b = evaluate_filmic(sum_weighted(red, green, blue, (0.02840, 0.13383, 0.83777)))
     return (
-        weighted_sum(r, g, b, (1.60475, -0.53108, -0.07367)),
-        weighted_sum(r, g, b, (-0.10208, 1.10813, -0.00605)),
-        weighted_sum(r, g, b, (-0.00327, -0.07276, 1.07602)),
+        sum_weighted(r, g, b, (1.60475, -0.53108, -0.07367)),
+        sum_weighted(r, g, b, (-0.10208, 1.10813, -0.00605)),
+        sum_weighted(r, g, b, (-0.00327, -0.07276, 1.07602)),
     )
 
 
 @helper
-def neutral(red, green, blue):
-    """Return Khronos' neutral curve: less the reflectance, and compressed above the start."""
+def apply_neutral(red, green, blue):
+    """Apply Khronos' neutral curve: subtract the reflectance, and compress above the start."""
     one = np.float32(1.0)
     least = min(red, min(green, blue))
     offset = least - np.float32(6.25) * least * least
-    offset = offset if least < REFLECTANCE + REFLECTANCE else REFLECTANCE
+    offset = (
+        offset
+        if least < DIELECTRIC_REFLECTANCE + DIELECTRIC_REFLECTANCE
+        else DIELECTRIC_REFLECTANCE
+    )
     red, green, blue = red - offset, green - offset, blue - offset
     peak = max(red, max(green, blue))
-    span = one - START
-    high = max(peak, START)
-    lowered = one - span * span / (high + span - START)
+    span = one - NEUTRAL_START
+    high = max(peak, NEUTRAL_START)
+    lowered = one - span * span / (high + span - NEUTRAL_START)
     weight = one / (DESATURATION * (high - lowered) + one)
-    is_high = peak >= START
+    is_high = peak >= NEUTRAL_START
     scale = weight * lowered / high if is_high else one
     pale = lowered * (one - weight) if is_high else np.float32(0.0)
     return red * scale + pale, green * scale + pale, blue * scale + pale
@@ -127,30 +131,30 @@ def neutral(red, green, blue):
 def expose_span(factor, red, green, blue, out_red, out_green, out_blue):
     """Write exposed light."""
     for i in range(out_red.shape[0]):
-        out_red[i] = exposed(red[i], factor)
-        out_green[i] = exposed(green[i], factor)
-        out_blue[i] = exposed(blue[i], factor)
+        out_red[i] = expose(red[i], factor)
+        out_green[i] = expose(green[i], factor)
+        out_blue[i] = expose(blue[i], factor)
 
 
 @disjoint_helper
-def reinhard_span(inverse_white, red, green, blue):
+def apply_reinhard_span(inverse_white, red, green, blue):
     """Apply Reinhard's curve in place."""
     for i in range(red.shape[0]):
-        red[i], green[i], blue[i] = reinhard(red[i], green[i], blue[i], inverse_white)
+        red[i], green[i], blue[i] = apply_reinhard(red[i], green[i], blue[i], inverse_white)
 
 
 @disjoint_helper
-def aces_span(red, green, blue):
+def apply_aces_span(red, green, blue):
     """Apply Hill's fit in place."""
     for i in range(red.shape[0]):
-        red[i], green[i], blue[i] = aces(red[i], green[i], blue[i])
+        red[i], green[i], blue[i] = apply_aces(red[i], green[i], blue[i])
 
 
 @disjoint_helper
-def neutral_span(red, green, blue):
+def apply_neutral_span(red, green, blue):
     """Apply Khronos' neutral curve in place."""
     for i in range(red.shape[0]):
-        red[i], green[i], blue[i] = neutral(red[i], green[i], blue[i])
+        red[i], green[i], blue[i] = apply_neutral(red[i], green[i], blue[i])
 
 
 @helper
@@ -159,26 +163,26 @@ def map_tones(tone, red, green, blue, out_red, out_green, out_blue):
     factor = exp2(tone.stops)
     expose_span(factor, red, green, blue, out_red, out_green, out_blue)
     if tone.curve == REINHARD:
-        reinhard_span(tone.inverse_white, out_red, out_green, out_blue)
+        apply_reinhard_span(tone.inverse_white, out_red, out_green, out_blue)
     elif tone.curve == ACES:
-        aces_span(out_red, out_green, out_blue)
+        apply_aces_span(out_red, out_green, out_blue)
     elif tone.curve == NEUTRAL:
-        neutral_span(out_red, out_green, out_blue)
+        apply_neutral_span(out_red, out_green, out_blue)
 
 
 @helper
 def map_pixel(tone, red, green, blue):
-    """Return the display light of one colour; the colour itself if it is not mapped."""
+    """Return the display light of one colour; the colour itself without a tone map."""
     if tone.curve == UNMAPPED:
         return red, green, blue
     factor = exp2(tone.stops)
-    red, green, blue = exposed(red, factor), exposed(green, factor), exposed(blue, factor)
+    red, green, blue = expose(red, factor), expose(green, factor), expose(blue, factor)
     if tone.curve == REINHARD:
-        return reinhard(red, green, blue, tone.inverse_white)
+        return apply_reinhard(red, green, blue, tone.inverse_white)
     if tone.curve == ACES:
-        return aces(red, green, blue)
+        return apply_aces(red, green, blue)
     if tone.curve == NEUTRAL:
-        return neutral(red, green, blue)
+        return apply_neutral(red, green, blue)
     return red, green, blue
 
 
@@ -194,11 +198,11 @@ def map_samples(block: Block, count, first: int64, tone: ToneRecord):
 
 
 @helper
-def composite(linear, display, tone, background):
-    """Composite a pixel, (4,), over its background: as light, and with its tones mapped."""
+def composite_pixel(linear, display, tone, background):
+    """Composite a pixel, (4,), over its background, as light and tone mapped."""
     alpha = linear[3]
     if not alpha > np.float32(0.0):
-        # Most pixels of many pictures show nothing else.
+        # Most pixels of many pictures show the background alone.
         for k in range(4):
             linear[k], display[k] = background[k], background[k]
         return
@@ -220,27 +224,27 @@ def map_over_color(
     Parameters
     ----------
     linear : (R, W, 4) float32
-        Straight alpha; changed: laid over the background in linear light.
+        Straight alpha; changed: composited over the background in linear light.
     background : (4,) float32, linear
     tone : ToneRecord
     display : (R, W, 4) float32
-        Written: tones mapped, laid over the background.
+        Written: tone mapped, composited over the background.
     """
     rgba = background[0], background[1], background[2], background[3]
     for row in range(linear.shape[0]):
         for column in range(linear.shape[1]):
-            composite(linear[row, column], display[row, column], tone, rgba)
+            composite_pixel(linear[row, column], display[row, column], tone, rgba)
 
 
 @kernel
 def map_over_picture(linear: float32[:, :, ::1], picture: float32[:, :, ::1], tone: ToneRecord):
     """
-    Do the same over rows of a picture, (R, W, 4) float32, linear, where the result is written.
+    Map the tones of rows, and composite them over a picture, (R, W, 4) float32, linear, in place.
 
-    It is a kernel of its own: that of a colour would take a tenth longer.
+    One kernel for this and `map_over_color` would take a tenth longer.
     """
     for row in range(linear.shape[0]):
         for column in range(linear.shape[1]):
             pixel = picture[row, column]
             rgba = pixel[0], pixel[1], pixel[2], pixel[3]
-            composite(linear[row, column], pixel, tone, rgba)
+            composite_pixel(linear[row, column], pixel, tone, rgba)
