@@ -129,7 +129,7 @@ def test_contacts_are_those_of_the_slow_twin():
             here = (depth + across * u + down * v).astype(np.float32)
             right, below = np.full((2, 64), [[across], [down]], np.float32)
             share, unsure = np.full((2, 64), np.float32(0.5))
-            light_leaks.close_contacts(
+            light_leaks.remove_contact_leaks(
                 u, v, here, right, below, texels.ravel(), size, np.float32(1.0), unsure, share
             )
             for n in range(64):

@@ -479,7 +479,7 @@ def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
 def test_scene_without_shadows_reads_no_maps(monkeypatch):
     scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
     monkeypatch.setattr(shadow_maps, "draw_shadows", None)
-    monkeypatch.setattr(visible_cells, "depth_cells", None)
+    monkeypatch.setattr(visible_cells, "make_depth_cells", None)
     rj.render(scene, camera, size=SIZE)
 
 
@@ -494,7 +494,7 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
     row = np.zeros(shadows_stage.MAP_COLUMNS)
     row[:9], row[shadows_stage.FOCAL : shadows_stage.FOCAL + 4] = np.eye(3).ravel(), 8.0
     row[shadows_stage.NEAR], row[shadows_stage.FAR], row[shadows_stage.SPAN] = 0.1, 10.0, 10.0
-    row[shadows_stage.TEXEL], row[shadows_stage.BIAS_TEXELS] = 0.1, 0.5
+    row[shadows_stage.TEXEL_DEPTH], row[shadows_stage.BIAS_TEXELS] = 0.1, 0.5
     row[shadows_stage.PARALLEL] = kind == "parallel"
     u, v, depth, across, down, bias, found, nearer, share = np.zeros((9, len(points)), np.float32)
     placed = u, v, depth, across, down, bias
@@ -512,7 +512,7 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
             soft = *own, np.float32(9.0)
             filters.mark_shaded(*soft, cells, around, np.ones_like(share), found)
             filters.read_soft(*soft, around / 2, around, found, nearer, share)
-            light_leaks.close_contacts(
+            light_leaks.remove_contact_leaks(
                 *(np.roll(one, beside) for one in placed[:5]), texels, size, np.float32(sides),
                 found, share,
             )  # fmt: skip
@@ -534,8 +534,8 @@ def test_soft_shadow_of_a_sample_does_not_depend_on_its_block(size, sides):
     across, down = rng.uniform(-0.1, 0.1, (2, count)).astype(np.float32)
     placed = u, v, depth, across, down, np.full(count, 1e-3, np.float32)
     maps = texels.ravel(), size, np.float32(sides), np.float32(60.0)
-    cells, spiral = shadow_maps.find_occlusion_limits(texels, 60.0), shadow_maps.spiral(size)
-    pattern = shadow_maps.disk_points()
+    cells, spiral = shadow_maps.find_occlusion_limits(texels, 60.0), shadow_maps.make_spiral(size)
+    pattern = shadow_maps.make_disk_points()
 
     def read(some):
         marks, found, nearer, share = np.zeros((4, some.stop - some.start), np.float32)
@@ -570,6 +570,6 @@ def test_samples_that_turn_away_need_no_soft_shadow(monkeypatch, shading):
     ]
     frames = []
     for answer in (True, False):
-        monkeypatch.setattr(shadowing, "can_turn_away", lambda needs, found=answer: found)
+        monkeypatch.setattr(shadowing, "can_skip_turned_away", lambda needs, found=answer: found)
         frames.append(rj.render(scene, size=(80, 60), outputs=("linear",)).linear)
     assert np.array_equal(*frames)

@@ -463,7 +463,7 @@ def test_least_values_of_rectangles_are_not_above_those_of_a_loop():
     for height, width in ((1, 1), (1, 7), (9, 5), (23, 40)):
         values = rng.normal(size=(height, width)).astype(np.float32)
         rows, columns = (np.sort(rng.integers(0, n, (2, 300)), axis=0) for n in (height, width))
-        found = visible_cells._min_within(values, *rows, *columns)
+        found = visible_cells._find_rectangle_minima(values, *rows, *columns)
         want = [
             values[top : bottom + 1, left : right + 1].min()
             for top, bottom, left, right in zip(*rows, *columns, strict=True)
@@ -481,7 +481,7 @@ def test_cells_of_what_is_open_hold_all_of_it_that_is_in_view():
         camera, matrix = random_camera(rng), np.eye(4)
         matrix[:3] = rng.normal(size=(3, 4)) * 2.0
         boxes = transform_boxes(np.array([[[-1.0] * 3, [1.0] * 3]]), matrix[np.newaxis])
-        (cell,) = visible_cells.view_cells(camera, size, boxes - camera.eye_position())
+        (cell,) = visible_cells.make_view_cells(camera, size, boxes - camera.eye_position())
         clipped += not np.array_equal(cell, boxes[0] - camera.eye_position())
         points = rng.uniform(-1.0, 1.0, (2000, 3)) @ matrix[:3, :3].T + matrix[:3, 3]
         clip = (

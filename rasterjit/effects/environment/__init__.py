@@ -96,7 +96,7 @@ def compute_background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np
 
 
 def compute_rays(clip: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `compute_background_rays` of ``clip_from_relative``, (4, 4), with zeros of any sign."""
+    """Return `compute_background_rays` of ``clip_from_relative``, with zeros of any sign."""
     with np.errstate(all="ignore"):
         rows = (clip[:, :3] + 0.0) / np.abs(clip[[0, 1, 3], :3]).max()
     x, y, depth, w = rows.tolist()

@@ -1,7 +1,7 @@
 """
 Shadows by shadow maps.
 
-A frame has them where something may stand between a light with a shadow and a surface that it
+A frame has shadows where something may stand between a light with a shadow and a surface that it
 reaches. Maps are rasterized like any picture and fitted to the visible surfaces: a map of n x n
 texels takes 4 n n bytes, and the time of a picture of that size. Each sample is compared with the
 map of each light.
@@ -34,11 +34,11 @@ from rasterjit.survey.object_transforms import transform_boxes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.quality_overrides import override_shadow
 
-MAX_TEXELS_TO_TRY = 1 << 26
-"""Of the shadow maps that are tried where nobody asked for them: 268 MB."""
+MAX_SUGGESTED_TEXELS = 1 << 26
+"""Largest number of texels of maps suggested to users: 268 MB."""
 
 NO_LIGHT = np.empty(0, np.float32)
-"""Argument in place of a light, where samples that turn away from it are not skipped."""
+"""Argument in place of a light where no samples are skipped."""
 
 Shadows: TypeAlias = maps.ShadowRecord | maps.PlannedShadows
 
@@ -46,7 +46,7 @@ Views = Sequence[tuple[Camera, visible_cells.DepthRanges]]
 
 
 def describe_shadows(lights: Sequence[Light]) -> str:
-    """Say how many maps of which size the lights have, and how large they are together."""
+    """Say the number and size of the lights' maps, and their bytes in total."""
     maps: Counter[int] = Counter()
     for light in lights:
         shadow = getattr(light, "shadow", None)
@@ -59,13 +59,13 @@ def describe_shadows(lights: Sequence[Light]) -> str:
     return f"{listed}, {texels * BYTES_PER_TEXEL / 1e6:.1f} MB"
 
 
-def mapped_lights(facts: Facts) -> list[CastingLight]:
+def list_mapped_lights(facts: Facts) -> list[CastingLight]:
     """Return the lights that have a row in ``Lighting.lights``."""
     return [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
 
 
-def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that find shadow receivers: once, whatever lights there are."""
+def list_receiver_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find shadow receivers, once for all lights."""
     has_microfacets = int(needs.microfacets)
 
     def arguments(a: ShadingArrays) -> tuple[Any, ...]:
@@ -79,9 +79,9 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
     return passes
 
 
-def can_turn_away(needs: ShadingNeeds) -> bool:
-    """Tell whether a light adds nothing to samples whose normals turn away from it."""
-    # Coats have normals of their own; of sheen, glass and pyrender's shader it is not known.
+def can_skip_turned_away(needs: ShadingNeeds) -> bool:
+    """Return whether a light adds nothing to samples whose normals turn away from it."""
+    # Coats have normals of their own; sheen, glass and pyrender's shader may add light there.
     return not (needs.layers or needs.transmission or needs.pyrender)
 
 
@@ -95,7 +95,7 @@ class ShadowMaps(ScreenEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why no light may cast shadows on what is seen."""
+        """Say why no light casts shadows on visible surfaces."""
         if facts.casts_shadows:
             return ""
         if not facts.is_lit:
@@ -104,7 +104,7 @@ class ShadowMaps(ScreenEffect):
 
     def plan_data(self, facts: Facts, planning: Planning) -> Any:
         """Return the maps to draw."""
-        return maps.plan_shadows(mapped_lights(facts))
+        return maps.plan_shadows(list_mapped_lights(facts))
 
     def describe(self, facts: Facts) -> str:
         """Say which maps are drawn."""
@@ -112,11 +112,11 @@ class ShadowMaps(ScreenEffect):
         return "; ".join(drawn) + describe_changed_settings(facts, *self.settings)
 
     def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell that maps are fitted to what is seen."""
+        """Return True: maps are fitted to visible surfaces, by depth."""
         return True
 
     def analyse(self, context: FrameContext) -> visible_cells.DepthRanges:
-        """Return the ranges of a picture's depth, which maps are fitted to."""
+        """Return the picture's depth ranges, to which maps are fitted."""
         layers = context.plan.layers
         asks_objects = layers is not None and not layers.has_blended
         starts = context.placement.face_starts if asks_objects else None
@@ -131,23 +131,23 @@ class ShadowMaps(ScreenEffect):
         return visible_cells.merge_depth_ranges(size, parts)
 
     def prepare(self, context: FrameContext, data: Any, seen: Views) -> maps.ShadowRecord | None:
-        """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
+        """Fit the maps to visible surfaces and draw them; ``None`` if there are none."""
         plan, cache, placement, workers = context[:4]
         facts, arrays = plan.facts, cache.shapes.arrays
-        # The vertices of an object are lit wherever they are.
+        # Objects lit at their vertices need shadows at all of them.
         always_lit = plan.facts.in_view & facts.inventory.is_gouraud
         # Behind glass, and between pixel centres, more is visible than the depth buffer holds.
         may_be_seen = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
             boxes = transform_boxes(cache.shapes.boxes, placement.relative_from_model)
-            may_be_seen &= visible_cells.unseen_objects(plan.camera, boxes, seen[0][1])
+            may_be_seen &= visible_cells.find_unseen_objects(plan.camera, boxes, seen[0][1])
         vertices = visibility_pass.ModelVertices(
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
         )
         alpha_tests = None
         if facts.shades_through_holes:
             alpha_tests = cache.tables.alpha_tests(facts.counts.textured_holes > 0)
-        cells = [visible_cells.depth_cells(*view) for view in seen]
+        cells = [visible_cells.make_depth_cells(*view) for view in seen]
         casters = maps.Casters(
             vertices, arrays.faces, placement, cache.shapes.boxes, facts.inventory.casts_shadows,
             alpha_tests, arrays.primitives,
@@ -157,7 +157,7 @@ class ShadowMaps(ScreenEffect):
         )
         normals = cache.tables.normals if plan.facts.shades_smoothly else None
         eye = plan.camera.eye_position()
-        return maps.draw_shadows(mapped_lights(facts), eye, scenery, normals, workers)
+        return maps.draw_shadows(list_mapped_lights(facts), eye, scenery, normals, workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the maps: those of a picture, with the lights as cameras."""
@@ -176,7 +176,7 @@ class ShadowMaps(ScreenEffect):
         """Return the maps; that of a point light has up to six sides."""
         shadows = [
             (light.shadow, 6 if has_cube(light) else 1)
-            for light in mapped_lights(plan.facts)
+            for light in list_mapped_lights(plan.facts)
             if light.shadow is not None
         ]
         return [
@@ -185,13 +185,13 @@ class ShadowMaps(ScreenEffect):
         ]
 
     def neutral(self, record: maps.ShadowRecord) -> maps.ShadowRecord:
-        """Return shadows of lights that have no map."""
+        """Return the record with no light having a map."""
         layouts = record.layouts.copy()
-        layouts[:, shadows_stage.FIRST] = -1
+        layouts[:, shadows_stage.FIRST_TEXEL] = -1
         return record._replace(layouts=layouts)
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with lights that cast none."""
+        """Return the scene with lights that cast no shadows."""
         lights = [
             light if isinstance(light, AmbientLight) else replace(light, shadow=None)
             for light in scene.lights
@@ -199,7 +199,7 @@ class ShadowMaps(ScreenEffect):
         return with_field(scene, "lights", lights)
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Return the scene with a shadow of every light that could cast one and does not."""
+        """Return the scene with shadows of all lights that can cast them."""
         shadow = override_shadow(Shadow(), quality)
         casting = [light for light in scene.lights if not isinstance(light, AmbientLight)]
         count, size = sum(light.shadow is None for light in casting), shadow.size
@@ -213,47 +213,54 @@ class ShadowMaps(ScreenEffect):
             for light in scene.lights
         ]
         number = sum(6 if has_cube(light) else 1 for light in casting)
-        is_bounded = number * size * size <= MAX_TEXELS_TO_TRY
+        is_bounded = number * size * size <= MAX_SUGGESTED_TEXELS
         return what, with_field(scene, "lights", lights) if count and is_bounded else None
 
     @staticmethod
-    def dim(shadows: Shadows, needs: ShadingNeeds, n: int, of_vertices: bool) -> list[Pass]:
-        """Return the passes that write row SHADOW before a light is added; none: it stays."""
-        first, size, kind, sides = shadows.layouts[n].tolist()
-        has_map = shadows.layouts[: n + 1, shadows_stage.FIRST] >= 0
+    def dim(shadows: Shadows, needs: ShadingNeeds, number: int, of_vertices: bool) -> list[Pass]:
+        """Return the passes that write row SHADOW before a light is added; none if unchanged."""
+        first, size, kind, sides = shadows.layouts[number].tolist()
+        has_map = shadows.layouts[: number + 1, shadows_stage.FIRST_TEXEL] >= 0
         if first < 0:
-            # Reset: the row holds the shadow of the light before.
+            # Reset the row, which holds the shadow of the light before.
             return [fixed(light_stages.reset_visibility)] if has_map[:-1][-1:].any() else []
         passes = []
         if has_map.sum() == 1 and not of_vertices:
-            passes += receiver_passes(needs)
+            passes += list_receiver_passes(needs)
         point = RECEIVER_POINT
         # A vertex's own plane faces the light where it is lit.
         if needs.normals and not of_vertices:
 
             def offset_arguments(a: ShadingArrays) -> tuple[Any, ...]:
-                light, matrices = a.lighting.lights[n], a.placement.relative_from_model
+                light, matrices = a.lighting.lights[number], a.placement.relative_from_model
                 return light, shadows.normals, matrices
 
             passes.append(Pass(receivers.offset_turned_away, offset_arguments))
             point = OFFSET_POINT
         if sides == 1:
-            passes.append(Pass(shadows_stage.project_to_map, lambda _: (point, shadows.maps[n])))
+            passes.append(
+                Pass(shadows_stage.project_to_map, lambda _: (point, shadows.maps[number]))
+            )
         else:
             passes.append(
-                Pass(shadows_stage.project_to_cube, lambda _: (point, shadows.maps[n], size))
+                Pass(shadows_stage.project_to_cube, lambda _: (point, shadows.maps[number], size))
             )
         on_faces = int(not of_vertices)
-        turns_away = not of_vertices and can_turn_away(needs)
+        turns_away = not of_vertices and can_skip_turned_away(needs)
 
         def map_args(_: ShadingArrays) -> tuple[Any, ...]:
             texels = shadows.texels[first : first + sides * size * size]
             return texels, size, sides, on_faces
 
         def soft_arguments(a: ShadingArrays) -> tuple[Any, ...]:
-            width = np.float32(shadows.maps[n][shadows_stage.WIDENING])
-            tables = shadows.cells[n], shadows.pattern, shadows.spiral
-            return *map_args(a), width, *tables, a.lighting.lights[n] if turns_away else NO_LIGHT
+            width = np.float32(shadows.maps[number][shadows_stage.WIDENING])
+            tables = shadows.cells[number], shadows.pattern, shadows.spiral
+            return (
+                *map_args(a),
+                width,
+                *tables,
+                a.lighting.lights[number] if turns_away else NO_LIGHT,
+            )
 
         if kind == filters.HARD:
             return [*passes, Pass(shadows_stage.filter_hard, map_args)]

@@ -14,55 +14,54 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.shadows.filters import DEPTH_ROUNDING, is_nearer, map_top
+from rasterjit.effects.shadows.filters import DEPTH_ROUNDING, find_map_top, is_nearer
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import disjoint_helper, helper
 
-SNAPPING = np.float32(1.0 / 64.0)
-"""What a plane may be off in a map, as a share of its slope, texels: four times what vertices are
-rounded by there."""
+SNAP_ERROR_TEXELS = np.float32(1.0 / 64.0)
+"""Largest offset of a plane in a map, texels: four times the rounding of vertices there."""
 
 MAX_BEND = np.float32(1.0 / 16.0)
-"""Most that three texels in a row bend, as a share of their gain in depth, if they show a plane."""
+"""Largest second difference of three texels on a plane, as a share of their gain in depth."""
 
-MIN_BEHIND = np.float32(0.25)
+MIN_BEHIND_TEXELS = np.float32(0.25)
 """Least distance behind the contact line of a sample surely in shadow, texels."""
 
-MAX_CONTACT = np.float32(4.0)
-"""How far along a row or a column a plane may go on from a sample until it comes down, texels: what
-is 3 texels away, in a row at 45 degrees. Farther in, no filter finds any light."""
+MAX_CONTACT_TEXELS = np.float32(4.0)
+"""Largest distance along a row or a column from a sample to the contact line, texels: one 3 texels
+away at 45 degrees. Farther from the line, no filter finds any light."""
 
 MAX_STEPS = np.float32(7.0)
-"""Most texels from the first of a plane to the second one behind its contact line."""
+"""Largest number of texels from the first of a plane to the second behind its contact line."""
 
-DROP = np.float32(6.0)
-"""How far below a sample's plane what the map shows does not go on from a plane above it, texels of
-the gain of that one."""
-
-
-@helper
-def height_tolerance(depth, dz_du, dz_dv):
-    """Return how far stored depths of a plane may lie from it."""
-    return SNAPPING * (abs(dz_du) + abs(dz_dv)) + DEPTH_ROUNDING * abs(depth)
+MIN_DROP_GAINS = np.float32(6.0)
+"""Least depth below a sample's plane of texels that do not continue an occluding plane, in that
+plane's gain per texel."""
 
 
 @helper
-def height_at(texels, index, cross, weight, plane):
-    """Return the height over a plane, between a texel and the next one across, by their weight."""
+def compute_tolerance(depth, dz_du, dz_dv):
+    """Return the largest distance of a plane's stored depths from the plane."""
+    return SNAP_ERROR_TEXELS * (abs(dz_du) + abs(dz_dv)) + DEPTH_ROUNDING * abs(depth)
+
+
+@helper
+def interpolate_height(texels, index, cross, weight, plane):
+    """Return the height over a plane between a texel and the next one across, by its weight."""
     near, far = texels[np.uintp(index)], texels[np.uintp(index + cross)]
     return near * (np.float32(1.0) - weight) + far * weight - plane
 
 
 @helper
-def is_above(texels, index, cross, low, high):
-    """Tell whether a texel is nearer than one depth, and the next one across than another."""
+def are_both_nearer(texels, index, cross, low, high):
+    """Return whether a texel is nearer than ``low``, and the next one across than ``high``."""
     return (texels[np.uintp(index)] > low) & (texels[np.uintp(index + cross)] > high)
 
 
 @helper
-def plane_beside(first, second, third, last, beyond, distance, is_above_both, tolerance):
+def fit_plane(first, second, third, last, beyond, distance, is_above_both, tolerance):
     """
-    Fit a plane to the texels on one side of a sample: return its gain, and whether it may cover it.
+    Fit a plane to texels on one side of a sample; return its gain, and if it may cover the sample.
 
     Parameters
     ----------
@@ -75,22 +74,23 @@ def plane_beside(first, second, third, last, beyond, distance, is_above_both, to
     is_above_both : bool
         Whether the first is nearer than the sample's plane on both sides of the sample.
     tolerance : float32
-        How far two planes may lie apart and be the same.
+        Largest distance of planes that count as the same.
 
     Returns
     -------
     gain : float32
-        A texel away from the sample; 0 where there is no plane.
+        Of height per texel away from the sample; 0 where there is no plane.
     covers : bool
     """
     zero = np.float32(0.0)
     gain = (third - first) * np.float32(0.5)
     slack = MAX_BEND * gain + tolerance
-    # Where nothing is, infinitely far, this is no number.
+    # Empty texels, at -inf, give NaN here.
     is_plane = abs(third - second - second + first) <= slack
     height = first - gain * distance
-    is_close = (height > MIN_BEHIND * gain + tolerance) & (height <= MAX_CONTACT * gain)
-    # It is there all the way if nothing lower is seen.
+    is_close = height > MIN_BEHIND_TEXELS * gain + tolerance
+    is_close = is_close & (height <= MAX_CONTACT_TEXELS * gain)
+    # The plane has no gap if no lower texel is seen.
     lower, lowest = first - gain, first - gain - gain
     is_unbroken = (lower <= zero) | (last >= lower - slack)
     is_unbroken = is_unbroken & ((lowest <= zero) | (beyond >= lowest - slack))
@@ -98,7 +98,7 @@ def plane_beside(first, second, third, last, beyond, distance, is_above_both, to
 
 
 @helper
-def steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tolerance):
+def fit_steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, tolerance):
     """
     Fit planes on both sides of a sample, along a row or a column, and return the steeper one.
 
@@ -126,18 +126,18 @@ def steeper_plane(texels, index, stride, cross, x, y, plane, step, rise, toleran
     """
     two, one = np.int32(2), np.float32(1.0)
     double = step + step
-    a = height_at(texels, index - two * stride, cross, y, plane - double)
-    b = height_at(texels, index - stride, cross, y, plane - step)
-    c = height_at(texels, index, cross, y, plane)
-    d = height_at(texels, index + stride, cross, y, plane + step)
-    e = height_at(texels, index + two * stride, cross, y, plane + double)
-    f = height_at(texels, index + two * stride + stride, cross, y, plane + (double + step))
-    # What covers the sample goes on to both sides of it.
+    a = interpolate_height(texels, index - two * stride, cross, y, plane - double)
+    b = interpolate_height(texels, index - stride, cross, y, plane - step)
+    c = interpolate_height(texels, index, cross, y, plane)
+    d = interpolate_height(texels, index + stride, cross, y, plane + step)
+    e = interpolate_height(texels, index + two * stride, cross, y, plane + double)
+    f = interpolate_height(texels, index + two * stride + stride, cross, y, plane + (double + step))
+    # A plane that covers the sample continues on both sides.
     low, high = plane - rise * y + tolerance, plane + rise * (one - y) + tolerance
-    has_c = is_above(texels, index, cross, low, high)
-    has_d = is_above(texels, index + stride, cross, low + step, high + step)
-    ahead, covers_ahead = plane_beside(d, e, f, c, b, one - x, has_d, tolerance)
-    back, covers_back = plane_beside(c, b, a, d, e, x, has_c, tolerance)
+    has_c = are_both_nearer(texels, index, cross, low, high)
+    has_d = are_both_nearer(texels, index + stride, cross, low + step, high + step)
+    ahead, covers_ahead = fit_plane(d, e, f, c, b, one - x, has_d, tolerance)
+    back, covers_back = fit_plane(c, b, a, d, e, x, has_c, tolerance)
     is_ahead = ahead >= back
     return (
         (ahead if is_ahead else back), (d if is_ahead else c), is_ahead,
@@ -150,19 +150,19 @@ def ends_at_contact(
     texels, index, stride, cross, y, plane, step, first, gain, is_ahead, before, after, tolerance
 ):  # fmt: skip
     """
-    Tell whether the map shows that a plane ends where it comes down to the sample's own.
+    Return whether the map shows that an occluding plane ends at the sample's plane.
 
-    There, a texel farther, it shows that plane, or far below it what lies behind: not a surface
-    that goes on below it, such as a rough one does all over.
+    A texel beyond the contact line must show the sample's plane, or be far below; a rough surface
+    would continue just below.
 
     Parameters
     ----------
-    texels, at, stride, cross, y, plane, step, least
-        As `steeper_plane` takes them.
+    texels, index, stride, cross, y, plane, step, tolerance
+        As `fit_steeper_plane` takes them.
     first, gain, is_ahead
-        As it returns them.
+        As `fit_steeper_plane` returns them.
     before, after : float32
-        How many texels of the map lie before ``index``, and after it.
+        Numbers of texels of the map before ``index``, and after it.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     # Count from the first texel to the second one below the sample's plane.
@@ -171,10 +171,10 @@ def ends_at_contact(
     k = (one - count) if is_ahead else count
     is_on_map = (k >= -before) & (k <= after)
     k = k if is_on_map else zero
-    beyond = height_at(texels, index + np.int32(k) * stride, cross, y, plane + step * k)
+    beyond = interpolate_height(texels, index + np.int32(k) * stride, cross, y, plane + step * k)
     slack = MAX_BEND * gain + tolerance
-    # Where nothing is, this is infinite or no number.
-    is_far_below = not (beyond >= -(DROP * gain + slack))
+    # Empty texels give -inf or NaN here.
+    is_far_below = not (beyond >= -(MIN_DROP_GAINS * gain + slack))
     return is_on_map & ((abs(beyond) <= slack) | is_far_below)
 
 
@@ -183,22 +183,22 @@ def darken_covered(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, l
     """
     Set candidates to shadow if a touching surface covers them.
 
-    Of the planes around a sample the steepest one decides: across the line where it comes down.
+    The steepest of the planes around a sample decides.
     """
     zero, half, two = np.float32(0.0), np.float32(0.5), np.float32(2.0)
     length, four, one = np.float32(size), np.float32(4.0), np.float32(1.0)
     for i in range(lit.shape[0]):
-        top = map_top(v[i], size, sides)
+        top = find_map_top(v[i], size, sides)
         left = clamped(np.floor(u[i] - half), two, length - four)
         upper = clamped(np.floor(v[i] - half), top + two, top + length - four)
         x, y = u[i] - half - left, v[i] - half - upper
         index, row = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
-        tolerance = height_tolerance(depth[i], dz_du[i], dz_dv[i])
+        tolerance = compute_tolerance(depth[i], dz_du[i], dz_dv[i])
         beside, below = depth[i] - dz_du[i] * x, depth[i] - dz_dv[i] * y
-        gain, first, is_ahead, covers = steeper_plane(
+        gain, first, is_ahead, covers = fit_steeper_plane(
             texels, index, np.int32(1), row, x, y, beside, dz_du[i], dz_dv[i], tolerance
         )
-        other, other_first, other_ahead, other_covers = steeper_plane(
+        other, other_first, other_ahead, other_covers = fit_steeper_plane(
             texels, index, row, np.int32(1), y, x, below, dz_dv[i], dz_du[i], tolerance
         )
         is_row = gain >= other
@@ -215,15 +215,15 @@ def darken_covered(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, l
 
 @disjoint_helper
 def mark_candidates(u, v, depth, dz_du, dz_dv, texels, size, sides, lit, candidates):
-    """Write 1 where the texel of a lit sample is nearer than its plane, else 0; tell if any is."""
+    """Write 1 where a lit sample's texel is nearer than its plane, else 0; return 1 if any is."""
     zero, half, last = np.float32(0.0), np.float32(0.5), np.float32(size - 1)
     is_any = np.int32(0)
     for i in range(lit.shape[0]):
-        top = map_top(v[i], size, sides)
+        top = find_map_top(v[i], size, sides)
         texel_u, texel_v = np.floor(u[i]), np.floor(v[i])
         column, row = clamped(texel_u, zero, last), clamped(texel_v, top, top + last)
         plane = depth[i] + dz_du[i] * (column + half - u[i]) + dz_dv[i] * (row + half - v[i])
-        plane += height_tolerance(depth[i], dz_du[i], dz_dv[i])
+        plane += compute_tolerance(depth[i], dz_du[i], dz_dv[i])
         is_candidate = (lit[i] > zero) & (is_nearer(texels, column, row, size, plane) > zero)
         is_candidate = is_candidate & (texel_u == column) & (texel_v == row)
         candidates[i] = np.float32(1.0) if is_candidate else zero
@@ -232,7 +232,7 @@ def mark_candidates(u, v, depth, dz_du, dz_dv, texels, size, sides, lit, candida
 
 
 @helper
-def close_contacts(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, lit):
+def remove_contact_leaks(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, lit):
     """Remove the light that a filter leaks where surfaces touch."""
     if mark_candidates(u, v, depth, dz_du, dz_dv, texels, size, sides, lit, candidates) != 0:
         darken_covered(u, v, depth, dz_du, dz_dv, texels, size, sides, candidates, lit)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.shadows import filters
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.effects.shadows.visible_cells import view_cells
+from rasterjit.effects.shadows.visible_cells import make_view_cells
 from rasterjit.pipeline.records import AlphaTests, Objects, Placement
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.primitive_expansion import Primitive, collect_primitives
@@ -53,23 +53,23 @@ Float64 = NDArray[np.float64]
 
 FILTERS = {"hard": filters.HARD, "pcf": filters.PCF, "soft": filters.SOFT}
 
-BORDER = 3
-"""Texels around what a map is fitted to: as many as the 3 x 3 comparisons reach, and one."""
+BORDER_TEXELS = 3
+"""Texels around the fitted part of a map: the reach of the 3 x 3 comparisons, and one."""
 
 SOFT_BORDER = 1.0 / 16.0
-"""The same for each of the six maps of a soft point light, as a share of a map's side."""
+"""Border of each of the six maps of a soft point light, as a share of a map's side."""
 
 MIN_NEAR = 1e-5
 """Least near plane of a light's map, as a share of its far plane."""
 
-SLACK = 1e-6
-"""Widening of what a map shows, as a share: above the rounding of corners in float64 and of stored
-depths in float32, well below a texel."""
+WINDOW_SLACK = 1e-6
+"""Widening of a map's window, as a share of its size: above the rounding of corners in float64
+and of stored depths in float32, well below a texel."""
 
 SUBPIXEL_BITS = 8
-"""Grid that the vertices are rounded to in a map."""
+"""Binary digits of a texel to which vertices are rounded in a map."""
 
-COMPARISONS = 32
+COMPARISON_COUNT = 32
 """Points of the disk where soft shadows are compared."""
 
 SPIRAL_GROWTH = 1.0905077326652577
@@ -85,24 +85,24 @@ class Scenery(NamedTuple):
     vertices: visibility_pass.ModelVertices
     """The camera's; a light's takes another matrix to clip space."""
     faces: NDArray[np.int32]
-    """(F, 3), of what casts shadows."""
+    """(F, 3), of the casters."""
     face_starts: NDArray[np.int64]
     """(O+1,)."""
     boxes: Float64
-    """(B, 8, 3): corners of the boxes around what casts shadows."""
+    """(B, 8, 3): corners of the boxes around the casters."""
     cells: Float64
-    """(N, 8, 3): corners of the cells that hold all that is seen."""
+    """(N, 8, 3): corners of the cells that hold all visible surfaces."""
     alpha_tests: AlphaTests | None
-    """Of what casts shadows."""
+    """Of the casters."""
     primitives: tuple[Primitive, ...]
-    """Of what casts shadows, the objects whose faces are segments or points."""
+    """The casters whose faces are segments or points."""
     right: tuple[float, ...]
     """The camera's x axis. Maps run along it as far as they can: they fit the view more closely,
     and neighbouring pixels read neighbouring texels."""
 
 
 class Window(NamedTuple):
-    """Bounds of a map along its axes (over the depth, if not parallel)."""
+    """Bounds of a map along its axes (divided by depth unless parallel)."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -114,11 +114,11 @@ class PlannedShadows(NamedTuple):
     """The shadow maps of all lights, before any is drawn."""
 
     layouts: NDArray[np.int64]
-    """As those of `ShadowRecord`: the first texel is 0 for each light that may have maps."""
+    """As in `ShadowRecord`, but the first texel is 0 for each light that may have maps."""
 
 
 def plan_shadows(lights: Sequence[CastingLight]) -> PlannedShadows:
-    """Return which lights, those of ``Lighting.lights``, may have maps, and of which kind."""
+    """Return the layouts of the maps that lights, those of ``Lighting.lights``, may have."""
     layouts = np.full((len(lights), shadows_stage.LAYOUT_COLUMNS), -1, np.int64)
     for layout, light in zip(layouts, lights, strict=True):
         if light.shadow is not None:
@@ -130,7 +130,7 @@ class ShadowRecord(NamedTuple):
     """The shadow maps of all lights; see ``stage`` for the columns."""
 
     maps: Any
-    """(L, 23) float64: how a point comes to lie in a light's map."""
+    """(L, 23) float64: projection of points to each light's maps."""
     layouts: Any
     """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
     texels: Any
@@ -138,10 +138,9 @@ class ShadowRecord(NamedTuple):
     pattern: Any
     """(P, 2) float32: points of the unit disk where soft shadows are compared."""
     spiral: Any
-    """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
-    nearest on."""
+    """(S, 2) float32, texels: where soft shadows search for blockers, from the nearest on."""
     cells: Any
-    """L of (N,) float32, of a soft light what `find_occlusion_limits` returns, or None."""
+    """L of (N,) float32: `find_occlusion_limits` of each soft light, or None."""
     normals: Any
     """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 
@@ -154,7 +153,7 @@ def draw_shadows(
     workers: Workers,
 ) -> ShadowRecord | None:
     """
-    Draw the shadow maps of the lights that cast shadows on something seen.
+    Draw the shadow maps of the lights that cast shadows on visible surfaces.
 
     Parameters
     ----------
@@ -173,13 +172,13 @@ def draw_shadows(
     """
     rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
     layouts = np.zeros((len(lights), shadows_stage.LAYOUT_COLUMNS), np.int64)
-    layouts[:, shadows_stage.FIRST] = -1
+    layouts[:, shadows_stage.FIRST_TEXEL] = -1
     drawings, count = [], 0
     for n, light in enumerate(lights):
         shadow = light.shadow
         if shadow is None:
             continue
-        fitted = _fit(light, eye, scenery, rows[n])
+        fitted = _fit_light(light, eye, scenery, rows[n])
         if any(matrix is not None for matrix in fitted):
             layouts[n] = count, shadow.size, FILTERS[shadow.filter], len(fitted)
             for k, matrix in enumerate(fitted):
@@ -188,36 +187,30 @@ def draw_shadows(
                 count = part.stop
     if not drawings:
         return None
-    # Draw them into one array, and find from where soft ones shade.
+    # Draw all maps into one array, and find the occlusion limits of soft ones.
     texels = workers.memory.empty((count,), np.float32)
     for n, _, shadow, part, matrix in drawings:
         map_texels = texels[part].reshape(shadow.size, shadow.size)
-        _draw(matrix, rows[n], map_texels, scenery, workers)
+        _draw_map(matrix, rows[n], map_texels, scenery, workers)
     cells: list[NDArray[np.float32] | None] = [None] * len(lights)
     for n, (first, size, kind, sides) in enumerate(layouts.tolist()):
         if first >= 0 and kind == filters.SOFT:
             light_texels = texels[first : first + sides * size * size].reshape(sides, size, size)
             cells[n] = find_occlusion_limits(light_texels, float(rows[n, shadows_stage.WIDENING]))
-    largest = max(int(side) for side in layouts[:, shadows_stage.SIZE])
+    largest = max(int(side) for side in layouts[:, shadows_stage.MAP_SIDE])
     return ShadowRecord(
-        rows,
-        layouts,
-        texels,
-        disk_points(),
-        spiral(largest),
-        cells,
-        normals,
+        rows, layouts, texels, make_disk_points(), make_spiral(largest), cells, normals
     )
 
 
-def _draw(
+def _draw_map(
     matrix: Float64 | None,
     row: Float64,
     texels: NDArray[np.float32],
     scenery: Scenery,
     workers: Workers,
 ) -> None:
-    """Draw one map; without a matrix nothing is in it."""
+    """Draw one map; leave it empty without a matrix."""
     if matrix is None:
         texels.fill(-np.inf)
         return
@@ -242,11 +235,11 @@ def _draw(
     )
 
 
-def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
+def _fit_light(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
     """
-    Fit a light's map or its six; write its row; return ``clip_from_relative`` of each.
+    Fit a light's one or six maps; write its row; return ``clip_from_relative`` of each.
 
-    ``None`` stands for a map that shows nothing that is seen, or nothing in front of it.
+    ``None`` stands for a map without receivers, or without casters before them.
     """
     shadow = light.shadow
     row[shadows_stage.BIAS_TEXELS] = shadow.bias
@@ -268,7 +261,7 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     box_low, box_high = boxes.min(axis=1), boxes.max(axis=1)
     nearest = float(box_low[:, 2].min())
     tangent = compute_half_tangent(shadow)
-    # Make room for what shades from aside.
+    # Make room for casters that shade from aside.
     margin = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
     low[:2] -= margin
     high[:2] += margin
@@ -280,41 +273,43 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     if not between.any():
         return None
     nearest = min(float(box_low[between, 2].min()), float(low[2]))
-    slack = SLACK * max(float((high - low).max()), float(high[2]) - nearest, 1e-300)
+    slack = WINDOW_SLACK * max(float((high - low).max()), float(high[2]) - nearest, 1e-300)
     window = Window(
         (float(low[0]) - slack, float(low[1]) - slack),
         (float(high[0]) + slack, float(high[1]) + slack),
         nearest - slack,
         float(high[2]) + slack,
     )
-    _write_row(row, axes, (0.0, 0.0, 0.0), window, shadow, BORDER)
+    _write_row(row, axes, (0.0, 0.0, 0.0), window, shadow, BORDER_TEXELS)
     span, focal = window.far - window.near, row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2]
     row[shadows_stage.PARALLEL], row[shadows_stage.SPAN] = 1.0, span
-    row[shadows_stage.TEXEL] = 1.0 / (float(focal.min()) * span)
+    row[shadows_stage.TEXEL_DEPTH] = 1.0 / (float(focal.min()) * span)
     row[shadows_stage.WIDENING] = tangent * float(focal.min()) * span
     depth = (*(2.0 * axes[2] / span).tolist(), -(window.near + window.far) / span)
-    return _clip_matrix(row, shadow.size, depth)
+    return _make_clip_matrix(row, shadow.size, depth)
 
 
 def _fit_spot(light: Any, point: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
-    """Fit the map of a spot light to what is seen inside its cone."""
+    """Fit the map of a spot light to the receivers inside its cone."""
     axes, shadow = build_basis(light.direction, scenery.right), light.shadow
     sine, cosine = transforms.sine_cosine(light.outer_angle)
     cells = project_on_axes(axes, scenery.cells - point)
     boxes = project_on_axes(axes, scenery.boxes - point)
-    window = _window(cells, boxes, sine / cosine, light.range, shadow)
+    window = _find_window(cells, boxes, sine / cosine, light.range, shadow)
     if window is None:
         return None
     origin = tuple(project_on_axes(axes, point).tolist())
-    _write_row(row, axes, origin, window, shadow, BORDER)
+    _write_row(row, axes, origin, window, shadow, BORDER_TEXELS)
     _write_depth(row, window, shadow)
-    return _clip_matrix(row, shadow.size, _depth_row(row, axes[2], window))
+    return _make_clip_matrix(row, shadow.size, _make_depth_row(row, axes[2], window))
 
 
 def _fit_cube(light: Any, point: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
     """Fit the six maps of a point light: the sides of a cube, a little larger each."""
     shadow, sides = light.shadow, []
-    border = BORDER if shadow.filter != "soft" else max(BORDER, int(SOFT_BORDER * shadow.size))
+    border = BORDER_TEXELS
+    if shadow.filter == "soft":
+        border = max(border, int(SOFT_BORDER * shadow.size))
     border = min(border, shadow.size // 4)
     tangent = shadow.size / (shadow.size - 2.0 * border)
     for k in range(3):
@@ -324,7 +319,7 @@ def _fit_cube(light: Any, point: Float64, scenery: Scenery, row: Float64) -> lis
             axes[2, k] = sign
             cells = project_on_axes(axes, scenery.cells - point)
             boxes = project_on_axes(axes, scenery.boxes - point)
-            sides.append((axes, _window(cells, boxes, tangent, light.range, shadow)))
+            sides.append((axes, _find_window(cells, boxes, tangent, light.range, shadow)))
     windows = [window for _, window in sides if window is not None]
     if not windows:
         return [None] * 6
@@ -336,37 +331,37 @@ def _fit_cube(light: Any, point: Float64, scenery: Scenery, row: Float64) -> lis
     for axes, bounds in sides:
         side = row.copy()
         _write_row(side, axes, tuple(project_on_axes(axes, point).tolist()), window, shadow, 0)
-        depth = _depth_row(side, axes[2], window)
-        matrices.append(None if bounds is None else _clip_matrix(side, shadow.size, depth))
+        depth = _make_depth_row(side, axes[2], window)
+        matrices.append(None if bounds is None else _make_clip_matrix(side, shadow.size, depth))
     return matrices
 
 
-def _window(
+def _find_window(
     cells: Float64, boxes: Float64, tangent: float, end: float | None, shadow: Shadow
 ) -> Window | None:
     """
-    Return the bounds of the map of a light that shines from a point, if anything is in them.
+    Return the window of a map of a light at a point; ``None`` without receivers or casters.
 
     Parameters
     ----------
     cells, boxes : (N, 8, 3) and (B, 8, 3) float64
         Corners along the axes of the map, from the light: across, down, away.
     tangent : float
-        How far aside the map reaches at most, over the depth.
+        Largest reach of the map aside, over the depth.
     end : float or None
         Range of the light, scene units.
     shadow : Shadow
     """
-    low, high = _sides(cells, tangent)
+    low, high = _find_bounds(cells, tangent)
     end = math.inf if end is None else end
     is_seen = (low <= high).all(axis=1) & (low[:, 2] < end)
     if not is_seen.any():
         return None
     bounds = low[is_seen].min(axis=0), high[is_seen].max(axis=0)
     far = min(float(bounds[1][2]), end)
-    box_low, box_high = _sides(boxes, tangent)
+    box_low, box_high = _find_bounds(boxes, tangent)
     half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
-    # Make room for what shades from aside: at most half as much again.
+    # Make room for casters that shade from aside: at most half of the window on each side.
     nearest = max(float(box_low[:, 2].min(initial=math.inf)), MIN_NEAR * far)
     margin = min(half / min(nearest, far), float((bounds[1] - bounds[0])[:2].max()) / 2.0)
     side_low = np.maximum(bounds[0][:2] - margin, -tangent)
@@ -380,7 +375,7 @@ def _window(
     if not between.any():
         return None
     near = min(float(box_low[between, 2].min()), float(bounds[0][2]))
-    slack = SLACK * (1.0 + tangent)
+    slack = WINDOW_SLACK * (1.0 + tangent)
     return Window(
         (float(side_low[0]) - slack, float(side_low[1]) - slack),
         (float(side_high[0]) + slack, float(side_high[1]) + slack),
@@ -389,12 +384,12 @@ def _window(
     )
 
 
-def _sides(corners: Float64, tangent: float) -> tuple[Float64, Float64]:
+def _find_bounds(corners: Float64, tangent: float) -> tuple[Float64, Float64]:
     """
     Return bounds, (N, 3), of boxes as a light sees them: aside over the depth, and the depth.
 
-    What reaches behind the light may be anywhere; what is all behind it, or beside the map, has its
-    lower bound above its upper one.
+    A box that reaches behind the light has the widest bounds; for one all behind the light, or
+    beside the map, a lower bound lies above an upper one.
     """
     depth = corners[..., 2]
     nearest, farthest = depth.min(axis=1), depth.max(axis=1)
@@ -433,22 +428,22 @@ def _write_row(
 
 
 def _write_depth(row: Float64, window: Window, shadow: Shadow) -> None:
-    """Write the depth of a texel, for a light that shines from a point."""
+    """Write the depth of a texel and the widening, for a light at a point."""
     focal = float(row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2].min())
-    row[shadows_stage.TEXEL] = 1.0 / focal
+    row[shadows_stage.TEXEL_DEPTH] = 1.0 / focal
     half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
     row[shadows_stage.WIDENING] = focal * half / window.near
 
 
-def _depth_row(row: Float64, away: Float64, window: Window) -> tuple[float, ...]:
-    """Return the row of a perspective matrix that makes z."""
+def _make_depth_row(row: Float64, away: Float64, window: Window) -> tuple[float, ...]:
+    """Return the z row of a perspective matrix."""
     scale = (window.far + window.near) / (window.far - window.near)
     offset = -2.0 * window.far * window.near / (window.far - window.near)
     return (*(scale * away).tolist(), offset - scale * float(row[shadows_stage.ORIGIN + 2]))
 
 
-def _clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
-    """Return ``clip_from_relative``, (4, 4), that puts points where ``stage`` looks for them."""
+def _make_clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
+    """Return ``clip_from_relative``, (4, 4), of the projection that ``stage`` applies."""
     axes, origin = row[:9].reshape(3, 3), row[shadows_stage.ORIGIN : shadows_stage.ORIGIN + 3]
     matrix = np.zeros((4, 4))
     if row[shadows_stage.PARALLEL]:
@@ -472,11 +467,11 @@ class Casters(NamedTuple):
     """(F, 3)."""
     placement: Placement
     bounds: Float64
-    """(O, 2, 3): low and high corner of each object, model space; NaN for one without any."""
+    """(O, 2, 3): low and high corner of each object, model space; NaN for an empty one."""
     casts: NDArray[np.bool_]
     """(O,): which objects cast shadows."""
     alpha_tests: AlphaTests | None = None
-    """The objects that have holes."""
+    """Of the objects with holes."""
     primitives: tuple[Primitive, ...] = ()
     """The objects whose faces are segments or points."""
 
@@ -496,11 +491,11 @@ def collect_scenery(
     ----------
     casters : Casters
     always_lit : (O,) bool
-        Which objects shadows are looked up on wherever they are, seen or not.
+        Which objects receive shadows everywhere, visible or not.
     may_be_seen : (O,) bool
-        Which of the others may be seen where the depth of the frame does not tell.
+        Which others may be visible where the depth buffer does not show them.
     cells : (N, 8, 3) float64
-        What the depth of the frame says is seen, see ``visible_cells``.
+        Cells of the depth buffer's surfaces; see ``visible_cells``.
     camera : Camera
     size : (int, int)
         Width and height of the picture, pixels.
@@ -511,62 +506,57 @@ def collect_scenery(
     starts = placement.face_starts
     if not casts.all():
         counts = np.where(casts, np.diff(starts), 0)
-        is_kept = np.repeat(casts, np.diff(starts))
-        faces = np.ascontiguousarray(faces[is_kept])
+        is_caster = np.repeat(casts, np.diff(starts))
+        faces = np.ascontiguousarray(faces[is_caster])
         starts = np.concatenate(([0], np.cumsum(counts)))
         if alpha_tests is not None:
             colors = alpha_tests.face_colors
-            colors = np.ascontiguousarray(colors[is_kept]) if len(colors) else colors
+            colors = np.ascontiguousarray(colors[is_caster]) if len(colors) else colors
             alpha_tests = alpha_tests._replace(face_starts=starts, face_colors=colors)
         primitives = tuple(
             item._replace(faces=(int(starts[item.number]), int(starts[item.number + 1])))
             for item in primitives
             if casts[item.number]
         )
+    may_be_seen_cells = make_view_cells(camera, size, boxes[finite & may_be_seen & ~always_lit])
+    cells = np.concatenate([cells, boxes[finite & always_lit], may_be_seen_cells])
     return Scenery(
-        vertices, faces, starts, boxes[finite & casts],
-        np.concatenate(
-            [
-                cells,
-                boxes[finite & always_lit],
-                view_cells(camera, size, boxes[finite & may_be_seen & ~always_lit]),
-            ]
-        ),
-        alpha_tests, primitives, _right_of(camera),
+        vertices, faces, starts, boxes[finite & casts], cells, alpha_tests, primitives,
+        _get_right_axis(camera),
     )  # fmt: skip
 
 
-def _right_of(camera: Camera) -> tuple[float, ...]:
-    """Return the x axis of a camera in the world, of length one."""
+def _get_right_axis(camera: Camera) -> tuple[float, ...]:
+    """Return the x axis of a camera in the world, unit length."""
     right = camera.view_matrix()[0, :3]
     return transforms.unit_triple("axis", right) if right.any() else (1.0, 0.0, 0.0)
 
 
 @lru_cache(1)
-def disk_points() -> NDArray[np.float32]:
+def make_disk_points() -> NDArray[np.float32]:
     """
-    Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower [2]_.
+    Return points spread evenly over the unit disk, (COMPARISON_COUNT, 2), as in a sunflower [2]_.
 
-    The same array each time: it is not to be written to.
+    The array is shared: do not write to it.
     """
     points = []
-    for n in range(COMPARISONS):
-        radius = math.sqrt((n + 0.5) / COMPARISONS)
+    for n in range(COMPARISON_COUNT):
+        radius = math.sqrt((n + 0.5) / COMPARISON_COUNT)
         sine, cosine = transforms.sine_cosine(n * GOLDEN_ANGLE)
         points.append((radius * cosine, radius * sine))
     return np.array(points, np.float32)
 
 
 @lru_cache(64)
-def spiral(size: int) -> NDArray[np.float32]:
+def make_spiral(size: int) -> NDArray[np.float32]:
     """
-    Return points around a sample in a map of a side, (S, 2), texels: as dense as they are near.
+    Return a spiral of points around a sample, (S, 2) texels, for maps of a side.
 
-    What shades a sample may be just above it or far: of each, the points see the same share. The
-    same array each time for a side: it is not to be written to.
+    Points are the denser the nearer, so that close and distant blockers cover equal shares. The
+    array is shared: do not write to it.
     """
     points, radius = [], 1.0
-    while radius <= float(filters.MAX_PENUMBRA) * size + 1.0:
+    while radius <= float(filters.MAX_PENUMBRA_RADIUS) * size + 1.0:
         sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_ANGLE)
         points.append((radius * cosine, radius * sine))
         radius *= SPIRAL_GROWTH
@@ -587,33 +577,32 @@ def find_occlusion_limits(texels: NDArray[np.float32], widening: float) -> NDArr
     Returns
     -------
     (N,) float32
-        Levels of square cells, of ``filters.CELL`` texels and then twice as many each time, for
-        each map row by row; see `filters.count_cells`. What lies farther from a sample than the
-        level before reaches, two of its cells, shades none whose stored depth is at least its
-        cell's.
-        The first level is about all beyond ``filters.NEAR_RADIUS``.
+        Levels of square cells, of ``filters.CELL_TEXELS`` texels and then twice as many each time,
+        for each map row by row; see `filters.count_cells`. Texels farther from a sample than two
+        cells of the level before (for the first level, than ``filters.NEAR_RADIUS``) shade no
+        sample whose stored depth is at least its cell's.
     """
-    radius, side, levels = float(filters.NEAR_RADIUS), filters.CELL, []
-    depths = _max_depths(texels, side)
-    while not levels or radius <= float(filters.MAX_PENUMBRA) * texels.shape[-1] + 1.0:
-        # A point looks at the texel that it lies in, whose middle is less than one away.
-        height = radius - 1.0 - float(filters.MIN_SEARCH)
-        height = height / (float(filters.SEARCH_SCALE) * widening) if widening > 0.0 else math.inf
+    radius, side, levels = float(filters.NEAR_RADIUS), filters.CELL_TEXELS, []
+    depths = _find_max_depths(texels, side)
+    while not levels or radius <= float(filters.MAX_PENUMBRA_RADIUS) * texels.shape[-1] + 1.0:
+        # A point reads the texel that it lies in, whose middle is less than one texel away.
+        height = radius - 1.0 - float(filters.MIN_SEARCH_RADIUS)
+        height = height / (float(filters.SEARCH_RATIO) * widening) if widening > 0.0 else math.inf
         count = depths.shape[-1]
         dilated = np.pad(depths, ((0, 0), (2, 2), (2, 2)), constant_values=-np.inf)
         dilated = reduce(np.maximum, [dilated[:, k : k + count] for k in range(5)])
         dilated = reduce(np.maximum, [dilated[:, :, k : k + count] for k in range(5)])
         levels.append(dilated - np.float32(height))
-        radius, side, depths = 2.0 * side, 2 * side, _max_depths(depths, 2)
-    # What is beyond the next ring is beyond this one.
+        radius, side, depths = 2.0 * side, 2 * side, _find_max_depths(depths, 2)
+    # Texels beyond the next ring are also beyond this one.
     for near, far in zip(levels[-2::-1], levels[:0:-1], strict=True):
         count = near.shape[-1]
         np.maximum(near, far.repeat(2, 1).repeat(2, 2)[:, :count, :count], out=near)
     return np.concatenate([level.ravel() for level in levels])
 
 
-def _max_depths(texels: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Return the greatest stored depth in each cell of a side, texels, of maps (M, S, S)."""
+def _find_max_depths(texels: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Return the greatest stored depth in cells of maps, (M, S, S), given a cell's side, texels."""
     rest = -texels.shape[-1] % side
     if rest:
         texels = np.pad(texels, ((0, 0), (0, rest), (0, rest)), constant_values=-np.inf)

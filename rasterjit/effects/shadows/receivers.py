@@ -1,12 +1,12 @@
 """
 Compute shadow receivers: each sample's position and geometric normal, in float64.
 
-The corners of the faces are gathered, and points and normals found in world axes relative to the
-eye, once for all lights.
+Points and normals are computed from the corners of faces, in world axes relative to the eye, once
+for all lights.
 
 With smooth shading, a face may be lit by its vertex normals though it turns away from the light
-itself. It would then be shadowed by its neighbours (the shadow terminator problem): its points are
-moved out to the smooth surface that the normals imply [1]_.
+itself. Its neighbours would then shadow it (the shadow terminator problem), so its points are moved
+out to the smooth surface that the normals imply [1]_.
 
 References
 ----------
@@ -27,16 +27,16 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state_block import float32, float64, int64
 
 MIN_FACING = 1.0 / 16.0
-"""A face turns away from a light if it faces it by less than this share of what its shading normal
-does: the plane of one that is seen edgewise says nothing about its neighbours."""
+"""A face turns away from a light if its cosine is below this share of its shading normal's: the
+plane of a face seen edge-on says nothing about its neighbours."""
 
-CELL = 16
-"""Side of the cells that `find_depth_ranges` looks at, pixels."""
+CELL_PIXELS = 16
+"""Side of the cells of `find_depth_ranges`, pixels."""
 
 
 @helper
 def gather_corners(patches, values, ints, out):
-    """Gather three numbers for each vertex of the faces of all patches, for each sample."""
+    """Write three values of each corner of each sample's face."""
     for r in range(np.uintp(patches)):
         a, b, c = get_patch_vertices(ints, r)
         for start in range(
@@ -50,10 +50,10 @@ def gather_corners(patches, values, ints, out):
 
 
 @disjoint_helper
-def find_points(
-    px, py, pz, nx, ny, nz, ax, ay, az, bx, by, bz, cx, cy, cz, second, third, m, translation
+def compute_points(
+    px, py, pz, nx, ny, nz, ax, ay, az, bx, by, bz, cx, cy, cz, wb, wc, m, translation
 ):  # fmt: skip
-    """Write the points of samples of one object, and the normals of their faces, any length."""
+    """Write the points of one object's samples, and their faces' normals, any length."""
     for i in range(px.shape[0]):
         x, y, z = bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]
         ux, uy = m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z
@@ -62,9 +62,9 @@ def find_points(
         vx, vy = m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z
         vz = m[6] * x + m[7] * y + m[8] * z
         x, y, z = ax[i], ay[i], az[i]
-        px[i] = (m[0] * x + m[1] * y + m[2] * z + translation[0]) + (second[i] * ux + third[i] * vx)
-        py[i] = (m[3] * x + m[4] * y + m[5] * z + translation[1]) + (second[i] * uy + third[i] * vy)
-        pz[i] = (m[6] * x + m[7] * y + m[8] * z + translation[2]) + (second[i] * uz + third[i] * vz)
+        px[i] = (m[0] * x + m[1] * y + m[2] * z + translation[0]) + (wb[i] * ux + wc[i] * vx)
+        py[i] = (m[3] * x + m[4] * y + m[5] * z + translation[1]) + (wb[i] * uy + wc[i] * vy)
+        pz[i] = (m[6] * x + m[7] * y + m[8] * z + translation[2]) + (wb[i] * uz + wc[i] * vz)
         nx[i], ny[i], nz[i] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
@@ -74,7 +74,7 @@ def find_receivers(
     has_microfacets: int64,
 ):  # fmt: skip
     """
-    Write the point of each sample and the normal of its face, if light falls on any sample.
+    Write the point of each sample and the normal of its face, if any sample is lit.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def find_receivers(
         segment = block.segments[k]
         owner, s = np.uintp(segment[rows.OWNER]), np.int64(segment[rows.START])
         e = s + round_up_to_vectors(segment[rows.STOP] - s)
-        find_points(
+        compute_points(
             *six_parts(r, rows.RECEIVER_POINT, s, e), *nine_parts(doubles, 0, s, e),
             part(w, 0, s, e), part(w, 1, s, e), get_linear_part(m, owner),
             (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
@@ -108,11 +108,11 @@ def find_receivers(
 
 
 @disjoint_helper
-def find_turned_away(light, px, py, pz, ax, ay, az, nx, ny, nz, is_away):
+def mark_turned_away(light, px, py, pz, ax, ay, az, nx, ny, nz, is_away):
     """
     Write 1 where a face turns away from a light that its shading normal faces, else 0.
 
-    Return whether there is any.
+    Return 1 if any does.
     """
     is_any = np.int32(0)
     for i in range(is_away.shape[0]):
@@ -133,21 +133,22 @@ def find_turned_away(light, px, py, pz, ax, ay, az, nx, ny, nz, is_away):
 
 @disjoint_helper
 def offset_points(
-    ax, ay, az, bx, by, bz, cx, cy, cz, na, nb, nc, oa, ob, oc, ea, eb, ec, second, third, m,
+    ax, ay, az, bx, by, bz, cx, cy, cz, na, nb, nc, oa, ob, oc, ea, eb, ec, wb, wc, m,
     px, py, pz, nx, ny, nz, is_away, qx, qy, qz,
 ):  # fmt: skip
     """
-    Write the points of samples of one object, those turned away moved out to the smooth surface.
+    Write the points of one object's samples, moving those turned away out to the smooth surface.
 
-    The mean, by the weights of the corners, of where the point lies on the corners' tangent planes.
+    They move to the mean, by the corners' weights, of their projections to the corners' tangent
+    planes.
     """
     for i in range(qx.shape[0]):
-        b1, b2 = second[i], third[i]
+        b1, b2 = wb[i], wc[i]
         b0 = 1.0 - b1 - b2
         n0, n1, n2 = np.float64(na[i]), np.float64(nb[i]), np.float64(nc[i])
         o0, o1, o2 = np.float64(oa[i]), np.float64(ob[i]), np.float64(oc[i])
         e0, e1, e2 = np.float64(ea[i]), np.float64(eb[i]), np.float64(ec[i])
-        # The ways from the first corner to the others, and from each corner to the point.
+        # Vectors from the first corner to the others, and to the point.
         ux, uy, uz = bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]
         vx, vy, vz = cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]
         x, y, z = b1 * ux + b2 * vx, b1 * uy + b2 * vy, b1 * uz + b2 * vz
@@ -173,7 +174,7 @@ def offset_points(
 
 @disjoint_helper
 def choose_normals(ax, ay, az, nx, ny, nz, is_away, rx, ry, rz):
-    """Write the normals of the faces, but of those turned away the shading normals."""
+    """Write the faces' normals, but the shading normals of faces turned away."""
     for i in range(rx.shape[0]):
         turns = is_away[i] > np.float32(0.0)
         rx[i] = np.float64(nx[i]) if turns else ax[i]
@@ -187,13 +188,13 @@ def offset_turned_away(
     relative_from_model: float64[:, :, :],
 ):  # fmt: skip
     """
-    Move the samples out whose faces turn away from a light that their shading normals face.
+    Move out the samples whose faces turn away from a light that their shading normals face.
 
     Parameters
     ----------
     block : Block
         After `find_receivers`. Writes rows OFFSET_POINT and OFFSET_NORMAL of ``receivers``: point
-        and normal, as they are unless a sample is moved.
+        and normal, moved or not.
     count : int
     light : (LIGHT_COLUMNS,) float32
         See ``blinn_phong``.
@@ -204,7 +205,7 @@ def offset_turned_away(
     if block.counts[rows.IS_LIT] == 0:
         return
     s, r, w, p, bent = block.samples, block.receivers, block.weights, block.doubles, block.floats
-    is_any = find_turned_away(
+    is_any = mark_turned_away(
         light, *six_parts(r, rows.RECEIVER_POINT, 0, count),
         *three_parts(s, rows.NORMAL_X, 0, count), part(s, rows.TURNED_AWAY, 0, count),
     )  # fmt: skip
@@ -231,11 +232,11 @@ def offset_turned_away(
 
 
 @disjoint_helper
-def widen_range(depth, lowest, highest):
+def widen_ranges(depth, lowest, highest):
     """Widen the range of each column by the depths of a row."""
     for i in range(depth.shape[0]):
         here = depth[i]
-        # Nothing is there: not the lowest depth.
+        # Empty pixels do not count as the lowest depth.
         low = here if here > np.float32(-np.inf) else np.float32(np.inf)
         lowest[i] = low if low < lowest[i] else lowest[i]
         highest[i] = here if here > highest[i] else highest[i]
@@ -255,7 +256,7 @@ def find_depth_ranges(
         -inf where nothing is.
     cells : (int, int)
         First row of cells, and one past the last.
-    lowest, highest : (H / CELL, W / CELL) float32, rounded up
+    lowest, highest : (H / CELL_PIXELS, W / CELL_PIXELS) float32, rounded up
         Written; inf and -inf where nothing is.
     scratch : (2, W) float32
     """
@@ -264,10 +265,10 @@ def find_depth_ranges(
     for cell in range(cells[0], cells[1]):
         for i in range(width):
             low[i], high[i] = np.float32(np.inf), np.float32(-np.inf)
-        for row in range(cell * CELL, min((cell + 1) * CELL, height)):
-            widen_range(depth[row], low, high)
+        for row in range(cell * CELL_PIXELS, min((cell + 1) * CELL_PIXELS, height)):
+            widen_ranges(depth[row], low, high)
         for k in range(lowest.shape[1]):
             least, most = np.float32(np.inf), np.float32(-np.inf)
-            for i in range(k * CELL, min((k + 1) * CELL, width)):
+            for i in range(k * CELL_PIXELS, min((k + 1) * CELL_PIXELS, width)):
                 least, most = min(least, low[i]), max(most, high[i])
             lowest[cell, k], highest[cell, k] = least, most

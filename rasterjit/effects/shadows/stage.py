@@ -31,7 +31,7 @@ from rasterjit.effects.shadows.filters import (
     read_pcf,
     read_soft,
 )
-from rasterjit.effects.shadows.light_leaks import SNAPPING, close_contacts
+from rasterjit.effects.shadows.light_leaks import SNAP_ERROR_TEXELS, remove_contact_leaks
 from rasterjit.pipeline.lighting.blinn_phong import aim_at_light
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.gather_samples import fill_row
@@ -44,40 +44,40 @@ from rasterjit.runtime.state_block import float32, float64, int64
 ORIGIN, FOCAL, CENTER = 9, 12, 14
 """
 Columns of ``ShadowRecord.maps`` behind the axes of a map (across, down, away from the light; three
-each, unit length): where the light is along them; texels to a unit (over the depth, if the light
+each, unit length): the light's position along them; texels per unit (over the depth, if the light
 shines from a point), across and down; the texel below the origin, across and down.
 """
-NEAR, FAR, SPAN, TEXEL = 16, 17, 18, 19
-"""Columns: the stored depth is near / w, or (far - w) / span; how much of it a texel is (times the
-stored depth, if the light shines from a point)."""
+NEAR, FAR, SPAN, TEXEL_DEPTH = 16, 17, 18, 19
+"""Columns: the stored depth is near / w, or (far - w) / span; stored depth that equals a texel's
+width (times the stored depth, if the light shines from a point)."""
 PARALLEL, BIAS_TEXELS, WIDENING = 20, 21, 22
-"""Columns: 1 for a parallel light, else 0; bias in texels; texels of radius of a penumbra for each
-unit of stored depth between the surface and what shades it."""
+"""Columns: 1 for a parallel light, else 0; bias in texels; a penumbra's radius, texels, per unit of
+stored depth between the receiver and the blocker."""
 MAP_COLUMNS = 23
 
-FIRST, SIZE, FILTER, SIDES = 0, 1, 2, 3
+FIRST_TEXEL, MAP_SIDE, FILTER, SIDES = 0, 1, 2, 3
 """Columns of ``ShadowRecord.layouts``: first texel of the light's maps, or -1 if it has none; side
 of a map, texels; filter; 1 map, or 6 for the sides of a cube."""
 LAYOUT_COLUMNS = 4
 
-NEIGHBOURS = 64
-"""Samples that are looked at at once for penumbrae and contacts: the fewer, the closer they lie
-together, and the less is looked at for all of them."""
+SAMPLES_PER_GROUP = 64
+"""Samples searched together for penumbrae and contacts: the fewer, the closer together they lie,
+and the smaller the common search."""
 
 MAX_SLOPE = 4096.0
 """Largest slope of a face to the light: light that falls on a steeper one adds less than 1/4096."""
 
 MAX_BIAS_SLOPE = 8.0
-"""Slope up to which the bias grows with it: more would let light through what is near. Beyond that,
-it grows by ``SNAPPING``."""
+"""Slope up to which the bias grows with it: more would leak light through close occluders. Beyond
+that, it grows by ``SNAP_ERROR_TEXELS``."""
 
-MAX_TEXEL = 2.0**30
-"""Clamp for texel coordinates: far outside of any map, and a number that filters round."""
+MAX_COORDINATE = 2.0**30
+"""Clamp for texel coordinates: far outside of any map, and within int32."""
 
 
 @helper
-def projection_at(row):
-    """Return what `plane_of` reads of a row of ``ShadowRecord.maps``: loops with loads are slow."""
+def get_projection(row):
+    """Return the columns of a row of ``ShadowRecord.maps`` that `project_plane` reads."""
     is_parallel = row[PARALLEL] != 0.0
     gain = -1.0 / row[SPAN] if is_parallel else row[NEAR]
     return (
@@ -87,7 +87,7 @@ def projection_at(row):
 
 
 @helper
-def receiver_plane(s, t, w, ns, nt, nw, projection):
+def project_plane(s, t, w, ns, nt, nw, projection):
     """
     Project a plane to a map: return its texel, stored depth, and gain of depth by a texel.
 
@@ -96,7 +96,7 @@ def receiver_plane(s, t, w, ns, nt, nw, projection):
     s, t, w, ns, nt, nw : float64
         Along the axes of the map, from the light.
     projection : tuple
-        See `projection_at`.
+        See `get_projection`.
     """
     is_parallel, gain, near, far, span, focal_x, focal_y, center_x, center_y = projection
     # The plane is ns s + nt t + nw w = k; over the map, with s = S w and t = T w:
@@ -121,16 +121,16 @@ def clamp_slope(dz_du, dz_dv, texel):
 
 
 @helper
-def bias_of(texel, gain, texels):
+def compute_bias(texel, gain, texels):
     """Return the shadow bias of a plane, stored depth."""
-    return texels * (texel + min(gain, MAX_BIAS_SLOPE * texel)) + SNAPPING * gain
+    return texels * (texel + min(gain, MAX_BIAS_SLOPE * texel)) + SNAP_ERROR_TEXELS * gain
 
 
 @disjoint_helper
 def project_samples(px, py, pz, nx, ny, nz, row, u, v, depth, dz_du, dz_dv, bias):
     """Project samples to the map of a light, and write their planes and biases there."""
-    projection, is_parallel = projection_at(row), row[PARALLEL] != 0.0
-    unit, texels = row[TEXEL], row[BIAS_TEXELS]
+    projection, is_parallel = get_projection(row), row[PARALLEL] != 0.0
+    unit, texels = row[TEXEL_DEPTH], row[BIAS_TEXELS]
     for i in range(px.shape[0]):
         x, y, z, a, b, c = px[i], py[i], pz[i], nx[i], ny[i], nz[i]
         s = row[0] * x + row[1] * y + row[2] * z - row[ORIGIN]
@@ -139,16 +139,17 @@ def project_samples(px, py, pz, nx, ny, nz, row, u, v, depth, dz_du, dz_dv, bias
         ns = row[0] * a + row[1] * b + row[2] * c
         nt = row[3] * a + row[4] * b + row[5] * c
         nw = row[6] * a + row[7] * b + row[8] * c
-        # What lies beside or behind the light is outside its map.
+        # Samples beside or behind the light are outside its map.
         is_in_front = is_parallel | (w > 0.0)
         w = w if is_in_front else 1.0
-        texel_u, texel_v, d, right, below = receiver_plane(s, t, w, ns, nt, nw, projection)
+        texel_u, texel_v, d, right, below = project_plane(s, t, w, ns, nt, nw, projection)
         texel = unit * (1.0 if is_parallel else d)
         right, below = clamp_slope(right, below, texel)
-        texel_u = clamped(texel_u if is_in_front else -1.0, -MAX_TEXEL, MAX_TEXEL)
-        u[i], v[i] = np.float32(texel_u), np.float32(clamped(texel_v, -MAX_TEXEL, MAX_TEXEL))
+        texel_u = clamped(texel_u if is_in_front else -1.0, -MAX_COORDINATE, MAX_COORDINATE)
+        texel_v = clamped(texel_v, -MAX_COORDINATE, MAX_COORDINATE)
+        u[i], v[i] = np.float32(texel_u), np.float32(texel_v)
         depth[i], dz_du[i], dz_dv[i] = np.float32(d), np.float32(right), np.float32(below)
-        steps = bias_of(texel, abs(right) + abs(below), texels)
+        steps = compute_bias(texel, abs(right) + abs(below), texels)
         bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
@@ -157,10 +158,10 @@ def project_samples_to_cube(px, py, pz, nx, ny, nz, row, size, u, v, depth, dz_d
     """
     Project samples to the six maps of a point light; see `project_samples`.
 
-    The maps lie one below the other: +x, -x, +y, -y, +z, -z. A sample goes to the one of its
-    longest coordinate; the other two, in cyclic order, run across and down.
+    The maps lie one below the other: +x, -x, +y, -y, +z, -z. A sample lies in the map of its
+    longest coordinate; the other two coordinates, in cyclic order, run across and down.
     """
-    projection, unit, texels = projection_at(row), row[TEXEL], row[BIAS_TEXELS]
+    projection, unit, texels = get_projection(row), row[TEXEL_DEPTH], row[BIAS_TEXELS]
     for i in range(px.shape[0]):
         x, y, z = px[i] - row[ORIGIN], py[i] - row[ORIGIN + 1], pz[i] - row[ORIGIN + 2]
         a, b, c = nx[i], ny[i], nz[i]
@@ -174,14 +175,14 @@ def project_samples_to_cube(px, py, pz, nx, ny, nz, row, size, u, v, depth, dz_d
         nw, w = (-nw if w < 0.0 else nw), abs(w)
         is_in_front = w > 0.0
         w = w if is_in_front else 1.0
-        texel_u, texel_v, d, right, below = receiver_plane(s, t, w, ns, nt, nw, projection)
+        texel_u, texel_v, d, right, below = project_plane(s, t, w, ns, nt, nw, projection)
         texel = unit * d
         right, below = clamp_slope(right, below, texel)
-        texel_u = clamped(texel_u if is_in_front else -1.0, -MAX_TEXEL, MAX_TEXEL)
-        texel_v = clamped(texel_v, -MAX_TEXEL, MAX_TEXEL)
+        texel_u = clamped(texel_u if is_in_front else -1.0, -MAX_COORDINATE, MAX_COORDINATE)
+        texel_v = clamped(texel_v, -MAX_COORDINATE, MAX_COORDINATE)
         u[i], v[i] = np.float32(texel_u), np.float32(texel_v) + side * np.float32(size)
         depth[i], dz_du[i], dz_dv[i] = np.float32(d), np.float32(right), np.float32(below)
-        steps = bias_of(texel, abs(right) + abs(below), texels)
+        steps = compute_bias(texel, abs(right) + abs(below), texels)
         bias[i] = np.float32(steps) + DEPTH_ROUNDING * abs(depth[i])
 
 
@@ -220,9 +221,9 @@ def project_to_cube(block: Block, count, point: int64, row: float64[::1], size: 
 @helper
 def remove_light_leaks(s, count, texels, size, sides):
     """Remove the light that a filter leaks where surfaces touch, a few samples at a time."""
-    for a in range(0, count, NEIGHBOURS):
-        e = min(a + NEIGHBOURS, count)
-        close_contacts(
+    for a in range(0, count, SAMPLES_PER_GROUP):
+        e = min(a + SAMPLES_PER_GROUP, count)
+        remove_contact_leaks(
             *three_parts(s, rows.SHADOW_MAP_U, a, e), part(s, rows.DEPTH_RIGHT, a, e),
             part(s, rows.DEPTH_DOWN, a, e), texels, size, np.float32(sides),
             part(s, rows.BLOCKED_SHARE, a, e), part(s, rows.SHADOW, a, e),
@@ -234,7 +235,7 @@ def filter_hard(
     block: Block, count, texels: float32[::1], size: int64, sides: int64, on_faces: int64
 ):  # fmt: skip
     """
-    Find the visibility of a light at each sample, by the texel that it lies in.
+    Find the visibility of a light at each sample, by the texel that the sample lies in.
 
     Parameters
     ----------
@@ -246,8 +247,7 @@ def filter_hard(
     size, sides : int
         Side of a map, texels; number of maps.
     on_faces : int
-        0 if the samples are vertices, whose planes say nothing of their faces: they are not looked
-        at for contacts.
+        0 if the samples are vertices, whose planes are not their faces': contacts are not searched.
     """
     if block.counts[rows.IS_LIT] == 0:
         return
@@ -275,8 +275,8 @@ def filter_pcf(
 
 
 @disjoint_helper
-def find_facing(light, nx, ny, nz, px, py, pz, facing):
-    """Write the cosine by which `light_stages` light a sample; NaN counts as above 0."""
+def mark_facing(light, nx, ny, nz, px, py, pz, facing):
+    """Write 1 for samples that `light_stages` light, else 0; a cosine of NaN counts as lit."""
     one, zero = np.float32(1.0), np.float32(0.0)
     if light[3] == zero:
         lx, ly, lz, _ = aim_at_light(light, zero, zero, zero)
@@ -292,11 +292,11 @@ def find_facing(light, nx, ny, nz, px, py, pz, facing):
 
 @helper
 def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern, spiral):
-    """Write the visibility of samples, those of row rows.TURNED_AWAY above 0 by their penumbrae."""
+    """Write the visibility of samples: by penumbrae where row TURNED_AWAY is above 0, else 1."""
     s, gathered, indices, shaded = block.samples, block.floats, block.lookup_ints[0], np.int64(0)
-    # Gather the samples that something shades.
-    for a in range(0, count, NEIGHBOURS):
-        e = min(a + NEIGHBOURS, count)
+    # Gather the samples with blockers.
+    for a in range(0, count, SAMPLES_PER_GROUP):
+        e = min(a + SAMPLES_PER_GROUP, count)
         mark_shaded(
             *six_parts(s, rows.SHADOW_MAP_U, a, e), texels, size, sides, widening, cells, spiral,
             part(s, rows.TURNED_AWAY, a, e), part(s, rows.BLOCKED_SHARE, a, e),
@@ -305,16 +305,16 @@ def filter_penumbrae(block, count, texels, size, sides, widening, cells, pattern
     for n in range(np.uintp(count)):
         indices[np.uintp(shaded)] = n
         shaded += np.int64(s[rows.BLOCKED_SHARE, n] > np.float32(0.0))
-    # The last one once more, until vectors are full.
+    # Repeat the last sample until vectors are full.
     while shaded % rows.MAX_VECTOR_SAMPLES != 0:
         indices[np.uintp(shaded)] = indices[np.uintp(shaded - 1)]
         shaded += 1
     for k in range(6):
         for n in range(np.uintp(shaded)):
             gathered[k, n] = s[rows.SHADOW_MAP_U + k, np.uintp(indices[n])]
-    # Find what light reaches these.
-    for a in range(0, shaded, NEIGHBOURS):
-        e = min(a + NEIGHBOURS, shaded)
+    # Filter the gathered samples.
+    for a in range(0, shaded, SAMPLES_PER_GROUP):
+        e = min(a + SAMPLES_PER_GROUP, shaded)
         read_soft(
             *six_parts(gathered, 0, a, e), texels, size, sides, widening, pattern, spiral,
             *three_parts(gathered, 6, a, e),
@@ -341,8 +341,8 @@ def filter_soft(
     cells, pattern, spiral : (N,), (P, 2) and (S, 2) float32
         As ``ShadowRecord`` has them.
     light : (LIGHT_COLUMNS,) float32, or (0,)
-        See ``blinn_phong``: samples that turn away from it are left out. None: all are looked at.
-        Row rows.TURNED_AWAY is written over.
+        See ``blinn_phong``: samples that turn away from the light are skipped, none if it is
+        empty. Overwrites row TURNED_AWAY.
     """
     if block.counts[rows.IS_LIT] == 0:
         return
@@ -350,12 +350,12 @@ def filter_soft(
     facing = part(s, rows.TURNED_AWAY, 0, count)
     fill_row(facing, np.float32(1.0))
     if light.shape[0] > 0:
-        find_facing(
+        mark_facing(
             light, *three_parts(s, rows.NORMAL_X, 0, count),
             *three_parts(s, rows.POINT_X, 0, count), facing,
         )  # fmt: skip
     if sides == 1:
-        # Which of several maps a sample lies in takes a division at each point.
+        # A single map saves the division that finds a sample's map at each point.
         filter_penumbrae(block, count, texels, size, None, widening, cells, pattern, spiral)
     else:
         float_sides = np.float32(sides)

@@ -35,9 +35,9 @@ class DepthRanges(NamedTuple):
     highest: NDArray[np.float32]
     """(R, C), of the nearest face; -inf for none."""
     farthest: NDArray[np.float32] | None = None
-    """(R, C), the same as ``lowest``, but -inf where any pixel is empty; ``None``: nobody asks."""
+    """(R, C), as ``lowest``, but -inf where any pixel is empty; ``None`` unless requested."""
     is_shown: NDArray[np.bool_] | None = None
-    """(O,), whether a pixel shows an object. ``None``: nobody asks."""
+    """(O,), whether a pixel shows an object; ``None`` unless requested."""
 
 
 def read_depth_ranges(
@@ -46,29 +46,28 @@ def read_depth_ranges(
     """
     Return the ranges of a picture's depth.
 
-    ``face_starts`` tells the first face of each object, where those are looked for that no pixel
-    shows.
+    With ``face_starts``, the first face of each object, also find ``farthest`` and ``is_shown``.
     """
     depth = coverage.reversed_depth
     height, width = depth.shape
     lowest, highest = find_depth_ranges(depth, workers)
     if face_starts is None:
         return DepthRanges((width, height), lowest, highest)
-    side = receivers.CELL
+    side = receivers.CELL_PIXELS
     rows, columns = range(0, height, side), np.arange(0, width, side)
     least = np.array([depth[row : row + side].min(axis=0) for row in rows])
     farthest = np.minimum.reduceat(least, columns, axis=1)
-    is_shown = _shown_objects(coverage.face_id, face_starts)
+    is_shown = _find_shown_objects(coverage.face_id, face_starts)
     return DepthRanges((width, height), lowest, highest, farthest, is_shown)
 
 
-def _shown_objects(face_id: NDArray[np.int32], face_starts: Counts) -> NDArray[np.bool_]:
+def _find_shown_objects(face_id: NDArray[np.int32], face_starts: Counts) -> NDArray[np.bool_]:
     """Return whether a pixel shows an object, (O,)."""
     first, end = face_starts[:-1], face_starts[1:]
     # Few pixels show most objects.
     for step in (8, 1):
         is_seen = np.zeros(end[-1] + 1, bool)
-        # What is -1 marks the place behind the last face.
+        # Pixels without a face, -1, mark the entry behind the last face.
         is_seen[face_id[::step, ::step]] = True
         counts = np.concatenate(([0], np.cumsum(is_seen[:-1])))
         is_shown = counts[end] > counts[first]
@@ -88,10 +87,10 @@ def merge_depth_ranges(
     size : (int, int)
         Width and height of the whole, pixels.
     parts : sequence of ((int, int), DepthRanges)
-        Column and row of the first pixel of each, multiples of ``receivers.CELL``, and its
+        Column and row of the first pixel of each, multiples of ``receivers.CELL_PIXELS``, and its
         ranges. Together they are the whole.
     """
-    side = receivers.CELL
+    side = receivers.CELL_PIXELS
     shape = -(-size[1] // side), -(-size[0] // side)
     first = parts[0][1]
     joined = {
@@ -110,11 +109,12 @@ def merge_depth_ranges(
     return DepthRanges(size, **joined, is_shown=is_shown)
 
 
-def depth_cells(camera: Camera, ranges: DepthRanges) -> Float64:
+def make_depth_cells(camera: Camera, ranges: DepthRanges) -> Float64:
     """
-    Return the corners, (N, 8, 3), of cells that hold all that is seen.
+    Return the corners, (N, 8, 3), of cells that hold all visible surfaces.
 
-    In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
+    Corners are in world axes, relative to the eye; each cell holds the surfaces of a block of
+    pixels.
     """
     (width, height), lowest, highest = ranges[:3]
     screen = screen_from_relative(camera, (width, height))
@@ -122,9 +122,9 @@ def depth_cells(camera: Camera, ranges: DepthRanges) -> Float64:
     try:
         relative_from_screen = transforms.inverse(screen)
     except ValueError:
-        # A camera that flattens space: no point follows from its picture.
+        # The camera flattens space: pixels and depths give no points.
         return np.empty((0, 8, 3))
-    side = receivers.CELL
+    side = receivers.CELL_PIXELS
     right, down, is_near = CORNER_ENDS.T
     corners = np.empty((len(rows), 8, 3))
     x = np.minimum((columns[:, np.newaxis] + right) * side, width)
@@ -133,81 +133,83 @@ def depth_cells(camera: Camera, ranges: DepthRanges) -> Float64:
     corners[:, :, 1] = 1.0 - 2.0 * y / height
     depths = (depth[rows, columns][:, np.newaxis] for depth in (highest, lowest))
     corners[:, :, 2] = np.where(is_near, *depths)
-    points = _projected(relative_from_screen, corners)
+    points = _project(relative_from_screen, corners)
     return points[np.isfinite(points).all(axis=(1, 2))]
 
 
-def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64:
+def make_view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64:
     """
-    Return the corners, (B, 8, 3), of cells that hold what may be seen of boxes (B, 8, 3).
+    Return the corners, (B, 8, 3), of cells that hold the visible parts of boxes (B, 8, 3).
 
-    In world axes, relative to the eye. Around a box is a part of the view, between its nearest and
-    its farthest corner. The cell is what that and the box have in common along the world's axes, or
-    the box itself if that is not larger.
+    Corners are in world axes, relative to the eye. A cell is the intersection, along the world's
+    axes, of a box and the part of the view around that box; or the box itself if that is no larger.
     """
     if not len(boxes):
         return boxes
     screen = screen_from_relative(camera, size)
     try:
         relative_from_screen = transforms.inverse(screen)
-        nearest = _nearest_depth(camera, size, screen)
+        nearest = _find_nearest_depth(camera, size, screen)
     except ValueError:
         return boxes
     if not np.isfinite(nearest):
         return boxes
-    points, ahead = _projected(screen, boxes), _times(screen[3:], boxes)[..., 0] > 0.0
+    points, ahead = _project(screen, boxes), _multiply(screen[3:], boxes)[..., 0] > 0.0
     depth, is_ahead = points[..., 2], ahead.all(axis=1)[:, np.newaxis, np.newaxis]
-    # What reaches behind the eye may be anywhere on the screen.
+    # Boxes that reach behind the eye may be anywhere on the screen.
     low = np.where(is_ahead, np.maximum(points.min(axis=1, keepdims=True), -1.0), -1.0)
     high = np.where(is_ahead, np.minimum(points.max(axis=1, keepdims=True), 1.0), 1.0)
     low[:, 0, 2] = depth.min(axis=1, where=ahead, initial=nearest)
     high[:, 0, 2] = np.where(is_ahead[:, 0, 0], np.minimum(depth.max(axis=1), nearest), nearest)
-    parts = _projected(relative_from_screen, np.where(CORNER_ENDS, high, low))
+    parts = _project(relative_from_screen, np.where(CORNER_ENDS, high, low))
     low = np.maximum(parts.min(axis=1), boxes.min(axis=1))[:, np.newaxis]
     high = np.minimum(parts.max(axis=1), boxes.max(axis=1))[:, np.newaxis]
     cells = np.where(CORNER_ENDS, np.maximum(low, high), low)
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
+        is_smaller = _square_diagonals(cells) < _square_diagonals(boxes)
+        return np.where(is_smaller[:, np.newaxis, np.newaxis], cells, boxes)
 
 
-def unseen_objects(camera: Camera, boxes: Float64, ranges: DepthRanges) -> NDArray[np.bool_]:
+def find_unseen_objects(camera: Camera, boxes: Float64, ranges: DepthRanges) -> NDArray[np.bool_]:
     """
-    Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
+    Return which objects, (O,), no pixel centre shows though they may be visible.
 
-    An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
+    An object all around the eye counts as hidden. Boxes, (O, 8, 3), are in world axes, relative to
     the eye.
     """
     (width, height), farthest = ranges.size, ranges.farthest
     is_unseen = ~ranges.is_shown
     screen, indices = screen_from_relative(camera, (width, height)), np.flatnonzero(is_unseen)
-    points = _projected(screen, boxes[indices])
-    is_ahead = (_times(screen[3:], boxes[indices])[..., 0] > 0.0).all(axis=1)
-    side, (rows, columns) = receivers.CELL, farthest.shape
+    points = _project(screen, boxes[indices])
+    is_ahead = (_multiply(screen[3:], boxes[indices])[..., 0] > 0.0).all(axis=1)
+    side, (rows, columns) = receivers.CELL_PIXELS, farthest.shape
     with np.errstate(invalid="ignore"):
         x = (points[..., 0] + 1.0) * (width / 2.0)
         y = (1.0 - points[..., 1]) * (height / 2.0)
-        # With a pixel around: what is seen between centres may be hidden at each of them.
+        # Widen by a pixel: surfaces visible between centres may be hidden at each centre.
         ends = [
-            np.clip(np.nan_to_num((place + by) // side), 0, count - 1).astype(np.int64)
-            for place, by, count in (
+            np.clip(np.nan_to_num((edge + margin) // side), 0, count - 1).astype(np.int64)
+            for edge, margin, count in (
                 (y.min(axis=1), -1.0, rows), (y.max(axis=1), 1.0, rows),
                 (x.min(axis=1), -1.0, columns), (x.max(axis=1), 1.0, columns),
             )
         ]  # fmt: skip
-        # Around the eye lies what is large: what of it no centre shows is not worth its size.
-        is_hidden = ~is_ahead | (points[..., 2].max(axis=1) < _min_within(farthest, *ends))
+        # Leave out large objects around the eye: their boxes would widen maps too much.
+        is_hidden = ~is_ahead | (
+            points[..., 2].max(axis=1) < _find_rectangle_minima(farthest, *ends)
+        )
     is_unseen[indices[is_hidden]] = False
     return is_unseen
 
 
-def _min_within(
+def _find_rectangle_minima(
     values: NDArray[np.float32], top: Counts, bottom: Counts, left: Counts, right: Counts
 ) -> NDArray[np.float32]:
-    """Return the least value, or less, of rectangles of an image, (B,), ends included."""
+    """Return a lower bound of an image's values in rectangles, (B,), ends included."""
     result = np.empty(len(top), np.float32)
     span = np.maximum(bottom - top, right - left)
     for level in range((int(span.max(initial=1)) - 1).bit_length() + 1):
-        # Of entries that stand for 2**level values each way, a rectangle has two by two at most.
+        # A rectangle has at most 2 x 2 entries of 2**level x 2**level values each.
         selected = np.flatnonzero((span <= 1 << level) & ((span > 1 << level >> 1) | (level == 0)))
         ends = [[end[selected] >> level for end in pair] for pair in ((top, bottom), (left, right))]
         result[selected] = np.minimum.reduce(
@@ -218,38 +220,38 @@ def _min_within(
     return result
 
 
-def _extent(corners: Float64) -> Float64:
+def _square_diagonals(corners: Float64) -> Float64:
     """Return the square of the diagonal of the box around eight corners, (B,)."""
     x, y, z = (corners.max(axis=1) - corners.min(axis=1)).T
     return (x * x + y * y) + z * z
 
 
-def _nearest_depth(camera: Camera, size: tuple[int, int], screen: Float64) -> float:
+def _find_nearest_depth(camera: Camera, size: tuple[int, int], screen: Float64) -> float:
     """Return the largest stored depth on the near plane of the view."""
     relative_from_clip = transforms.inverse(clip_from_relative(camera, size))
     corners = np.array([[x, y, -1.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
-    return float(_projected(screen, _projected(relative_from_clip, corners))[:, 2].max())
+    return float(_project(screen, _project(relative_from_clip, corners))[:, 2].max())
 
 
-def _times(rows: Float64, points: Float64) -> Float64:
-    """Return rows of a 4x4 matrix times the points (..., 3) and 1."""
+def _multiply(rows: Float64, points: Float64) -> Float64:
+    """Return the products of rows of a 4x4 matrix and the points (..., 3), with w 1."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([m[0] * x + m[1] * y + m[2] * z + m[3] for m in rows], axis=-1)
 
 
-def _projected(matrix: Float64, points: Float64) -> Float64:
-    """Return points (..., 3) taken through a 4x4 matrix, divided by w."""
+def _project(matrix: Float64, points: Float64) -> Float64:
+    """Return points (..., 3) transformed by a 4x4 matrix, divided by w."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        homogeneous = _times(matrix, points)
+        homogeneous = _multiply(matrix, points)
         return homogeneous[..., :3] / homogeneous[..., 3:]
 
 
 def find_depth_ranges(
     depth: NDArray[np.float32], workers: Workers
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
+    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for empty ones."""
     height, width = depth.shape
-    side = receivers.CELL
+    side = receivers.CELL_PIXELS
     rows, columns = -(-height // side), -(-width // side)
     lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
     per_task = -(-rows_per_task(depth.shape, workers) // side)

@@ -253,10 +253,11 @@ def add_microfacet_light(
         out_blue[i] += weight * light[6] * (blue[i] * diffuse + reflected)
 
 
-@helper
+@disjoint_helper
 def is_any_above_zero(row):
     """Return whether any number of a row is above 0."""
     any_above = np.int32(0)
     for i in range(row.shape[0]):
-        any_above |= np.int32(row[i] > np.float32(0.0))
+        # ``|=`` would be 64 bits wide, and halve the vectors.
+        any_above = np.int32(any_above | np.int32(row[i] > np.float32(0.0)))
     return any_above != 0
