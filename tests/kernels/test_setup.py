@@ -179,19 +179,19 @@ def test_outcodes_are_not_read_if_no_vertex_has_any():
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     objects = Objects(np.array([0, 1000], np.int64), np.zeros(1, np.int8))
 
-    def listed(screen, **seen):
+    def listed(screen, **possible_codes):
         """Return the lists of the tiles and what became of the other faces."""
         starts, binned, _, sums = visibility_pass.set_up_and_bin(
             everything, objects, screen, make_viewport(size, 8), threads.Workers(1), None,
-            np.float32, **seen,
+            np.float32, **possible_codes,
         )  # fmt: skip
         return starts.tolist(), binned.tolist(), sums.tolist()
 
     expected = listed(screen)
     assert len(expected[1]) > 500
     screen.codes[:] = setup.LEFT
-    assert listed(screen, seen=0) == expected
-    assert listed(screen, seen=setup.ANY_CODE)[1] == []
+    assert listed(screen, possible_codes=0) == expected
+    assert listed(screen, possible_codes=setup.ANY_CODE)[1] == []
     assert listed(screen)[1] == []
 
 
