@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.transmission import build_mip_levels, level_table
+from rasterjit.effects.transmission import build_mip_levels, make_level_table
 from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.pixel_projection import clip_from_relative
@@ -288,7 +288,7 @@ def test_blur_grows_with_roughness_and_index():
 def test_levels_are_halves_by_weights_1_3_3_1():
     picture = np.random.default_rng(1).random((13, 22, 4), dtype=np.float32)
     texels, levels = build_mip_levels(picture, True, Workers(2))
-    assert levels.tolist() == level_table((22, 13), 9).tolist()
+    assert levels.tolist() == make_level_table((22, 13), 9).tolist()
     assert [row[1:] for row in levels.tolist()] == [
         [22, 13],
         [11, 7],

@@ -1,10 +1,10 @@
 """
 Transmission: refraction through glass (``KHR_materials_transmission``).
 
-A frame has it where a metallic-roughness material in view transmits light. Then an opaque pass
-comes first, without transmitting and blended objects, in linear light; transmitting samples read it
-where the refracted ray leaves the volume (``stage``). So other glass, and blended objects, are not
-visible through glass.
+A frame has transmission where a metallic-roughness material in view transmits light. An opaque pass
+then comes first, without transmitting and blended objects, in linear light; transmitting samples
+read the pass where the refracted ray leaves the volume (``stage``). So other glass, and blended
+objects, are not visible through glass.
 ``rendering.frame_shading.look_behind`` draws the first picture, and hands it to
 `Transmission.prepare`.
 """
@@ -29,14 +29,14 @@ from rasterjit.survey.material_features import without_transmission
 from rasterjit.survey.object_counts import describe_count
 from rasterjit.survey.plan import RenderPlan
 
-MIN_SIDE = 2
-"""Texels: levels are halved as long as a side has that many."""
+MIN_LEVEL_SIDE = 2
+"""Levels are halved while the longer side has at least so many texels."""
 
 MAX_LIGHT = np.float32(1e30)
 """Clamp for light seen through glass."""
 
-MIN_ROWS = 8
-"""Fewest rows of a level that a task writes."""
+MIN_ROWS_PER_TASK = 8
+"""Least number of rows of a level that a task writes."""
 
 
 class OpaquePass(NamedTuple):
@@ -55,16 +55,16 @@ class OpaquePass(NamedTuple):
     corner: NDArray[np.int64]
     """(2,): column and row of the first pixel that is drawn."""
     amount: np.float32 = np.float32(1.0)
-    """1; 0: nothing goes through."""
+    """Factor on transmission: 1, or 0 to transmit nothing."""
 
 
-def level_table(size: tuple[int, int], count: int) -> NDArray[np.int64]:
-    """Return the first texel, width and height of so many levels of a picture, (M, 3)."""
+def make_level_table(size: tuple[int, int], count: int) -> NDArray[np.int64]:
+    """Return the first texel, width and height of up to ``count`` levels of a picture, (M, 3)."""
     (width, height), first, rows = size, 0, []
     for _ in range(count):
         rows.append((first, width, height))
         first += width * height
-        if max(width, height) < MIN_SIDE:
+        if max(width, height) < MIN_LEVEL_SIDE:
             break
         width, height = -(-width // 2), -(-height // 2)
     return np.array(rows, np.int64)
@@ -74,18 +74,19 @@ def build_mip_levels(
     linear: NDArray[np.float32], is_blurred: bool, workers: Workers
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """
-    Return a picture and its halves, (N, 3) float32, and the table of its levels, (M, 3).
+    Return a picture's mip levels, (N, 3) float32, and the table of the levels, (M, 3).
 
     Parameters
     ----------
     linear : (H, W, 4) float32
-        Linear light with straight alpha: what is transparent sends as much less light.
+        Linear light with straight alpha, which is multiplied in.
     is_blurred : bool
-        Whether any level but the picture itself is read.
+        Whether any level below the picture itself is read.
     workers : Workers
     """
     height, width = linear.shape[:2]
-    levels = level_table((width, height), 1 + is_blurred * (max(width, height) - 1).bit_length())
+    count = 1 + is_blurred * (max(width, height) - 1).bit_length()
+    levels = make_level_table((width, height), count)
     first, last_width, last_height = levels[-1].tolist()
     texels = workers.memory.empty((first + last_width * last_height, 3), np.float32)
     base = texels[: height * width].reshape(height, width, 3)
@@ -94,13 +95,13 @@ def build_mip_levels(
     def start(row: int) -> None:
         band = slice(row, row + per_task)
         np.multiply(linear[band, :, :3], linear[band, :, 3:], out=base[band])
-        # Of light beyond float32 no mix can be told.
+        # Light beyond float32 could not be interpolated.
         np.fmin(base[band], MAX_LIGHT, out=base[band])
 
     workers.run(start, [(row,) for row in range(0, height, per_task)])
     for level in range(1, len(levels)):
         rows = int(levels[level, transmission_stage.HEIGHT])
-        step = max(MIN_ROWS, -(-rows // workers.threads))
+        step = max(MIN_ROWS_PER_TASK, -(-rows // workers.threads))
         finer = int(levels[level - 1, transmission_stage.WIDTH])
         workers.call(
             transmission_stage.downsample,
@@ -112,9 +113,9 @@ def build_mip_levels(
     return texels, levels
 
 
-def mean_scales(relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much transforms (O, 3, 4) scale: the root mean square over three axes, (O,)."""
-    # In an order that no library chooses.
+def compute_mean_scales(relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the scales of transforms (O, 3, 4): the root mean square over three axes, (O,)."""
+    # Sum in a fixed order, whatever a library would do.
     columns = np.moveaxis(relative_from_model[:, :, :3], (1, 2), (0, 1)).reshape(9, -1)
     total = np.zeros(columns.shape[1])
     for part in columns:
@@ -130,7 +131,7 @@ class Transmission(OpaquePassEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why light goes through nothing in view that is lit."""
+        """Say why no lit object in view transmits light."""
         if facts.transmits:
             return ""
         if not facts.counts.transmitting:
@@ -138,35 +139,35 @@ class Transmission(OpaquePassEffect):
         return explain_unlit(facts) if facts.visible.transmitting else self.describe(facts)
 
     def describe(self, facts: Facts) -> str:
-        """Say how many objects let light through."""
+        """Say how many objects transmit light."""
         seen, count = facts.visible.transmitting, facts.counts.transmitting
         return describe_count(seen, count, "transmitting object")
 
     def read_radius(self, data: Any) -> None:
-        """Tell that a refracted ray may lead to any pixel: see `OpaquePassEffect`."""
+        """Return ``None``: a refracted ray may lead to any pixel, see `OpaquePassEffect`."""
 
     def hidden_objects(self, facts: Facts) -> NDArray[np.bool_]:
-        """Return which objects the picture behind glass leaves out, besides what is blended."""
+        """Return which objects the opaque pass leaves out, besides blended ones."""
         return facts.inventory.is_transmitting
 
     def refusal(self) -> str:
-        """Say what must be otherwise where it cannot be drawn."""
+        """Say what materials must have where transmission cannot be drawn."""
         return "the transmission of materials in view must be 0"
 
     def prepare(
         self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]
     ) -> OpaquePass | None:
         """
-        Return the picture behind glass, in levels; None where nobody has drawn it.
+        Return the opaque pass in mip levels; ``None`` if it was not drawn.
 
-        ``seen`` has it as (H, W, 4) float32, linear.
+        ``seen`` holds the pass as (H, W, 4) float32, linear.
         """
         plan, linear = context.plan, seen[0][1]
         if linear is None:
             return None
         texels, levels = build_mip_levels(linear, plan.facts.blurs_behind, context.workers)
         return OpaquePass(
-            texels, levels, mean_scales(context.placement.relative_from_model),
+            texels, levels, compute_mean_scales(context.placement.relative_from_model),
             np.ascontiguousarray(clip_from_relative(plan.camera, plan.size)),
             np.array(plan.size, np.float64), np.array(plan.corner, np.int64),
         )  # fmt: skip
@@ -182,23 +183,23 @@ class Transmission(OpaquePassEffect):
         return {"prepare": rows_where("", transmission_stage.downsample)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the opaque pass; its mip levels take a third of it more."""
+        """Return the buffers of the opaque pass; mip levels take a third more."""
         return [
             ("picture behind what transmits", 4, "float32", plan.size),
             ("what is looked up of it", 3, "float32", plan.size),
         ]
 
     def neutral(self, record: OpaquePass) -> OpaquePass:
-        """Return an opaque pass of which nothing goes through."""
+        """Return the opaque pass with nothing transmitted."""
         return record._replace(amount=np.float32(0.0))
 
     def without(self, scene: Scene) -> Scene:
-        """Return the scene with materials that let no light through."""
+        """Return the scene with materials that transmit no light."""
         return without_transmission(scene)
 
     @staticmethod
     def remove_transmitted(record: OpaquePass, needs: ShadingNeeds) -> list[Pass]:
-        """Return the pass that takes transmitted light out of the base colour."""
+        """Return the pass that removes transmitted light from the base colour."""
         if not needs.transmission:
             return []
         return [Pass(transmission_stage.remove_transmitted, lambda _: (record.amount,))]

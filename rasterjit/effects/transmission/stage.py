@@ -6,9 +6,9 @@ colour; the rest is diffuse. The background is the opaque pass in linear light [
 pixel for thin walls, else where the ray, refracted by Snell's law, leaves the volume after its
 thickness [2]_. Beer's law attenuates light in a volume.
 
-Rough surfaces blur it: the picture is halved again and again, each time by the weights 1, 3, 3, 1
-over 8 in both directions, and a level is chosen by roughness and index of refraction, as the
-sample implementation of glTF does. Between two levels, and four texels of each, it is mixed.
+Rough surfaces blur the background: the picture is halved repeatedly, by the weights 1, 3, 3, 1 over
+8 in both directions, and a level is chosen by roughness and index of refraction, as the sample
+implementation of glTF does. Lookups interpolate between two levels, and four texels of each.
 
 References
 ----------
@@ -47,22 +47,22 @@ MAX_OFFSET = 1e6
 @stage
 def remove_transmitted(block: Block, count, amount: float32):
     """
-    Take transmitted light out of the base colour, and write its tint.
+    Remove transmitted light from the base colour, and write its tint.
 
     Parameters
     ----------
     block : Block
-        Reads rows TRANSMISSION and MICROFACET; changes rows RED.., which all light that comes back
-        is multiplied by, and METALLIC: as much of that is mirrored by metal as before. Writes rows
+        Reads rows TRANSMISSION and MICROFACET; changes rows RED.., the factor of all
+        reflected light, and METALLIC, so that metal reflects as much as before. Writes rows
         TINT...
     count : int
     amount : float32
-        1; 0: nothing goes through.
+        Factor on transmission: 1, or 0 to transmit nothing.
     """
     s = block.samples
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(count):
-        # A metal lets nothing through; its base colour is that of what it mirrors.
+        # A metal transmits nothing; its base colour tints reflections.
         metal = clamped(s[rows.METALLIC, i], zero, one)
         transmitted = s[rows.TRANSMISSION, i] * (one - metal)
         transmitted = amount * clamped(transmitted * s[rows.MICROFACET, i], zero, one)
@@ -76,7 +76,7 @@ def remove_transmitted(block: Block, count, amount: float32):
 
 @helper
 def project_point(x, y, z, clip, width, height):
-    """Project a point relative to the eye: return pixels, and w; 0 and less: not visible."""
+    """Project a point relative to the eye to pixels and w; a w up to 0 is not visible."""
     w = clip[3, 0] * x + clip[3, 1] * y + clip[3, 2] * z + clip[3, 3]
     scale = 1.0 / w if w > 0.0 else 0.0
     ndc_x = (clip[0, 0] * x + clip[0, 1] * y + clip[0, 2] * z + clip[0, 3]) * scale
@@ -85,12 +85,12 @@ def project_point(x, y, z, clip, width, height):
 
 
 @helper
-def refracted(normal, viewer, ior):
+def refract(normal, viewer, ior):
     """
-    Return the direction of the ray that goes into a surface, of length one.
+    Return the unit direction of the refracted ray behind a surface.
 
-    Takes the normal and the direction to the viewer, both of length one; an index of refraction of
-    0 bends nothing.
+    The normal and the direction to the viewer are of unit length; with an index of refraction of 0
+    the ray goes straight on.
     """
     nx, ny, nz = normal
     vx, vy, vz = viewer
@@ -105,15 +105,15 @@ def refracted(normal, viewer, ior):
 
 @helper
 def normalize(x, y, z):
-    """Return a direction of length one; zero for none."""
+    """Return a direction of unit length; zero for the zero vector."""
     length = np.sqrt(x * x + y * y + z * z)
     scale = 1.0 / length if length > 0.0 else 0.0
     return x * scale, y * scale, z * scale
 
 
 @helper
-def find_lookup(block, i, factors, owner, scale, clip, size, viewer, levels_of_width):
-    """Find the offset and level of the lookup of sample ``i``, and tint it."""
+def find_lookup(block, i, factors, owner, scale, clip, size, viewer, width_levels):
+    """Write offset and mip level of the lookup of sample ``i``, and scale its tint."""
     s = block.samples
     zero, one = np.float32(0.0), np.float32(1.0)
     px, py, pz = (
@@ -133,7 +133,7 @@ def find_lookup(block, i, factors, owner, scale, clip, size, viewer, levels_of_w
     length = np.float64(s[rows.THICKNESS, i]) * scale
     right, down = 0.0, 0.0
     if length > 0.0 and ior != 1.0:
-        dx, dy, dz = refracted(normal, toward, ior)
+        dx, dy, dz = refract(normal, toward, ior)
         x0, y0, w0 = project_point(px, py, pz, clip, size[0], size[1])
         x1, y1, w1 = project_point(
             px + length * dx, py + length * dy, pz + length * dz, clip, size[0], size[1]
@@ -144,25 +144,27 @@ def find_lookup(block, i, factors, owner, scale, clip, size, viewer, levels_of_w
     block.doubles[RIGHT, i], block.doubles[DOWN, i] = right, down
     rough = clamped(s[rows.ROUGHNESS, i], zero, one)
     bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)
-    block.floats[LEVEL, i] = levels_of_width * rough * bending
+    block.floats[LEVEL, i] = width_levels * rough * bending
     facing = normal[0] * toward[0] + normal[1] * toward[1] + normal[2] * toward[2]
     brdf = approximate_env_brdf(clamped(np.float32(facing), zero, one), rough)
     single, multiple = scattering_albedos(factors[owner, F0], brdf)
     transmitted = clamped(one - factors[owner, F90] * (single + multiple), zero, one)
     distance = np.float32(length) * factors[owner, INVERSE_DISTANCE]
     for k in range(3):
-        tint = beer_law(factors[owner, ATTENUATION_COLOR + k], distance) if distance > zero else one
+        tint = (
+            attenuate(factors[owner, ATTENUATION_COLOR + k], distance) if distance > zero else one
+        )
         s[rows.TINT_RED + k, i] *= transmitted * tint
 
 
 @helper
-def beer_law(base, exponent):
+def attenuate(base, exponent):
     """Return the transmittance of a volume by Beer's law."""
     return np.float32(1.0) if base >= np.float32(1.0) else power(base, exponent)
 
 
 @helper
-def texels_around(levels, level, x, y):
+def find_texels(levels, level, x, y):
     """Return the four texels of a level around a point, and their bilinear weights."""
     first, width, height = levels[level, FIRST_TEXEL], levels[level, WIDTH], levels[level, HEIGHT]
     x, y = clamped(x - 0.5, 0.0, width - 1.0), clamped(y - 0.5, 0.0, height - 1.0)
@@ -176,9 +178,9 @@ def texels_around(levels, level, x, y):
 
 
 @helper
-def bilinear(texels, around, k):
-    """Return one channel of four texels, interpolated."""
-    a, b, c, d, across, down = around
+def interpolate(texels, corners, k):
+    """Interpolate one channel of four texels bilinearly."""
+    a, b, c, d, across, down = corners
     upper = texels[a, k] + across * (texels[b, k] - texels[a, k])
     lower = texels[c, k] + across * (texels[d, k] - texels[c, k])
     return upper + down * (lower - upper)
@@ -186,7 +188,7 @@ def bilinear(texels, around, k):
 
 @helper
 def add_background(block, i, column, row, texels, levels):
-    """Add the tinted background that a sample of a pixel looks up."""
+    """Add the tinted background at the lookup of sample ``i``, in a pixel."""
     s = block.samples
     last = np.float32(levels.shape[0] - 1)
     level = clamped(block.floats[LEVEL, i], np.float32(0.0), last)
@@ -197,14 +199,21 @@ def add_background(block, i, column, row, texels, levels):
     x = (column + 0.5 + block.doubles[RIGHT, i]) * step
     y = (row + 0.5 + block.doubles[DOWN, i]) * step
     near, far = (
-        texels_around(levels, finer, x, y), texels_around(levels, coarser, 0.5 * x, 0.5 * y)
+        find_texels(levels, finer, x, y), find_texels(levels, coarser, 0.5 * x, 0.5 * y)
     )  # fmt: skip
     for k in range(3):
-        light = bilinear(texels, near, k)
+        light = interpolate(texels, near, k)
         if fraction > np.float32(0.0):
-            light += fraction * (bilinear(texels, far, k) - light)
+            light += fraction * (interpolate(texels, far, k) - light)
         light = max(np.float32(0.0), light - s[FOG_RED + k, i])
         s[rows.OUT_RED + k, i] += s[rows.TINT_RED + k, i] * light
+
+
+@helper
+def has_tint(s, n):
+    """Return whether a sample transmits any light."""
+    red, green, blue = s[rows.TINT_RED, n], s[rows.TINT_RED + 1, n], s[rows.TINT_RED + 2, n]
+    return red + green + blue > np.float32(0.0)
 
 
 @stage
@@ -223,7 +232,7 @@ def transmit(
         rows OUT_RED...
     count : int
     texels : (N, 3) float32, linear RGB
-        The picture behind, level by level, row by row.
+        The opaque pass, level by level, row by row.
     levels : (M, 3) int64
         First texel, width and height of each level.
     factors : (O, 7) float32
@@ -240,31 +249,27 @@ def transmit(
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
     s = block.samples
-    steps = log2(np.float32(size[0]))
+    width_levels = log2(np.float32(size[0]))
     for k in range(block.counts[rows.SEGMENT_COUNT]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
-            if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(
-                0.0
-            ):
+            if has_tint(s, n):
                 find_lookup(
-                    block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
+                    block, n, factors, owner, scales[owner], clip, size, toward_viewer, width_levels
                 )
     for k in range(block.counts[rows.INTERVAL_COUNT]):
         _, column, start, stop = read_interval(block, k)
         row = np.int64(block.intervals[k, rows.INTERVAL_FRAME_ROW]) + corner[1]
         for n in range(start, stop):
-            if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(
-                0.0
-            ):
+            if has_tint(s, n):
                 add_background(block, n, column + corner[0] + n - start, row, texels, levels)
 
 
 @kernel
 def downsample(
     texels: float32[:, ::1], levels: int64[:, ::1], level: int64, row_range: (int64, int64),
-    line: float32[:, ::1],
+    scratch_row: float32[:, ::1],
 ):  # fmt: skip
     """
     Filter some rows of a mip level from those of the finer one.
@@ -278,8 +283,8 @@ def downsample(
         1 or more.
     row_range : (int, int)
         The first row, and one past the last.
-    line : (W, 3) float32
-        This thread's own scratch: as wide as the finer level.
+    scratch_row : (W, 3) float32
+        This thread's own, as wide as the finer level.
     """
     source, width, height = (
         levels[level - 1, FIRST_TEXEL], levels[level - 1, WIDTH], levels[level - 1, HEIGHT]
@@ -296,12 +301,12 @@ def downsample(
                 outer += texels[source + bottom * width + x, k]
                 inner = texels[source + y * width + x, k]
                 inner += texels[source + middle * width + x, k]
-                line[x, k] = eighth * (outer + three * inner)
+                scratch_row[x, k] = eighth * (outer + three * inner)
         for column in range(target_width):
             x = 2 * column
             left, right = max(x - 1, 0), min(x + 2, width - 1)
             between = min(x + 1, width - 1)
             for k in range(3):
-                outer = line[left, k] + line[right, k]
-                inner = line[x, k] + line[between, k]
+                outer = scratch_row[left, k] + scratch_row[right, k]
+                inner = scratch_row[x, k] + scratch_row[between, k]
                 texels[target + row * target_width + column, k] = eighth * (outer + three * inner)

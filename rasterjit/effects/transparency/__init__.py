@@ -1,8 +1,8 @@
 """
 Order-independent transparency of blended objects.
 
-A frame has it where a blended object in view has an alpha below 1. The transparent faces of each
-sample are sorted, shaded and composited; see ``rendering.resolve_layers``.
+A frame has transparency where a blended object in view has an alpha below 1. The transparent faces
+of each sample are sorted, shaded and composited; see ``rendering.resolve_layers``.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from rasterjit.survey.transparency import describe_blending
 
 
 class Blending(Effect):
-    """Lay faces over what lies behind them."""
+    """Composite transparent faces over those behind."""
 
     name = "transparency"
     settings = ("transparency_layers", "visible_alpha")
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why nothing is seen through."""
+        """Say why no face is transparent."""
         return "" if facts.transparency.used else facts.transparency.reason
 
     def describe(self, facts: Facts) -> str:
-        """Say why anything is seen through, how much of it, and what it is mixed in."""
+        """Say why faces are transparent, how many layers count, and what is blended."""
         transparency, quality = facts.transparency, facts.quality
         most = quality.transparency_layers
         nearest = "" if most == "all" else f", the nearest {most} at a sample"

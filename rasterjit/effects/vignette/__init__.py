@@ -1,8 +1,8 @@
 """
 Vignette: darken a picture towards its corners.
 
-A frame has it where colour is shown in 8 bits. It looks at a pixel's place alone, so that parts of
-a picture are darkened as the whole would be; it costs about a nanosecond a pixel.
+A frame has a vignette where colour is shown in 8 bits. It depends on a pixel's position alone, so
+that parts of a picture are darkened as the whole would be; it costs about a nanosecond a pixel.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Vignetting(BatchedEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why corners are not darkened: they are 8-bit pixels."""
+        """Say why corners are not darkened."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
         return "it darkens nothing" if facts.fields[self.field].is_neutral else ""
@@ -45,7 +45,7 @@ class Vignetting(BatchedEffect):
         return f"the corners lose {100.0 * strength:g} % of their light"
 
     def neutral(self, record: Vignette) -> Vignette:
-        """Return a vignette that darkens by nothing."""
+        """Return a vignette of strength 0."""
         return Vignette(0.0, record.start)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:

@@ -10,8 +10,8 @@ from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
 
 @helper
-def light_factor(x, y, corner, strength, start):
-    """Return the factor of light at an offset from the image centre, pixels, float32."""
+def find_factor(x, y, corner, strength, start):
+    """Return the light's factor, float32, at an offset from the image centre, pixels."""
     radius = np.sqrt(x * x + y * y) / corner
     t = min(max((radius - start) / (1.0 - start), 0.0), 1.0)
     return np.float32(1.0 - strength * (t * t * (3.0 - 2.0 * t)))
@@ -48,7 +48,7 @@ def darken_rows(
         y = np.float64(corner[1] + row) + 0.5 - 0.5 * height
         for i in range(np.uintp(color.shape[1])):
             x = np.float64(corner[0] + np.int64(i)) + 0.5 - 0.5 * width
-            factor, code = light_factor(x, y, corner_distance, strength, start), color[row, i]
+            factor, code = find_factor(x, y, corner_distance, strength, start), color[row, i]
             if factor < np.float32(1.0):
                 out = code & np.uint32(0xFF000000)
                 for channel in range(3):

@@ -1,8 +1,8 @@
 """
 Wireframes: draw the edges of faces as lines over the colour, shared among threads.
 
-A frame has them where the scene asks for them and colour is shown in 8 bits; over the faces, with
-hidden lines removed, or alone. Each edge is drawn once, whichever faces share it.
+A frame has edges where the scene has a wireframe and colour is shown in 8 bits; over the faces,
+with hidden lines removed, or alone. Each edge is drawn once, whichever faces share it.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.transparency import describe_blending
 
 EDGES_PER_TASK = 1 << 14
-"""Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""
+"""Edges of a wireframe drawn by one task: their ends, 640 KiB, stay in a core's own cache."""
 
 
-def occluding_depth(
+def find_occluding_depth(
     hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
     geometry: Geometry,
     depth_coefficients: tuple[float, float, float],
@@ -63,8 +63,8 @@ def draw_edges(
     """
     Draw edges as Bresenham lines into the colour.
 
-    All have one colour and none hides another. So tasks may draw them in any order, and even meet
-    in a pixel: both write the same value.
+    All edges have one colour and none hides another. So tasks may draw them in any order, and
+    even meet in a pixel: both write the same value.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def draw_edges(
         The surfaces that hide edges; ``None`` draws all of them.
     workers : Workers
     """
-    depth, slack = occluding_depth(hidden_by, geometry, depth_coefficients, workers)
+    depth, slack = find_occluding_depth(hidden_by, geometry, depth_coefficients, workers)
     count, empty = len(geometry.clip_positions), workers.memory.empty
     pixels = empty((count, 2), np.int32)
     vertices = geometry.clip_positions, geometry.codes, pixels
@@ -119,24 +119,24 @@ def cover_edges(
     workers: Workers,
 ) -> None:
     """
-    Blend edges over the colour by how much of each pixel they cover.
+    Blend edges over the colour by their coverage of each pixel.
 
     Takes what `draw_edges` takes, and
 
     light : (256,) float32 or None
-        Linear light of each code; ``None``: codes are mixed, not light.
+        Linear light of each code; ``None`` to mix codes, not light.
     """
-    depth, slack = occluding_depth(hidden_by, geometry, depth_coefficients, workers)
+    depth, slack = find_occluding_depth(hidden_by, geometry, depth_coefficients, workers)
     viewport, empty = geometry.viewport, workers.memory.empty
     ends = empty((len(edges), 4), np.int32)
     depths = empty((0 if hidden_by is None else len(edges), 2), np.float64)
-    starts, listed = list_by_bands(edges, geometry, depth_coefficients, ends, depths, workers)
+    starts, lists = list_lines_by_band(edges, geometry, depth_coefficients, ends, depths, workers)
     target, table = color.view(np.uint32)[:, :, 0], make_encoding_table()
     light = np.empty(0, np.float32) if light is None else light
 
     def cover_band(band: int) -> None:
         rows = band * BAND_ROWS, min((band + 1) * BAND_ROWS, viewport.height)
-        band_lines = listed[starts[band] : starts[band + 1]]
+        band_lines = lists[starts[band] : starts[band + 1]]
         coverage = empty((rows[1] - rows[0], viewport.width), np.float32)
         line_coverage.cover_lines(band_lines, ends, depths, rows, viewport, depth, slack, coverage)
         pixels = target[rows[0] : rows[1]]
@@ -145,7 +145,7 @@ def cover_edges(
     workers.run(cover_band, [(band,) for band in range(len(starts) - 1)])
 
 
-def list_by_bands(
+def list_lines_by_band(
     edges: NDArray[np.int32],
     geometry: Geometry,
     depth_coefficients: tuple[float, float, float],
@@ -154,10 +154,10 @@ def list_by_bands(
     workers: Workers,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """
-    Take edges to the screen and list them by the bands of rows that they may touch.
+    Project edges and list them by the bands of rows that they may touch.
 
-    Writes ends and depths as ``coverage.project_lines`` does; returns where the list of each
-    band starts, (bands + 1,), and the lists, numbers of lines.
+    Writes ends and depths as ``coverage.project_lines`` does; returns the start of each band's
+    list, (bands + 1,), and the lists, numbers of lines.
     """
     viewport = geometry.viewport
     bands = -(-viewport.height // BAND_ROWS)
@@ -175,15 +175,15 @@ def list_by_bands(
     )  # fmt: skip
     starts, cursors = np.empty(bands + 1, np.int64), np.empty((len(firsts), bands), np.int64)
     binning.start_lists(counts, starts, cursors)
-    listed = workers.memory.empty((int(starts[-1]),), np.int32)
+    lists = workers.memory.empty((int(starts[-1]),), np.int32)
     workers.run(
         line_coverage.list_lines,
         [
-            ((first, first + lines[n]), ends, viewport, cursors[n], listed)
+            ((first, first + lines[n]), ends, viewport, cursors[n], lists)
             for n, first in enumerate(firsts)
         ],
     )
-    return starts, listed
+    return starts, lists
 
 
 class Edges(ScreenEffect, ModalEffect):
@@ -201,7 +201,7 @@ class Edges(ScreenEffect, ModalEffect):
     needs_facts_only = True
 
     def unused_reason(self, facts: Facts) -> str:
-        """Say why no edges are drawn: they are 8-bit pixels, so linear colour has none."""
+        """Say why no edges are drawn: they need colour in 8 bits."""
         return "" if "color" in facts.outputs else "no output shows colour in 8 bits"
 
     def describe(self, facts: Facts) -> str:
@@ -230,7 +230,7 @@ class Edges(ScreenEffect, ModalEffect):
         return {"overlay": rows}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
-        """Return the picture of slacks."""
+        """Return the image of slacks."""
         if not plan.facts.draws_faces:
             return []
         return [("slack of hidden lines", 1, "float32", plan.size)]
@@ -240,11 +240,11 @@ class Edges(ScreenEffect, ModalEffect):
         return plan.facts.draws_faces
 
     def mode_of(self, scene: Scene) -> str | None:
-        """Return whether edges are drawn over the faces or alone; None: they are not."""
+        """Return the mode of a scene's wireframe; ``None`` without one."""
         return None if scene.wireframe is None else scene.wireframe.mode
 
     def with_mode(self, scene: Scene, mode: str | None) -> Scene:
-        """Return the scene with edges of the same colour, if it has any, drawn in a mode."""
+        """Return the scene with its wireframe, or a new one, in a mode."""
         old = scene.wireframe
         if mode is None:
             return with_field(scene, self.field, None)

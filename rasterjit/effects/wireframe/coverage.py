@@ -1,16 +1,15 @@
 """
 Draw antialiased lines by area coverage.
 
-A line is a rectangle one pixel wide. Its flat ends lie half a pixel beyond the two places that it
-joins, as the first and the last pixel of a Bresenham line reach beyond them: so lines that go on in
-each other leave no gap, and one of no length is a dot. All lines have one colour, so what counts at
-a pixel is the largest part of it that one of them covers: neither their order nor which thread
-comes first matters, and a line that is there twice looks like one. Then the colour is blend over
-what is there by that part.
+A line is a rectangle one pixel wide. Its flat ends lie half a pixel beyond its two end points, as
+the first and the last pixel of a Bresenham line reach beyond them: so lines that continue each
+other leave no gap, and one of length 0 is a dot. All lines have one colour, so the largest coverage
+by one of them counts at a pixel: neither their order nor that of threads matters, and a line that
+is drawn twice looks like one. Then the colour is blended over the picture by that coverage.
 
-How much of a pixel lies on one side of a straight line is a sum of squares of the distance to the
-pixel's centre (`side_area`). Between the two long sides of a line it is the difference of two of
-these, between its ends of two others. Their product is the area that the line covers: exactly
+The part of a pixel on one side of a straight line is a sum of squares of the distance to the
+pixel's centre (`find_side_area`). Between the two long sides of a line it is the difference of two
+of these, between its ends of two others. Their product is the area that the line covers: exactly
 where one of both factors is 0 or 1, that is all along the line. Where an end and a long side cut
 one pixel the product is off by less than 1/40 of the pixel.
 
@@ -18,8 +17,8 @@ Both factors depend on the distances from the middle of the line, without their 
 of exact differences and of products whose signs alone change when a picture is mirrored or turned
 by right angles, or when a line is given from its other end: so the bits are the same.
 
-A pixel is hidden where its place on the line, the nearest to its centre, lies behind the surface
-seen there, by more than that surface changes on the way (``stage.fill_slack``).
+A pixel is hidden where the line's point nearest to the pixel's centre lies behind the surface
+there, by more than that surface's change of depth in between (``stage.fill_slack``).
 
 References
 ----------
@@ -31,7 +30,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.wireframe.stage import cut_segment, divided, write_depths
+from rasterjit.effects.wireframe.stage import cut_segment, divide_by_w, write_depths
 from rasterjit.pipeline.fragments.srgb_compositing import composite_over as over_codes
 from rasterjit.pipeline.geometry.projection import snap_vertex
 from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, get_picture_size
@@ -40,34 +39,34 @@ from rasterjit.pipeline.srgb_encoding import composite_over, encode_alpha, encod
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float32, float64, int32, int64, uint32
 
-HALF_WIDTH = 0.5
-"""Of a line, pixels; and how far it goes on beyond what it joins."""
+HALF_WIDTH_PX = 0.5
+"""Half the width of a line, pixels, and its extension beyond both end points."""
 
 BAND_BITS = 5
-"""Lines are drawn in bands of 32 rows: how much of their pixels is covered stays in L2."""
+"""Binary logarithm of a band's rows: a band's coverage stays in L2."""
 
 BAND_ROWS = 1 << BAND_BITS
 
-GROUP = 8
-"""Pixels of a row that are looked at together: as many as a vector register has float64."""
+PIXELS_PER_GROUP = 8
+"""Pixels of a row that are covered together: the float64 lanes of a vector register."""
 
-MARGIN = 1.0 / 16.0
+MARGIN_PX = 1.0 / 16.0
 """Margin, pixels, so that rounding never excludes a covered pixel."""
 
-SLACK_REACH = 1.25
-"""How far beside a line the centres of the pixels lie that it covers, pixels to right or down."""
+MAX_SIDE_DISTANCE_PX = 1.25
+"""Largest distance from a line to the centres of pixels that it covers, pixels in x or y."""
 
 
 @helper
-def snapped_end(x, y, w, viewport):
-    """Return a clip position in front of the eye on the sub-pixel grid."""
-    x, y = divided(x, y, w, viewport)
+def snap_end(x, y, w, viewport):
+    """Snap a clip position in front of the eye to the sub-pixel grid."""
+    x, y = divide_by_w(x, y, w, viewport)
     width, height = get_picture_size(viewport)
     return snap_vertex(x, y, (1.0, 0.5 * width, 0.5 * height), viewport)
 
 
 @helper
-def bands_of(ends, line, viewport):
+def find_bands(ends, line, viewport):
     """Return the first and the last band that a line may touch; first > last if there is none."""
     bits, pixel = viewport.grid_bits, np.int64(1) << viewport.grid_bits
     left, right = min(ends[line, 0], ends[line, 2]), max(ends[line, 0], ends[line, 2])
@@ -103,19 +102,19 @@ def project_lines(
     depths : (E, 2) float64, or (0, 2)
         Writes the stored depth at both ends, if there is room.
     counts : (bands + 1,) int32
-        Added to; the last column is passed over.
+        Added to; the last column is left.
 
     Returns
     -------
     int
-        How many lines were written.
+        Number of lines written.
     """
     viewport, codes = geometry.viewport, geometry.codes
     line = np.int64(first)
     for n in range(np.uintp(edges.shape[0])):
         start, stop = np.uintp(edges[n, 0]), np.uintp(edges[n, 1])
         code_a, code_b = codes[start], codes[stop]
-        # A line beside the picture may reach into it: only depth leaves one out here.
+        # A line beside the picture may reach into it, so that only depth culls lines here.
         if (code_a | code_b) & INVALID or code_a & code_b & (NEAR | FAR):
             continue
         a, b = geometry.clip_positions[start], geometry.clip_positions[stop]
@@ -123,14 +122,14 @@ def project_lines(
             is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
             if not is_seen:
                 continue
-            ends[line, 0], ends[line, 1] = snapped_end(cut_a[0], cut_a[1], cut_a[3], viewport)
-            ends[line, 2], ends[line, 3] = snapped_end(cut_b[0], cut_b[1], cut_b[3], viewport)
+            ends[line, 0], ends[line, 1] = snap_end(cut_a[0], cut_a[1], cut_a[3], viewport)
+            ends[line, 2], ends[line, 3] = snap_end(cut_b[0], cut_b[1], cut_b[3], viewport)
             write_depths(depths, line, cut_a, cut_b, depth_coefficients)
         else:
             ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
             ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
             write_depths(depths, line, a, b, depth_coefficients)
-        top, bottom = bands_of(ends, line, viewport)
+        top, bottom = find_bands(ends, line, viewport)
         for band in range(top, bottom + 1):
             counts[band] += 1
         line += np.int64(top <= bottom)
@@ -140,7 +139,7 @@ def project_lines(
 @kernel
 def list_lines(
     lines: (int64, int64), ends: int32[:, ::1], viewport: Viewport, cursors: int64[::1],
-    listed: int32[::1],
+    line_list: int32[::1],
 ):  # fmt: skip
     """
     Write each line into the list of every band that it may touch.
@@ -153,22 +152,22 @@ def list_lines(
     viewport : Viewport
     cursors : (bands,) int64
         Where the next line goes in each band's list. Advanced.
-    listed : (M,) int32
+    line_list : (M,) int32
         Writes numbers of lines.
     """
     for line in range(lines[0], lines[1]):
-        top, bottom = bands_of(ends, line, viewport)
+        top, bottom = find_bands(ends, line, viewport)
         for band in range(top, bottom + 1):
-            listed[np.uintp(cursors[band])] = np.int32(line)
+            line_list[np.uintp(cursors[band])] = np.int32(line)
             cursors[band] += 1
 
 
 @helper
-def profile_of(along_x, along_y):
+def make_profile(along_x, along_y):
     """
     Return the coverage of a pixel by a half-plane as a function of distance, by its direction.
 
-    The distance at which no pixel is cut, the one up to which coverage grows evenly, and the
+    Returns the distance from which coverage is constant, the one up to which it is linear, and the
     factors of both parts.
     """
     long = max(abs(along_x), abs(along_y))
@@ -183,7 +182,7 @@ def profile_of(along_x, along_y):
 
 
 @helper
-def side_area(distance, profile):
+def find_side_area(distance, profile):
     """Return the area of a pixel between its centre and a line at a signed distance."""
     outer, inner, per_long, per_product = profile
     far = abs(distance)
@@ -194,54 +193,54 @@ def side_area(distance, profile):
 
 
 @helper
-def pixel_coverage(along, across, half_length, profile):
-    """Return how much of a pixel a line covers, by the distances of the pixel's centre from it."""
-    half, aside = np.float32(HALF_WIDTH), np.float32(across)
+def compute_coverage(along, across, half_length, profile):
+    """Return a pixel's coverage, from its centre's distances along and across a line."""
+    half, aside = np.float32(HALF_WIDTH_PX), np.float32(across)
     ahead, behind = np.float32(half_length - along), np.float32(half_length + along)
-    between_sides = side_area(half - aside, profile) + side_area(half + aside, profile)
-    between_ends = side_area(ahead, profile) + side_area(behind, profile)
+    between_sides = find_side_area(half - aside, profile) + find_side_area(half + aside, profile)
+    between_ends = find_side_area(ahead, profile) + find_side_area(behind, profile)
     return between_sides * between_ends
 
 
 @helper
-def visible_coverage(coverage, along, i, ramp, depth, slack):
-    """Return the coverage of a pixel: 0 where a surface hides the line."""
+def mask_hidden(coverage, along, i, ramp, depth, slack):
+    """Return the coverage of a pixel, or 0 where a surface hides the line."""
     middle, gain, half = ramp
     along = along if along > -half else -half
     along = along if along < half else half
     line_depth = middle + along * gain
-    allowed = np.float64(depth[i]) - SLACK_REACH * np.float64(slack[i])
+    allowed = np.float64(depth[i]) - MAX_SIDE_DISTANCE_PX * np.float64(slack[i])
     return coverage if line_depth >= allowed else np.float32(0.0)
 
 
 @disjoint_helper
 def cover_run(area, x, y_along, y_across, direction, half_length, profile, ramp, depth, slack):
-    """Raise the coverage of some pixels of a row to that by a line; no branches."""
+    """Raise the coverage of some pixels of a row to a line's, without branches."""
     along_x, along_y = direction
     for i in range(area.shape[0]):
-        # Exact: a whole number and a multiple of half a unit of the grid.
+        # The sum of an integer and a multiple of half a grid unit is exact.
         column = x + np.float64(np.int32(i))
         along = column * along_x + y_along
         across = abs(column * along_y - y_across)
-        value = pixel_coverage(abs(along), across, half_length, profile)
-        value = visible_coverage(value, along, i, ramp, depth, slack)
+        value = compute_coverage(abs(along), across, half_length, profile)
+        value = mask_hidden(value, along, i, ramp, depth, slack)
         area[i] = value if value > area[i] else area[i]
 
 
 @helper
-def ramp_of(depths, line, length):
+def find_depth_ramp(depths, line, length):
     """Return depth at the middle of a line, its change a pixel, and half the line's length."""
     if depths.shape[0] == 0:
         return 0.0, 0.0, 0.0
     near, far = depths[line, 0], depths[line, 1]
-    # Seen end-on, the nearer end is seen.
+    # Of a line seen end-on, the nearer end is visible.
     if length == 0.0:
         return max(near, far), 0.0, 0.0
     return 0.5 * (near + far), (far - near) / length, 0.5 * length
 
 
 @helper
-def strip_of(across, along, reach):
+def find_strip(across, along, reach):
     """Return slope and half width of the columns ``x`` with ``|x across - y along| <= reach``."""
     if across == 0.0:
         return 0.0, np.inf
@@ -249,19 +248,19 @@ def strip_of(across, along, reach):
 
 
 @helper
-def whole_groups(low, high, width):
-    """Return columns low..high, as far as there are any, widened to whole groups if there are."""
+def widen_to_groups(low, high, width):
+    """Return the first column of low..high and one past the last, widened to whole groups."""
     first, stop = np.int64(np.ceil(low)), np.int64(np.floor(high)) + 1
     if first >= stop:
         return np.int64(0), np.int64(0)
-    columns = ((stop - first - 1) | (GROUP - 1)) + 1
+    columns = ((stop - first - 1) | (PIXELS_PER_GROUP - 1)) + 1
     first = max(min(first, width - columns), np.int64(0))
     return first, min(first + columns, width)
 
 
 @helper
 def cover_line(line, ends, depths, rows, viewport, depth, slack, area):
-    """Raise the coverage of the pixels of a band to that by one line."""
+    """Raise the coverage of the pixels of a band to a line's."""
     x0, y0 = np.int64(ends[line, 0]), np.int64(ends[line, 1])
     x1, y1 = np.int64(ends[line, 2]), np.int64(ends[line, 3])
     per_pixel = 1.0 / np.float64(np.int64(1) << viewport.grid_bits)
@@ -270,15 +269,15 @@ def cover_line(line, ends, depths, rows, viewport, depth, slack, area):
     along_x = dx / steps if steps > 0.0 else 1.0
     along_y = dy / steps if steps > 0.0 else 0.0
     length = steps * per_pixel
-    half_length, profile = 0.5 * length + HALF_WIDTH, profile_of(along_x, along_y)
-    ramp, direction = ramp_of(depths, line, length), (along_x, along_y)
-    # From here on places are relative to the middle of the line.
+    half_length, profile = 0.5 * length + HALF_WIDTH_PX, make_profile(along_x, along_y)
+    ramp, direction = find_depth_ramp(depths, line, length), (along_x, along_y)
+    # Express positions relative to the middle of the line.
     middle_x = 0.5 - np.float64(x0 + x1) * (0.5 * per_pixel)
     middle_y = 0.5 - np.float64(y0 + y1) * (0.5 * per_pixel)
-    reach = np.float64(profile[0]) + MARGIN
-    down = (half_length + reach) * abs(along_y) + (HALF_WIDTH + reach) * abs(along_x)
-    sides = strip_of(along_y, along_x, HALF_WIDTH + reach)
-    tips = strip_of(along_x, -along_y, half_length + reach)
+    reach = np.float64(profile[0]) + MARGIN_PX
+    down = (half_length + reach) * abs(along_y) + (HALF_WIDTH_PX + reach) * abs(along_x)
+    sides = find_strip(along_y, along_x, HALF_WIDTH_PX + reach)
+    tips = find_strip(along_x, -along_y, half_length + reach)
     top = max(np.int64(np.ceil(-down - middle_y)), np.int64(rows[0]))
     bottom = min(np.int64(np.floor(down - middle_y)), np.int64(rows[1]) - 1)
     for row in range(top, bottom + 1):
@@ -287,9 +286,9 @@ def cover_line(line, ends, depths, rows, viewport, depth, slack, area):
         aside, ahead = y * sides[0] - middle_x, y * tips[0] - middle_x
         low = max(max(aside - sides[1], ahead - tips[1]), 0.0)
         high = min(min(aside + sides[1], ahead + tips[1]), np.float64(viewport.width - 1))
-        first, stop = whole_groups(low, high, viewport.width)
+        first, stop = widen_to_groups(low, high, viewport.width)
         if first < stop:
-            # Where nothing hides lines all rows are one.
+            # Without occluders, depth has a single row.
             depth_row = min(row, depth.shape[0] - 1)
             cover_run(
                 area[row - rows[0], first:stop], np.float64(first) + middle_x, y_along, y_across,
@@ -300,7 +299,7 @@ def cover_line(line, ends, depths, rows, viewport, depth, slack, area):
 
 @kernel
 def cover_lines(
-    listed: int32[::1], ends: int32[:, ::1], depths: float64[:, ::1], rows: (int64, int64),
+    line_list: int32[::1], ends: int32[:, ::1], depths: float64[:, ::1], rows: (int64, int64),
     viewport: Viewport, depth: float32[:, ::1], slack: float32[:, ::1], area: float32[:, ::1],
 ):  # fmt: skip
     """
@@ -308,7 +307,7 @@ def cover_lines(
 
     Parameters
     ----------
-    listed : (M,) int32
+    line_list : (M,) int32
         Numbers of the lines that may touch the band.
     ends : (E, 4) int32, units of the sub-pixel grid
     depths : (E, 2) float64, or (0, 2): nothing hides lines
@@ -317,21 +316,21 @@ def cover_lines(
         The band's first row, and one past the last.
     viewport : Viewport
     depth : (H, W) float32, or (1, W) of -inf: nothing hides lines
-        Stored depth of what hides lines, greater is nearer.
+        Stored depth of the occluding surfaces, greater is nearer.
     slack : float32, of the shape of ``depth``
-        How far ``depth`` changes to the next column and the next row together.
+        Change of ``depth`` to the next column plus that to the next row.
     area : (R, W) float32
         Written: the share of each pixel, 0..1.
     """
     for row in range(area.shape[0]):
         for i in range(area.shape[1]):
             area[row, i] = 0.0
-    for n in range(listed.shape[0]):
-        cover_line(listed[n], ends, depths, rows, viewport, depth, slack, area)
+    for n in range(line_list.shape[0]):
+        cover_line(line_list[n], ends, depths, rows, viewport, depth, slack, area)
 
 
 @helper
-def blend(coverage, rgba, linear, pixel, light, table):
+def blend_pixel(coverage, rgba, linear, pixel, light, table):
     """Return a pixel blended with the line's colour; see `blend_lines`."""
     if light.shape[0] == 0:
         front = np.uint32((rgba & np.uint32(0xFFFFFF)) | encode_alpha(coverage) << np.uint32(24))
@@ -346,7 +345,7 @@ def blend(coverage, rgba, linear, pixel, light, table):
 
 
 @helper
-def light_of(rgba, light):
+def decode_light(rgba, light):
     """Return the linear colour of a pixel; black if codes are mixed."""
     if light.shape[0] == 0:
         return np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -376,8 +375,10 @@ def blend_lines(
     color : (R, W) uint32
         Changed where lines are.
     """
-    linear = light_of(rgba[0], light)
+    linear = decode_light(rgba[0], light)
     for row in range(area.shape[0]):
         for i in range(np.uintp(area.shape[1])):
             if area[row, i] > np.float32(0.0):
-                color[row, i] = blend(area[row, i], rgba[0], linear, color[row, i], light, table)
+                color[row, i] = blend_pixel(
+                    area[row, i], rgba[0], linear, color[row, i], light, table
+                )

@@ -5,7 +5,7 @@ A segment is cut where a triangle is: at the near and far planes and the guard b
 clip space, before the divide. Its ends then go to the pixels that hold them.
 
 A pixel of a line lies up to one pixel beside the edge itself, so the surface that the edge belongs
-to may be nearer there by its own slope. ``fill_slack`` writes how much that is for the face seen at
+to may be nearer there by its own slope. ``fill_slack`` writes that difference for the face seen at
 each pixel: the change of depth over one pixel in x plus one in y, at most the face's whole range.
 
 References
@@ -30,15 +30,15 @@ DEPTH_ROUNDING = np.float32(1e-6)
 """Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""
 
 
-UNCUT = -1
-"""Number of the plane that cut an end, where none did."""
+NO_PLANE = -1
+"""In place of the number of the plane that cut an end."""
 
 
 @helper
-def clip_segment(a, b, viewport):
+def find_inside_part(a, b, viewport):
     """Return the part (t0, t1) of a segment inside all planes, and the planes that cut its ends."""
     t0, t1 = 0.0, 1.0
-    plane0 = plane1 = UNCUT
+    plane0 = plane1 = NO_PLANE
     for plane in range(PLANE_COUNT):
         here = plane_distance(plane, a, viewport.guard_x, viewport.guard_y)
         there = plane_distance(plane, b, viewport.guard_x, viewport.guard_y)
@@ -54,12 +54,12 @@ def clip_segment(a, b, viewport):
 @helper
 def cut_end(a, b, end, plane, viewport, k):
     """
-    Return component k of one end of a segment: its own, or where the plane cuts it.
+    Return component k of one end of a segment, or of the plane's cut.
 
     The cut is the mean of both ends, weighted crosswise with their distances: swapping the ends
-    only turns the signs of both terms, so it has the same bits in both directions.
+    only flips the signs of both terms, so it has the same bits in both directions.
     """
-    if plane == UNCUT:
+    if plane == NO_PLANE:
         return end[k]
     here = plane_distance(plane, a, viewport.guard_x, viewport.guard_y)
     there = plane_distance(plane, b, viewport.guard_x, viewport.guard_y)
@@ -73,7 +73,7 @@ def cut_segment(a, b, viewport):
 
     Returns whether any of it may be seen, and the clip positions (x, y, z, w) of both ends.
     """
-    t0, t1, plane0, plane1 = clip_segment(a, b, viewport)
+    t0, t1, plane0, plane1 = find_inside_part(a, b, viewport)
     if t0 > t1:
         return False, (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
     first = (
@@ -88,7 +88,7 @@ def cut_segment(a, b, viewport):
 
 
 @helper
-def divided(x, y, w, viewport):
+def divide_by_w(x, y, w, viewport):
     """Return x and y of a clip position over its w, clamped to the guard band."""
     # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
     x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
@@ -97,9 +97,9 @@ def divided(x, y, w, viewport):
 
 
 @helper
-def pixel_of(x, y, w, viewport):
-    """Return the column and the row of the pixel that holds a clip position in front of the eye."""
-    x, y = divided(x, y, w, viewport)
+def find_pixel(x, y, w, viewport):
+    """Return column and row of the pixel that holds a clip position in front of the eye."""
+    x, y = divide_by_w(x, y, w, viewport)
     width, height = get_picture_size(viewport)
     column = np.floor((x + 1.0) * (0.5 * width)) - viewport.left
     row = np.floor((1.0 - y) * (0.5 * height)) - viewport.top
@@ -108,7 +108,7 @@ def pixel_of(x, y, w, viewport):
 
 @helper
 def write_depths(depths, n, a, b, depth_coefficients):
-    """Write the stored depth of both ends, in clip space; nothing if no depths are wanted."""
+    """Write the stored depth of both ends, given in clip space, if ``depths`` has room."""
     if depths.shape[0] != 0:
         depths[n, 0] = compute_stored_depth(a[2], a[3], depth_coefficients)
         depths[n, 1] = compute_stored_depth(b[2], b[3], depth_coefficients)
@@ -130,14 +130,14 @@ def find_pixels(
     codes : (V,) uint8, outcodes
     viewport : Viewport
     pixels : (V, 2) int32
-        Writes column and row of these vertices; of one that asks for clipping, any.
+        Writes column and row of these vertices; any pixel for one that needs clipping.
     """
     for vertex in range(np.uintp(vertices[0]), np.uintp(vertices[1])):
         is_away = (codes[vertex] & (CLIPPED | INVALID)) != 0
         x = 0.0 if is_away else clip_positions[vertex, 0]
         y = 0.0 if is_away else clip_positions[vertex, 1]
         w = 1.0 if is_away else clip_positions[vertex, 3]
-        pixels[vertex, 0], pixels[vertex, 1] = pixel_of(x, y, w, viewport)
+        pixels[vertex, 0], pixels[vertex, 1] = find_pixel(x, y, w, viewport)
 
 
 @kernel
@@ -153,7 +153,7 @@ def project_edges(
     ----------
     edges : (N, 2) int32, vertex numbers
     vertices : (clip_positions (V, 4) float64, codes (V,) uint8, pixels (V, 2) int32)
-        In clip space; their outcodes; what `find_pixels` wrote.
+        Clip positions, outcodes, and pixels from `find_pixels`.
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
@@ -166,7 +166,7 @@ def project_edges(
     Returns
     -------
     int
-        How many edges were written.
+        Number of edges written.
     """
     clip_positions, codes, pixels = vertices
     count = np.uintp(0)
@@ -180,8 +180,8 @@ def project_edges(
             is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
             if not is_seen:
                 continue
-            ends[count, 0], ends[count, 1] = pixel_of(cut_a[0], cut_a[1], cut_a[3], viewport)
-            ends[count, 2], ends[count, 3] = pixel_of(cut_b[0], cut_b[1], cut_b[3], viewport)
+            ends[count, 0], ends[count, 1] = find_pixel(cut_a[0], cut_a[1], cut_a[3], viewport)
+            ends[count, 2], ends[count, 3] = find_pixel(cut_b[0], cut_b[1], cut_b[3], viewport)
             write_depths(depths, count, cut_a, cut_b, depth_coefficients)
         else:
             ends[count, 0], ends[count, 1] = pixels[first, 0], pixels[first, 1]
@@ -199,17 +199,16 @@ def draw_edges(
     """
     Draw lines of one colour that do not hide each other.
 
-    Whatever their order, and whoever else draws others in this colour at the same time, a pixel is
-    written with the same value or not at all.
+    The order of lines, and other threads that draw in this colour, do not change any pixel.
 
     Parameters
     ----------
     target : (H, W) uint32, C-contiguous
         RGBA pixels, red in the lowest byte. Written.
     depth : (H, W) float32
-        Stored depth of what hides lines, greater is nearer. Not read without ``line_depths``.
+        Stored depth of the occluding surfaces, greater is nearer. Not read without ``line_depths``.
     slack : (H, W) float32
-        How far behind ``depth`` a pixel may lie and still be drawn. ``depth - slack`` must not be
+        Largest distance behind ``depth`` at which a pixel is drawn. ``depth - slack`` must not be
         NaN. Not read without ``line_depths``.
     ends : (N, 4) int32
         As `project_edges` writes them.
@@ -242,7 +241,7 @@ def draw_edges(
 
 
 @helper
-def depth_slope(p, q, r, coefficients, viewport):
+def compute_depth_slope(p, q, r, coefficients, viewport):
     """
     Return the change of stored depth over one pixel in x plus that over one pixel in y.
 
@@ -274,10 +273,10 @@ def depth_slope(p, q, r, coefficients, viewport):
 
 
 @helper
-def face_slack(corners, clip_positions, depth_coefficients, viewport):
-    """Return how much nearer than an edge its own face may be at a pixel beside it."""
+def compute_face_slack(corners, clip_positions, depth_coefficients, viewport):
+    """Return how much nearer a face may be than its edge, at a pixel beside the edge."""
     p, q, r = clip_positions[corners[0]], clip_positions[corners[1]], clip_positions[corners[2]]
-    allowed = np.float32(depth_slope(p, q, r, depth_coefficients, viewport))
+    allowed = np.float32(compute_depth_slope(p, q, r, depth_coefficients, viewport))
     if p[3] > 0.0 and q[3] > 0.0 and r[3] > 0.0:
         d0 = compute_stored_depth(p[2], p[3], depth_coefficients)
         d1 = compute_stored_depth(q[2], q[3], depth_coefficients)
@@ -293,7 +292,7 @@ def fill_slack(
     depth_coefficients: (float64, float64, float64), slack: float32[:, ::1],
 ):  # fmt: skip
     """
-    Write how far behind the stored depth a line may lie and still be seen.
+    Write the largest distance behind the stored depth at which a line is visible.
 
     Parameters
     ----------
@@ -316,7 +315,7 @@ def fill_slack(
             # Neighbours mostly show the same face.
             if face != last_face:
                 last_face = face
-                allowed = face_slack(
+                allowed = compute_face_slack(
                     geometry.faces[face], geometry.clip_positions, depth_coefficients,
                     geometry.viewport,
                 )  # fmt: skip
