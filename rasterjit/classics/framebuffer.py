@@ -1,9 +1,9 @@
 """
 Draw the classic primitives straight into a colour and a depth array.
 
-Coordinates are integers that name pixels: x right, y down, (0, 0) the top left one. Whatever falls
-outside is not drawn. Everything is exact; ``rasterjit.pipeline.bresenham`` and ``primitives`` say
-how ties are broken.
+Coordinates are integer pixels: x right, y down, (0, 0) the top left one. Pixels outside are not
+drawn. Everything is exact; ``rasterjit.pipeline.bresenham`` and ``primitives`` say how ties are
+broken.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FILL_METHODS: dict[FillMethod, Callable[..., None]] = {
 }
 
 NO_DEPTH = np.empty((0, 0), np.float32)
-"""Depths of a triangle without a depth test."""
+"""Stored depths for a triangle without a depth test."""
 
 LINE_RANGE = (-(2**31), 2**31 - 1)
 """Smallest and largest coordinate of a line's end, pixels."""
@@ -48,31 +48,31 @@ MAX_DEPTH = float(np.finfo(np.float32).max)
 """Largest magnitude of a depth."""
 
 SHAPE_RANGE = (-primitives.MAX_COORDINATE, primitives.MAX_COORDINATE)
-"""Smallest and largest coordinate of everything else, pixels."""
+"""Smallest and largest coordinate of all other shapes, pixels."""
 
-FEW_PIXELS = 2**19
-"""Up to this many pixels are drawn at once: to bin lines and to wake threads would cost more."""
+MAX_UNBINNED_PIXELS = 2**19
+"""Most pixels of lines drawn without bands: binning and waking threads would cost more."""
 
-SEQUENCES = (tuple, list, np.ndarray, Sequence)
-"""Types of sequences of numbers or colours, the commonest first."""
+SEQUENCE_TYPES = (tuple, list, np.ndarray, Sequence)
+"""Types of sequences of numbers or colours, the most common first."""
 
-WHOLE_TYPES = frozenset({int, *(np.dtype(code).type for code in "bhilqBHILQ")})
-"""Types of whole numbers."""
+INTEGER_TYPES = frozenset({int, *(np.dtype(code).type for code in "bhilqBHILQ")})
+"""Types of integers."""
 
-BAND_BYTES = 2**20
-"""Most bytes of a band of rows: what a core has as a cache of its own."""
+MAX_BAND_BYTES = 2**20
+"""Most bytes of a band of rows: a core's own cache."""
 
 MAX_BANDS = 64
-"""Most bands, and so most lists that a line may be in."""
+"""Most bands, and so most lists that hold one line."""
 
-MIN_ROWS = 16
+MIN_BAND_ROWS = 16
 """Fewest rows of a band; in thinner ones most lines would be drawn in pieces."""
 
 LINES_PER_TASK = 2**15
 """Lines binned by one task."""
 
 RECORDS_PER_BATCH = 2**22
-"""Most entries of all lists at a time, 24 bytes each: bounds memory, however many the lines."""
+"""Most entries of all lists at a time, 24 bytes each, which bounds memory."""
 
 
 class Framebuffer(Guarded):
@@ -160,7 +160,7 @@ class Framebuffer(Guarded):
             If the colour is not such a sequence, or the depth is neither ``inf`` nor in the
             range of float32.
         """
-        pixel = _pixel("color", color)
+        pixel = _read_pixel("color", color)
         if not check.is_infinite(depth):
             depth = check.bounded_number("depth", depth, -MAX_DEPTH, MAX_DEPTH)
         self._pixels.fill(pixel)
@@ -175,8 +175,8 @@ class Framebuffer(Guarded):
         ValueError
             If x or y is not a whole number, or the colour not 3 or 4 ints in 0..255.
         """
-        column, row = _whole_number("x", x), _whole_number("y", y)
-        pixel = _pixel("color", color)
+        column, row = _read_integer("x", x), _read_integer("y", y)
+        pixel = _read_pixel("color", color)
         if 0 <= column < self._width and 0 <= row < self._height:
             self._pixels[row, column] = pixel
 
@@ -203,8 +203,9 @@ class Framebuffer(Guarded):
         ValueError
             If a point or a colour is not as said.
         """
-        a, b = _point("start", start, *LINE_RANGE), _point("end", end, *LINE_RANGE)
-        bresenham.draw_one_line(self._pixels, a, b, _two_pixels(color, end_color))
+        a = _read_point("start", start, *LINE_RANGE)
+        b = _read_point("end", end, *LINE_RANGE)
+        bresenham.draw_one_line(self._pixels, a, b, _read_two_pixels(color, end_color))
 
     def draw_lines(self, ends: ArrayLike, colors: ArrayLike) -> None:
         """
@@ -225,8 +226,8 @@ class Framebuffer(Guarded):
         ValueError
             If an array is not as said.
         """
-        points = _whole_array("ends", ends, (None, 4), *LINE_RANGE)
-        rgba = _colors("colors", colors)
+        points = _read_integer_array("ends", ends, (None, 4), *LINE_RANGE)
+        rgba = _read_colors("colors", colors)
         count = len(points)
         if rgba.shape not in ((count, 2, 4), (count, 4), (4,)):
             raise ValueError(
@@ -236,7 +237,7 @@ class Framebuffer(Guarded):
         if rgba.ndim == 2:
             rgba = rgba[:, None]
         rgba = np.ascontiguousarray(np.broadcast_to(rgba, (count, 2, 4)))
-        if _is_little(points, max(self.width, self.height)):
+        if _has_few_pixels(points, max(self.width, self.height)):
             bresenham.draw_lines(self._pixels, points, rgba)
         else:
             _draw_in_bands(self._pixels, points, rgba, self._workers)
@@ -258,8 +259,8 @@ class Framebuffer(Guarded):
         ValueError
             If a point or a colour is not as said.
         """
-        points = [_point(name, one, *LINE_RANGE) for name, one in (("a", a), ("b", b), ("c", c))]
-        pixels = _three_pixels("color", color)
+        points = [_read_point(*named, *LINE_RANGE) for named in (("a", a), ("b", b), ("c", c))]
+        pixels = _read_three_pixels("color", color)
         for i, j in ((0, 1), (1, 2), (2, 0)):
             bresenham.draw_one_line(self._pixels, points[i], points[j], (pixels[i], pixels[j]))
 
@@ -298,9 +299,9 @@ class Framebuffer(Guarded):
             If a point, a colour, a name or a depth is not as said.
         """
         low, high = SHAPE_RANGE
-        (ax, ay), (bx, by) = _point("a", a, low, high), _point("b", b, low, high)
-        cx, cy = _point("c", c, low, high)
-        first, second, third = _three_pixels("color", color)
+        (ax, ay), (bx, by) = _read_point("a", a, low, high), _read_point("b", b, low, high)
+        cx, cy = _read_point("c", c, low, high)
+        first, second, third = _read_three_pixels("color", color)
         bias = EDGE_RULES[check.one_of("edges", edges, EDGE_RULES)]
         fill = FILL_METHODS[check.one_of("method", method, FILL_METHODS)]
         depths, stored = (0.0, 0.0, 0.0), NO_DEPTH
@@ -328,11 +329,11 @@ class Framebuffer(Guarded):
         ValueError
             If an argument is not as said.
         """
-        x, y = _point("center", center, *SHAPE_RANGE)
-        (size,) = _few_whole((radius,), (1,), 0, primitives.MAX_COORDINATE) or (
-            int(_whole_array("radius", radius, (), 0, primitives.MAX_COORDINATE)),
+        x, y = _read_point("center", center, *SHAPE_RANGE)
+        (size,) = _read_integers((radius,), (1,), 0, primitives.MAX_COORDINATE) or (
+            int(_read_integer_array("radius", radius, (), 0, primitives.MAX_COORDINATE)),
         )
-        primitives.draw_circle(self._pixels, x, y, size, _pixel("color", color))
+        primitives.draw_circle(self._pixels, x, y, size, _read_pixel("color", color))
 
     def draw_bezier(
         self,
@@ -369,7 +370,7 @@ class Framebuffer(Guarded):
             raise ValueError(
                 f"points must be at most {primitives.MAX_COORDINATE} in magnitude, got {furthest!r}"
             )
-        primitives.draw_bezier(self._pixels, control, _two_pixels(color, end_color))
+        primitives.draw_bezier(self._pixels, control, _read_two_pixels(color, end_color))
 
     def save(self, path: str | Path) -> None:
         """
@@ -386,15 +387,15 @@ class Framebuffer(Guarded):
         save_image(path, self._color)
 
 
-def _is_little(ends: NDArray[np.int64], most_steps: int) -> bool:
-    """Tell whether lines have so few pixels that they are drawn without bands."""
-    if len(ends) * most_steps <= FEW_PIXELS:
+def _has_few_pixels(ends: NDArray[np.int64], most_steps: int) -> bool:
+    """Return whether lines have so few pixels that bands would cost more than they save."""
+    if len(ends) * most_steps <= MAX_UNBINNED_PIXELS:
         return True
-    # To measure millions of lines would take a quarter of the time to draw them
-    if len(ends) > FEW_PIXELS:
+    # Measuring millions of lines would take a quarter of the time to draw them
+    if len(ends) > MAX_UNBINNED_PIXELS:
         return False
     steps = np.abs(ends[:, 2:] - ends[:, :2]).max(axis=1)
-    return int(np.minimum(steps, most_steps).sum()) <= FEW_PIXELS
+    return int(np.minimum(steps, most_steps).sum()) <= MAX_UNBINNED_PIXELS
 
 
 def _draw_in_bands(
@@ -403,9 +404,9 @@ def _draw_in_bands(
     colors: NDArray[np.uint8],
     workers: Workers,
 ) -> None:
-    """Draw (N, 4) end points and (N, 2, 4) colours, one band of rows after or beside the other."""
+    """Draw (N, 4) end points and (N, 2, 4) colours, band by band, on all threads."""
     height, width = pixels.shape
-    rows = _rows_per_band(height, width, workers.threads)
+    rows = _choose_band_rows(height, width, workers.threads)
     tops = range(0, height, rows)
     band_of_row = np.arange(height, dtype=np.int32) // np.int32(rows)
     packed_colors = colors.view(np.int32).reshape(-1, 2)
@@ -444,24 +445,24 @@ def _bin_lines(
     counts = np.zeros(bands, np.int64)
     line_bands.count_lines(ends, band_of_row, width, counts)
     starts = np.concatenate(([0], np.cumsum(counts)))
-    records = np.empty((starts[-1], line_bands.RECORD), np.int32)
+    records = np.empty((starts[-1], line_bands.RECORD_WORDS), np.int32)
     line_bands.list_lines(ends, colors, band_of_row, width, starts[:-1].copy(), records)
     return starts, records
 
 
-def _rows_per_band(height: int, width: int, threads: int) -> int:
-    """Return the rows of a band: a cache full, but at least two bands for every thread."""
-    rows = BAND_BYTES // (4 * width)
+def _choose_band_rows(height: int, width: int, threads: int) -> int:
+    """Return the number of rows of a band: a full cache, but at least two bands per thread."""
+    rows = MAX_BAND_BYTES // (4 * width)
     if threads > 1:
         rows = min(rows, -(-height // (2 * threads)))
-    return max(rows, -(-height // MAX_BANDS), MIN_ROWS)
+    return max(rows, -(-height // MAX_BANDS), MIN_BAND_ROWS)
 
 
 def _draw_band(
     band_pixels: NDArray[np.uint32], top: int, lists: Sequence[NDArray[np.int32]]
 ) -> None:
     """Draw lists of binned lines into the rows of one band, which begins at row ``top``."""
-    scratch = line_bands.scratch_memory()
+    scratch = line_bands.make_scratch()
     for records in lists:
         line = 0
         while line < len(records):
@@ -470,11 +471,11 @@ def _draw_band(
                 line = line_bands.draw_long_lines(band_pixels, top, records, line)
 
 
-def _few_whole(value: Any, counts: Sequence[int], low: int, high: int) -> Sequence[int] | None:
+def _read_integers(value: Any, counts: Sequence[int], low: int, high: int) -> Sequence[int] | None:
     """
-    Return integers in low..high of a tuple, list or array of an allowed length, else None.
+    Return integers in low..high of a tuple, list or array of an allowed length, else ``None``.
 
-    Of what is anything else, right or wrong, return None.
+    ``None`` is no verdict: slower checks then accept or refuse the value.
     """
     numbers = value.tolist() if type(value) is np.ndarray else value
     if type(numbers) not in (tuple, list) or len(numbers) not in counts:
@@ -489,27 +490,28 @@ def _few_whole(value: Any, counts: Sequence[int], low: int, high: int) -> Sequen
     whole = [
         int(number)
         for number in numbers
-        if type(number) in WHOLE_TYPES or (isinstance(number, float) and number.is_integer())
+        if type(number) in INTEGER_TYPES or (isinstance(number, float) and number.is_integer())
     ]
-    return _few_whole(whole, (len(numbers),), low, high)
+    return _read_integers(whole, (len(numbers),), low, high)
 
 
-def _point(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
+def _read_point(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
     """Return x and y as ints in low..high, or raise ``ValueError``."""
-    # What is usual takes half the time by itself
+    # A branch for the usual value takes half the time
     if type(value) is tuple and len(value) == 2:
         x, y = value
         if type(x) is type(y) is int and low <= x <= high and low <= y <= high:
             return value
-    x, y = _few_whole(value, (2,), low, high) or _whole_array(name, value, (2,), low, high).tolist()
+    numbers = _read_integers(value, (2,), low, high)
+    x, y = numbers or _read_integer_array(name, value, (2,), low, high).tolist()
     return x, y
 
 
-def _whole_array(
+def _read_integer_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int
 ) -> NDArray[np.int64]:
     """Return whole numbers in low..high as a contiguous int64 array, or raise ``ValueError``."""
-    if _is_whole_array(value, shape, low, high):
+    if _is_integer_array(value, shape, low, high):
         return np.require(value, np.int64, ["C", "ALIGNED", "WRITEABLE", "ENSUREARRAY"])
     numbers = check.finite_array(name, value, shape)
     wrong = (numbers != np.floor(numbers)) | (numbers < low) | (numbers > high)
@@ -520,7 +522,7 @@ def _whole_array(
     return np.ascontiguousarray(numbers.astype(np.int64)).reshape(numbers.shape)
 
 
-def _is_whole_array(value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int) -> bool:
+def _is_integer_array(value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int) -> bool:
     """Return whether a value is an array of an integer dtype, a shape and a range."""
     return (
         isinstance(value, np.ndarray)
@@ -531,7 +533,7 @@ def _is_whole_array(value: ArrayLike, shape: tuple[int | None, ...], low: int, h
     )
 
 
-def _whole_number(name: str, value: Any) -> int:
+def _read_integer(name: str, value: Any) -> int:
     """Return a whole number of any size as an int, or raise ``ValueError``."""
     try:
         whole = int(value)
@@ -543,7 +545,7 @@ def _whole_number(name: str, value: Any) -> int:
     return whole
 
 
-def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
+def _read_colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
     try:
         channels = check.unmasked_array(name, value)
@@ -565,17 +567,17 @@ def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     return rgba
 
 
-def _pixel(name: str, value: ArrayLike) -> int:
+def _read_pixel(name: str, value: ArrayLike) -> int:
     """Return one colour as a pixel, red in its lowest byte, or raise ``ValueError``."""
-    # What is usual takes half the time by itself
+    # A branch for the usual value takes half the time
     if type(value) is tuple and len(value) == 3:
         red, green, blue = value
         is_whole = type(red) is type(green) is type(blue) is int
         if is_whole and 0 <= red <= OPAQUE and 0 <= green <= OPAQUE and 0 <= blue <= OPAQUE:
             return red | green << 8 | blue << 16 | OPAQUE << 24
-    channels = _few_whole(value, (3, 4), 0, OPAQUE)
+    channels = _read_integers(value, (3, 4), 0, OPAQUE)
     if channels is None:
-        rgba = _colors(name, value)
+        rgba = _read_colors(name, value)
         if rgba.ndim != 1:
             raise ValueError(f"{name} must be one colour, got an array of shape {np.shape(value)}")
         channels = rgba.tolist()
@@ -583,21 +585,21 @@ def _pixel(name: str, value: ArrayLike) -> int:
     return red | green << 8 | blue << 16 | alpha << 24
 
 
-def _three_pixels(name: str, value: Any) -> tuple[int, int, int]:
+def _read_three_pixels(name: str, value: Any) -> tuple[int, int, int]:
     """Return one colour for each of three vertices, or one for all, as pixels, or raise."""
     if (
-        isinstance(value, SEQUENCES)
+        isinstance(value, SEQUENCE_TYPES)
         and getattr(value, "ndim", 1) > 0
         and len(value) == 3
-        and all([isinstance(item, SEQUENCES) for item in value])
+        and all([isinstance(item, SEQUENCE_TYPES) for item in value])
     ):
         first, second, third = value
-        return _pixel(name, first), _pixel(name, second), _pixel(name, third)
-    pixel = _pixel(name, value)
+        return _read_pixel(name, first), _read_pixel(name, second), _read_pixel(name, third)
+    pixel = _read_pixel(name, value)
     return pixel, pixel, pixel
 
 
-def _two_pixels(color: ArrayLike, end_color: ArrayLike | None) -> tuple[int, int]:
-    """Return the colours of both ends as pixels; the end's is the start's if it is left out."""
-    start = _pixel("color", color)
-    return start, start if end_color is None else _pixel("end_color", end_color)
+def _read_two_pixels(color: ArrayLike, end_color: ArrayLike | None) -> tuple[int, int]:
+    """Return the colours of both ends as pixels, by default the same."""
+    start = _read_pixel("color", color)
+    return start, start if end_color is None else _read_pixel("end_color", end_color)

@@ -1,8 +1,8 @@
 """
 Draw the classic primitives: filled triangles, circles and Bezier curves.
 
-Coordinates are integers that name pixels, x right and y down: the vertex (3, 5) is the centre of
-that pixel, so samples on edges and vertices are the common case and the rule for ties matters.
+Coordinates are integer pixels, x right and y down: the vertex (3, 5) is the centre of that pixel,
+so samples on edges and vertices are common and the rule for ties matters.
 
 Targets are flat-packed as in ``bresenham``: ``(H, W) uint32`` views of ``(H, W, 4) uint8`` RGBA,
 red in the lowest byte; so are the colours given, *pixels*. Coordinates and radii are at most
@@ -24,22 +24,23 @@ order and winding change no bit of the result.
 
 Curves
 ------
-A curve is cut at equal steps of its parameter into chords, which stay within ``FLATNESS`` of it.
+A curve is cut at equal steps of its parameter into chords, which stay within ``FLATNESS_PX`` of it.
 Their ends are not rounded. A chord with ``|dx| >= |dy|`` is drawn by columns: for each column that
 it crosses the nearest pixel, at most half a pixel from the chord. A steeper one is drawn by rows.
-Places that lie less than ``TIE`` below a tie between two pixels are rounded up like the tie, so
+Places that lie less than ``TIE_PX`` below a tie between two pixels are rounded up like the tie, so
 rounding errors, all of them smaller, do not matter.
 
 From one column to the next a path moves by a pixel or by a diagonal, also where chords of one
 heading meet. At a *turn*, where the axis or a direction changes, the pixel in which the chords
 meet is a neighbour of the ones before and after it, or one of them. It is drawn if these two do not
-touch, if the curve goes back there, or if the place where the chords meet is further than ``FAR``
-from both. It is the same with the pixels of the two end points, which are always drawn.
+touch, if the curve goes back there, or if the point where the chords meet is further than
+``MAX_TURN_DISTANCE_PX`` from both. The same holds for the pixels of the two end points, which are
+always drawn.
 
-So the pixels of a curve form one path without gaps. The centre of each is within ``1/2 +
-FLATNESS`` of the curve, or within ``sqrt(1/2)`` where it holds a turn or an end; and the curve is
-nowhere further than a pixel from one of them. No pixel follows itself; the path comes to a pixel
-again only if the curve does, and then the later colour stays.
+So the pixels of a curve form one path without gaps. The centre of each is within
+``1/2 + FLATNESS_PX`` of the curve, or within ``sqrt(1/2)`` where it holds a turn or an end; and the
+curve is nowhere further than a pixel from one of them. No pixel follows itself; the path comes to a
+pixel again only if the curve does, and then the later colour stays.
 
 References
 ----------
@@ -78,25 +79,25 @@ INCLUSIVE_BIAS = 0
 """Bias that keeps the pixels on an edge."""
 
 EXCLUSIVE_BIAS = -1
-"""Bias that drops them: edge functions are integers."""
+"""Bias that drops the pixels on an edge: edge functions are integers."""
 
-FLATNESS = 0.125
-"""Largest distance of a curve from its chords, pixels: a quarter of the pixels' own tolerance."""
+FLATNESS_PX = 0.125
+"""Largest distance of a curve from its chords, pixels: a quarter of the tolerance of pixels."""
 
 CURVE_BITS = 40
-"""Fraction bits of where a chord crosses columns; coordinates and a sign still fit ``int64``."""
+"""Fraction bits of a chord's crossings of columns; coordinates and a sign still fit ``int64``."""
 
-TIE = 2.0**-22
+TIE_PX = 2.0**-22
 """
-What lies so little below a tie between two pixels is one, pixels: above what rounding adds up to
-along a chord of up to 2**18 pixels.
+Distance below a tie between two pixels that is rounded up like the tie, pixels: above the sum of
+rounding errors along a chord of up to 2**18 pixels.
 """
 
-DIAGONAL = 1.0 - 2.0**-34
-"""Chords whose ``|dx|`` is at least this part of ``|dy|`` are walked by columns."""
+MIN_COLUMN_SHARE = 1.0 - 2.0**-34
+"""Least ``|dx| / |dy|`` of chords that are walked by columns."""
 
-FAR = 0.8
-"""Turns further than this from the pixels before and after them are drawn, pixels."""
+MAX_TURN_DISTANCE_PX = 0.8
+"""Largest distance of a turn that is not drawn from the pixels before or after it, pixels."""
 
 
 @helper
@@ -106,32 +107,32 @@ def is_above(corner, other):
 
 
 @helper
-def ordered_corners(corners):
+def order_corners(corners):
     """
     Return the corners in a fixed order, positively wound, and A2.
 
-    Positive is clockwise on the screen. Whatever the order given, the one returned is the same.
+    Positive is clockwise on the screen. Any order given returns the same order.
     """
     a, b, c = corners
     if is_above(c, a) and is_above(c, b):
         a, b, c = c, a, b
     elif is_above(b, a):
         a, b, c = b, c, a
-    area = edge_function(a, b, c[0], c[1])
+    area = compute_edge(a, b, c[0], c[1])
     if area < 0:
         return a, c, b, -area
     return a, b, c, area
 
 
 @helper
-def edge_function(start, end, x, y):
+def compute_edge(start, end, x, y):
     """Return twice the signed area of (start, end, (x, y)): positive to the right of the edge."""
     return (end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0])
 
 
 @helper
-def edge_bias(start, end, other_bias):
-    """Return 0 for a top or a left edge, ``other_bias`` for the others."""
+def choose_bias(start, end, other_bias):
+    """Return 0 for a top or a left edge, else ``other_bias``."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     if dy < 0 or (dy == 0 and dx > 0):
         return np.int64(INCLUSIVE_BIAS)
@@ -139,30 +140,28 @@ def edge_bias(start, end, other_bias):
 
 
 @helper
-def edge_plane(start, end, other_bias):
+def make_edge_plane(start, end, other_bias):
     """Return an edge function as its gain along x, its gain along y, its value at 0 and bias."""
     return (
-        start[1] - end[1],
-        end[0] - start[0],
-        edge_function(start, end, 0, 0),
-        edge_bias(start, end, other_bias),
-    )
+        start[1] - end[1], end[0] - start[0], compute_edge(start, end, 0, 0),
+        choose_bias(start, end, other_bias),
+    )  # fmt: skip
 
 
 @helper
-def triangle_setup(corners, other_bias):
+def set_up_triangle(corners, other_bias):
     """Return the edge planes opposite the ordered corners, their pixels and depths, and A2."""
-    a, b, c, double_area = ordered_corners(corners)
+    a, b, c, double_area = order_corners(corners)
     planes = (
-        edge_plane(b, c, other_bias),
-        edge_plane(c, a, other_bias),
-        edge_plane(a, b, other_bias),
+        make_edge_plane(b, c, other_bias),
+        make_edge_plane(c, a, other_bias),
+        make_edge_plane(a, b, other_bias),
     )
     return planes, (a[2], b[2], c[2]), (a[3], b[3], c[3]), double_area
 
 
 @helper
-def clipped_bounds(corners, width, height):
+def clip_bounds(corners, width, height):
     """Return the first and the last column and row of the bounding box inside the target."""
     a, b, c = corners
     return (
@@ -174,13 +173,13 @@ def clipped_bounds(corners, width, height):
 
 
 @helper
-def plane_value(plane, x, y):
+def evaluate_plane(plane, x, y):
     """Return the edge function at pixel (x, y), without its bias."""
     return plane[0] * x + plane[1] * y + plane[2]
 
 
 @helper
-def channel_numerator(colors, channel, e0, e1, e2):
+def compute_numerator(colors, channel, e0, e1, e2):
     """Return ``E0 c0 + E1 c1 + E2 c2`` for one channel."""
     return (
         e0 * get_channel(colors[0], channel)
@@ -190,18 +189,18 @@ def channel_numerator(colors, channel, e0, e1, e2):
 
 
 @helper
-def packed_mix(colors, double_area, e0, e1, e2):
-    """Return the RGBA pixel at the given edge functions, each channel rounded half up."""
+def mix_pixel(colors, double_area, e0, e1, e2):
+    """Interpolate an RGBA pixel by its edge functions, each channel rounded half up."""
     pixel = np.int64(0)
     for channel in range(4):
-        numerator = channel_numerator(colors, channel, e0, e1, e2)
+        numerator = compute_numerator(colors, channel, e0, e1, e2)
         pixel |= ((2 * numerator + double_area) // (2 * double_area)) << (8 * channel)
     return pixel
 
 
 @helper
-def passes_depth(depth, corner_depths, double_area, e1, e2, x, y):
-    """Test a pixel against the stored depth and store its own if it is smaller; true if none."""
+def update_depth(depth, corner_depths, double_area, e1, e2, x, y):
+    """Store a pixel's depth if it is nearer; return whether it is, or True without a depth test."""
     if depth.shape[0] == 0:
         return True
     d0, d1, d2 = corner_depths
@@ -224,11 +223,11 @@ def fill_triangle(
     ----------
     target : (H, W) uint32, C-contiguous
         RGBA pixels, red in the lowest byte.
-    depth : (H, W) float32, or (0, 0): there is no depth test
-        Smaller is nearer; only pixels nearer than it are drawn, and they replace it.
+    depth : (H, W) float32, or (0, 0) for no depth test
+        Smaller is nearer; only nearer pixels are drawn, and replace the depth.
     corners : three of (x, y, pixel, depth)
         In either winding. Magnitudes of x and y are at most ``MAX_COORDINATE`` pixels; depths are
-        finite, or any if there is no depth test.
+        finite, or any without a depth test.
     other_bias : int
         Of edges that are neither top nor left: ``EXCLUSIVE_BIAS`` is the top-left rule,
         ``INCLUSIVE_BIAS`` the inclusive one.
@@ -239,22 +238,22 @@ def fill_triangle(
     -----
     A triangle of no area draws nothing.
     """
-    (plane0, plane1, plane2), colors, depths, double_area = triangle_setup(corners, other_bias)
+    (plane0, plane1, plane2), colors, depths, double_area = set_up_triangle(corners, other_bias)
     if double_area == 0:
         return
-    x_min, x_max, y_min, y_max = clipped_bounds(corners, target.shape[1], target.shape[0])
+    x_min, x_max, y_min, y_max = clip_bounds(corners, target.shape[1], target.shape[0])
     for y in range(y_min, y_max + 1):
         for x in range(x_min, x_max + 1):
-            e0 = plane_value(plane0, x, y)
-            e1 = plane_value(plane1, x, y)
-            e2 = plane_value(plane2, x, y)
+            e0 = evaluate_plane(plane0, x, y)
+            e1 = evaluate_plane(plane1, x, y)
+            e2 = evaluate_plane(plane2, x, y)
             covered = e0 + plane0[3] >= 0 and e1 + plane1[3] >= 0 and e2 + plane2[3] >= 0
-            if covered and passes_depth(depth, depths, double_area, e1, e2, x, y):
-                target[y, x] = packed_mix(colors, double_area, e0, e1, e2)
+            if covered and update_depth(depth, depths, double_area, e1, e2, x, y):
+                target[y, x] = mix_pixel(colors, double_area, e0, e1, e2)
 
 
 @helper
-def cut_span(plane, y, x_first, x_last):
+def clip_span(plane, y, x_first, x_last):
     """Return the part of a row's span on the inner side of one edge; first > last if none."""
     gain = plane[0]
     rest = plane[1] * y + plane[2] + plane[3]
@@ -268,17 +267,17 @@ def cut_span(plane, y, x_first, x_last):
 
 
 @helper
-def channel_walk(colors, channel, edges, gains, double_area):
-    """Return a channel as quotient and remainder of ``2 A2``, and both of its gain per pixel."""
+def start_channel(colors, channel, edges, gains, double_area):
+    """Return quotient and remainder by ``2 A2`` of a channel, and of its gain per pixel."""
     divisor = 2 * double_area
-    value = 2 * channel_numerator(colors, channel, edges[0], edges[1], edges[2])
-    gain = 2 * channel_numerator(colors, channel, gains[0], gains[1], gains[2])
+    value = 2 * compute_numerator(colors, channel, edges[0], edges[1], edges[2])
+    gain = 2 * compute_numerator(colors, channel, gains[0], gains[1], gains[2])
     value += double_area
     return value // divisor, value % divisor, gain // divisor, gain % divisor
 
 
 @helper
-def next_channel(walk, divisor):
+def advance_channel(walk, divisor):
     """Return a channel one pixel to the right: add the gain, carry the remainder."""
     quotient, remainder, quotient_gain, remainder_gain = walk
     remainder += remainder_gain
@@ -299,36 +298,36 @@ def fill_triangle_scanline(
     """
     Fill a triangle row by row: divide for the ends of each row, then only add.
 
-    Takes what ``fill_triangle`` takes and writes the same bits. A row's span is where each edge
+    Parameters and bits written are those of ``fill_triangle``. A row's span is where each edge
     function, a line along x, is on its inner side; the channels start with one exact division and
     then gain a quotient and a remainder per pixel.
     """
-    (plane0, plane1, plane2), colors, depths, double_area = triangle_setup(corners, other_bias)
+    (plane0, plane1, plane2), colors, depths, double_area = set_up_triangle(corners, other_bias)
     if double_area == 0:
         return
     divisor = 2 * double_area
     gains = (plane0[0], plane1[0], plane2[0])
-    x_min, x_max, y_min, y_max = clipped_bounds(corners, target.shape[1], target.shape[0])
+    x_min, x_max, y_min, y_max = clip_bounds(corners, target.shape[1], target.shape[0])
     for y in range(y_min, y_max + 1):
-        x_first, x_last = cut_span(plane0, y, x_min, x_max)
-        x_first, x_last = cut_span(plane1, y, x_first, x_last)
-        x_first, x_last = cut_span(plane2, y, x_first, x_last)
+        x_first, x_last = clip_span(plane0, y, x_min, x_max)
+        x_first, x_last = clip_span(plane1, y, x_first, x_last)
+        x_first, x_last = clip_span(plane2, y, x_first, x_last)
         if x_first > x_last:
             continue
-        e0 = plane_value(plane0, x_first, y)
-        e1 = plane_value(plane1, x_first, y)
-        e2 = plane_value(plane2, x_first, y)
-        red = channel_walk(colors, 0, (e0, e1, e2), gains, double_area)
-        green = channel_walk(colors, 1, (e0, e1, e2), gains, double_area)
-        blue = channel_walk(colors, 2, (e0, e1, e2), gains, double_area)
-        alpha = channel_walk(colors, 3, (e0, e1, e2), gains, double_area)
+        e0 = evaluate_plane(plane0, x_first, y)
+        e1 = evaluate_plane(plane1, x_first, y)
+        e2 = evaluate_plane(plane2, x_first, y)
+        red = start_channel(colors, 0, (e0, e1, e2), gains, double_area)
+        green = start_channel(colors, 1, (e0, e1, e2), gains, double_area)
+        blue = start_channel(colors, 2, (e0, e1, e2), gains, double_area)
+        alpha = start_channel(colors, 3, (e0, e1, e2), gains, double_area)
         for x in range(x_first, x_last + 1):
-            if passes_depth(depth, depths, double_area, e1, e2, x, y):
+            if update_depth(depth, depths, double_area, e1, e2, x, y):
                 target[y, x] = red[0] | (green[0] << 8) | (blue[0] << 16) | (alpha[0] << 24)
-            red = next_channel(red, divisor)
-            green = next_channel(green, divisor)
-            blue = next_channel(blue, divisor)
-            alpha = next_channel(alpha, divisor)
+            red = advance_channel(red, divisor)
+            green = advance_channel(green, divisor)
+            blue = advance_channel(blue, divisor)
+            alpha = advance_channel(alpha, divisor)
             e1 += gains[1]
             e2 += gains[2]
 
@@ -342,7 +341,7 @@ def put_pixel(target, x, y, pixel):
 
 @helper
 def put_rotations(target, center_x, center_y, x, y, pixel):
-    """Write an offset from the centre and its three quarter turns."""
+    """Write the pixels at an offset from the centre and at its three quarter turns."""
     put_pixel(target, center_x + x, center_y + y, pixel)
     put_pixel(target, center_x - y, center_y + x, pixel)
     put_pixel(target, center_x - x, center_y - y, pixel)
@@ -393,9 +392,9 @@ def draw_circle(
 
 
 @helper
-def bezier_segments(points):
+def count_segments(points):
     """
-    Return how many equal parameter steps keep the chords within ``FLATNESS`` of the curve.
+    Return the number of equal parameter steps whose chords are within ``FLATNESS_PX``.
 
     For degree ``d`` and ``M`` the largest second difference of the control points, the distance
     with ``n`` segments is at most ``d (d - 1) M / (8 n**2)`` [3]_.
@@ -406,12 +405,12 @@ def bezier_segments(points):
         second_x = points[i + 2, 0] - 2.0 * points[i + 1, 0] + points[i, 0]
         second_y = points[i + 2, 1] - 2.0 * points[i + 1, 1] + points[i, 1]
         largest = max(largest, math.sqrt(second_x * second_x + second_y * second_y))
-    bound = degree * (degree - 1) * largest / (8.0 * FLATNESS)
+    bound = degree * (degree - 1) * largest / (8.0 * FLATNESS_PX)
     return max(1, math.ceil(math.sqrt(bound)))
 
 
 @helper
-def bezier_powers(points, axis):
+def compute_powers(points, axis):
     """Return one coordinate of a quadratic or cubic as the factors of ``t**3``, ``t**2`` and t."""
     p0, p1, p2 = points[0, axis], points[1, axis], points[2, axis]
     if points.shape[0] == 3:
@@ -421,54 +420,58 @@ def bezier_powers(points, axis):
 
 
 @helper
-def ramp_channel(colors, channel, t):
-    """Return a channel at ``t`` in 0..1, and a half, as a running number of ``bresenham``."""
+def interpolate_channel(colors, channel, t):
+    """Return a channel at ``t`` in 0..1, plus 1/2, as a running number of ``bresenham``."""
     start, end = np.float64(get_channel(colors[0], channel)), get_channel(colors[1], channel)
-    value = start + t * (np.float64(end) - start) + (0.5 + TIE)
+    value = start + t * (np.float64(end) - start) + (0.5 + TIE_PX)
     return np.int64(value * (1 << FRACTION_BITS))
 
 
 @helper
-def ramp_color(colors, t):
-    """Return four channels at ``t`` in 0..1, and a half, as running numbers of ``bresenham``."""
+def interpolate_color(colors, t):
+    """Return four channels at ``t`` in 0..1, plus 1/2, as running numbers of ``bresenham``."""
     return (
-        ramp_channel(colors, 0, t),
-        ramp_channel(colors, 1, t),
-        ramp_channel(colors, 2, t),
-        ramp_channel(colors, 3, t),
-    )
+        interpolate_channel(colors, 0, t), interpolate_channel(colors, 1, t),
+        interpolate_channel(colors, 2, t), interpolate_channel(colors, 3, t),
+    )  # fmt: skip
 
 
 @helper
-def ramp_gain(colors, channel, change):
+def find_gain(colors, channel, change):
     """Return the change of a channel when ``t`` grows by ``change``, as a running number."""
     difference = get_channel(colors[1], channel) - get_channel(colors[0], channel)
     return np.int64(np.float64(difference) * change * (1 << FRACTION_BITS))
 
 
 @helper
-def nearest_pixel(coordinate):
-    """Return a coordinate rounded to a pixel, ties up; pixel centres are at the integers here."""
-    return np.int64(math.floor(coordinate + (0.5 + TIE)))
+def round_to_pixel(coordinate):
+    """Round a coordinate to a pixel, ties up; pixel centres are at integers."""
+    return np.int64(math.floor(coordinate + (0.5 + TIE_PX)))
 
 
 @helper
-def touches(x, y, other_x, other_y):
-    """Return whether two pixels are one or are neighbours, by a side or a corner."""
+def put_color(target, x, y, colors, t):
+    """Write the pixel of the curve's colour at ``t`` in 0..1, if it lies inside the target."""
+    put_pixel(target, x, y, pack_fixed_color(interpolate_color(colors, t)))
+
+
+@helper
+def are_neighbours(x, y, other_x, other_y):
+    """Return whether two pixels are the same or neighbours, by a side or a corner."""
     return abs(x - other_x) <= 1 and abs(y - other_y) <= 1
 
 
 @helper
-def is_far(place_x, place_y, x, y):
-    """Return whether a place is further than ``FAR`` from a pixel's centre."""
-    dx, dy = place_x - np.float64(x), place_y - np.float64(y)
-    return dx * dx + dy * dy > FAR * FAR
+def is_far(point_x, point_y, x, y):
+    """Return whether a point is further than ``MAX_TURN_DISTANCE_PX`` from a pixel's centre."""
+    dx, dy = point_x - np.float64(x), point_y - np.float64(y)
+    return dx * dx + dy * dy > MAX_TURN_DISTANCE_PX * MAX_TURN_DISTANCE_PX
 
 
 @helper
-def steps_within(value, gain, steps, size):
+def find_steps_inside(value, gain, steps, size):
     """
-    Return the first and the last of the steps 0..steps at which a running number is in the target.
+    Return the first and the last step of 0..steps at which a running number is in the target.
 
     The number is ``value + step * gain`` with ``CURVE_BITS`` fraction bits, the target's pixels are
     ``0 .. size - 1``; first > last if there is none.
@@ -502,21 +505,21 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
 
     Notes
     -----
-    Which pixels, and why they lie near the curve and form one path: see the module's notes. A ramp
-    is rounded half up at the parameter of each pixel. Control points that coincide draw one pixel
+    See the module's notes on which pixels are drawn. Interpolated channels are rounded half up at
+    the parameter of each pixel. Control points that coincide draw one pixel
     of the end's colour.
     """
     height, width = target.shape
     pixels = flat(target)
     is_plain = colors[0] == colors[1]
-    segments = bezier_segments(points)
+    segments = count_segments(points)
     step = 1.0 / segments
     start_x, start_y = points[0, 0], points[0, 1]
-    cubic_x, square_x, linear_x = bezier_powers(points, 0)
-    cubic_y, square_y, linear_y = bezier_powers(points, 1)
-    # The pixel of the path before the next one; the turn that may have to be drawn between them
-    last_x, last_y = nearest_pixel(start_x), nearest_pixel(start_y)
-    put_pixel(target, last_x, last_y, pack_fixed_color(ramp_color(colors, 0.0)))
+    cubic_x, square_x, linear_x = compute_powers(points, 0)
+    cubic_y, square_y, linear_y = compute_powers(points, 1)
+    # The path's last pixel; the turn that may have to be drawn between it and the next pixel
+    last_x, last_y = round_to_pixel(start_x), round_to_pixel(start_y)
+    put_color(target, last_x, last_y, colors, 0.0)
     is_turn = False
     turn_x, turn_y, turn_t = start_x, start_y, 0.0
     x0, y0, t0 = start_x, start_y, 0.0
@@ -527,36 +530,36 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
         x1 = ((cubic_x * t1 + square_x) * t1 + linear_x) * t1 + start_x
         y1 = ((cubic_y * t1 + square_y) * t1 + linear_y) * t1 + start_y
         dx, dy = x1 - x0, y1 - y0
-        if abs(dx) < TIE and abs(dy) < TIE:
+        if abs(dx) < TIE_PX and abs(dy) < TIE_PX:
             t0 = t1
             continue
-        if abs(dx) >= abs(dy) * DIAGONAL:
+        if abs(dx) >= abs(dy) * MIN_COLUMN_SHARE:
             major0, major1, minor0, slope = x0, x1, y0, dy / dx
             sign, heading = (1, 1) if dx > 0.0 else (-1, 2)
         else:
             major0, major1, minor0, slope = y0, y1, x0, dx / dy
             sign, heading = (1, 3) if dy > 0.0 else (-1, 4)
         along_x = heading <= 2
-        if (dy if along_x else dx) < -TIE:
+        if (dy if along_x else dx) < -TIE_PX:
             heading += 4
         slope = min(max(slope, -1.0), 1.0)
-        # Between chords of two headings is a turn; keep one place there until it is passed
+        # A turn joins chords of two headings; keep one point of it until it is passed
         is_new = heading != old_heading and old_heading != 0
         if is_new or is_turn:
-            x, y = nearest_pixel(x0), nearest_pixel(y0)
+            x, y = round_to_pixel(x0), round_to_pixel(y0)
             is_needed = is_turn and (
-                not touches(x, y, last_x, last_y) or is_far(turn_x, turn_y, last_x, last_y)
+                not are_neighbours(x, y, last_x, last_y) or is_far(turn_x, turn_y, last_x, last_y)
             )
             if is_new and is_needed:
-                last_x, last_y = nearest_pixel(turn_x), nearest_pixel(turn_y)
-                put_pixel(target, last_x, last_y, pack_fixed_color(ramp_color(colors, turn_t)))
+                last_x, last_y = round_to_pixel(turn_x), round_to_pixel(turn_y)
+                put_color(target, last_x, last_y, colors, turn_t)
             if is_new or not is_needed:
                 turn_x, turn_y, turn_t, is_turn = x0, y0, t0, True
             # A turn that goes back is drawn
             if is_new and dx * old_dx + dy * old_dy < 0.0:
                 if x != last_x or y != last_y:
                     last_x, last_y = x, y
-                    put_pixel(target, x, y, pack_fixed_color(ramp_color(colors, t0)))
+                    put_color(target, x, y, colors, t0)
                 is_turn = False
         if not is_turn:
             turn_x, turn_y, turn_t = x0, y0, t0
@@ -569,31 +572,31 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
         steps = (last - first) * sign
         if steps >= 0:
             offset = np.float64(first) - major0
-            crossing = minor0 + offset * slope + (0.5 + TIE)
+            crossing = minor0 + offset * slope + (0.5 + TIE_PX)
             minor = np.int64(math.floor(crossing * (1 << CURVE_BITS)))
             gain = np.int64(slope * sign * (1 << CURVE_BITS))
             # Join the first pixel to the path
             x, y = first, minor >> CURVE_BITS
             if not along_x:
                 x, y = y, x
-            apart = not touches(x, y, last_x, last_y)
+            apart = not are_neighbours(x, y, last_x, last_y)
             if apart or (
                 is_turn and is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
             ):
-                last_x, last_y = nearest_pixel(turn_x), nearest_pixel(turn_y)
-                put_pixel(target, last_x, last_y, pack_fixed_color(ramp_color(colors, turn_t)))
+                last_x, last_y = round_to_pixel(turn_x), round_to_pixel(turn_y)
+                put_color(target, last_x, last_y, colors, turn_t)
             is_turn = False
             begin = np.int64(x == last_x and y == last_y)
             last_x, last_y = last, (minor + steps * gain) >> CURVE_BITS
             if not along_x:
                 last_x, last_y = last_y, last_x
-            # Draw those that are seen
+            # Draw the part inside the target
             major_size, minor_size = (width, height) if along_x else (height, width)
             major_stride, minor_stride = (1, width) if along_x else (width, 1)
             begin = max(begin, -first if sign > 0 else first - major_size + 1)
             end = min(steps, major_size - 1 - first if sign > 0 else first)
             if begin <= end:
-                low, high = steps_within(minor, gain, steps, minor_size)
+                low, high = find_steps_inside(minor, gain, steps, minor_size)
                 begin, end = max(begin, low), min(end, high)
             if begin <= end:
                 index = (first + sign * begin) * major_stride
@@ -609,20 +612,17 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: (int64,
                     # A run of one pixel needs no gain, which a short chord would make too large
                     change = (t1 - t0) / length if begin < end else 0.0
                     color_gain = (
-                        ramp_gain(colors, 0, change),
-                        ramp_gain(colors, 1, change),
-                        ramp_gain(colors, 2, change),
-                        ramp_gain(colors, 3, change),
+                        find_gain(colors, 0, change), find_gain(colors, 1, change),
+                        find_gain(colors, 2, change), find_gain(colors, 3, change),
+                    )  # fmt: skip
+                    draw_gradient_run(
+                        pixels, run, minor, gain, interpolate_color(colors, t), color_gain
                     )
-                    draw_gradient_run(pixels, run, minor, gain, ramp_color(colors, t), color_gain)
         x0, y0, t0 = x1, y1, t1
     # Join the end to the path
     end_point = points.shape[0] - 1
-    x, y = nearest_pixel(points[end_point, 0]), nearest_pixel(points[end_point, 1])
+    x, y = round_to_pixel(points[end_point, 0]), round_to_pixel(points[end_point, 1])
     far = is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
-    if not touches(x, y, last_x, last_y) or (is_turn and far):
-        put_pixel(
-            target, nearest_pixel(turn_x), nearest_pixel(turn_y),
-            pack_fixed_color(ramp_color(colors, turn_t)),
-        )  # fmt: skip
+    if not are_neighbours(x, y, last_x, last_y) or (is_turn and far):
+        put_color(target, round_to_pixel(turn_x), round_to_pixel(turn_y), colors, turn_t)
     put_pixel(target, x, y, colors[1])

@@ -6,7 +6,7 @@ import naive_lines as naive
 import numpy as np
 import pytest
 
-from rasterjit.classics.framebuffer import FEW_PIXELS, Framebuffer
+from rasterjit.classics.framebuffer import MAX_UNBINNED_PIXELS, Framebuffer
 from rasterjit.inspect import oracle
 from rasterjit.runtime.threads import Workers
 
@@ -148,9 +148,9 @@ def test_bands_threads_and_batches_change_no_bit(monkeypatch, threads, rows, per
     ends, colors = crowd(np.random.default_rng(2), 200)
     few = Framebuffer(70, 60)
     few.draw_lines(ends, colors)
-    monkeypatch.setattr("rasterjit.classics.framebuffer.FEW_PIXELS", 0)
-    monkeypatch.setattr("rasterjit.classics.framebuffer.MIN_ROWS", rows)
-    monkeypatch.setattr("rasterjit.classics.framebuffer.BAND_BYTES", 70 * 4 * rows)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.MAX_UNBINNED_PIXELS", 0)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.MIN_BAND_ROWS", rows)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.MAX_BAND_BYTES", 70 * 4 * rows)
     monkeypatch.setattr("rasterjit.classics.framebuffer.LINES_PER_TASK", per_task)
     monkeypatch.setattr("rasterjit.classics.framebuffer.RECORDS_PER_BATCH", 60 * 5)
     many = Framebuffer(70, 60, threads=threads)
@@ -160,7 +160,7 @@ def test_bands_threads_and_batches_change_no_bit(monkeypatch, threads, rows, per
 
 
 def test_many_lines_are_the_lines_one_by_one():
-    count = FEW_PIXELS // 20
+    count = MAX_UNBINNED_PIXELS // 20
     ends, colors = crowd(np.random.default_rng(3), count)
     batch, single = Framebuffer(70, 60, threads=2), Framebuffer(70, 60)
     batch.draw_lines(ends, colors)
@@ -172,7 +172,7 @@ def test_many_lines_are_the_lines_one_by_one():
 def test_few_lines_wake_no_thread(monkeypatch):
     calls = []
     monkeypatch.setattr(Workers, "run", lambda *arguments: calls.append(arguments))
-    ends, colors = crowd(np.random.default_rng(4), FEW_PIXELS // 70)
+    ends, colors = crowd(np.random.default_rng(4), MAX_UNBINNED_PIXELS // 70)
     framebuffer = Framebuffer(70, 60, threads=2)
     framebuffer.draw_lines(ends, colors)
     assert framebuffer.color[..., :3].any()

@@ -6,7 +6,7 @@ import pytest
 from test_lines import HIGH, LOW, draw, random_colors, visible_reference
 
 from rasterjit.classics.framebuffer import _bin_lines, _draw_band
-from rasterjit.classics.line_bands import CHUNK
+from rasterjit.classics.line_bands import CHUNK_PIXELS
 from rasterjit.pipeline.bresenham import MAX_SHARED_STEPS
 from rasterjit.runtime import jit
 
@@ -95,7 +95,9 @@ def test_huge_lines_through_bands_are_exact():
     assert hits > 20
 
 
-@pytest.mark.parametrize("steps", [CHUNK - 2, CHUNK - 1, CHUNK, 3 * CHUNK, MAX_SHARED_STEPS])
+@pytest.mark.parametrize(
+    "steps", [CHUNK_PIXELS - 2, CHUNK_PIXELS - 1, CHUNK_PIXELS, 3 * CHUNK_PIXELS, MAX_SHARED_STEPS]
+)
 @pytest.mark.parametrize("upright", [False, True])
 def test_lines_of_whole_chunks_and_one_more_pixel_are_exact(steps, upright):
     width = min(steps + 1, 16384 if JIT else 512)

@@ -367,7 +367,7 @@ SMALL = [
 
 RAMP = ((0, 255, 9, 255), (255, 3, 250, 0))
 
-SEEN = math.sqrt(0.5) + 2 * primitives.TIE
+SEEN = math.sqrt(0.5) + 2 * primitives.TIE_PX
 """How far a pixel's centre may be from its curve: half a diagonal."""
 
 
@@ -392,7 +392,7 @@ def segments_of(points):
     points = np.array(points, np.float64)
     second = np.hypot(*np.diff(points, 2, axis=0).T).max()
     degree = len(points) - 1
-    return max(1, math.ceil(math.sqrt(degree * (degree - 1) * second / primitives.FLATNESS / 8)))
+    return max(1, math.ceil(math.sqrt(degree * (degree - 1) * second / primitives.FLATNESS_PX / 8)))
 
 
 def powers(points):
@@ -503,7 +503,7 @@ def test_path_has_no_gap_and_comes_back_only_with_the_curve():
         # At each visit the curve is in the pixel or beside it
         t = np.array([float(t) for _, t in visits])
         off = places(points, t) - pixels
-        assert np.hypot(*off.T).max() <= math.sqrt(0.5) + primitives.FLATNESS
+        assert np.hypot(*off.T).max() <= math.sqrt(0.5) + primitives.FLATNESS_PX
         assert (np.diff(t) > 0).all()
         returns += len(pixels) - len(np.unique(pixels, axis=0))
     assert returns > 20
@@ -547,13 +547,13 @@ def test_part_of_a_curve_that_is_seen_is_that_of_the_whole():
 def test_longest_curves_take_few_chords():
     far = float(LIMIT)
     points = np.array([(-far, -far), (far, far), (-far, -far), (far, far)])
-    assert 5000 < primitives.bezier_segments(points) == segments_of(points) < 6000
+    assert 5000 < primitives.count_segments(points) == segments_of(points) < 6000
 
 
 @pytest.mark.parametrize("points", CURVES)
 def test_chords_stay_within_the_bound(points):
     control = np.array(points, np.float64)
-    segments = primitives.bezier_segments(control)
+    segments = primitives.count_segments(control)
     degree = len(points) - 1
 
     def at(t):
@@ -564,7 +564,7 @@ def test_chords_stay_within_the_bound(points):
         a, b = at(k / segments), at((k + 1) / segments)
         for s in np.linspace(0, 1, 9):
             off = at((k + s) / segments) - (a + s * (b - a))
-            assert np.hypot(*off) <= primitives.FLATNESS + 1e-9
+            assert np.hypot(*off) <= primitives.FLATNESS_PX + 1e-9
 
 
 def test_curve_has_exact_end_colors_and_one_piece():

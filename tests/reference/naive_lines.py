@@ -70,7 +70,7 @@ def bezier_vertices(points, segments):
 
 def rounded(value):
     """Round to a whole number; a tie, and what lies barely below one, goes up."""
-    return math.floor(value + Fraction(1, 2) + Fraction(primitives.TIE))
+    return math.floor(value + Fraction(1, 2) + Fraction(primitives.TIE_PX))
 
 
 def are_neighbours(one, other):
@@ -94,7 +94,7 @@ class BezierPath:
         self.add(0, points[0])
         place = points[0]
         for (t, _), (t_end, end) in itertools.pairwise(bezier_vertices(points, segments)):
-            if max(abs(a - b) for a, b in zip(place, end, strict=True)) >= primitives.TIE:
+            if max(abs(a - b) for a, b in zip(place, end, strict=True)) >= primitives.TIE_PX:
                 self.follow((t, place), (t_end, end))
                 place = end
         self.visit(1, points[-1])
@@ -109,7 +109,7 @@ class BezierPath:
     def is_far(self, pixel):
         """Return whether the turn lies far from a pixel's centre."""
         square = sum((a - b) ** 2 for a, b in zip(self.turn[1], pixel, strict=True))
-        return square > Fraction(primitives.FAR) ** 2
+        return square > Fraction(primitives.MAX_TURN_DISTANCE_PX) ** 2
 
     def visit(self, t, place):
         """Go to the pixel nearest to a place; add the turn if it is needed on the way."""
@@ -139,8 +139,8 @@ class BezierPath:
         """Visit where a chord crosses the lines of pixels along which it runs."""
         (t, place), (t_end, place_end) = start, end
         change = tuple(b - a for a, b in zip(place, place_end, strict=True))
-        axis = int(abs(change[0]) < abs(change[1]) * Fraction(primitives.DIAGONAL))
-        heading = axis, change[axis] > 0, change[1 - axis] < -primitives.TIE
+        axis = int(abs(change[0]) < abs(change[1]) * Fraction(primitives.MIN_COLUMN_SHARE))
+        heading = axis, change[axis] > 0, change[1 - axis] < -primitives.TIE_PX
         if self.chord:
             product = sum(a * b for a, b in zip(change, self.chord[1], strict=True))
             self.pass_joint(t, place, self.chord[0] != heading, product < 0)
