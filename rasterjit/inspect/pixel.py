@@ -320,8 +320,8 @@ def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     unculled = coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]]
     unculled = set(unculled)
     arguments = (
-        np.array([tile], np.int32), tile_rasterizer.NO_COUNTER, single_starts, no_depth_bounds, viewport,
-        (depth, face_id), *drawer[:2],
+        np.array([tile], np.int32), tile_rasterizer.NO_COUNTER, single_starts, no_depth_bounds,
+        viewport, (depth, face_id), *drawer[:2],
     )  # fmt: skip
     entries = []
     for triangle in candidates:

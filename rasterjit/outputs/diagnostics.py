@@ -195,7 +195,9 @@ def _count_samples(
 
     def count_in_tiles(tiles: Int32) -> None:
         size = setup.TILE_SIZE
-        drawer = tile_rasterizer.make_tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
+        drawer = tile_rasterizer.make_tile_drawer(
+            binned, faces, coverage.screen, coverage.depth.dtype
+        )
         frame, ties = (coverage.depth, coverage.face_id), np.zeros((size, size), np.uint8)
         diagnostics_stage.count_samples(
             tiles, starts, viewport, frame, drawer.scratch, drawer.drawing, ties, counts

@@ -250,7 +250,9 @@ def draw_frame(
         kept.clear()
         kept = None
 
-    def find(picture: RenderPlan, views: ViewTransforms | None = None, **options: Any) -> RasterizedView:
+    def find(
+        picture: RenderPlan, views: ViewTransforms | None = None, **options: Any
+    ) -> RasterizedView:
         if on_picture is not None:
             on_picture()
         return find_visible(picture, cache, workers, clock, views, **options)

@@ -450,8 +450,8 @@ def darken_background(
     sign = math.copysign(1.0, dot(rows[0], [row[0] for row in inverse]))
     darkened, light = codes.copy(), np.empty((size[0], 4), np.float32)
     has_shadow = ground_light.darken_picture(
-        sign * np.array(inverse), ground.shade, palette, srgb_encoding.make_encoding_table(), darkened,
-        light, np.empty(size[0]), np.empty(size[0], np.float32),
+        sign * np.array(inverse), ground.shade, palette, srgb_encoding.make_encoding_table(),
+        darkened, light, np.empty(size[0]), np.empty(size[0], np.float32),
     )  # fmt: skip
     return darkened if has_shadow else None
 

@@ -175,9 +175,7 @@ class Shapes:
         """Every edge of the triangles once, (N, 2)."""
         faces = self.arrays.faces
         if self.arrays.primitives:
-            runs = find_gaps(
-                [primitive.faces for primitive in self.arrays.primitives], len(faces)
-            )
+            runs = find_gaps([primitive.faces for primitive in self.arrays.primitives], len(faces))
             faces = np.concatenate([faces[:0], *(faces[first:stop] for first, stop in runs)])
         return find_unique_edges(faces)
 

@@ -354,11 +354,9 @@ def _find_sphere_depths(
     gradients = _gradient_lengths(rows)
     depth_radius = float(radius * gradients[DEPTH_ROW])
     if _is_between(
-        _find_bounding_sphere(mesh),
-        rows[DEPTH_ROW],
-        relative_from_model,
+        _find_bounding_sphere(mesh), rows[DEPTH_ROW], relative_from_model,
         (planes[0] + depth_radius, planes[1] - depth_radius),
-    ):
+    ):  # fmt: skip
         return EMPTY_RANGE
     matrix = np.ascontiguousarray(relative_from_model[:3])
     cache, key = _range_cache.setdefault(mesh, {}), (rows.tobytes() + matrix.tobytes(), planes)
@@ -525,7 +523,9 @@ def _find_blocks_outside(
     with np.errstate(all="ignore"):
         centers = dot_planes(rows, boxes.middle) + rows[:, 3:]
         half_ranges = dot_planes(np.abs(rows), boxes.half)
-        half_ranges += RELATIVE_ERROR * (dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
+        half_ranges += RELATIVE_ERROR * (
+            dot_planes(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:])
+        )
         lows, highs = centers - half_ranges, centers + half_ranges
     # NaN counts as unsure.
     is_out = (highs[:DEPTH_ROW] < 0.0).any(axis=0) | (highs[DEPTH_ROW] <= 0.0)

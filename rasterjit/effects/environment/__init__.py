@@ -245,8 +245,9 @@ class EnvironmentBackground(BatchedEffect):
     def prepare_batch(self, plan: RenderPlan, data: Environment, view_arrays: ViewArrays) -> Sky:
         """Return the environment as the background of each view."""
         return Sky(
-            view_arrays(RAYS, (3, 3), np.float64), plan.size, make_background_record(data), get_tone(plan)
-        )
+            view_arrays(RAYS, (3, 3), np.float64), plan.size, make_background_record(data),
+            get_tone(plan),
+        )  # fmt: skip
 
     def compute_view_arrays(self, scene: Scene, group: ViewGroup) -> dict[str, NDArray[np.float64]]:
         """Return the rays of each view."""

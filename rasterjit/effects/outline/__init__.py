@@ -131,7 +131,10 @@ class Outlines(ScreenEffect, BatchedEffect):
         """Return the cameras' unprojection matrices, and an image without marks."""
         if scene.outline is None:
             return {}
-        return {MATRIX: group.lens_matrices([1.0]), MARKS: np.zeros((1, *group.size[::-1]), np.uint8)}
+        return {
+            MATRIX: group.lens_matrices([1.0]),
+            MARKS: np.zeros((1, *group.size[::-1]), np.uint8),
+        }
 
     places: ClassVar = {"overlay": draw_outlines}
 
