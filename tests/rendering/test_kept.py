@@ -87,8 +87,8 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
     # Light on vertices is found anew for each camera.
     material(scene, 2, shading="phong", alpha_mode="opaque")
     shadings = counted(monkeypatch, resolve_layers, "Shading")
-    drawers = counted(monkeypatch, tile_rasterizer, "tile_drawer")
-    screens = counted(monkeypatch, visibility_pass, "screen_arrays")
+    drawers = counted(monkeypatch, tile_rasterizer, "make_tile_drawer")
+    screens = counted(monkeypatch, visibility_pass, "allocate_screen")
     with rj.Renderer.timed(SIZE, rj.Quality(), 1) as renderer:
         for number in range(5):
             # All is in view, and no face is cut.
@@ -106,7 +106,7 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
 
 def test_large_scenes_leave_nothing(scene, monkeypatch):
     monkeypatch.setattr("rasterjit.rendering.renderer.MAX_KEPT", 10)
-    screens = counted(monkeypatch, visibility_pass, "screen_arrays")
+    screens = counted(monkeypatch, visibility_pass, "allocate_screen")
     with rj.Renderer(SIZE, threads=1) as renderer:
         for number in range(3):
             frame = renderer.render(scene, walk(number))

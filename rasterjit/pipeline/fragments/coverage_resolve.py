@@ -315,7 +315,7 @@ def finish_light(
     sums : (R, 4, W) float32
         From `accumulate_layers`; overwritten.
     table : (65536,) int32
-        `encoding_table`.
+        `make_encoding_table`.
     linear : (R, W, 4) float32
         Written: linear RGBA with straight alpha; not if W is 0.
     color : (R, W) uint32
