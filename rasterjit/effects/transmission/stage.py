@@ -129,6 +129,8 @@ def find_lookup(block, i, factors, owner, scale, clip, size, viewer, width_level
         np.float64(s[rows.NORMAL_X, i]), np.float64(s[rows.NORMAL_Y, i]),
         np.float64(s[rows.NORMAL_Z, i]),
     )  # fmt: skip
+
+    # Trace the refracted ray through the volume to the screen.
     ior = np.float64(factors[owner, IOR])
     length = np.float64(s[rows.THICKNESS, i]) * scale
     right, down = 0.0, 0.0
@@ -142,6 +144,8 @@ def find_lookup(block, i, factors, owner, scale, clip, size, viewer, width_level
         right = clamped(x1 - x0, -MAX_OFFSET, MAX_OFFSET) if is_seen else 0.0
         down = clamped(y1 - y0, -MAX_OFFSET, MAX_OFFSET) if is_seen else 0.0
     block.doubles[RIGHT, i], block.doubles[DOWN, i] = right, down
+
+    # Choose the level, and tint by transmittance.
     rough = clamped(s[rows.ROUGHNESS, i], zero, one)
     bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)
     block.floats[LEVEL, i] = width_levels * rough * bending
