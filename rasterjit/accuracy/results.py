@@ -1,4 +1,4 @@
-"""Results of a study: trials, their errors, and the Pareto front."""
+"""Hold the results of a study: trials, their errors, and the Pareto front."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ class Trial:
     @property
     def label(self) -> str:
         """Name of the trial."""
-        is_one = self.setting not in (COMBINATIONS, STANDARD)
-        return f"{self.setting}={self.level}" if is_one else self.level
+        is_single = self.setting not in (COMBINATIONS, STANDARD)
+        return f"{self.setting}={self.level}" if is_single else self.level
 
     @property
     def median(self) -> float:
@@ -224,7 +224,7 @@ class Study:
 
 
 def list_settings(study: Study) -> list[str]:
-    """Return the settings that were tried by themselves, in the order of their first trials."""
+    """Return the settings that were changed alone, in the order of their first trials."""
     names = dict.fromkeys(trial.setting for trial in study.trials)
     return [setting for setting in names if setting not in (STANDARD, COMBINATIONS)]
 
@@ -236,23 +236,22 @@ def find_standard_level(study: Study, setting: str) -> str:
 
 
 def insert_standard(study: Study, setting: str) -> list[Trial]:
-    """Return the trials of a setting and, at its place among their levels, the standard."""
+    """Return the trials of a setting with the standard among them, in the order of levels."""
     trials = study.of(setting)
     levels = [str(level).lower() for level in LEVELS.get(setting, ())]
     standard = find_standard_level(study, setting).lower()
     if standard not in levels:
         return [study.standard, *trials]
-    is_below = levels[: levels.index(standard)]
-    before = [trial for trial in trials if trial.level.lower() in is_below]
-    after = [trial for trial in trials if trial.level.lower() not in is_below]
+    lower_levels = levels[: levels.index(standard)]
+    before = [trial for trial in trials if trial.level.lower() in lower_levels]
+    after = [trial for trial in trials if trial.level.lower() not in lower_levels]
     return [*before, study.standard, *after]
 
 
 def list_front_trials(study: Study) -> list[Trial]:
     """Return the trials on the Pareto front, from the fastest on."""
-    labels = set(study.front)
-    trial_by_label = [trial for trial in (study.standard, *study.trials) if trial.label in labels]
-    return sorted(trial_by_label, key=lambda trial: (trial.ratio, trial.label))
+    front = [trial for trial in (study.standard, *study.trials) if trial.label in study.front]
+    return sorted(front, key=lambda trial: (trial.ratio, trial.label))
 
 
 PICTURE_OUTPUTS = ("color", "linear")
@@ -267,7 +266,7 @@ class ReferenceFrame(NamedTuple):
     buffers: Frame
     """Its depth and faces, and texture coordinates where the scene has some."""
     texels: NDArray[np.float64]
-    """Texels of each object, from `texels_of`."""
+    """Texels of each object, from `count_texels`."""
     face_starts: NDArray[np.int64]
     """First face of each object, (O+1,)."""
     samples: int = REFERENCE_SAMPLES
@@ -278,42 +277,42 @@ class ReferenceFrame(NamedTuple):
 
 
 def make_reference(scene: Scene, picture: Frame, buffers: Frame) -> ReferenceFrame:
-    """Return the reference of a scene, given the picture and the frame that holds its buffers."""
-    counts = [0] + [len(node.mesh.faces) for node in scene.nodes]
-    return ReferenceFrame(picture, buffers, count_texels(scene), np.cumsum(counts))
+    """Return the reference of a scene, given the frames of its picture and of its buffers."""
+    face_counts = [len(node.mesh.faces) for node in scene.nodes]
+    return ReferenceFrame(picture, buffers, count_texels(scene), np.cumsum([0, *face_counts]))
 
 
 def count_texels(scene: Scene) -> NDArray[np.float64]:
-    """Return the texels that a unit of u and of v spans on each object, (O, 2); NaN on none."""
-    rows = np.full((len(scene.nodes), 2), np.nan)
-    for row, node in zip(rows, scene.nodes, strict=True):
+    """Return the texels per unit of u and of v on each object, (O, 2); NaN without a texture."""
+    texels = np.full((len(scene.nodes), 2), np.nan)
+    for row, node in zip(texels, scene.nodes, strict=True):
         texture = node.mesh.material.base_color_texture
-        # Output uv is the first set of coordinates.
+        # The output uv is the first set of coordinates.
         if texture is not None and texture.uv_set == 0 and node.mesh.uv is not None:
             row[:] = np.abs(texture.scale) * texture.size
-    return rows
+    return texels
 
 
 def list_compared_buffers(scene: Scene) -> tuple[str, ...]:
     """Return the outputs besides colour that frames of a scene are compared by."""
-    is_laid = any(node.mesh.uv is not None for node in scene.nodes)
-    return ("depth", "face_id", "uv") if is_laid else ("depth", "face_id")
+    has_uv = any(node.mesh.uv is not None for node in scene.nodes)
+    return ("depth", "face_id", "uv") if has_uv else ("depth", "face_id")
 
 
-def compare(frame: Frame, reference: ReferenceFrame) -> tuple[Errors, NDArray[np.float32]]:
+def measure_errors(frame: Frame, reference: ReferenceFrame) -> tuple[Errors, NDArray[np.float32]]:
     """
     Return the errors of a frame.
 
     Parameters
     ----------
     frame : Frame
-        With the outputs ``PICTURE_OUTPUTS`` and those of `compared_buffers`.
+        With the outputs ``PICTURE_OUTPUTS`` and those of `list_compared_buffers`.
     reference : ReferenceFrame
 
     Returns
     -------
     Errors
-        Without FLIP, which takes longer than all else: `with_flip` adds it.
+        Without FLIP, which takes longer than all others: `add_flip` adds it.
     (H, W) float32
         Largest difference of the linear channels at each pixel.
     """
@@ -354,17 +353,16 @@ def _depth_errors(
 
 
 def _uv_error(frame: Frame, reference: ReferenceFrame, is_same: NDArray[np.bool_]) -> float | None:
-    """Return the largest difference of texture coordinates, texels; None where nothing has any."""
+    """Return the largest difference of texture coordinates, texels; None without textures."""
     if "uv" not in frame.plan.outputs:
         return None
     owners = np.searchsorted(reference.face_starts, frame.face_id[is_same], side="right") - 1
     # Caps of sections, which have no texture coordinates, come behind all faces.
     owners = np.minimum(owners, len(reference.texels) - 1)
-    difference = np.abs(
-        frame.uv[is_same].astype(np.float64) - reference.buffers.uv[is_same]
-    ) * np.take(reference.texels, owners, axis=0)
-    is_valid = difference[np.isfinite(difference)]
-    return float(is_valid.max()) if len(is_valid) else None
+    uv = frame.uv[is_same].astype(np.float64)
+    texels = np.abs(uv - reference.buffers.uv[is_same]) * reference.texels[owners]
+    finite = texels[np.isfinite(texels)]
+    return float(finite.max()) if len(finite) else None
 
 
 def has_flip() -> bool:
@@ -389,7 +387,7 @@ def measure_flip(true: NDArray[np.uint8], color: NDArray[np.uint8]) -> float | N
         np.ascontiguousarray(picture[:, :, :3], np.float32) / np.float32(CODES)
         for picture in (true, color)
     ]
-    # Its own mean is summed by several threads, in any order.
+    # FLIP's own mean is summed by several threads, in any order.
     errors, _, _ = flip_evaluator.evaluate(
         *pictures, "LDR", applyMagma=False, computeMeanError=False, parameters={}
     )

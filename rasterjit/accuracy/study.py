@@ -528,7 +528,7 @@ class Studio:
     def prepare(self, attempt: Attempt, reference: results.ReferenceFrame) -> timing.Contestant:
         """Compile what a quality needs, measure its errors, and time a first frame."""
         frame = self.draw(attempt.quality, self._outputs)
-        errors, error_map = results.compare(frame, reference)
+        errors, error_map = results.measure_errors(frame, reference)
         color = frame.color[:, :, :3].copy()
         return self.contestant(attempt, errors, color, error_map)
 

@@ -1,7 +1,7 @@
 """
 Render many frames of one scene: on this machine, or on the machines of a cluster.
 
-`render_many` chooses between the two. For a cluster, `Farm` is the client's side: it sends the
+`render_many` chooses between the two. For a cluster, `FrameFarm` is the client's side: it sends the
 scene to the workers, submits frames and collects them. `draw_frames` is the worker's side.
 """
 

@@ -119,7 +119,7 @@ def _to_points(
 
 
 def _to_int(name: str, value: int, minimum: int | None = None) -> int:
-    """Return an int that is not below ``least``, or raise ``ValueError``."""
+    """Return an int that is not below ``minimum``, or raise ``ValueError``."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -130,7 +130,7 @@ def _to_int(name: str, value: int, minimum: int | None = None) -> int:
 
 
 def _to_int_pair(name: str, pair: Sequence[int], minimum: int | None = None) -> tuple[int, int]:
-    """Return two ints that are not below ``least``, or raise ``ValueError``."""
+    """Return two ints that are not below ``minimum``, or raise ``ValueError``."""
     first, second = _to_rows(name, pair, 2)
     return _to_int(f"{name}[0]", first, minimum), _to_int(f"{name}[1]", second, minimum)
 

@@ -7,9 +7,9 @@ import rasterjit as rj
 from rasterjit.accuracy import results as errors_module
 from rasterjit.accuracy.results import (
     PICTURE_OUTPUTS,
-    compare,
     list_compared_buffers,
     make_reference,
+    measure_errors,
 )
 from rasterjit.rendering import quality_selection as measures
 
@@ -55,7 +55,7 @@ def reference(frame, made=None):
 
 
 def test_the_errors_of_a_picture_against_itself_are_zero(frame):
-    errors, error_map = compare(frame, reference(frame))
+    errors, error_map = measure_errors(frame, reference(frame))
     assert errors[:2] == (0.0, 0.0)
     assert errors.psnr == math.inf
     assert errors.flip in (None, 0.0)
@@ -67,7 +67,7 @@ def test_the_errors_of_a_picture_against_itself_are_zero(frame):
 def test_colour_errors_are_those_of_a_plain_loop(frame):
     rng = np.random.default_rng(5)
     light = rng.random((*SIZE[::-1], 4), np.float32) * np.float32(3.0)
-    errors, error_map = compare(changed(frame, linear=light), reference(frame))
+    errors, error_map = measure_errors(changed(frame, linear=light), reference(frame))
     total, largest = 0.0, 0.0
     for y in range(SIZE[1]):
         for x in range(SIZE[0]):
@@ -86,13 +86,13 @@ def test_colour_errors_are_those_of_a_plain_loop(frame):
 def test_alpha_is_no_light(frame):
     light = frame.linear.copy()
     light[:, :, 3] = 0.0
-    assert compare(changed(frame, linear=light), reference(frame))[0].rmse == 0.0
+    assert measure_errors(changed(frame, linear=light), reference(frame))[0].rmse == 0.0
 
 
 def test_every_pixel_that_shows_another_face_is_counted(frame):
     faces = frame.face_id.copy()
     faces[15, 20], faces[10, 15:18] = -1, 17
-    errors, _ = compare(changed(frame, face_id=faces), reference(frame))
+    errors, _ = measure_errors(changed(frame, face_id=faces), reference(frame))
     assert errors.wrong_faces == 4
 
 
@@ -101,7 +101,7 @@ def test_depth_counts_in_units_in_the_last_place_where_the_face_is_the_same(fram
     for _ in range(5):
         depth[15, 20] = np.nextafter(depth[15, 20], np.float32(np.inf))
     depth[0, 0], faces[0, 0] = 99.0, 17
-    errors, _ = compare(changed(frame, depth=depth, face_id=faces), reference(frame))
+    errors, _ = measure_errors(changed(frame, depth=depth, face_id=faces), reference(frame))
     assert errors.depth_ulp == 5.0
     assert errors.depth_units == float(depth[15, 20]) - float(frame.depth[15, 20])
 
@@ -112,7 +112,7 @@ def test_texture_coordinates_count_in_texels_of_the_texture(scale):
     frame = draw(made)
     uv = frame.uv.copy()
     uv[15, 20] += (0.01, -0.03)
-    errors, _ = compare(changed(frame, uv=uv), reference(frame, made))
+    errors, _ = measure_errors(changed(frame, uv=uv), reference(frame, made))
     expected = max(0.01 * TEXELS[0] * scale[0], 0.03 * TEXELS[1] * abs(scale[1]))
     assert errors.uv_texels == pytest.approx(expected, rel=1e-5)
 
@@ -123,7 +123,7 @@ def test_what_nothing_shows_has_no_error(frame):
         "depth": np.full_like(frame.depth, np.inf),
         "uv": np.full_like(frame.uv, np.nan),
     }
-    errors, _ = compare(changed(frame, **empty), reference(frame))
+    errors, _ = measure_errors(changed(frame, **empty), reference(frame))
     assert errors[5:] == (None, None, None)
     assert errors.wrong_faces == np.count_nonzero(frame.face_id >= 0)
 
@@ -133,13 +133,13 @@ def test_a_scene_without_texture_coordinates_has_no_error_of_them():
     del made.nodes[1]
     frame = draw(made)
     assert list_compared_buffers(made) == ("depth", "face_id")
-    assert compare(frame, reference(frame, made))[0].uv_texels is None
+    assert measure_errors(frame, reference(frame, made))[0].uv_texels is None
 
 
 def test_lines_over_the_colour_are_light_that_is_seen():
     made = scene(wireframe=True)
     frame, bare = draw(made), draw(scene())
-    errors, _ = compare(frame, reference(bare, made))
+    errors, _ = measure_errors(frame, reference(bare, made))
     light = measures.light_of(frame)
     assert (light[(frame.color[:, :, :3] == 0).all(axis=2)] == 0.0).all()
     assert errors.rmse > 0.1
@@ -153,7 +153,7 @@ def test_outlines_over_the_colour_are_light_that_is_seen():
     is_line = (frame.color[:, :, :3] == 0).all(axis=2)
     assert is_line.any()
     assert (measures.light_of(frame)[is_line] == 0.0).all()
-    assert compare(frame, reference(bare, made))[0].rmse > 0.1
+    assert measure_errors(frame, reference(bare, made))[0].rmse > 0.1
     assert np.array_equal(frame.linear, bare.linear)
 
 
@@ -169,7 +169,9 @@ def test_more_samples_are_nearer_to_more_samples():
     made = scene()
     turned = rj.PerspectiveCamera((0.1, 0.2, 3), (0, 0, 0), (0.3, 1.0, 0.0))
     best = reference(draw(made, turned, samples=16), made)
-    found = [compare(draw(made, turned, samples=count), best)[0] for count in (1, 2, 4, 8, 16)]
+    found = [
+        measure_errors(draw(made, turned, samples=count), best)[0] for count in (1, 2, 4, 8, 16)
+    ]
     rmse = [errors.rmse for errors in found]
     assert rmse == sorted(rmse, reverse=True)
     assert rmse[-1] == 0.0 < rmse[-2]
