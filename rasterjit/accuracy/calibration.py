@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from pathlib import Path
 
+from rasterjit.accuracy.results import PICTURE_OUTPUTS
 from rasterjit.accuracy.settings_to_try import Attempt
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.test_scenes import make
@@ -27,9 +28,6 @@ SCENES_USED = ("highlights", "shadows", "glass", "floor")
 
 ROUNDS = 7
 """Number of frames of each quality whose median time is taken; one of supersampled qualities."""
-
-OUTPUTS = ("color", "linear")
-"""Outputs that errors are measured on."""
 
 
 def calibrate(
@@ -80,9 +78,9 @@ def calibrate(
 
 def _measure_errors(studio: Studio) -> dict[Quality, float]:
     """Return the error of each quality over that of the standard; compiles the kernels."""
-    reference = light_of(studio.draw(Quality.reference(), OUTPUTS))
+    reference = light_of(studio.draw(Quality.reference(), PICTURE_OUTPUTS))
     errors = {
-        quality: root_mean_square(light_of(studio.draw(quality, OUTPUTS)) - reference)
+        quality: root_mean_square(light_of(studio.draw(quality, PICTURE_OUTPUTS)) - reference)
         for quality in LADDER[:-1]
     }
     errors[LADDER[-1]] = 0.0
@@ -97,9 +95,7 @@ def _measure_times(studio: Studio) -> dict[Quality, float]:
         order = [quality for quality in LADDER if number == 0 or not _is_supersampled(quality)]
         # Each round begins with another quality.
         first = number % len(order)
-        seconds = {
-            quality: _time_frame(studio, quality) for quality in order[first:] + order[:first]
-        }
+        seconds = {q: _time_frame(studio, q) for q in order[first:] + order[:first]}
         standard_seconds = seconds[Quality.standard()]
         for quality, time in seconds.items():
             ratios[quality].append(time / standard_seconds)

@@ -33,7 +33,7 @@ MIN_NOISE = 0.01
 MAX_UNCERTAINTY = 0.25
 """Largest relative uncertainty of a time that is reported as a factor."""
 
-SAME_ERROR_RATIO = 1.005
+SAME_ERROR = 1.005
 """Largest ratio of two errors that count as equal: they are printed alike."""
 
 INVISIBLE_ERROR = 1e-3
@@ -118,7 +118,7 @@ def pareto_front(trials: Sequence[Trial]) -> tuple[str, ...]:
     remaining = [trial for trial in trials if is_measured(trial) or trial.setting == STANDARD]
     front: list[Trial] = []
     while remaining:
-        max_error = SAME_ERROR_RATIO * min(trial.errors.rmse for trial in remaining)
+        max_error = SAME_ERROR * min(trial.errors.rmse for trial in remaining)
         peers = [
             trial
             for trial in remaining
@@ -154,7 +154,7 @@ def _corner_area(before: Trial, middle: Trial, after: Trial) -> float:
     return abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
 
 
-SAME_PRICE_RATIO = 1.05
+SAME_PRICE = 1.05
 """Largest ratio of two prices that count as equal: the simplest quality is taken."""
 
 MAX_SURE_GAIN, MAX_FAIR_GAIN = 0.05, 0.25
@@ -217,7 +217,7 @@ def choose_among(
 
     # The error of light, the first, is compared with the requested one.
     max_rmse, *max_errors = list_compared_errors(standard)
-    max_rmse = max_rmse * SAME_ERROR_RATIO if max_error is None else max_error
+    max_rmse = max_rmse * SAME_ERROR if max_error is None else max_error
     usable = [
         trial
         for trial in (standard, *trials)
@@ -227,7 +227,7 @@ def choose_among(
     if not accurate:
         best = min(usable, key=lambda trial: (trial.errors.rmse, trial.ratio))
         return Choice(best, False, 0.0)
-    max_price = SAME_PRICE_RATIO * min(map(price, accurate))
+    max_price = SAME_PRICE * min(map(price, accurate))
     near_best = [trial for trial in accurate if price(trial) <= max_price]
     simplest = min(near_best, key=lambda trial: (_change_count(trial), price(trial)))
     # How much better may each of the others be, given the uncertainty of times?
@@ -247,7 +247,7 @@ def _is_promising(label: str) -> bool:
 
 def _is_worthwhile(trial: Trial, standard: Trial) -> bool:
     """Tell whether a quality has less error than the standard, or is known to be faster."""
-    if trial is standard or trial.errors.rmse * SAME_ERROR_RATIO < standard.errors.rmse:
+    if trial is standard or trial.errors.rmse * SAME_ERROR < standard.errors.rmse:
         return True
     return is_slower(standard, trial)
 

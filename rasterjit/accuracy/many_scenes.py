@@ -15,7 +15,7 @@ import numpy as np
 
 from rasterjit.accuracy.choice import (
     INVISIBLE_ERROR,
-    SAME_ERROR_RATIO,
+    SAME_ERROR,
     Choice,
     choose,
     choose_among,
@@ -160,11 +160,8 @@ def study_folder(
         tried = _try_candidates(scene_run, studies[scene_name], qualities, seconds)
         for label, trial in tried.items():
             trials_by_label[label].append(trial)
-    candidates = {
-        label: tuple(trials)
-        for label, trials in trials_by_label.items()
-        if len(trials) == len(studies)
-    }
+    count = len(studies)
+    candidates = {label: tuple(t) for label, t in trials_by_label.items() if len(t) == count}
     # Choose the quality that suits all.
     max_error = options.max_error
     error_floor = max(INVISIBLE_ERROR, *(study.reference_error for study in studies.values()))
@@ -229,13 +226,10 @@ def _prefix_progress(progress: Progress | None, prefix: str) -> Progress | None:
 def _drop_pictures(study: Study) -> Study:
     """Return a study without its pictures, which would take much memory for many scenes."""
     color, error_map = np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), np.float32)
-    standard, *trials = (
-        replace(trial, color=color, error_map=error_map)
-        for trial in (study.standard, *study.trials)
-    )
-    return replace(
-        study, standard=standard, trials=tuple(trials), effects=(), reference_color=color
-    )
+    trials = (study.standard, *study.trials)
+    standard, *trials = (replace(t, color=color, error_map=error_map) for t in trials)
+    bare = replace(study, standard=standard, trials=tuple(trials), reference_color=color)
+    return replace(bare, effects=())
 
 
 def _list_candidates(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Quality]:
@@ -273,9 +267,7 @@ def _try_candidates(
 def _is_never_worse(total: Trial, candidates: Mapping[str, Sequence[Trial]]) -> bool:
     """Tell whether a quality is at least as accurate as the standard on every scene."""
     pairs = zip(candidates[total.label], candidates[STANDARD], strict=True)
-    return all(
-        trial.errors.rmse <= SAME_ERROR_RATIO * standard.errors.rmse for trial, standard in pairs
-    )
+    return all(trial.errors.rmse <= SAME_ERROR * standard.errors.rmse for trial, standard in pairs)
 
 
 def _merge_trials(

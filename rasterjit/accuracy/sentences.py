@@ -5,18 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rasterjit.accuracy.choice import (
-    SAME_ERROR_RATIO,
-    Choice,
-    choose,
-    is_measured,
-    is_slower,
-    ratio_uncertainty,
-)
+from rasterjit.accuracy.choice import SAME_ERROR, choose, is_measured, is_slower, ratio_uncertainty
 from rasterjit.accuracy.results import CPU, STANDARD, Study, Trial, list_front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
 if TYPE_CHECKING:
+    from rasterjit.accuracy.choice import Choice
     from rasterjit.accuracy.many_scenes import FolderStudy
 
 LEVEL_NAMES = {
@@ -209,7 +203,7 @@ def _rough_front(study: Study) -> list[Trial]:
         trial
         for trial in study.trials
         if not any(
-            other.ratio <= trial.ratio and other.errors.rmse <= trial.errors.rmse * SAME_ERROR_RATIO
+            other.ratio <= trial.ratio and other.errors.rmse <= trial.errors.rmse * SAME_ERROR
             for other in (study.standard, *study.trials)
             if other is not trial
         )
@@ -295,9 +289,7 @@ def find_key_level(trials: list[Trial], standard: Trial) -> Trial:
     standard_error = standard.errors.rmse
     single = [trial for trial in trials if trial.quality.samples not in SUPERSAMPLED] or trials
     undominated = [trial for trial in single if trial.dominated_by is None]
-    better = [
-        trial for trial in undominated if trial.errors.rmse * SAME_ERROR_RATIO < standard_error
-    ]
+    better = [trial for trial in undominated if trial.errors.rmse * SAME_ERROR < standard_error]
     candidates = better or undominated or single
     return max(candidates, key=lambda trial: _error_gain(trial, standard_error))
 
@@ -366,7 +358,7 @@ def _describe_error_change(trial: Trial, standard: Trial) -> str:
 def _is_same_error(error: float, other: float) -> bool:
     """Tell whether two errors differ by too little to be reported."""
     low, high = sorted((error, other))
-    return high <= low * SAME_ERROR_RATIO
+    return high <= low * SAME_ERROR
 
 
 def format_number(value: float) -> str:

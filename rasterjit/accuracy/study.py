@@ -252,7 +252,7 @@ class StudyRun:
         self.reference: results.ReferenceFrame
         self.standard: timing.Contestant
 
-    def _report_progress(self, text: str) -> None:
+    def _notify(self, text: str) -> None:
         """Report progress."""
         self._progress(text, self.budget.spent(), self.budget.total)
 
@@ -260,9 +260,9 @@ class StudyRun:
         """Draw the reference and the standard; then other qualities, in the time there is."""
         standard = Attempt(STANDARD, STANDARD, Quality.standard())
         cpu_start = time.process_time()
-        self._report_progress("drawing standard")
+        self._notify("drawing standard")
         self.studio.shrink(standard, MAX_REFERENCE_SHARE * self.seconds)
-        self._report_progress("drawing the reference")
+        self._notify("drawing the reference")
         self.reference = self.studio.reference(MAX_REFERENCE_SHARE * self.seconds)
         self.standard = self.studio.prepare(standard, self.reference)
         # Reference and standard may have taken long to compile.
@@ -285,17 +285,15 @@ class StudyRun:
             self._measure_effects()
             self._prepare(_interleave_settings(uncombined))
             self._prepare(multi_pass)
-            timing.run_rounds(
-                self.studio, self.standard, self._list_prepared(), self.budget,
-                self._report_progress,
-            )  # fmt: skip
+            present = self._list_prepared()
+            timing.run_rounds(self.studio, self.standard, present, self.budget, self._notify)
         except KeyboardInterrupt:
             self.interrupted = True
 
     def _prepare(self, attempts: Sequence[Attempt]) -> None:
         """Add a contestant for each of the attempts that there is time for."""
         for attempt in attempts:
-            self._report_progress(self._append_best(f"drawing {attempt.label}"))
+            self._notify(self._append_best(f"drawing {attempt.label}"))
             reason = self.studio.refusal_reason(attempt)
             if reason is None and not self._has_time(attempt):
                 continue
@@ -320,7 +318,7 @@ class StudyRun:
         """Draw the scene without each effect, and the reference of each, if there is time."""
         trials = effects.list_effect_trials(self.studio.scene, self.plan, self.studio.lens)
         for number, trial in enumerate(trials):
-            self._report_progress(self._append_best(f"drawing {trial.effect}"))
+            self._notify(self._append_best(f"drawing {trial.effect}"))
             seconds = MAX_EFFECTS_SHARE * self.seconds / (len(trials) - number)
             if all(self._has_time(attempt) for attempt in trial.attempts):
                 measured = effects.measure_effect(self.studio, trial, self.standard, seconds)

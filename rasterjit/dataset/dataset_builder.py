@@ -457,9 +457,7 @@ def _check_output(output: Any, source: Path) -> Path:
         raise ValueError(f"output must not hold the meshes, got {str(output)!r}")
     if target.exists() and not target.is_dir():
         raise ValueError(f"output must be a folder, but {str(output)!r} is a file")
-    has_files = target.is_dir() and any(
-        not entry.name.startswith(LOCK_NAME) for entry in target.iterdir()
-    )
+    has_files = target.is_dir() and any(not f.name.startswith(LOCK_NAME) for f in target.iterdir())
     if has_files and not (target / SETTINGS_NAME).is_file():
         raise ValueError(f"output must be empty or a data set, but {str(output)!r} holds files")
     return target

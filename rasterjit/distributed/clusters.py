@@ -15,7 +15,7 @@ from rasterjit.runtime.threads import available_processors
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 LOGGER = logging.getLogger("rasterjit.distributed")
 
@@ -260,9 +260,7 @@ def scatter(data: list[Any], client: Client, *, broadcast: bool = False) -> list
         ) from None
 
 
-def retry(
-    fetch: Callable[[], Result], data_name: str, resend: Callable[[], bool] | None = None
-) -> Result:
+def retry(fetch: Callable[[], T], data_name: str, resend: Callable[[], bool] | None = None) -> T:
     """
     Return the result of ``fetch``, called again if data is lost with its workers.
 

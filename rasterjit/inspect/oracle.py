@@ -352,10 +352,8 @@ def _list_covered(corners, window, subpixel_bits, sample=CENTRE):
     # Count on a grid so fine that the samples are whole numbers too.
     subdivision = math.lcm(*(Fraction(coordinate).denominator for coordinate in sample))
     corners = [(x * subdivision, y * subdivision) for x, y in corners]
-    step, (first_x, first_y) = (
-        scale * subdivision,
-        (int(coordinate * subdivision) * scale for coordinate in sample),
-    )
+    step = scale * subdivision
+    first_x, first_y = (int(coordinate * subdivision) * scale for coordinate in sample)
     for row in rows:
         for column in columns:
             if _covers_point(corners, (column * step + first_x, row * step + first_y)):
@@ -392,7 +390,7 @@ def affine_weights(triangle: Points, point: Numbers) -> Weights:
     area = Fraction(_edge_value(a, b, c))
     if area == 0:
         raise ValueError(f"triangle must have an area, got {triangle!r}")
-    return (_edge_value(b, c, p) / area, _edge_value(c, a, p) / area, _edge_value(a, b, p) / area)
+    return _edge_value(b, c, p) / area, _edge_value(c, a, p) / area, _edge_value(a, b, p) / area
 
 
 def perspective_weights(triangle: Points, ws: Numbers, point: Numbers) -> Weights:
@@ -800,7 +798,7 @@ def _clip_polygon(polygon, planes):
         clipped = []
         for n, start in enumerate(polygon):
             end = polygon[(n + 1) % len(polygon)]
-            start_distance, end_distance = (_plane_value(plane, start), _plane_value(plane, end))
+            start_distance, end_distance = _plane_value(plane, start), _plane_value(plane, end)
             if start_distance >= 0:
                 clipped.append(start)
             if start_distance * end_distance < 0:
@@ -1061,11 +1059,9 @@ def composite(
     result = tuple(map(Fraction, _to_vector("background", background, None)))
     for n, layer in reversed(list(enumerate(_to_rows("layers", layers)))):
         color, alpha = _to_rows(f"layers[{n}]", layer, 2)
-        layer_color = _to_vector(f"layers[{n}] color", color, len(result))
+        source = _to_vector(f"layers[{n}] color", color, len(result))
         opacity = _to_exact(f"layers[{n}] alpha", alpha)
         if not 0 <= opacity <= 1:
             raise ValueError(f"layers[{n}] alpha must be from 0 to 1, got {alpha!r}")
-        result = tuple(
-            opacity * c + (1 - opacity) * b for c, b in zip(layer_color, result, strict=True)
-        )
+        result = tuple(opacity * c + (1 - opacity) * b for c, b in zip(source, result, strict=True))
     return result

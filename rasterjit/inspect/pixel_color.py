@@ -426,10 +426,8 @@ def _find_visible_layers(
         yield [], float(rest[y - first, x])
         return
     samples = int(plan.layers.samples)
-    max_layers = plan.layers.most
-    for band in fragment_bands.find_layers(
-        rows, lists, samples, finder, workers.memory, max_layers
-    ):
+    memory, max_layers = workers.memory, plan.layers.most
+    for band in fragment_bands.find_layers(rows, lists, samples, finder, memory, max_layers):
         row = y - band.first_row
         if not 0 <= row < band.opaque.shape[1]:
             continue

@@ -36,7 +36,7 @@ buffer."""
 
 
 @helper
-def transform_row(matrices, owner, row, x, y, z):
+def apply_row(matrices, owner, row, x, y, z):
     """Return one row of an object's matrix times a point."""
     m = matrices
     return m[owner, row, 0] * x + m[owner, row, 1] * y + m[owner, row, 2] * z + m[owner, row, 3]
@@ -57,10 +57,10 @@ def interpolate_point(weights, a, b, c, positions):
 def project_to_pixels(point, owner, matrices):
     """Return column and row of a point in pixels, and its w; undefined unless w > 0."""
     x, y, z = point
-    w = transform_row(matrices, owner, CLIP_W, x, y, z)
+    w = apply_row(matrices, owner, CLIP_W, x, y, z)
     return (
-        transform_row(matrices, owner, COLUMN, x, y, z) / w,
-        transform_row(matrices, owner, ROW, x, y, z) / w,
+        apply_row(matrices, owner, COLUMN, x, y, z) / w,
+        apply_row(matrices, owner, ROW, x, y, z) / w,
         w,
     )
 
@@ -70,12 +70,12 @@ def offset_from_pixel(vertex, owner, positions, matrices, x, y):
     """Return a vertex's w times its offset from (x, y) in pixels, its w, and w times its depth."""
     p = positions
     px, py, pz = p[vertex, 0], p[vertex, 1], p[vertex, 2]
-    w = transform_row(matrices, owner, CLIP_W, px, py, pz)
+    w = apply_row(matrices, owner, CLIP_W, px, py, pz)
     return (
-        transform_row(matrices, owner, COLUMN, px, py, pz) - x * w,
-        transform_row(matrices, owner, ROW, px, py, pz) - y * w,
+        apply_row(matrices, owner, COLUMN, px, py, pz) - x * w,
+        apply_row(matrices, owner, ROW, px, py, pz) - y * w,
         w,
-        transform_row(matrices, owner, STORED_DEPTH, px, py, pz),
+        apply_row(matrices, owner, STORED_DEPTH, px, py, pz),
     )
 
 
@@ -144,15 +144,15 @@ def was_visible(face, owner, point, corners, x, y, before, face_starts):
     column, row = np.int64(x), np.int64(y)
     if face_id[row, column] == face:
         return True
-    z = transform_row(matrices, owner, CLIP_Z, point[0], point[1], point[2])
-    w = transform_row(matrices, owner, CLIP_W, point[0], point[1], point[2])
+    z = apply_row(matrices, owner, CLIP_Z, point[0], point[1], point[2])
+    w = apply_row(matrices, owner, CLIP_W, point[0], point[1], point[2])
     if not abs(z) <= w:
         return False
     center_x, center_y = np.float64(column) + 0.5, np.float64(row) + 0.5
     own_depth, winding, _ = evaluate_face(corners, owner, positions, matrices, center_x, center_y)
     if winding * np.float64(culled_windings[owner]) > 0.0:
         return False
-    depth = transform_row(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
+    depth = apply_row(matrices, owner, STORED_DEPTH, point[0], point[1], point[2]) / w
     # Is it hidden by a face seen nearby that covers it?
     last = np.int64(face)
     for i in range(max(row - 1, 0), min(row + 2, face_id.shape[0])):

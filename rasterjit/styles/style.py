@@ -477,10 +477,8 @@ class Style:
         palette, codes = background
         if not is_above(ground, camera, codes.shape[::-1]):
             return None
-        if casts_shadow:
-            ground = self._cast_shadow(ground, options.get("threads"))
-        else:
-            ground = darken_everywhere(ground)
+        threads = options.get("threads")
+        ground = self._cast_shadow(ground, threads) if casts_shadow else darken_everywhere(ground)
         image = darken_background(ground, camera, palette, codes)
         return None if image is None else image.view(np.uint8).reshape(*codes.shape, 4)
 

@@ -11,9 +11,9 @@ import rasterjit as rj
 from rasterjit.accuracy import test_scenes
 from rasterjit.accuracy.results import (
     PICTURE_OUTPUTS,
-    compare,
     list_compared_buffers,
     make_reference,
+    measure_errors,
 )
 from rasterjit.accuracy.test_scenes import MADE_FOR, make
 from rasterjit.scene.quality import LEVELS
@@ -53,7 +53,7 @@ def errors(setting):
             draw(dataclasses.replace(best, samples=1), buffers),
         )
         return {
-            level: compare(
+            level: measure_errors(
                 draw(rj.Quality(**{setting: level}), (*PICTURE_OUTPUTS, *buffers)), reference
             )[0]
             for level in LEVELS[setting]

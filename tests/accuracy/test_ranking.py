@@ -7,7 +7,7 @@ from made_trials import trial
 
 from rasterjit.accuracy.choice import (
     MAX_FRONT_POINTS,
-    SAME_ERROR_RATIO,
+    SAME_ERROR,
     dominates,
     is_measured,
     is_slower,
@@ -46,12 +46,12 @@ def test_each_on_the_front_is_told_faster_than_all_that_are_more_accurate(places
     assert len(front) <= MAX_FRONT_POINTS
     for before, after in itertools.pairwise(front):
         assert is_slower(after, before)
-        assert before.errors.rmse > SAME_ERROR_RATIO * after.errors.rmse
+        assert before.errors.rmse > SAME_ERROR * after.errors.rmse
     for one in trials:
         stands_for_it = [
             other
             for other in front
-            if not is_slower(other, one) and other.errors.rmse <= SAME_ERROR_RATIO * one.errors.rmse
+            if not is_slower(other, one) and other.errors.rmse <= SAME_ERROR * one.errors.rmse
         ]
         if is_measured(one):
             assert stands_for_it, "something as good is on the front"

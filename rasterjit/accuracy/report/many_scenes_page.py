@@ -120,10 +120,8 @@ def _scenes_table(folder_study: FolderStudy) -> str:
 
 def _qualities_table(folder_study: FolderStudy) -> str:
     """Return the qualities that were tried on all scenes, as an HTML table."""
-    rows = []
-    for total in sorted(
-        (folder_study.standard, *folder_study.totals), key=lambda trial: trial.ratio
-    ):
+    totals, rows = (folder_study.standard, *folder_study.totals), []
+    for total in sorted(totals, key=lambda trial: trial.ratio):
         trials: tuple[Trial, ...] = folder_study.candidates[total.label]
         ratios = [trial.ratio for trial in trials]
         cells = [
@@ -134,9 +132,8 @@ def _qualities_table(folder_study: FolderStudy) -> str:
         name = html.escape(total.label)
         is_chosen = total.label == folder_study.take.trial.label
         rows.append(_format_row(f"<mark>{name}</mark>" if is_chosen else name, cells))
-    return _format_table(
-        ("quality", "time, geometric mean", "from scene to scene", "largest RMSE"), rows
-    )
+    head = "quality", "time, geometric mean", "from scene to scene", "largest RMSE"
+    return _format_table(head, rows)
 
 
 def _format_row(name: str, cells: list[str]) -> str:

@@ -276,12 +276,12 @@ def make_effects_table(study: Study) -> list[TableGroup]:
     """Return times of each effect and errors against its own reference."""
     groups = []
     for cost in study.effects:
-        times = ("1×", ""), (format_duration(study.standard.median), "")
-        cells: list[Cell] = [*times, (_format_or_dash(cost.rmse), "")]
+        standard_time = format_duration(study.standard.median)
+        cells = [("1×", ""), (standard_time, ""), (_format_or_dash(cost.rmse), "")]
         rows = [TableRow(STANDARD, "as the scene says (standard)", cells)]
         for trial in cost.levels:
-            times = _factor_cell(trial), (format_duration(trial.median), "")
-            cells = [*times, (format_number(trial.errors.rmse), "")]
+            time, error = format_duration(trial.median), format_number(trial.errors.rmse)
+            cells = [_factor_cell(trial), (time, ""), (error, "")]
             rows.append(TableRow("level", trial.level, cells))
         groups.append(TableGroup(rows, cost.effect, f"reference: {cost.reference}"))
     return groups
