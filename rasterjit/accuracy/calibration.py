@@ -111,5 +111,5 @@ def _time_frame(studio: Studio, quality: Quality) -> float:
     """Return the seconds of a frame: of a second one, unless it is supersampled."""
     attempt = Attempt("", str(quality), quality)
     if not _is_supersampled(quality):
-        studio.seconds(attempt)
-    return sum_stages(studio.seconds(attempt))
+        studio.time_stages(attempt)
+    return sum_stages(studio.time_stages(attempt))

@@ -43,7 +43,7 @@ MAX_FRONT_POINTS = 7
 """Most points of the Pareto front."""
 
 
-def ratio_uncertainty(trial: Trial) -> float:
+def find_uncertainty(trial: Trial) -> float:
     """
     Return the uncertainty of a trial's ratio, plus or minus.
 
@@ -67,12 +67,12 @@ def is_timed(trial: Trial) -> bool:
 
 def is_measured(trial: Trial) -> bool:
     """Tell whether a time is precise enough to be reported as a factor."""
-    return is_timed(trial) and ratio_uncertainty(trial) <= MAX_UNCERTAINTY * trial.ratio
+    return is_timed(trial) and find_uncertainty(trial) <= MAX_UNCERTAINTY * trial.ratio
 
 
 def is_slower(trial: Trial, other: Trial) -> bool:
     """Tell whether a trial took longer than another by more than the noise of both."""
-    a, b = ratio_uncertainty(trial), ratio_uncertainty(other)
+    a, b = find_uncertainty(trial), find_uncertainty(other)
     return trial.ratio - other.ratio > math.sqrt(a * a + b * b)
 
 
@@ -229,7 +229,7 @@ def choose_among(
         return Choice(best, False, 0.0)
     max_price = SAME_PRICE * min(map(price, accurate))
     near_best = [trial for trial in accurate if price(trial) <= max_price]
-    simplest = min(near_best, key=lambda trial: (_change_count(trial), price(trial)))
+    simplest = min(near_best, key=lambda trial: (_count_changes(trial), price(trial)))
     # How much better may each of the others be, given the uncertainty of times?
     gains = [
         1.0 - price(trial) / price(simplest) * math.exp(-_pair_uncertainty(simplest, trial))
@@ -252,7 +252,7 @@ def _is_worthwhile(trial: Trial, standard: Trial) -> bool:
     return is_slower(standard, trial)
 
 
-def _change_count(trial: Trial) -> int:
+def _count_changes(trial: Trial) -> int:
     """Return how many settings a quality changes; 1 for a preset."""
     return 0 if trial.setting == STANDARD else len(trial.level.split())
 
@@ -260,5 +260,5 @@ def _change_count(trial: Trial) -> int:
 def _pair_uncertainty(trial: Trial, other: Trial) -> float:
     """Return the relative uncertainty of the ratio of two times; the standard's is exact."""
     return math.hypot(
-        *(ratio_uncertainty(t) / t.ratio for t in (trial, other) if t.setting != STANDARD)
+        *(find_uncertainty(t) / t.ratio for t in (trial, other) if t.setting != STANDARD)
     )

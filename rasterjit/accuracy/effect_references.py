@@ -96,8 +96,8 @@ def average_hard_shadows(studio: Studio, scene: Scene, seconds: float) -> LightR
     begin = time.perf_counter()
     total: Any = 0.0
     for count, (x, y) in enumerate(spread_over_disk(MAX_SHADOW_POINTS), 1):
-        lights = [_point_on_light(light, x, y, np.asarray(middle)) for light in scene.lights]
-        total = total + studio.light(STANDARD_QUALITY, with_field(scene, "lights", lights))
+        lights = [_sample_light(light, x, y, np.asarray(middle)) for light in scene.lights]
+        total = total + studio.draw_light(STANDARD_QUALITY, with_field(scene, "lights", lights))
         if count >= MIN_SHADOW_POINTS and time.perf_counter() - begin > seconds:
             break
     return LightReference(total / count)
@@ -111,7 +111,7 @@ def spread_over_disk(count: int) -> Float64:
     return np.sqrt(turns[:, :1]) * sines[:, ::-1]
 
 
-def _point_on_light(light: Any, x: float, y: float, middle: Float64) -> Any:
+def _sample_light(light: Any, x: float, y: float, middle: Float64) -> Any:
     """Return the hard light at (x, y) of a soft light's unit disk, which faces the scene."""
     if not is_soft(light):
         return light
@@ -148,18 +148,18 @@ def draw_sharp_shadows(studio: Studio, scene: Scene, seconds: float) -> LightRef
         return replace(light, shadow=replace(light.shadow, size=SHARP_MAP_SIZE, filter="hard"))
 
     lights = [sharpen(light) for light in scene.lights]
-    return LightReference(studio.light(STANDARD_QUALITY, with_field(scene, "lights", lights)))
+    return LightReference(studio.draw_light(STANDARD_QUALITY, with_field(scene, "lights", lights)))
 
 
 def draw_dome_lights(studio: Studio, scene: Scene, seconds: float) -> LightReference:
     """Light diffuse surfaces by directional lights that represent an environment."""
     dark = LIGHT.without(remove_highlights(scene))
-    light = studio.light(STANDARD_QUALITY, dark)
-    unlit = studio.light(STANDARD_QUALITY, with_field(dark, "lights", []))
+    light = studio.draw_light(STANDARD_QUALITY, dark)
+    unlit = studio.draw_light(STANDARD_QUALITY, with_field(dark, "lights", []))
     lights = find_dome_lights(scene.environment)
     for first in range(0, len(lights), LIGHTS_PER_PICTURE):
         partly_lit = with_field(dark, "lights", lights[first : first + LIGHTS_PER_PICTURE])
-        light += studio.light(STANDARD_QUALITY, partly_lit) - unlit
+        light += studio.draw_light(STANDARD_QUALITY, partly_lit) - unlit
     is_covered = studio.draw(STANDARD_QUALITY, ("face_id",)).face_id >= 0
     return LightReference(light, is_covered, float(is_covered.mean()), remove_highlights)
 
@@ -228,13 +228,13 @@ def _halve(region: tuple[int, int, int, int], energy: Float64) -> list[tuple[int
     if max(bottom - top, right - left) == 1:
         return [region]
     if (is_tall and bottom - top > 1) or right - left == 1:
-        middle = top + _median_index(energy[top:bottom, left:right].sum(axis=1))
+        middle = top + _find_median(energy[top:bottom, left:right].sum(axis=1))
         return [(top, middle, left, right), (middle, bottom, left, right)]
-    middle = left + _median_index(energy[top:bottom, left:right].sum(axis=0))
+    middle = left + _find_median(energy[top:bottom, left:right].sum(axis=0))
     return [(top, bottom, left, middle), (top, bottom, middle, right)]
 
 
-def _median_index(amounts: Float64) -> int:
+def _find_median(amounts: Float64) -> int:
     """Return how many first amounts are half of the sum, at least one and not all."""
     half = int(np.searchsorted(np.cumsum(amounts), 0.5 * amounts.sum()))
     return min(max(half, 1), len(amounts) - 1)
@@ -254,8 +254,8 @@ def trace_ambient_occlusion(studio: Studio, scene: Scene, seconds: float) -> Lig
     """Measure ambient occlusion at some points by cube maps around them."""
     effect = scene.ambient_occlusion
     # Separate the ambient light from the rest.
-    open_light = studio.light(STANDARD_QUALITY, with_field(scene, "ambient_occlusion", None))
-    light = studio.light(STANDARD_QUALITY, _remove_ambient_light(scene))
+    open_light = studio.draw_light(STANDARD_QUALITY, with_field(scene, "ambient_occlusion", None))
+    light = studio.draw_light(STANDARD_QUALITY, _remove_ambient_light(scene))
     has_ambient = np.abs(open_light - light).max(axis=2) > 0.0
     # Choose visible points spread over the picture.
     frame = studio.draw(STANDARD_QUALITY, ("position", "geometric_normal", "face_id"))
@@ -343,19 +343,19 @@ def draw_sampled_lines(studio: Studio, scene: Scene, seconds: float) -> LightRef
     """Draw lines with many samples, and mark their pixels."""
     lineless = remove_lines(scene)
     shows_lines = [
-        (studio.light(quality) != studio.light(quality, lineless)).any(axis=2)
+        (studio.draw_light(quality) != studio.draw_light(quality, lineless)).any(axis=2)
         for quality in (STANDARD_QUALITY, replace(STANDARD_QUALITY, samples=16))
     ]
     is_known = shows_lines[0] | shows_lines[1]
-    light = studio.light(replace(STANDARD_QUALITY, samples=64))
+    light = studio.draw_light(replace(STANDARD_QUALITY, samples=64))
     return LightReference(light, is_known, float(is_known.mean()))
 
 
 def draw_sampled_lens(studio: Studio, scene: Scene, seconds: float) -> LightReference:
     """Draw a lens with many samples."""
-    return LightReference(studio.light(replace(STANDARD_QUALITY, samples=64)))
+    return LightReference(studio.draw_light(replace(STANDARD_QUALITY, samples=64)))
 
 
 def draw_line_coverage(studio: Studio, scene: Scene, seconds: float) -> LightReference:
     """Draw wireframe lines by the areas that they cover."""
-    return LightReference(studio.light(replace(STANDARD_QUALITY, lines="coverage")))
+    return LightReference(studio.draw_light(replace(STANDARD_QUALITY, lines="coverage")))

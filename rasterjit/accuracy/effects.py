@@ -218,7 +218,7 @@ def measure_effect(
         reference = options.draw_reference(studio, studio.scene, seconds)
         reference_name = options.reference_name
     compared_scene = studio.scene if reference is None else reference.prepare_scene(studio.scene)
-    standard_light = studio.light(Quality.standard(), compared_scene)
+    standard_light = studio.draw_light(Quality.standard(), compared_scene)
     levels = []
     for attempt in trial.attempts:
         frame = studio.draw(attempt.quality, ("color", "linear"), attempt.scene)
@@ -227,12 +227,13 @@ def measure_effect(
             difference = np.abs(light - standard_light)
         else:
             compared_scene = reference.prepare_scene(attempt.scene or studio.scene)
-            difference = reference.difference(studio.light(attempt.quality, compared_scene))
-        share = 1.0 if reference is None else reference.share
-        errors = _measure_errors(difference, share, standard)
+            difference = reference.difference(studio.draw_light(attempt.quality, compared_scene))
+        errors = _measure_errors(
+            difference, 1.0 if reference is None else reference.share, standard
+        )
         color = frame.color[:, :, :3].copy()
         error_map = difference.max(axis=2).astype(np.float32)
-        levels.append(studio.contestant(attempt, errors, color, error_map))
+        levels.append(studio.make_contestant(attempt, errors, color, error_map))
     rmse = None
     if reference is not None:
         rmse = math.sqrt(reference.share) * root_mean_square(reference.difference(standard_light))

@@ -194,19 +194,19 @@ def _make_loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loa
             path = PurePath(name)
             if path.is_absolute() or not path.parts or ".." in path.parts:
                 raise ValueError(f"folder must have names of scenes without '..', got {name!r}")
-        return {str(name): _scene_loader(scene) for name, scene in folder.items()}, "scenes"
+        return {str(name): _make_scene_loader(scene) for name, scene in folder.items()}, "scenes"
     path = existing_folder("folder", folder).resolve()
     files = mesh_files(path)
     if not files:
         raise ValueError(f"folder must hold mesh files, got {os.fspath(folder)!r}, without any")
-    return {file.relative_to(path).as_posix(): _file_loader(file) for file in files}, path.name
+    return {file.relative_to(path).as_posix(): _make_file_loader(file) for file in files}, path.name
 
 
-def _scene_loader(scene: Any) -> Loader:
+def _make_scene_loader(scene: Any) -> Loader:
     return scene if callable(scene) else lambda: scene
 
 
-def _file_loader(file: Path) -> Loader:
+def _make_file_loader(file: Path) -> Loader:
     return lambda: load(file, isolate="all")
 
 

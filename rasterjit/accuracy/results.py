@@ -322,7 +322,7 @@ def measure_errors(frame: Frame, reference: ReferenceFrame) -> tuple[Errors, NDA
     is_same = (faces == true_faces) & (faces >= 0)
     ulp, units = None, None
     if "depth" in frame.plan.outputs:
-        ulp, units = _depth_errors(frame.depth[is_same], reference.buffers.depth[is_same])
+        ulp, units = _measure_depth_errors(frame.depth[is_same], reference.buffers.depth[is_same])
     errors = Errors(
         rmse=rmse,
         largest=float(difference.max()),
@@ -342,7 +342,7 @@ def add_flip(errors: Errors, color: NDArray[np.uint8], reference: ReferenceFrame
     return errors._replace(flip=measure_flip(reference.picture.color, color))
 
 
-def _depth_errors(
+def _measure_depth_errors(
     depth: NDArray[np.float32], true: NDArray[np.float32]
 ) -> tuple[float | None, float | None]:
     """Return the largest difference of depths, (n,) each: float32 ulp, and scene units."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rasterjit.accuracy.choice import SAME_ERROR, choose, is_measured, is_slower, ratio_uncertainty
+from rasterjit.accuracy.choice import SAME_ERROR, choose, find_uncertainty, is_measured, is_slower
 from rasterjit.accuracy.results import CPU, STANDARD, Study, Trial, list_front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
@@ -173,12 +173,12 @@ def describe_alternatives(study: Study) -> str:
     slower = [trial for trial in front if is_slower(trial, standard)]
     faster = [trial for trial in front if is_slower(standard, trial)]
     if not front:
-        rough = _rough_front(study)
+        rough = _find_rough_front(study)
         slower = [trial for trial in rough if trial.ratio > MIN_ROUGH_RATIO]
         faster = [trial for trial in rough if trial.ratio < 1.0 / MIN_ROUGH_RATIO]
     parts = [
         f"for {_describe_rough_factor(trial)} the time you get {_describe_trade(trial, standard)}"
-        for trial in (_nearest_time(slower, 2.0), _nearest_time(faster, 0.5))
+        for trial in (_find_nearest_time(slower, 2.0), _find_nearest_time(faster, 0.5))
         if trial is not None
     ]
     # On the front, a quality as fast as the standard replaces it.
@@ -186,7 +186,7 @@ def describe_alternatives(study: Study) -> str:
     if as_fast:
         best = min(as_fast, key=lambda trial: trial.errors.rmse)
         parts.insert(0, f"for the same time you get {_describe_trade(best, standard)}")
-    return f"{text}; {', '.join(parts) if parts else _only_standard_reason(study)}."
+    return f"{text}; {', '.join(parts) if parts else _explain_no_alternative(study)}."
 
 
 def format_options(trial: Trial, standard: Trial) -> str:
@@ -197,7 +197,7 @@ def format_options(trial: Trial, standard: Trial) -> str:
     return " ".join(f"--set {name}={level}" for name, level in changes.items())
 
 
-def _rough_front(study: Study) -> list[Trial]:
+def _find_rough_front(study: Study) -> list[Trial]:
     """Return the Pareto front of the trials, taking times as exact."""
     return [
         trial
@@ -224,7 +224,7 @@ def _describe_trade(trial: Trial, standard: Trial) -> str:
     return text
 
 
-def _only_standard_reason(study: Study) -> str:
+def _explain_no_alternative(study: Study) -> str:
     """Return why there is no alternative to the standard."""
     if not study.trials:
         return "no other quality was tried"
@@ -236,7 +236,7 @@ def _only_standard_reason(study: Study) -> str:
     return "nothing that was tried is faster or more accurate, as far as can be told"
 
 
-def _nearest_time(trials: list[Trial], factor: float) -> Trial | None:
+def _find_nearest_time(trials: list[Trial], factor: float) -> Trial | None:
     """Return the trial whose time is nearest to ``factor`` times the standard's; None of none."""
     return min(trials, key=lambda trial: abs(math.log(trial.ratio / factor)), default=None)
 
@@ -251,7 +251,7 @@ def describe_factor(trial: Trial) -> str:
         return "1×"
     if not is_measured(trial):
         return NOT_MEASURED
-    uncertainty = ratio_uncertainty(trial)
+    uncertainty = find_uncertainty(trial)
     if uncertainty <= MIN_PRINTED_UNCERTAINTY * trial.ratio:
         return f"{format_factor(trial.ratio)}×"
     ends = (format_factor(max(trial.ratio + change, 0.0)) for change in (-uncertainty, uncertainty))

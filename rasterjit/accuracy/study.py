@@ -263,7 +263,7 @@ class StudyRun:
         self._notify("drawing standard")
         self.studio.shrink(standard, MAX_REFERENCE_SHARE * self.seconds)
         self._notify("drawing the reference")
-        self.reference = self.studio.reference(MAX_REFERENCE_SHARE * self.seconds)
+        self.reference = self.studio.draw_reference(MAX_REFERENCE_SHARE * self.seconds)
         self.standard = self.studio.prepare(standard, self.reference)
         # Reference and standard may have taken long to compile.
         self.budget.ensure(MIN_LEVELS_SHARE * self.seconds)
@@ -447,12 +447,12 @@ class Studio:
         shown = self.scene if scene is None else scene
         return self._renderer.render(shown, self.camera, outputs=outputs, lens=self.lens)
 
-    def light(self, quality: Quality, scene: Scene | None = None) -> NDArray[np.float64]:
+    def draw_light(self, quality: Quality, scene: Scene | None = None) -> NDArray[np.float64]:
         """Draw a frame and return its linear light, (H, W, 3)."""
         frame = self.draw(quality, results.PICTURE_OUTPUTS, scene)
         return light_of(frame)[:, :, :3].astype(np.float64)
 
-    def seconds(self, attempt: Attempt) -> timing.Stages:
+    def time_stages(self, attempt: Attempt) -> timing.Stages:
         """Draw only the colour, and return the seconds of each stage."""
         return _without_compiling(self.draw(attempt.quality, TIMED_OUTPUTS, attempt.scene))
 
@@ -470,14 +470,14 @@ class Studio:
 
         The first frame compiles, the second is timed.
         """
-        self.seconds(standard)
-        frame_seconds = timing.sum_stages(self.seconds(standard))
+        self.time_stages(standard)
+        frame_seconds = timing.sum_stages(self.time_stages(standard))
         max_seconds = seconds / (REFERENCE_TIME_RATIO * MIN_REFERENCE_PICTURES)
         while frame_seconds > max_seconds and min(self.size) >= 2 * MIN_SIDE:
             size = self.size
             self._resize((size[0] // 2, size[1] // 2))
-            self.seconds(standard)
-            smaller_seconds = timing.sum_stages(self.seconds(standard))
+            self.time_stages(standard)
+            smaller_seconds = timing.sum_stages(self.time_stages(standard))
             if smaller_seconds > MAX_SHRINK_RATIO * frame_seconds:
                 self._resize(size)
                 return
@@ -490,7 +490,7 @@ class Studio:
         if isinstance(self.camera, MatrixCamera):
             self.camera = replace(self.camera, size=None)
 
-    def reference(self, seconds: float) -> results.ReferenceFrame:
+    def draw_reference(self, seconds: float) -> results.ReferenceFrame:
         """Return the frame that errors are measured against, of as many samples as time allows."""
         pictures = self._reference_pictures()
         max_samples = REFERENCE_SAMPLE_COUNTS[-1]
@@ -528,9 +528,9 @@ class Studio:
         frame = self.draw(attempt.quality, self._outputs)
         errors, error_map = results.measure_errors(frame, reference)
         color = frame.color[:, :, :3].copy()
-        return self.contestant(attempt, errors, color, error_map)
+        return self.make_contestant(attempt, errors, color, error_map)
 
-    def contestant(
+    def make_contestant(
         self,
         attempt: Attempt,
         errors: Errors,
@@ -539,7 +539,7 @@ class Studio:
     ) -> timing.Contestant:
         """Return a contestant with the times of a first frame."""
         cpu_start = time.process_time()
-        first_stages = self.seconds(attempt)
+        first_stages = self.time_stages(attempt)
         cpu_seconds = time.process_time() - cpu_start
         return timing.Contestant(attempt, errors, color, error_map, first_stages, cpu_seconds)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.accuracy.choice import ratio_uncertainty
+from rasterjit.accuracy.choice import find_uncertainty
 from rasterjit.accuracy.results import CPU, STANDARD, WALL, Errors, Trial
 from rasterjit.accuracy.settings_to_try import Attempt
 
@@ -161,7 +161,7 @@ def choose_clock(standard: Contestant, contestants: Sequence[Contestant]) -> str
         return WALL
     wall, cpu = (
         statistics.median(
-            ratio_uncertainty(trial) / trial.ratio
+            find_uncertainty(trial) / trial.ratio
             for trial in (contestant.trial(standard, clock) for contestant in contestants)
         )
         for clock in (WALL, CPU)
@@ -285,6 +285,6 @@ def _time_frame(
 ) -> tuple[Stages, float]:
     """Return the seconds of each stage of a second frame, and its processor time."""
     if attempt.passes == 1:
-        studio.seconds(attempt)
+        studio.time_stages(attempt)
     before = cpu_clock()
-    return studio.seconds(attempt), cpu_clock() - before
+    return studio.time_stages(attempt), cpu_clock() - before

@@ -63,7 +63,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
     try:
         with _acquire_lock(file) as file_lock:
             try:
-                file_lock.write(_lock_content().encode())
+                file_lock.write(_make_lock_content().encode())
                 yield
             finally:
                 if file_lock.is_of(file):
@@ -92,7 +92,7 @@ def _acquire_lock(file: Path) -> Lock:
         else:
             file_lock.close()
             break
-    raise _locked_error(file)
+    raise _make_locked_error(file)
 
 
 def _remove_empty_lock(file: Path) -> None:
@@ -114,7 +114,7 @@ def _create_lock_file(file: Path) -> bool:
     return True
 
 
-def _locked_error(file: Path) -> ValueError:
+def _make_locked_error(file: Path) -> ValueError:
     """Return the error that names the run that has the folder."""
     owner, process = {}, ""
     # Where locks are mandatory, other processes cannot read the file.
@@ -128,7 +128,7 @@ def _locked_error(file: Path) -> ValueError:
     )
 
 
-def _lock_content() -> str:
+def _make_lock_content() -> str:
     """Return the content of this process's lock file."""
     return json.dumps({"host": platform.node(), "pid": os.getpid(), "machine": machine()})
 

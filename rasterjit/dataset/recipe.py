@@ -355,7 +355,7 @@ def render_mesh_file(
         except MeshError as error:
             failure = str(error)
     # Replace the path, so that messages do not depend on where the meshes are.
-    messages = (_one_line(warning.message).replace(str(source), name) for warning in caught)
+    messages = (_unwrap(warning.message).replace(str(source), name) for warning in caught)
     return MeshResult(failure, tuple(dict.fromkeys(messages)))
 
 
@@ -402,7 +402,7 @@ def render_views(
     annotation: dict[str, Any] = {}
     for output in recipe.outputs:
         if output != "coco":
-            (target / _output_folder(output)).mkdir(exist_ok=True)
+            (target / _name_folder(output)).mkdir(exist_ok=True)
     with _as_mesh_error(target, name):
         checked_scene, options = check_arguments(
             scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
@@ -416,8 +416,8 @@ def render_views(
                 paths = _write_view(frame, target, number, recipe, depth_scale)
             except ValueError as error:
                 # For example, a depth that no code stands for.
-                raise MeshError(_one_line(error)) from error
-            views.append({**paths, "transform_matrix": _camera_pose(camera)})
+                raise MeshError(_unwrap(error)) from error
+            views.append({**paths, "transform_matrix": _find_pose(camera)})
             if "coco" in recipe.outputs:
                 with _as_mesh_error(target, name):
                     _add_annotation(annotation, paths["file_path"], frame.object_id, scene)
@@ -425,7 +425,7 @@ def render_views(
         with atomic_file(target / "coco.json") as temporary:
             temporary.write_text(json.dumps(annotation), encoding="utf-8")
     with _as_mesh_error(target, name):
-        document = _intrinsics(cameras[0], recipe.size) | _unit_cube_transform(scene)
+        document = _list_intrinsics(cameras[0], recipe.size) | _find_unit_cube(scene)
     if "depth" in recipe.outputs:
         document |= {"enable_depth_loading": True, "integer_depth_scale": depth_scale}
     write_json(target / MANIFEST_NAME, {**document, "frames": views})
@@ -466,7 +466,7 @@ def _as_mesh_error(source: Path, name: str) -> Iterator[None]:
         raise MeshError("not enough memory") from None
     except Exception as error:
         # Replace the path, so that messages do not depend on where the meshes are.
-        raise MeshError(_one_line(error).replace(str(source), name)[:MAX_REASON_LENGTH]) from error
+        raise MeshError(_unwrap(error).replace(str(source), name)[:MAX_REASON_LENGTH]) from error
 
 
 def _check_arguments(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
@@ -494,12 +494,12 @@ def _take_frame(frames: Iterator[Frame], view: int) -> Frame:
     return frame
 
 
-def _one_line(error: Exception | Warning | str) -> str:
+def _unwrap(error: Exception | Warning | str) -> str:
     """Return the message of an error as one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _output_folder(output: str) -> str:
+def _name_folder(output: str) -> str:
     """Return the name of the folder of an output."""
     return OUTPUT_FOLDERS.get(output, output)
 
@@ -513,7 +513,7 @@ def _write_view(
         if output == "coco":
             continue
         is_picture = output in ("color", "depth", "normal", "mask")
-        path = f"{_output_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
+        path = f"{_name_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
         if output == "mask":
             images.save_image(target / path, np.where(frame.object_id >= 0, WHITE, BLACK))
         else:
@@ -539,12 +539,12 @@ def _add_annotation(
     ]
 
 
-def _camera_pose(camera: PerspectiveCamera) -> list[list[float]]:
+def _find_pose(camera: PerspectiveCamera) -> list[list[float]]:
     """Return the pose of the camera, ``world_from_view``: x right, y up, z backwards."""
     return transforms.inverse(camera.view_matrix()).tolist()
 
 
-def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, Any]:
+def _list_intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, Any]:
     """Return the intrinsics of all views; pixel centres lie at halves."""
     width, height = size
     focal = transforms.focal_length(camera.fov_y) * height / 2.0
@@ -562,7 +562,7 @@ def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, A
     }
 
 
-def _unit_cube_transform(scene: Scene) -> dict[str, Any]:
+def _find_unit_cube(scene: Scene) -> dict[str, Any]:
     """Return instant-ngp's transform of the scene to its unit cube: ``scale * x + offset``."""
     center, radius = scene.bounding_sphere()
     scale = _round_for_json(0.5 / radius) if radius > 0.0 else 1.0

@@ -138,7 +138,7 @@ def wait_for_result(future: Future, client: Client) -> Any:
             # A connection broke; the client soon notices if it was that to the scheduler.
             deadline = deadline or time.monotonic() + RECONNECT_TIMEOUT
             if time.monotonic() > deadline:
-                raise _lost_error(client) from None
+                raise _make_lost_error(client) from None
             time.sleep(POLL_SECONDS / 5.0)
 
 
@@ -165,11 +165,11 @@ def check_connected(client: Client) -> None:
     deadline = time.monotonic() + RECONNECT_TIMEOUT
     while client.status != "running":
         if client.status in CLOSED_STATUSES or time.monotonic() > deadline:
-            raise _lost_error(client)
+            raise _make_lost_error(client)
         time.sleep(POLL_SECONDS / 5.0)
 
 
-def _lost_error(client: Client) -> ConnectionError:
+def _make_lost_error(client: Client) -> ConnectionError:
     """Return the error of a lost scheduler."""
     return ConnectionError(
         f"the Dask scheduler at {address_of(client)} is lost, and what it held with it: start it "
@@ -195,7 +195,7 @@ def report_lost_scheduler(client: Client) -> Iterator[None]:
         raise
     except Exception as error:
         if isinstance(error, OSError) or client.status != "running":
-            raise _lost_error(client) from None
+            raise _make_lost_error(client) from None
         raise
 
 

@@ -155,7 +155,7 @@ class RemoteFrame(LazyFrame):
         outputs, stats, _ = raw
         super().__init__(outputs, partial(planning.plan_frame, options, scene, camera), stats)
 
-    def _first_faces(self) -> NDArray[np.int64]:
+    def _find_first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
         return np.cumsum([0, *(len(node.mesh.faces) for node in self._scene.nodes)])
 

@@ -39,7 +39,7 @@ LIGHT_COLOR = slice(4, 7)
 POST_LIGHT_PLACES = {"seen", "sample"}
 """Places of effects that act after the sum of all light."""
 
-CODE_BLENDING_NOTE = ", and what mixing 8-bit codes differs by"
+BLENDING_NOTE = ", and what mixing 8-bit codes differs by"
 """Name of the part that blending 8-bit codes adds, which do not add up as light does."""
 
 FaceShares = dict[int, float]
@@ -386,12 +386,10 @@ def find_color_parts(
         alpha = image.alpha_at(x, y)
     if behind * alpha > 0.0:
         name = "environment" if has_sky else "background"
-        name += CODE_BLENDING_NOTE if quality.blending == "srgb8" else ""
+        name += BLENDING_NOTE if quality.blending == "srgb8" else ""
         parts.append(ColorPart(name, None, alpha, behind * alpha / opacity, remainder))
     elif quality.blending == "srgb8":
-        parts.append(
-            ColorPart(CODE_BLENDING_NOTE.removeprefix(", and "), None, 1.0, 1.0, remainder)
-        )
+        parts.append(ColorPart(BLENDING_NOTE.removeprefix(", and "), None, 1.0, 1.0, remainder))
     return tuple(parts)
 
 

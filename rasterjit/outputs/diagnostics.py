@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from rasterjit.outputs import diagnostics_stage
-from rasterjit.outputs.ground_truth import metric_depth
+from rasterjit.outputs.ground_truth import find_metric_depth
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Objects
@@ -224,7 +224,7 @@ def _find_depth_ranges(
         with np.errstate(over="ignore"):
             nearest, farthest = np.asarray(camera.view_depth(ends), np.float32).tolist()
     else:
-        metric = metric_depth(depth_format, camera, coverage, covered.shape[::-1])[covered]
+        metric = find_metric_depth(depth_format, camera, coverage, covered.shape[::-1])[covered]
         nearest, farthest = float(metric.min()), float(metric.max())
     return (nearest, farthest), (float(ends[1]), float(ends[0]))
 

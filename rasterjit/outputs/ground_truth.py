@@ -62,7 +62,7 @@ def fill_buffers(
     if plan.facts.needs_no_buffers:
         return
     if "depth" in plan.outputs:
-        buffers["depth"] = metric_depth(
+        buffers["depth"] = find_metric_depth(
             plan.depth_format, plan.camera, coverage, plan.size, plan.corner
         )
     points = coverage.points if plan.facts.visible.points else None
@@ -141,7 +141,7 @@ def list_fills(
         )
         fills["normal"] = FillCall(barycentric.fill_normals, (3,), (placement, normals))
     if "geometric_normal" in requested:
-        normals = _point_normals(shapes, no_normals)
+        normals = _find_point_normals(shapes, no_normals)
         fills["geometric_normal"] = FillCall(barycentric.fill_normals, (3,), (placement, normals))
     return fills
 
@@ -161,7 +161,7 @@ def _position_matrices(
         return _camera_from_model(plan.camera, placement.relative_from_model)
     if name == "object_position":
         return np.tile(np.eye(3, 4), (len(cache.shapes.meshes), 1, 1))
-    return box_matrices(_rest_boxes(cache)) if name == "nocs" else placement.relative_from_model
+    return map_boxes(_rest_boxes(cache)) if name == "nocs" else placement.relative_from_model
 
 
 def _direction_matrices(
@@ -175,7 +175,7 @@ def _direction_matrices(
         return np.tile(np.eye(3), (len(cache.shapes.meshes), 1, 1))
     matrices = _model_from_world(cache.transforms.world_from_model, points)
     if name == "nocs":
-        matrices = matrices * box_matrices(_rest_boxes(cache))[:, :1, :1]
+        matrices = matrices * map_boxes(_rest_boxes(cache))[:, :1, :1]
     return matrices
 
 
@@ -289,9 +289,9 @@ def _postprocess_buffers(
     if "nocs" in buffers:
         np.clip(buffers["nocs"], 0.0, 1.0, out=buffers["nocs"])
     if "distance" in buffers:
-        buffers["distance"] = _distances(buffers["distance"], plan, placement, workers)
+        buffers["distance"] = _measure_distances(buffers["distance"], plan, placement, workers)
     if "normal_camera" in plan.outputs:
-        buffers["normal_camera"] = _camera_normals(buffers["normal"], plan.camera, workers)
+        buffers["normal_camera"] = _rotate_normals(buffers["normal"], plan.camera, workers)
 
 
 def _rest_boxes(cache: SceneCache) -> Float64:
@@ -323,7 +323,7 @@ def _camera_from_model(camera: Camera, relative_from_model: Float64) -> Float64:
     return result
 
 
-def box_matrices(boxes: Float64) -> Float64:
+def map_boxes(boxes: Float64) -> Float64:
     """
     Return the matrices from model space to the unit cube, (O, 3, 4), for boxes, (O, 2, 3).
 
@@ -351,7 +351,7 @@ def _split_rows(height: int, width: int) -> list[slice]:
     return [slice(first, first + rows) for first in range(0, height, rows)]
 
 
-def _distances(
+def _measure_distances(
     relative: Float32, plan: RenderPlan, placement: Placement, workers: Workers
 ) -> Float32:
     """Return the distances of points, (H, W, 3), relative to the eye; inf for NaN."""
@@ -373,13 +373,13 @@ def _distances(
     return distance
 
 
-def _point_normals(shapes: Shapes, no_normals: tuple[Float32, UInt8]) -> tuple[Float32, UInt8]:
+def _find_point_normals(shapes: Shapes, no_normals: tuple[Float32, UInt8]) -> tuple[Float32, UInt8]:
     """Return the vertex normals, (V, 3), and which objects are points with normals, (O,)."""
     has_own = [mesh.primitive == "points" and mesh.normals is not None for mesh in shapes.meshes]
     return (shapes.normals, np.array(has_own, np.uint8)) if any(has_own) else no_normals
 
 
-def _camera_normals(world_normals: Float32, camera: Camera, workers: Workers) -> Float32:
+def _rotate_normals(world_normals: Float32, camera: Camera, workers: Workers) -> Float32:
     """Return unit normals of world space, (H, W, 3), in camera space; zero ones stay zero."""
     camera_normals = workers.memory.empty(world_normals.shape, np.float32)
     matrix = transforms.normal_matrix(camera.view_matrix())
@@ -398,7 +398,7 @@ def _camera_normals(world_normals: Float32, camera: Camera, workers: Workers) ->
     return camera_normals
 
 
-def depth_kernels(plan: RenderPlan) -> Rows:
+def list_depth_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that compute the reversed depth of pixels, if a pass reads it."""
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
@@ -435,7 +435,7 @@ def add_reversed_depth(
     depth, vertex_depths = coverage.depth, coverage.screen.depth
     if not depth_format.is_reversed:
         coefficients = camera.depth_coefficients()
-        vertex_depths = _reversed_vertex_depths(depth_format, coefficients, coverage)
+        vertex_depths = _reverse_vertex_depths(depth_format, coefficients, coverage)
         depth = workers.memory.empty(coverage.face_id.shape, np.float32)
         arguments = geometry, vertex_depths, coefficients, depth
         fill_rows(reversed_depth.fill_reversed_depths, coverage.face_id, arguments, workers)
@@ -447,7 +447,7 @@ def add_reversed_depth(
     return coverage._replace(reversed_depth=depth, reversed_vertex_depth=vertex_depths)
 
 
-def _reversed_vertex_depths(
+def _reverse_vertex_depths(
     depth_format: DepthFormat,
     coefficients: tuple[float, float, float],
     coverage: visibility_pass.Coverage,
@@ -460,7 +460,7 @@ def _reversed_vertex_depths(
         return (c0 / screen.w + c1 * ((screen.depth - stored_c2) / stored_c1)) + c2
 
 
-def metric_depth(
+def find_metric_depth(
     depth_format: DepthFormat,
     camera: Camera,
     coverage: visibility_pass.Coverage,

@@ -65,11 +65,11 @@ def make_moment(
     shapes: Shapes, now: Shapes, views: ViewTransforms, camera: Camera, size: tuple[int, int]
 ) -> Moment:
     """Return the vertices and matrices for a camera, with faces in the order of ``now``."""
-    matrices = _screen_matrices(views, camera, size)
+    matrices = _make_screen_matrices(views, camera, size)
     return Moment(shapes.arrays.positions, shapes.rotate_like(now), matrices)
 
 
-def _screen_matrices(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> Float64:
+def _make_screen_matrices(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> Float64:
     """Return the matrices from objects to pixels and depth, (O, 5, 4); see ``motion_stage``."""
     x, y, z, w = views.clip_from_relative
     (width, height), (c0, c1, c2) = size, camera.depth_coefficients()

@@ -302,7 +302,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
         *(deformation.list_skinning_kernels() if plan.facts.counts.skinned else []),
         *clip_planes.kernels_of(plan.camera),
         *geometry,
-        *ground_truth.depth_kernels(plan),
+        *ground_truth.list_depth_kernels(plan),
         *(row for row in plan.kernels_at("prepare") if row[:2] not in known),
         *frame_shading.kernels_of(plan),
         *plan.kernels_at("background"),

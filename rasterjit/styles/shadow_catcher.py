@@ -119,17 +119,17 @@ def find_ground(scene: Scene, key: Vector | None) -> Ground | None:
     key : (3,) tuple of float or None
         Direction towards the key light, world space, if there is one.
     """
-    if _shadow_casters(scene) is None:
+    if _list_casters(scene) is None:
         return None
     frame = np.ascontiguousarray(rotate_y_to(scene.up or (0.0, 1.0, 0.0))[:3, :3].T[[0, 2, 1]])
-    bounds = [_bounds_along(scene, axis) for axis in frame]
+    bounds = [_find_bounds(scene, axis) for axis in frame]
     (u0, u1), (v0, v1), (h0, h1) = bounds
     height, size = h1 - h0, max(u1 - u0, v1 - v0)
     if not (math.isfinite(height + size) and size > 0.0 and height > size * MIN_HEIGHT):
         return None
     if _has_floor(scene, frame, bounds):
         return None
-    slope = _light_slope(frame, key)
+    slope = _find_light_slope(frame, key)
     sky_width = SKY_SHADOW_WIDTH * min(height, size)
     shadow_tip = (0.0, 0.0) if slope is None else (slope[0] * height, slope[1] * height)
     ends = [
@@ -157,7 +157,7 @@ def cast_shadow(
         Shares of the light on the plane that the key light and the sky bring.
     threads : int or None
     """
-    casters, slope = _shadow_casters(scene), ground.slope
+    casters, slope = _list_casters(scene), ground.slope
     if casters is None:
         return ground
     face_count = sum(len(node.mesh.faces) for node in casters.nodes)
@@ -170,7 +170,7 @@ def cast_shadow(
     ]
     if slope is not None:
         groups.append(list_key_slopes(slope, min(KEY_DIRECTIONS, max_directions)))
-    counts = _count_blocked(casters, [_map_matrices(ground, slopes) for slopes in groups], threads)
+    counts = _count_blocked(casters, [_place_maps(ground, slopes) for slopes in groups], threads)
 
     def blocked_light(group: int, radius: int, share: float) -> NDArray[np.float32]:
         """Return the blurred share of light of a group that is blocked, times a factor."""
@@ -184,15 +184,15 @@ def cast_shadow(
     missing *= np.float32(shares[1])
     if slope is not None:
         missing += blocked_light(len(BLUR_RADII), BLUR_RADII[0], shares[0])
-    return ground._replace(shade=missing * _fade_mask())
+    return ground._replace(shade=missing * _make_fade_mask())
 
 
 def darken_everywhere(ground: Ground) -> Ground:
     """Return the ground without light everywhere on its map."""
-    return ground._replace(shade=_fade_mask())
+    return ground._replace(shade=_make_fade_mask())
 
 
-def _light_slope(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
+def _find_light_slope(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
     """Return the horizontal offset of the key light for each unit down; None if it is below."""
     if key is None:
         return None
@@ -205,7 +205,7 @@ def _light_slope(frame: Float64, key: Vector | None) -> tuple[float, float] | No
     return -across / down, -along / down
 
 
-def _shadow_casters(scene: Scene) -> Scene | None:
+def _list_casters(scene: Scene) -> Scene | None:
     """Return a scene of only the triangles that cast shadows; None if there are none."""
     nodes = [
         node
@@ -219,7 +219,7 @@ def _shadow_casters(scene: Scene) -> Scene | None:
     return casters
 
 
-def _bounds_along(scene: Scene, axis: Float64) -> tuple[float, float]:
+def _find_bounds(scene: Scene, axis: Float64) -> tuple[float, float]:
     """Return the least and the greatest coordinate of a scene along an axis, scene units."""
     low, high = math.inf, -math.inf
     x, y, z = axis.tolist()
@@ -256,7 +256,7 @@ def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) 
     return covered_area >= MIN_FLOOR_SHARE * (u1 - u0) * (v1 - v0)
 
 
-def _map_matrices(ground: Ground, slopes: list[tuple[float, float]]) -> tuple[Float64, Float64]:
+def _place_maps(ground: Ground, slopes: list[tuple[float, float]]) -> tuple[Float64, Float64]:
     """
     Return ``view_from_world``, (4, 4), and ``clip_from_view``, (N, 4, 4), along light of N slopes.
 
@@ -403,7 +403,7 @@ def _widen_range(indices: NDArray[np.int64], margin: int) -> slice:
     return slice(max(int(indices[0]) - margin, 0), min(int(indices[-1]) + 1 + margin, MAP_SIDE))
 
 
-def _fade_mask() -> NDArray[np.float32]:
+def _make_fade_mask() -> NDArray[np.float32]:
     """Return a mask, (MAP_SIDE, MAP_SIDE), that fades to 0 at the borders."""
     position = (np.arange(MAP_SIDE) + 0.5) / MAP_SIDE
     t = np.clip(np.minimum(position, 1.0 - position) / (FADE_SHARE / 2.0), 0.0, 1.0)

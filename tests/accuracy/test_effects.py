@@ -83,11 +83,11 @@ def test_a_point_of_a_light_is_as_far_off_as_the_light_is_large():
     spread = references.spread_over_disk(4000)
     assert np.hypot(*spread.T).max() <= 1.0
     assert np.hypot(*spread.T).mean() == pytest.approx(2.0 / 3.0, abs=2e-3)
-    sun = references._point_on_light(soft(10.0), 1.0, 0.0, middle)
+    sun = references._sample_light(soft(10.0), 1.0, 0.0, middle)
     angle = math.degrees(math.acos(np.dot(sun.direction, soft(10.0).direction)))
     assert (angle, sun.shadow.filter) == (pytest.approx(5.0), "hard")
     lamp = rj.PointLight((0, 3, 0), shadow=rj.Shadow(filter="soft", light_size=0.5))
-    moved = references._point_on_light(lamp, 0.0, -1.0, middle)
+    moved = references._sample_light(lamp, 0.0, -1.0, middle)
     assert np.linalg.norm(np.subtract(moved.position, lamp.position)) == pytest.approx(0.25)
     assert moved.position[1] == pytest.approx(3.0)
 

@@ -9,11 +9,11 @@ from rasterjit.accuracy.choice import (
     MAX_FRONT_POINTS,
     SAME_ERROR,
     dominates,
+    find_uncertainty,
     is_measured,
     is_slower,
     mark_dominated,
     pareto_front,
-    ratio_uncertainty,
     thin_front,
 )
 
@@ -143,15 +143,15 @@ def test_a_level_that_is_better_in_another_measure_is_not_dominated(measure):
 def test_more_rounds_tell_smaller_differences():
     few = trial("samples=2", (0.98, 1.0, 1.02, 1.04, 1.06))
     many = trial("samples=2", few.ratios * 30)
-    assert ratio_uncertainty(many) < ratio_uncertainty(few)
+    assert find_uncertainty(many) < find_uncertainty(few)
     assert is_slower(many, trial())
     assert not is_slower(few, trial())
 
 
 def test_of_few_rounds_all_samples_say_how_far_a_time_is_known():
-    assert ratio_uncertainty(trial("samples=2", (1.9, 2.0, 2.4))) == pytest.approx(0.5)
-    assert ratio_uncertainty(trial("samples=2", (1.9, 1.9, 1.9, 1.9, 2.4))) == pytest.approx(0.5)
-    assert ratio_uncertainty(trial("samples=2", (1.9,) * 5 + (2.4,))) < 0.05
+    assert find_uncertainty(trial("samples=2", (1.9, 2.0, 2.4))) == pytest.approx(0.5)
+    assert find_uncertainty(trial("samples=2", (1.9, 1.9, 1.9, 1.9, 2.4))) == pytest.approx(0.5)
+    assert find_uncertainty(trial("samples=2", (1.9,) * 5 + (2.4,))) < 0.05
 
 
 def test_times_of_too_few_rounds_are_told_apart_only_if_they_are_far_apart():

@@ -229,7 +229,7 @@ def test_the_error_of_a_reference_of_fewer_samples_is_told(monkeypatch):
     # Each step takes a second: the next one is expected to take four.
     monkeypatch.setattr(timing, "sum_stages", lambda stages: 1.0)
     with Studio(made, rj.fit_camera(made), (64, 48), 1) as studio:
-        full, part = studio.reference(1000.0), studio.reference(5.5)
+        full, part = studio.draw_reference(1000.0), studio.draw_reference(5.5)
     true = root_mean_square(light_of(part.picture) - light_of(full.picture))
     assert (full.samples, full.error, part.samples) == (256, 0.0, 16)
     assert 0.3 * true < part.error < 3.0 * true
@@ -243,7 +243,7 @@ def test_where_no_reference_is_drawn_in_time_the_picture_is_made_smaller_if_that
 ):
     made = scene()
     with Studio(made, rj.fit_camera(made), (512, 384), 1) as studio:
-        studio.seconds = lambda attempt: {
+        studio.time_stages = lambda attempt: {
             "shade": fixed + per_pixel * studio.size[0] * studio.size[1]
         }
         studio.shrink(None, 16 * 1.5 * 128 * 96)

@@ -24,7 +24,7 @@ class Painter:
         self.clock, self.costs, self.drawn = clock, seconds, []
         self.interrupt_after = None
 
-    def seconds(self, attempt):
+    def time_stages(self, attempt):
         samples = attempt.quality.samples
         if len(self.drawn) == self.interrupt_after:
             raise KeyboardInterrupt
@@ -102,10 +102,10 @@ def test_ratios_are_over_the_standard_of_the_same_round():
     standard, other = contestant(1, 0.2), contestant(4, 0.5)
 
     class Slowing(Painter):
-        def seconds(self, attempt):
+        def time_stages(self, attempt):
             for samples in self.costs:
                 self.costs[samples] *= 1.0 + 1e-3
-            return super().seconds(attempt)
+            return super().time_stages(attempt)
 
     painter = Slowing(clock, {1: 0.2, 4: 0.5})
     run_rounds(painter, standard, [other], TimeBudget(1000.0, clock), no_notice, clock)
@@ -173,8 +173,8 @@ def test_one_disturbed_frame_of_the_standard_changes_no_ratio():
     clock = Clock()
 
     class Disturbed(Painter):
-        def seconds(self, attempt):
-            stages = super().seconds(attempt)
+        def time_stages(self, attempt):
+            stages = super().time_stages(attempt)
             is_late = attempt.quality.samples == 1 and len(self.drawn) == 2
             return {name: seconds * (9.0 if is_late else 1.0) for name, seconds in stages.items()}
 

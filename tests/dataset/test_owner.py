@@ -91,7 +91,7 @@ def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, holder):
 
 def left_lock(place, change):
     """A lock file that a killed process left, with another content."""
-    content = json.loads(dataset_builder._lock_content())
+    content = json.loads(dataset_builder._make_lock_content())
     change(content)
     place.mkdir()
     (place / ".lock").write_text(json.dumps(content))
@@ -169,12 +169,12 @@ def forbid_by_path(monkeypatch):
 
 
 def test_where_locks_forbid_others_to_write_the_holder_does(tmp_path, monkeypatch):
-    (tmp_path / ".lock").write_text(dataset_builder._lock_content() + " " * 99)
+    (tmp_path / ".lock").write_text(dataset_builder._make_lock_content() + " " * 99)
     with monkeypatch.context() as patch:
         forbid_by_path(patch)
         with dataset_builder.lock_folder(tmp_path):
             patch.undo()
-            assert (tmp_path / ".lock").read_text() == dataset_builder._lock_content()
+            assert (tmp_path / ".lock").read_text() == dataset_builder._make_lock_content()
 
 
 def test_the_lock_of_another_machine_is_read_by_who_holds_it(tmp_path, monkeypatch):

@@ -675,9 +675,9 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     everything = draw(mesh, camera, wanted)
     for module, name in (
         (ground_truth, "fill_rows"), (ground_truth, "list_fills"), (packed_scene, "join_uv"),
-        (packed_scene, "join_normals"), (ground_truth, "metric_depth"),
-        (ground_truth, "box_matrices"), (ground_truth, "material_numbers"),
-        (supersample, "cover_pixels"), (motion, "moment_of"), (scalar_colors, "fill_scalars"),
+        (packed_scene, "join_normals"), (ground_truth, "find_metric_depth"),
+        (ground_truth, "map_boxes"), (ground_truth, "_number_materials"),
+        (supersample, "cover_pixels"), (motion, "make_moment"), (scalar_colors, "fill_scalars"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

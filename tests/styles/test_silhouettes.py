@@ -42,7 +42,7 @@ def cameras(scene):
         *shadow_catcher.list_key_slopes(placed.slope, 4),
         (0.0, 0.0),
     ]
-    return shadow_catcher._map_matrices(placed, slopes)
+    return shadow_catcher._place_maps(placed, slopes)
 
 
 def drawn(scene, view, clips):

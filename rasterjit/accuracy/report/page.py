@@ -158,7 +158,7 @@ def render_page(study: Study, sentences: dict[str, str]) -> str:
             split_label,
         )
     }  # fmt: skip
-    return environment.get_template("page.html").render(_template_variables(study, sentences))
+    return environment.get_template("page.html").render(_list_variables(study, sentences))
 
 
 def read_template(name: str) -> str:
@@ -166,7 +166,7 @@ def read_template(name: str) -> str:
     return resources.files("rasterjit.accuracy.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _template_variables(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
+def _list_variables(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
     """Return the variables of the template, by name."""
     album, (columns, rows) = make_album(study), study.size
     crop_width, front = album.size[0], list_front_trials(study)
@@ -247,7 +247,7 @@ def describe_trial(study: Study, trial: Trial) -> str:
     return f"{time}, {format_duration(trial.median)}; {error}, {against}."
 
 
-def _factor_cell(trial: Trial) -> Cell:
+def _make_factor_cell(trial: Trial) -> Cell:
     """Return a time over the standard's, and its range of uncertainty."""
     factor, _, uncertainty = describe_factor(trial).partition(" (")
     return factor, uncertainty[:-1]
@@ -260,7 +260,7 @@ def make_front_table(study: Study, front: list[Trial]) -> TableGroup:
     for trial in sorted([*front, *standard], key=lambda trial: trial.ratio):
         is_standard = trial.setting == STANDARD
         cells = [
-            _factor_cell(trial),
+            _make_factor_cell(trial),
             ("" if is_standard else compare_errors(trial, study.standard), ""),
             (format_duration(trial.median), ""),
             (format_number(trial.errors.rmse), ""),
@@ -281,7 +281,7 @@ def make_effects_table(study: Study) -> list[TableGroup]:
         rows = [TableRow(STANDARD, "as the scene says (standard)", cells)]
         for trial in cost.levels:
             time, error = format_duration(trial.median), format_number(trial.errors.rmse)
-            cells = [_factor_cell(trial), (time, ""), (error, "")]
+            cells = [_make_factor_cell(trial), (time, ""), (error, "")]
             rows.append(TableRow("level", trial.level, cells))
         groups.append(TableGroup(rows, cost.effect, f"reference: {cost.reference}"))
     return groups
@@ -312,7 +312,7 @@ def make_results_table(study: Study) -> tuple[list[Cell], list[TableGroup]]:
             rows.append(TableRow(
                 STANDARD if is_standard else css_class,
                 name_level(study, trial, setting),
-                _result_cells(trial),
+                _make_result_cells(trial),
                 trial,
                 front.index(trial.label) + 1 if trial.label in front and not is_standard else None,
                 "" if trial.dominated_by is None else f"dominated by {trial.dominated_by}",
@@ -339,7 +339,7 @@ def name_level(study: Study, trial: Trial, setting: str) -> str:
     return f"{find_standard_level(study, setting)} (standard)"
 
 
-def _result_cells(trial: Trial) -> list[Cell]:
+def _make_result_cells(trial: Trial) -> list[Cell]:
     """Return the cells of a trial's row, in the order of `RESULT_COLUMNS`."""
     low, high = trial.spread
     errors, median = trial.errors, format_milliseconds(trial.median)
