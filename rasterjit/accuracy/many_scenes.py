@@ -227,9 +227,9 @@ def _drop_pictures(study: Study) -> Study:
     """Return a study without its pictures, which would take much memory for many scenes."""
     color, error_map = np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), np.float32)
     trials = (study.standard, *study.trials)
-    standard, *trials = (replace(t, color=color, error_map=error_map) for t in trials)
-    bare = replace(study, standard=standard, trials=tuple(trials), reference_color=color)
-    return replace(bare, effects=())
+    bare = [replace(t, color=color, error_map=error_map) for t in trials]
+    study = replace(study, standard=bare[0], trials=tuple(bare[1:]))
+    return replace(study, reference_color=color, effects=())
 
 
 def _list_candidates(studies: Mapping[str, Study], knobs: Sequence[str]) -> dict[str, Quality]:

@@ -46,13 +46,13 @@ FaceShares = dict[int, float]
 """Share of a pixel that each face makes up, from 0 to 1; the visible one comes first."""
 
 
-class SceneLight(NamedTuple):
+class LightRig(NamedTuple):
     """Lights and effects that a surface is shaded with."""
 
     lighting: Lighting | None
     effects: tuple[ActiveEffect, ...]
 
-    def without_effects(self, *places: str) -> SceneLight:
+    def without_effects(self, *places: str) -> LightRig:
         """Return a copy in which effects at some places change nothing."""
         return self._replace(
             effects=tuple(
@@ -61,7 +61,7 @@ class SceneLight(NamedTuple):
             )
         )
 
-    def with_lighting(self, **fields: Any) -> SceneLight:
+    def with_lighting(self, **fields: Any) -> LightRig:
         """Return a copy with other fields of the lighting."""
         return self._replace(lighting=self.lighting._replace(**fields))
 
@@ -90,12 +90,12 @@ def find_object(drawn: VisibleScene, face: int) -> int:
     return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
 
 
-def find_surface(drawn: VisibleScene) -> tuple[Surface, SceneLight]:
+def find_surface(drawn: VisibleScene) -> tuple[Surface, LightRig]:
     """Return surface and light of the objects; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.seen.placement, workers, drawn.seen)
     find = partial(find_visible, cache=cache, workers=workers, clock=lambda _: None)
-    light = SceneLight(plan.lighting, prepare_effects(look_behind(context, find)))
+    light = LightRig(plan.lighting, prepare_effects(look_behind(context, find)))
     surface = shading.find_surface(plan, cache.tables)
     points = drawn.seen.coverage.points
     if plan.facts.shades_points and points is not None:
@@ -104,11 +104,11 @@ def find_surface(drawn: VisibleScene) -> tuple[Surface, SceneLight]:
 
 
 def find_light_terms(
-    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
+    drawn: VisibleScene, surface: Surface, light: LightRig, x: int, y: int
 ) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of the visible face's colour, and the colour, (4,) float32, linear."""
 
-    def shade(surface: Surface, light: SceneLight) -> NDArray[np.float32]:
+    def shade(surface: Surface, light: LightRig) -> NDArray[np.float32]:
         return shade_pixel(drawn, surface, light, x, y)[:3]
 
     face = int(drawn.seen.coverage.face_id[y, x])
@@ -150,7 +150,7 @@ def find_light_terms(
 
 
 def find_scalar(
-    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
+    drawn: VisibleScene, surface: Surface, light: LightRig, x: int, y: int
 ) -> tuple[float | None, NDArray[np.float32] | None]:
     """Return the scalar of the visible face, and its colour, (3,) linear; None if it has none."""
     face_id, shapes = drawn.seen.coverage.face_id, drawn.cache.shapes
@@ -168,7 +168,7 @@ def find_scalar(
 
 
 def _find_effect_terms(
-    drawn: VisibleScene, surface: Surface, light: SceneLight, clear: SceneLight, x: int, y: int
+    drawn: VisibleScene, surface: Surface, light: LightRig, clear: LightRig, x: int, y: int
 ) -> Iterator[LightTerm]:
     """Yield the change by each effect that acts on lit samples, in order."""
     before = clear.effects
@@ -193,7 +193,7 @@ def _make_effect_term(active: ActiveEffect, added: NDArray[np.float32]) -> Light
 
 
 def _find_terms_by_light(
-    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
+    drawn: VisibleScene, surface: Surface, light: LightRig, x: int, y: int
 ) -> Iterator[LightTerm]:
     """Yield the diffuse and specular light of each light alone."""
     diffuse, black = surface.materials.copy(), surface.materials.copy()
@@ -274,12 +274,7 @@ def _name_lights(drawn: VisibleScene) -> list[str]:
 
 
 def shade_pixel(
-    drawn: VisibleScene,
-    surface: Surface,
-    light: SceneLight,
-    x: int,
-    y: int,
-    face: int | None = None,
+    drawn: VisibleScene, surface: Surface, light: LightRig, x: int, y: int, face: int | None = None
 ) -> NDArray[np.float32]:
     """
     Shade one pixel with the stages of a frame; return its linear colour, (4,) float32.
@@ -291,7 +286,7 @@ def shade_pixel(
     needs = plan.shading.of(surface, light.lighting)
 
     def light_vertices_of_face(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
-        vertex_light = SceneLight(lighting, light.effects)
+        vertex_light = LightRig(lighting, light.effects)
         return _light_face_vertices(drawn, needs, surface, vertex_light, face)
 
     surface = shading.light_surface(plan, surface, light.lighting, light_vertices_of_face)
@@ -307,7 +302,7 @@ def shade_pixel(
 
 
 def _light_face_vertices(
-    drawn: VisibleScene, needs: ShadingNeeds, surface: Surface, light: SceneLight, face: int
+    drawn: VisibleScene, needs: ShadingNeeds, surface: Surface, light: LightRig, face: int
 ) -> NDArray[np.float32]:
     """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
     vertices = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
@@ -322,7 +317,7 @@ def _light_face_vertices(
 def find_color_parts(
     drawn: VisibleScene,
     surface: Surface,
-    light: SceneLight,
+    light: LightRig,
     face_color: NDArray[np.float32],
     linear: NDArray[np.float32],
     x: int,
@@ -335,7 +330,7 @@ def find_color_parts(
     ----------
     drawn : VisibleScene
     surface : Surface
-    light : SceneLight
+    light : LightRig
     face_color : (4,) float32, linear
         Colour of the visible face; of the background where the pixel's centre shows none.
     linear : (4,) float32, linear
@@ -403,7 +398,7 @@ def _sample_viewport(drawn: VisibleScene) -> VisibleScene:
 
 
 def _find_visible_layers(
-    drawn: VisibleScene, surface: Surface, light: SceneLight, x: int, y: int
+    drawn: VisibleScene, surface: Surface, light: LightRig, x: int, y: int
 ) -> Iterator[tuple[list[int], float]]:
     """Yield the faces of each sample or area, nearest first, and its share of the pixel."""
     plan, geometry, workers = drawn.plan, drawn.seen.geometry, Workers(1)

@@ -9,11 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from rasterjit.accuracy import sentences
 from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.report.files import JSON_NAME
 from rasterjit.accuracy.report.page import PAGE_NAME, read_template
 from rasterjit.accuracy.results import STANDARD, Trial
+from rasterjit.accuracy.sentences import (
+    format_duration,
+    format_factor,
+    format_number,
+    format_options,
+    summarize_folder,
+)
 from rasterjit.io.atomic_write import write_text
 
 if TYPE_CHECKING:
@@ -44,13 +50,13 @@ def folder_as_json(folder_study: FolderStudy) -> dict[str, Any]:
         "max_error": folder_study.max_error,
         "take": {
             "label": chosen.label,
-            "options": sentences.format_options(chosen, folder_study.standard),
+            "options": format_options(chosen, folder_study.standard),
             "quality": asdict(chosen.quality),
             "holds_max_error": None if folder_study.max_error is None else folder_study.take.holds,
             "sureness": folder_study.take.sureness,
             "better_by_at_most": folder_study.take.at_most,
         },
-        "answer": " ".join(sentences.summarize_folder(folder_study)),
+        "answer": " ".join(summarize_folder(folder_study)),
         "scenes": {
             name: {
                 label: {"ratio": trials[row].ratio, "rmse": trials[row].errors.rmse}
@@ -66,8 +72,8 @@ def render_page(folder_study: FolderStudy) -> str:
     """Return the page as HTML."""
     style = read_template("page.css")
     title = html.escape(f"What accuracy costs: {folder_study.name}")
-    answer, certainty = (html.escape(text) for text in sentences.summarize_folder(folder_study))
-    options = html.escape(sentences.format_options(folder_study.take.trial, folder_study.standard))
+    answer, certainty = (html.escape(text) for text in summarize_folder(folder_study))
+    options = html.escape(format_options(folder_study.take.trial, folder_study.standard))
     failures = "".join(
         f"<dt>{html.escape(name)}</dt><dd>{html.escape(reason)}</dd>"
         for name, reason in folder_study.failures.items()
@@ -100,10 +106,10 @@ def _scenes_table(folder_study: FolderStudy) -> str:
     trials = zip(folder_study.studies.items(), chosen_trials, candidates[STANDARD], strict=True)
     for (name, study), chosen_trial, standard in trials:
         cells = [
-            sentences.format_duration(standard.median),
-            sentences.format_number(standard.errors.rmse),
-            f"{sentences.format_factor(chosen_trial.ratio)}×",
-            sentences.format_number(chosen_trial.errors.rmse),
+            format_duration(standard.median),
+            format_number(standard.errors.rmse),
+            f"{format_factor(chosen_trial.ratio)}×",
+            format_number(chosen_trial.errors.rmse),
             html.escape(choose(study).trial.label),
         ]
         link = f'<a href="{quote(name)}/{PAGE_NAME}">{html.escape(name)}</a>'
@@ -119,9 +125,9 @@ def _qualities_table(folder_study: FolderStudy) -> str:
         trials: tuple[Trial, ...] = folder_study.candidates[total.label]
         ratios = [trial.ratio for trial in trials]
         cells = [
-            f"{sentences.format_factor(total.ratio)}×",
-            f"{sentences.format_factor(min(ratios))} to {sentences.format_factor(max(ratios))}",
-            sentences.format_number(max(trial.errors.rmse for trial in trials)),
+            f"{format_factor(total.ratio)}×",
+            f"{format_factor(min(ratios))} to {format_factor(max(ratios))}",
+            format_number(max(trial.errors.rmse for trial in trials)),
         ]
         name = html.escape(total.label)
         is_chosen = total.label == folder_study.take.trial.label
