@@ -253,7 +253,13 @@ def test_nothing_outside_a_robots_package_is_opened(tmp_path, name):
     assert scene.nodes[0].mesh.material.base_color_texture is None
 
 
-@pytest.mark.parametrize("plant", [os.mkfifo, lambda place: place.symlink_to("../secret.xml")])
+def make_pipe(place):
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("no pipes among files")
+    os.mkfifo(place)
+
+
+@pytest.mark.parametrize("plant", [make_pipe, lambda place: place.symlink_to("../secret.xml")])
 def test_what_marks_a_package_is_a_file(tmp_path, plant):
     (tmp_path / "secret.xml").write_text("<name>other</name>")
     file = obj(tmp_path / "arm", "package://other/wood.png")

@@ -309,7 +309,7 @@ def test_a_file_that_is_no_light_is_named(tmp_path, exponent):
     path.write_bytes(head + bytes([255, 255, 255, exponent]) * width)
     with pytest.raises(ValueError, match=r"^path must be a picture") as caught:
         rj.Environment.from_file(path)
-    assert str(caught.value).count(str(path)) == 1
+    assert str(caught.value).count(path.name) == 1
 
 
 def test_an_exr_with_channels_of_several_sizes_is_named(tmp_path, monkeypatch):
