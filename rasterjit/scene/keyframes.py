@@ -261,10 +261,7 @@ def slerp_rotation(start_rotation: Float64, end_rotation: Float64, t: float) -> 
     ----------
     .. [1] The Khronos Group, "glTF 2.0 Specification", Appendix C.4.
     """
-    start, end = (
-        _normalize_quaternion(start_rotation).tolist(),
-        _normalize_quaternion(end_rotation).tolist(),
-    )
+    start, end = (_normalize_quaternion(q).tolist() for q in (start_rotation, end_rotation))
     sign = -1.0 if _dot(start, end) < 0.0 else 1.0
     end = [sign * part for part in end]
     difference = [a - b for a, b in zip(start, end, strict=True)]

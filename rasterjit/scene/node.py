@@ -322,10 +322,8 @@ class Node(HoldsArrays, WorldObject, Guarded):
         above = None if parent is None else parent._world_from_model
         poses = [(self, _compute_world_matrix(self, transform, above))]
         for node, pose in poses:
-            poses += [
-                (child, _compute_world_matrix(child, child._transform, pose))
-                for child in node._children
-            ]
+            for child in node._children:
+                poses.append((child, _compute_world_matrix(child, child._transform, pose)))
         self.__dict__["_transform"] = transform
         for node, pose in poses:
             node.__dict__["_world_from_model"] = pose

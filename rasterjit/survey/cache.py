@@ -368,11 +368,9 @@ def _update_transforms(
         return object_transforms.transform_objects(matrices)
     pairs = zip(last.matrices, matrices, strict=True)
     moved = [n for n, (old, new) in enumerate(pairs) if old is not new]
-    return (
-        object_transforms.move_objects(last.transforms, matrices, moved)
-        if moved
-        else last.transforms
-    )
+    if not moved:
+        return last.transforms
+    return object_transforms.move_objects(last.transforms, matrices, moved)
 
 
 def are_identical(old: Sequence[Any], new: Sequence[Any]) -> bool:

@@ -353,10 +353,8 @@ def _find_sphere_depths(
     radius = _max_half_size(mesh, relative_from_model)
     gradients = _gradient_lengths(rows)
     depth_radius = float(radius * gradients[DEPTH_ROW])
-    if _is_between(
-        _find_bounding_sphere(mesh), rows[DEPTH_ROW], relative_from_model,
-        (planes[0] + depth_radius, planes[1] - depth_radius),
-    ):  # fmt: skip
+    inner = planes[0] + depth_radius, planes[1] - depth_radius
+    if _is_between(_find_bounding_sphere(mesh), rows[DEPTH_ROW], relative_from_model, inner):
         return EMPTY_RANGE
     matrix = np.ascontiguousarray(relative_from_model[:3])
     cache, key = _range_cache.setdefault(mesh, {}), (rows.tobytes() + matrix.tobytes(), planes)

@@ -814,9 +814,7 @@ class _Cutter:
         rotated = (first[:, np.newaxis] + CORNER_INDICES) % 3
         rows = np.arange(len(corners))[:, np.newaxis]
         corners, corner_signs, weights = (
-            corners[rows, rotated],
-            corner_signs[rows, rotated],
-            weights[rows, rotated],
+            values[rows, rotated] for values in (corners, corner_signs, weights)
         )
         second = np.where(corner_signs[:, 1] == 0.0, 1, 0)
         third = np.where(corner_signs[:, 2] == 0.0, 2, 0)
@@ -900,10 +898,9 @@ class _Cutter:
         tails, heads, counts = (
             np.concatenate(part).astype(np.int64) for part in zip(*edges, strict=True)
         )
-        ends, first = np.unique(
-            self.position_ids[np.concatenate([tails, heads])], return_index=True
-        )
-        vertices = np.concatenate([tails, heads])[first]
+        vertices = np.concatenate([tails, heads])
+        ends, first = np.unique(self.position_ids[vertices], return_index=True)
+        vertices = vertices[first]
         tails, heads = (np.searchsorted(ends, self.position_ids[end]) for end in (tails, heads))
         low, high, sums = _count_net_edges(tails, heads, counts)
         return vertices[low], vertices[high], sums
@@ -1107,10 +1104,7 @@ class _Outlines:
                 continue
             a, b = edges[edge, :2].tolist()
             c, d = edges[other, :2].tolist()
-            start_area, end_area = (
-                _double_signed_area(points, c, d, a),
-                _double_signed_area(points, c, d, b),
-            )
+            start_area, end_area = (_double_signed_area(points, c, d, end) for end in (a, b))
             fraction = start_area / (start_area - end_area)
             x, y = (
                 round(points[a][k] + fraction * (points[b][k] - points[a][k])) for k in range(2)

@@ -242,12 +242,10 @@ class _LightScene:
         """Return the closed object that blocks a light from all that is visible, if any."""
         low, high = self.ends
         if isinstance(light, DirectionalLight):
-            return self._enclosures.find_separating_object(
-                -np.array(light.direction), False, low, high
-            )
-        return self._enclosures.find_separating_object(
-            np.array(light.position) - self.eye, True, low, high
-        )
+            light_end, has_end = -np.array(light.direction), False
+        else:
+            light_end, has_end = np.array(light.position) - self.eye, True
+        return self._enclosures.find_separating_object(light_end, has_end, low, high)
 
     def is_shaded(self, light: Any, shadow: Shadow, lit: NDArray[np.bool_] | None) -> bool:
         """Tell whether any object may cast a shadow on those that a light reaches, (O,) or all."""
@@ -522,11 +520,8 @@ def _pack_cone(light: Light) -> tuple[float, float, float, float, float]:
     """Return axis, scale and offset of a light's cone."""
     if not isinstance(light, SpotLight):
         return NO_CONE
-    inner, outer = (
-        _compute_versine(light.inner_angle),
-        max(_compute_versine(light.outer_angle), MIN_CONE),
-    )
-    outer = max(outer, inner * (1.0 + MIN_CONE_RAMP))
+    inner = _compute_versine(light.inner_angle)
+    outer = max(_compute_versine(light.outer_angle), MIN_CONE, inner * (1.0 + MIN_CONE_RAMP))
     scale = 1.0 / (outer - inner)
     return (*light.direction, scale, outer * scale)
 
@@ -558,11 +553,9 @@ def max_reflected_light(lights: Sequence[Light], environment: Environment | None
 
 def make_headlight(camera: Camera) -> list[Light]:
     """Return the default lights, for scenes without any."""
-    ambient = AmbientLight(intensity=HEADLIGHT_AMBIENT)
-    return [
-        DirectionalLight(_compute_headlight_direction(camera), intensity=HEADLIGHT_INTENSITY),
-        ambient,
-    ]
+    direction = _compute_headlight_direction(camera)
+    light = DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY)
+    return [light, AmbientLight(intensity=HEADLIGHT_AMBIENT)]
 
 
 def _compute_headlight_direction(camera: Camera) -> tuple[float, ...]:

@@ -60,9 +60,11 @@ MIN_SEARCHED_VERTICES = 1 << 16
 VERTICES_PER_BLOCK = 1 << 12
 """Consecutive vertices that are skipped together if all are unused."""
 
+_NO_TANGENTS = np.zeros((0, GROUPS, 4), np.float32)
+
 _WHITE, _BLACK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
 
-NORMAL_TEXTURE = 1
+NORMAL_MAP = 1
 """Index of normal maps among the textures of a material."""
 
 WRAP_CODES = {"repeat": texturing.REPEAT, "clamp": texturing.CLAMP, "mirror": texturing.MIRROR}
@@ -86,6 +88,8 @@ _LevelRange: TypeAlias = tuple[int, int]
 
 _Codes: TypeAlias = tuple[int, int, int]
 """Channels of an image of codes, its first code and its curve; 0 channels: it has none."""
+
+_Location: TypeAlias = tuple[_LevelRange, _Codes]
 
 IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
@@ -153,10 +157,9 @@ def _find_unused_runs(
         if mesh not in runs_by_mesh:
             blocks = np.arange(0, count, VERTICES_PER_BLOCK)
             is_unused = ~np.logical_or.reduceat(mesh.used_vertices(), blocks)
-            edges = (
-                np.flatnonzero(np.diff(is_unused, prepend=False, append=False)) * VERTICES_PER_BLOCK
-            )
-            runs_by_mesh[mesh] = np.minimum(edges, count).reshape(-1, 2).tolist()
+            edges = np.flatnonzero(np.diff(is_unused, prepend=False, append=False))
+            ends = np.minimum(edges * VERTICES_PER_BLOCK, count)
+            runs_by_mesh[mesh] = ends.reshape(-1, 2).tolist()
         runs += [(start + first, start + end) for first, end in runs_by_mesh[mesh]]
     return tuple(runs)
 
@@ -342,19 +345,11 @@ def join_transmission(meshes: Sequence[Mesh]) -> TransmissionRows:
     runs = group_instances(meshes)
     rows, factors = [], []
     for mesh, _ in runs:
-        material = mesh.material
-        reflection = (
-            min(_compute_dielectric_f0(material.ior) * max(material.specular_color), 1.0),
-            material.specular_factor,
-        )
-        attenuation = *material.attenuation_color, 1.0 / material.attenuation_distance
-        rows.append(
-            (
-                material.transmission * is_transmissive(mesh),
-                material.thickness * _compute_joint_scale(mesh),
-            )
-        )
-        factors.append((material.ior, *reflection, *attenuation))
+        m, scale = mesh.material, _compute_joint_scale(mesh)
+        rows.append((m.transmission * is_transmissive(mesh), m.thickness * scale))
+        f0 = min(_compute_dielectric_f0(m.ior) * max(m.specular_color), 1.0)
+        attenuation = *m.attenuation_color, 1.0 / m.attenuation_distance
+        factors.append((m.ior, f0, m.specular_factor, *attenuation))
     return TransmissionRows(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
 
 
@@ -394,11 +389,10 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
     ]  # fmt: skip
     probe_rows = [(*_WHITE, m.shading == "pbr", *_BLACK, 1.0, 0.0) for m in materials]
     has_maps = any(m.textures_read()[texturing.CLEARCOAT_NORMAL] is not None for m in materials)
-    none = np.zeros((0, GROUPS, 4), np.float32)
     return Layers(
         _repeat(coats, runs, np.float32),
         _repeat([(m.clearcoat_normal_scale,) for m in materials], runs, np.float32),
-        _join_tangents(runs, texturing.CLEARCOAT_NORMAL) if has_maps else none,
+        _join_tangents(runs, texturing.CLEARCOAT_NORMAL) if has_maps else _NO_TANGENTS,
         _repeat(sheens, runs, np.float32),
         _repeat(dielectrics, runs, np.float32),
         _repeat(probe_rows, runs, np.float32),
@@ -491,16 +485,12 @@ def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:
         (mesh.material.normal_scale, mesh.material.occlusion_strength, *mesh.material.emissive)
         for mesh, _ in runs
     ]
-    is_read = [
-        [texture is not None for texture in mesh.material.textures_read()] for mesh, _ in runs
-    ]
+    is_read = [[one is not None for one in mesh.material.textures_read()] for mesh, _ in runs]
     counts = np.count_nonzero(_repeat(is_read, runs, np.int64), axis=0).astype(np.int64)
     return Maps(
         _repeat(factors, runs, np.float32),
         counts,
-        _join_tangents(runs, NORMAL_TEXTURE)
-        if counts[NORMAL_TEXTURE]
-        else np.zeros((0, GROUPS, 4), np.float32),
+        _join_tangents(runs, NORMAL_MAP) if counts[NORMAL_MAP] else _NO_TANGENTS,
         tuple(join_uv(meshes, kind) if apart else None for kind, apart in enumerate(kinds_apart)),
     )
 
@@ -606,10 +596,7 @@ def _merge_alpha_use(mesh: Mesh) -> AlphaUse:
 def _join_texels(
     textures: Sequence[tuple[Texture, AlphaUse]],
 ) -> tuple[
-    NDArray[np.float32],
-    NDArray[np.uint8],
-    NDArray[np.int64],
-    dict[_PreparedImage, tuple[_LevelRange, _Codes]],
+    NDArray[np.float32], NDArray[np.uint8], NDArray[np.int64], dict[_PreparedImage, _Location]
 ]:
     """Return the texels, codes and levels of all images, and the location of each image's."""
     has_levels: dict[_PreparedImage, bool] = {}
@@ -633,12 +620,8 @@ def _join_texels(
             levels.append((start, width, height))
             start += width * height
         first_texel = start
-    return (
-        _concatenate_flat(texels),
-        _concatenate_flat(codes),
-        np.array(levels, np.int64),
-        locations,
-    )
+    table = np.array(levels, np.int64)
+    return _concatenate_flat(texels), _concatenate_flat(codes), table, locations
 
 
 def _concatenate_flat(arrays: list[NDArray[Any]]) -> NDArray[Any]:
@@ -648,24 +631,15 @@ def _concatenate_flat(arrays: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _pack_texture(
-    texture: Texture | None,
-    use: AlphaUse,
-    locations: dict[_PreparedImage, tuple[_LevelRange, _Codes]],
+    texture: Texture | None, use: AlphaUse, locations: dict[_PreparedImage, _Location]
 ) -> tuple[int, ...]:
     """Return the row of ``Textures.table`` for one texture of one object."""
     if texture is None:
         return NO_TEXTURE_ROW
     wraps = (WRAP_CODES[wrap] for wrap in texture.wrap)
     alpha = {None: texturing.PLAIN, WEIGHTED: texturing.WEIGHTED}.get(use, texturing.MASK)
-    level_range, code_range = locations[texture.pyramid, use]
-    return (
-        *level_range,
-        *wraps,
-        FILTER_CODES[texture.filter],
-        texture.anisotropy,
-        alpha,
-        *code_range,
-    )
+    levels, codes = locations[texture.pyramid, use]
+    return (*levels, *wraps, FILTER_CODES[texture.filter], texture.anisotropy, alpha, *codes)
 
 
 def _pack_uv_transform(texture: Texture | None) -> tuple[float, ...]:
