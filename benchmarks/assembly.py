@@ -24,10 +24,16 @@ def of_store() -> Iterable[tuple[str, str]]:
 
     for kernel in jit.KERNELS:
         for form in kernel.forms:
-            yield store.full_name(kernel), compiler.assembly(kernel, form.kind, store.host())
+            yield (
+                store.qualified_name(kernel),
+                compiler.emit_assembly_text(kernel, form.kind, store.host()),
+            )
     for stage in jit.STAGES:
         if stage.is_in_use:
-            yield store.full_name(stage), compiler.assembly(stage, stage.kind, store.host())
+            yield (
+                store.qualified_name(stage),
+                compiler.emit_assembly_text(stage, stage.kind, store.host()),
+            )
 
 
 def of_numba() -> Iterable[tuple[str, str]]:

@@ -103,17 +103,17 @@ def measure(name: str, side: int, views: int, rounds: int) -> dict[str, object]:
 
 def counted(draw: Callable[[], Any]) -> int:
     """Draw a batch, and return how many of its views were drawn one by one."""
-    numbers, call = [], batch.SingleViews.__call__
+    numbers, call = [], batch.SingleViewDrawer.__call__
 
     def noted(self: Any, group: Any) -> Any:
         numbers.extend(group)
         return call(self, group)
 
-    batch.SingleViews.__call__ = noted
+    batch.SingleViewDrawer.__call__ = noted
     try:
         draw()
     finally:
-        batch.SingleViews.__call__ = call
+        batch.SingleViewDrawer.__call__ = call
     return len(numbers)
 
 

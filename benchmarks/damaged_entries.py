@@ -83,7 +83,7 @@ def read_damaged(entries: list[Path], count: int, seed: int, place: Path) -> dic
         path = place / mine.name
         path.write_bytes(damaged)
         path.chmod(0o600)
-        found = store.read(path)
+        found = store.read_entry(path)
         path.unlink()
         if damaged == content:
             outcome = "unchanged"
@@ -162,7 +162,7 @@ def run_damaged(count: int, seed: int, place: Path) -> list[str]:
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 def main(entries: int, runs: int, seed: int) -> None:
     """Damage kept kernels, and see that none is used."""
-    source = store.folder()
+    source = store.kernel_folder()
     kept = [] if source is None else sorted(source.glob(f"*{store.SUFFIX}"))
     if source is None or not kept:
         raise click.ClickException("no kernels are kept here: draw something first")

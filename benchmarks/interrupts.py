@@ -261,7 +261,7 @@ class Bench:
     ) -> None:
         self.folder, self.program = folder, program
         self.warm = folder / "warm"
-        kept = store.folder()
+        kept = store.kernel_folder()
         if kept is None:
             self.warm.mkdir(mode=0o700)
         else:

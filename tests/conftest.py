@@ -80,12 +80,12 @@ def _share_store(config):
     """Name the folder of compiled kernels for this run, its workers and what tests start."""
     if os.environ.get(store.FOLDER_VARIABLE):
         return
-    place = store.folder()
+    place = store.kernel_folder()
     if place is None:
         folder = tempfile.TemporaryDirectory(prefix="rasterjit-")
         config.add_cleanup(folder.cleanup)
         place = folder.name
-        store.folder.cache_clear()
+        store.kernel_folder.cache_clear()
     os.environ[store.FOLDER_VARIABLE] = str(place)
 
 

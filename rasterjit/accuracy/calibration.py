@@ -14,8 +14,8 @@ from rasterjit.rendering.quality_selection import (
     LADDER,
     Profile,
     QualityStep,
-    front_of_steps,
     light_of,
+    pareto_front_of_steps,
     root_mean_square,
     save_profile,
 )
@@ -72,7 +72,7 @@ def calibrate(
         QualityStep(quality, statistics.median(times[quality]), statistics.median(errors[quality]))
         for quality in LADDER
     ]
-    profile = Profile(front_of_steps(steps), threads or available_processors())
+    profile = Profile(pareto_front_of_steps(steps), threads or available_processors())
     return profile, save_profile(profile)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.quality_selection import CODES, light_of, root_mean_square
+from rasterjit.rendering.quality_selection import MAX_CODE, light_of, root_mean_square
 from rasterjit.scene.quality import LEVELS, Quality
 from rasterjit.scene.scene import Scene
 
@@ -384,7 +384,7 @@ def measure_flip(true: NDArray[np.uint8], color: NDArray[np.uint8]) -> float | N
     import flip_evaluator
 
     pictures = [
-        np.ascontiguousarray(picture[:, :, :3], np.float32) / np.float32(CODES)
+        np.ascontiguousarray(picture[:, :, :3], np.float32) / np.float32(MAX_CODE)
         for picture in (true, color)
     ]
     # FLIP's own mean is summed by several threads, in any order.

@@ -28,8 +28,8 @@ from rasterjit.accuracy.settings_to_try import (
     list_single_attempts,
 )
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.planning import choose_camera, settle_cameras
-from rasterjit.rendering.quality_selection import light_of, machine, root_mean_square
+from rasterjit.rendering.planning import choose_camera, share_clip_planes
+from rasterjit.rendering.quality_selection import describe_machine, light_of, root_mean_square
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera, MatrixCamera
@@ -203,7 +203,7 @@ def begin_study(
     """Return a run for a scene and its camera that takes a share of the budget."""
     scene, size = pose_input(what[0]), options.size
     camera = choose_camera(scene, what[1], size)
-    (camera,) = settle_cameras(scene, [camera], size, Quality.standard())
+    (camera,) = share_clip_planes(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)
     studio = Studio(scene, camera, size, options.threads, lens)
     seconds, notify = share * options.seconds, progress or _ignore_progress
@@ -378,7 +378,7 @@ class StudyRun:
             size=size,
             threads=self.studio.threads,
             rounds=max(frames, default=len(self.standard.frame_stages)),
-            machine=machine(),
+            machine=describe_machine(),
             versions=list_versions(),
             standard=standard,
             trials=tuple(trials),

@@ -14,7 +14,7 @@ from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.output_table import Outputs
-from rasterjit.rendering.planning import Cull, look_from, needs_settling
+from rasterjit.rendering.planning import Cull, find_scene_plane_needs, has_open_plane
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, move_planes
@@ -192,7 +192,7 @@ def _play(
 
     def find_plane_needs(view_camera: Camera) -> PlaneNeeds:
         """Return what the nodes in their current states need of automatic planes."""
-        return look_from(scene, view_camera, renderer.size, renderer.quality)
+        return find_scene_plane_needs(scene, view_camera, renderer.size, renderer.quality)
 
     try:
         plane_needs = NO_PLANE_NEEDS
@@ -203,14 +203,14 @@ def _play(
             # Automatic planes are the same for all frames.
             for raw_time in times:
                 time = finite_number("times", raw_time)
-                if needs_settling(view_camera := camera_at(time)):
+                if has_open_plane(view_camera := camera_at(time)):
                     motion.move(time)
                     plane_needs = plane_needs.merge(find_plane_needs(view_camera))
         for raw_time in times:
             time = finite_number("times", raw_time)
             motion.move(time)
             view_camera = camera_at(time)
-            if needs_settling(view_camera):
+            if has_open_plane(view_camera):
                 if not is_surveyed:
                     # Without a survey, planes only move nearer from frame to frame.
                     plane_needs = plane_needs.merge(find_plane_needs(view_camera))

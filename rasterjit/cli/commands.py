@@ -561,19 +561,19 @@ def warmup(quiet: bool) -> None:
     if jit.DISABLED or jit.CHECKED:
         variable = "NUMBA_DISABLE_JIT" if jit.DISABLED else "NUMBA_BOUNDSCHECK"
         raise click.ClickException(f"nothing to compile: {variable} is set")
-    library = prebuilt_kernels.found().library
+    library = prebuilt_kernels.find_library().library
     if library is not None and not lacking():
         if not quiet:
             say(f"nothing to compile: code for {library.target.cpu} came with the installation")
         return
-    folder = store.folder()
+    folder = store.kernel_folder()
     if folder is None:
         raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")
     started = time.perf_counter()
     with progress_bar("Compiling kernels", quiet, is_told=True) as tell:
         compile_all(tell)
     if not quiet:
-        count = store.contents(folder).entries
+        count = store.inspect_folder(folder).entries
         say(f"compiled or found all kernels in {time.perf_counter() - started:.1f} s")
         say(f"{count} entries in {folder}")
 

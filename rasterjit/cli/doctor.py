@@ -72,7 +72,7 @@ def examine() -> Iterator[Finding]:
     yield Finding("python", f"{platform.python_version()} on {platform.platform(terse=True)}")
     for package in PACKAGES:
         yield _version(package)
-    name, features = store.cpu_features() if store.has_linker() else (platform.machine(), None)
+    name, features = store.host_cpu_features() if store.has_linker() else (platform.machine(), None)
     shown = [feature for feature in SHOWN_FEATURES if feature in (features or ())]
     units = " ".join(shown) or "none of the usual vector units"
     yield Finding("cpu", name if features is None else f"{name}: {units}")
@@ -119,7 +119,7 @@ def _kernel_source() -> Finding:
         return Finding("kernels", "not compiled: NUMBA_DISABLE_JIT is set (very slow)")
     if jit.CHECKED:
         return Finding("kernels", "with checked indices: NUMBA_BOUNDSCHECK is set (not kept)")
-    loaded, compiled = map(len, store.USED)
+    loaded, compiled = map(len, store.USED_KERNELS)
     took = f"{loaded} loaded, {compiled} compiled in {clocks.COMPILER_CLOCK.seconds:.1f} s"
     return Finding("kernels", took + (" (rasterjit warmup compiles the rest)" if compiled else ""))
 
@@ -128,19 +128,19 @@ def _check_prebuilt_kernels() -> Iterator[Finding]:
     """Check the machine code that came with the installation, if any."""
     if jit.DISABLED or jit.CHECKED:
         return
-    library, problem = prebuilt_kernels.found()
+    library, problem = prebuilt_kernels.find_library()
     if problem is not None:
         yield Finding("shipped code", problem, False)
     if library is not None:
         yield _describe_shipped("code", library.target.cpu, library.index, library.path)
     elif store.has_linker():
         try:
-            texts = prebuilt_kernels.found_texts()
-        except prebuilt_kernels.UnfitError as error:
+            texts = prebuilt_kernels.find_texts()
+        except prebuilt_kernels.UnusableError as error:
             yield Finding("shipped text", str(error), False)
         else:
             if texts is not None:
-                yield _describe_shipped("text", texts.cpu, texts.made, texts.path)
+                yield _describe_shipped("text", texts.cpu, texts.index, texts.path)
 
 
 def _describe_shipped(what: str, cpu: str, index: prebuilt_kernels.Index, path: Path) -> Finding:
@@ -153,16 +153,20 @@ def _check_store() -> Iterator[Finding]:
     """Check the store, remove damaged entries, and report its contents."""
     if jit.DISABLED or jit.CHECKED:
         return
-    place = store.folder() if store.has_linker() else None
-    if place is None and prebuilt_kernels.found().library and not store.USED.compiled:
+    place = store.kernel_folder() if store.has_linker() else None
+    if (
+        place is None
+        and prebuilt_kernels.find_library().library
+        and not store.USED_KERNELS.compiled
+    ):
         yield Finding("kernel store", "nothing is kept, and nothing need be")
         return
     if place is None:
         remedy = f"set {store.FOLDER_VARIABLE}" if store.has_linker() else "pip install numba"
         yield Finding("kernel store", f"nothing is kept ({remedy})", False)
         return
-    found = store.contents(place)
-    left = store.mend(found)
+    found = store.inspect_folder(place)
+    left = store.remove_damaged(found)
     text = f"{found.entries} entries, {found.size / 1e6:.1f} MB; {place}"
     others = {
         "made by other versions": found.other_versions,
@@ -170,7 +174,7 @@ def _check_store() -> Iterator[Finding]:
         "from other sources": found.other_sources,
     }
     of_them = [f"{count} {what}" for what, count in others.items() if count]
-    is_kept = not store.USED.compiled or os.access(place, os.W_OK)
+    is_kept = not store.USED_KERNELS.compiled or os.access(place, os.W_OK)
     unkept = "" if is_kept else f" cannot be written (set {store.FOLDER_VARIABLE})"
     yield Finding("kernel store", text + unkept, is_kept)
     if of_them:

@@ -246,7 +246,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
-    from rasterjit.runtime.background_compile import beside
+    from rasterjit.runtime.background_compile import compile_in_background
 
     quiet, start = asked.quiet, time.perf_counter()
     options: dict[str, Any] = {
@@ -256,7 +256,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     with (
         report.status(f"Rendering {file.name}", quiet) as line,
         report.progress_notice(quiet, line),
-        beside(first_tasks, asked.threads, at_once=True),
+        compile_in_background(first_tasks, asked.threads, at_once=True),
         warnings.catch_warnings(),
     ):
         # Said below, as lines.

@@ -73,7 +73,13 @@ def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     shown : rich.status.Status or None
         The line on a terminal that says how far it is. Without one, say it once on standard error.
     """
-    from rasterjit.runtime.progress import PATIENCE, bar, kept, pictures_told_to, told_to
+    from rasterjit.runtime.progress import (
+        MIN_SECONDS,
+        count_pictures_by,
+        describe_storage,
+        format_bar,
+        show_progress_by,
+    )
 
     is_told = False
     text = shown.status if shown is not None else ""
@@ -86,17 +92,17 @@ def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
             shown.update(f"{text}: {progress}" if progress else text)
         elif not is_told:
             is_told = True
-            say(f"compiling kernels, which takes seconds ({kept()})", err=True)
+            say(f"compiling kernels, which takes seconds ({describe_storage()})", err=True)
 
     began: list[float] = []
 
     def count(done: int, total: int) -> None:
         began.append(time.monotonic())
         seconds = began[-1] - began[0]
-        if shown is not None and seconds >= PATIENCE:
-            shown.update(f"{text}: {bar(done, total, seconds)}")
+        if shown is not None and seconds >= MIN_SECONDS:
+            shown.update(f"{text}: {format_bar(done, total, seconds)}")
 
-    with told_to(tell), pictures_told_to(count):
+    with show_progress_by(tell), count_pictures_by(count):
         yield
 
 

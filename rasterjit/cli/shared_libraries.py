@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from rasterjit.runtime import code_generation, isolated_numba
 from rasterjit.runtime.state_block import RecordType
-from rasterjit.runtime.targets import PLATFORMS, Target, parts_of
+from rasterjit.runtime.targets import PLATFORMS, Target, split_triple
 
 OBJECT = ".o"
 
@@ -68,7 +68,7 @@ SYSTEMS = {
         frozenset(["bzero", "__bzero"]),
     ),
 }  # fmt: skip
-"""By our names (``targets.parts_of``)."""
+"""By our names (``targets.split_triple``)."""
 
 
 @functools.cache
@@ -76,7 +76,7 @@ def machine_of(target: Target) -> Any:
     """Return LLVM's description of a machine, for code that may lie anywhere as a whole."""
     from llvmlite import binding
 
-    code_generation.machine_of(target)  # It registers LLVM's targets.
+    code_generation.target_machine(target)  # It registers LLVM's targets.
     return binding.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=3, reloc="pic", codemodel="small"
     )
@@ -111,14 +111,14 @@ def module_for(text: str, name: str, target: Target) -> Any:
     module = binding.parse_assembly(re.sub(r"(?m)^(define .*) \{$", r"\1 uwtable {", text))
     module.triple, module.data_layout = target.triple, str(machine_of(target).target_data)
     module.name = name
-    if parts_of(target.triple)[1] == "windows":
+    if split_triple(target.triple)[1] == "windows":
         module.get_function(name).storage_class = "dllexport"
     return module
 
 
 def allowed_in(target: Target) -> frozenset[str]:
     """Return the names that a target's object code may need from elsewhere."""
-    return CALLED | SYSTEMS[parts_of(target.triple)[1]].needed
+    return CALLED | SYSTEMS[split_triple(target.triple)[1]].needed
 
 
 COFF, MACHO = b"\x64\x86", b"\xcf\xfa\xed\xfe"
@@ -131,7 +131,7 @@ def needed_symbols(code: bytes) -> set[str]:
         return set(_needed_of_coff(code))
     if code.startswith(MACHO):
         return set(_needed_of_macho(code))
-    return code_generation.needed_symbols(code)
+    return code_generation.find_undefined_symbols(code)
 
 
 def _needed_of_coff(code: bytes) -> Iterator[str]:
@@ -173,7 +173,7 @@ def link(target: Target, name: str, objects: Sequence[Path]) -> bytes:
     RuntimeError
         The linker refuses; its words.
     """
-    (kind, system), level = parts_of(target.triple), target.cpu.rpartition("-v")[2]
+    (kind, system), level = split_triple(target.triple), target.cpu.rpartition("-v")[2]
     zig_target = f"{kind}-{SYSTEMS[system].name}"
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
         here = Path(place)

@@ -12,14 +12,14 @@ from rasterjit.runtime.background_compile import Task
 
 def first_tasks() -> list[Task]:
     """Return tasks for the slowest kernels of every colour picture."""
-    return background_compile.compiling(
+    return background_compile.make_compile_tasks(
         (gather_samples.list_samples, barycentric_weights.find_weights)
     )
 
 
 def lacking() -> list[Task]:
     """Return tasks for every form of a kernel or stage that the store lacks."""
-    return background_compile.compiling(background_compile.every_kernel())
+    return background_compile.make_compile_tasks(background_compile.find_every_kernel())
 
 
 def compile_all(tell: Callable[[int, int], None]) -> None:
@@ -40,8 +40,8 @@ def compile_all(tell: Callable[[int, int], None]) -> None:
     done = itertools.count(1)
     tell(0, len(tasks))
     failed = tasks
-    if background_compile.is_possible():
-        failed = background_compile.do_all(tasks, lambda: tell(next(done), len(tasks)))
+    if background_compile.can_start_process():
+        failed = background_compile.run_tasks(tasks, lambda: tell(next(done), len(tasks)))
     # Here, what went wrong shows.
     for task in failed:
-        background_compile.compile_one(*task.arguments)
+        background_compile.compile_if_missing(*task.arguments)

@@ -34,7 +34,7 @@ from rasterjit.io.atomic_write import atomic_file
 from rasterjit.runtime import background_compile, jit, prebuilt_kernels, store
 from rasterjit.runtime.background_compile import Task
 from rasterjit.runtime.prebuilt_kernels import Index
-from rasterjit.runtime.targets import PLATFORMS, Platform, Target, parts_of
+from rasterjit.runtime.targets import PLATFORMS, Platform, Target, split_triple
 
 HERE = "rasterjit.cli.wheels"
 """This module's name, also when it runs as ``__main__``."""
@@ -69,7 +69,7 @@ def compile_for(
         The folder that gets the object code for each.
     """
     function = getattr(importlib.import_module(module), name)
-    symbol = prebuilt_kernels.symbol_of(function, number)
+    symbol = prebuilt_kernels.symbol_name(function, number)
     path = Path(lowered, symbol + TEXT)
     if not path.exists():
         kind, target = (
@@ -86,7 +86,7 @@ def compile_for(
 
 def made_with() -> str:
     """Return the compiler's and the linker's packages and versions, which decide the code."""
-    numba, _, llvmlite = (store.versions() or "unknown unknown").partition(" ")
+    numba, _, llvmlite = (store.compiler_versions() or "unknown unknown").partition(" ")
     version = ".".join(platform.python_version_tuple()[:2])
     return (
         f"{platform.python_implementation()} {version}, Numba {numba}, llvmlite {llvmlite}, "
@@ -96,10 +96,10 @@ def made_with() -> str:
 
 def sources() -> dict[str, Any]:
     """Return the files that the kernels follow from, and a hash over them."""
-    modules = {one.__module__ for one in background_compile.every_kernel()}
-    paths = {path for module in modules for path in store.all_sources(module)}
+    modules = {one.__module__ for one in background_compile.find_every_kernel()}
+    paths = {path for module in modules for path in store.list_all_sources(module)}
     files = sorted(path.relative_to(store.ROOT).as_posix() for path in paths)
-    return {"files": files, "hash": prebuilt_kernels.hash_of(files)}
+    return {"files": files, "hash": prebuilt_kernels.hash_sources(files)}
 
 
 class Compiled(NamedTuple):
@@ -148,7 +148,7 @@ def compile_all(
     levels: dict[tuple[str, str], Compiled] = {}
     shipped = {} if is_text_alone else shipped_texts()
     for target in (target for one in platforms for target in one.targets()):
-        key = parts_of(target.triple)[0], target.cpu
+        key = split_triple(target.triple)[0], target.cpu
         if key not in levels:
             levels[key] = Compiled(key[0], place / str(len(levels)), {})
             lowered = levels[key].lowered
@@ -167,11 +167,11 @@ def compile_all(
              *((str(folder), target) for target, folder in level.objects.items())),
         )
         for level in levels.values()
-        for one in background_compile.every_kernel()
+        for one in background_compile.find_every_kernel()
         for number in range(len(one.declared))
     ]  # fmt: skip
     # Here, what went wrong shows.
-    for task in background_compile.do_all(tasks, lambda: None):
+    for task in background_compile.run_tasks(tasks, lambda: None):
         compile_for(*task.arguments)
     return levels
 
@@ -194,7 +194,7 @@ def _linked(platform: Platform, levels: Mapping[tuple[str, str], Compiled]) -> d
     """Return the libraries of a platform and their index."""
     files, libraries, forms = {}, [], {}
     for target in platform.targets():
-        level = levels[parts_of(target.triple)[0], target.cpu]
+        level = levels[split_triple(target.triple)[0], target.cpu]
         name, forms = target.cpu + platform.suffix, level.forms()
         objects = [level.objects[target] / (one + shared_libraries.OBJECT) for one in forms]
         files[name] = shared_libraries.link(target, name, objects)
@@ -206,7 +206,7 @@ def _index_file(
     libraries: list[list[str]], forms: dict[str, str], texts: list[list[str]]
 ) -> dict[str, bytes]:
     index = Index(made_with(), sources(), libraries, forms, texts)
-    return {prebuilt_kernels.INDEX: prebuilt_kernels.content_of(index)}
+    return {prebuilt_kernels.INDEX_FILE: prebuilt_kernels.encode_index(index)}
 
 
 def text_files_of(platforms: Sequence[Platform]) -> dict[str, bytes]:
@@ -238,8 +238,8 @@ def shipped_texts() -> dict[tuple[str, str], dict[str, tuple[str, str]]]:
     """
     folder = prebuilt_kernels.FOLDER
     try:
-        index = prebuilt_kernels.read_index(folder / prebuilt_kernels.INDEX)
-    except (prebuilt_kernels.UnfitError, OSError):
+        index = prebuilt_kernels.read_index(folder / prebuilt_kernels.INDEX_FILE)
+    except (prebuilt_kernels.UnusableError, OSError):
         return {}
     if (index.made_with, index.sources) != (made_with(), sources()):
         return {}
@@ -312,13 +312,13 @@ def _digest(content: bytes) -> str:
 
 def check() -> bool:
     """Make again what came with the installation; print and return whether it is equal."""
-    path = prebuilt_kernels.FOLDER / prebuilt_kernels.INDEX
+    path = prebuilt_kernels.FOLDER / prebuilt_kernels.INDEX_FILE
     try:
         index = prebuilt_kernels.read_index(path)
     except FileNotFoundError:
         print(f"no machine code came with this installation: there is no {path}")
         return False
-    except (prebuilt_kernels.UnfitError, OSError) as error:
+    except (prebuilt_kernels.UnusableError, OSError) as error:
         print(error)
         return False
     if index.libraries:

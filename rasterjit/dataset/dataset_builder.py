@@ -31,7 +31,7 @@ from rasterjit.dataset.recipe import (
 )
 from rasterjit.distributed.clusters import require_dask
 from rasterjit.io.meshes import mesh_files
-from rasterjit.runtime.locks import Lock, lock, machine
+from rasterjit.runtime.locks import Lock, lock, machine_names
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.validation import brief, existing_folder, whole_number
 
@@ -66,7 +66,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
                 file_lock.write(_make_lock_content().encode())
                 yield
             finally:
-                if file_lock.is_of(file):
+                if file_lock.is_at(file):
                     file_lock.remove(file)
     except KeyboardInterrupt:
         # Ctrl-C may have come between creating the file and locking it.
@@ -85,9 +85,11 @@ def _acquire_lock(file: Path) -> Lock:
         if file_lock is None:
             break
         # The run that had the lock may have removed the file meanwhile.
-        if not file_lock.is_of(file):
+        if not file_lock.is_at(file):
             file_lock.close()
-        elif is_created or (file_lock.is_sure and _is_lock_visible(_parse_lock(file_lock.read()))):
+        elif is_created or (
+            file_lock.is_exclusive and _is_lock_visible(_parse_lock(file_lock.read()))
+        ):
             return file_lock
         else:
             file_lock.close()
@@ -100,7 +102,7 @@ def _remove_empty_lock(file: Path) -> None:
     with suppress(OSError):
         file_lock = lock(file)
         if file_lock is not None:
-            if file_lock.is_of(file) and not file_lock.read():
+            if file_lock.is_at(file) and not file_lock.read():
                 file_lock.remove(file)
             file_lock.close()
 
@@ -130,14 +132,14 @@ def _make_locked_error(file: Path) -> ValueError:
 
 def _make_lock_content() -> str:
     """Return the content of this process's lock file."""
-    return json.dumps({"host": platform.node(), "pid": os.getpid(), "machine": machine()})
+    return json.dumps({"host": platform.node(), "pid": os.getpid(), "machine": machine_names()})
 
 
 def _is_lock_visible(owner: dict[str, Any]) -> bool:
     """Tell whether the lock of a live run would be visible from this machine."""
     ids = owner.get("machine")
     return not isinstance(ids, list) or any(
-        own == other for own, other in zip(machine(), ids, strict=False)
+        own == other for own, other in zip(machine_names(), ids, strict=False)
     )
 
 

@@ -138,8 +138,8 @@ def render_many(
         scene, options, count, threads_each, batch.check_prefetch(prefetch), count_cameras(cameras)
     )
     pool = RendererPool(scene, options, count, threads_each, pace)
-    settled = batch.settle_all(scene, cameras, options)
-    return batch.with_bar(batch.draw_all(pool, settled), cameras, progress)
+    settled = batch.share_clip_planes_of_frames(scene, cameras, options)
+    return batch.show_progress_bar(batch.yield_frames(pool, settled), cameras, progress)
 
 
 def count_cameras(cameras: Iterable[Camera]) -> int | None:
@@ -153,7 +153,7 @@ class RemoteFrame(LazyFrame):
     def __init__(self, raw: FrameData, scene: Scene, camera: Camera, options: FrameRequest) -> None:
         self._scene = scene
         outputs, stats, _ = raw
-        super().__init__(outputs, partial(planning.plan_frame, options, scene, camera), stats)
+        super().__init__(outputs, partial(planning.make_plan, options, scene, camera), stats)
 
     def _find_first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
@@ -185,7 +185,7 @@ def pack_frame(view: ViewResult) -> FrameData | Exception:
         return view.result
     # Counted here, so that faces need not be sent for it.
     _ = view.result.stats.pixels_covered
-    return view.result.arrays(), view.result.stats, view.notices
+    return view.result.arrays(), view.result.stats, view.warnings
 
 
 class FrameTask(NamedTuple):
@@ -247,7 +247,7 @@ class FrameFarm:
             raise drawn_frame
         view_warnings.warn(drawn_frame[2], self._warned)
         frame = RemoteFrame(drawn_frame, self._scene, cameras.pop(0), self._options)
-        self.pace.see(frame, None)
+        self.pace.adapt(frame, None)
         return frame
 
 
@@ -267,8 +267,8 @@ def _render_on_cluster(
     prefetch = batch.check_prefetch(prefetch)
     pace = GrowingPace(scene, options, workers, threads_each, prefetch, count_cameras(cameras))
     farm = FrameFarm(client, scene, options, threads_each, pace)
-    cameras_settled = batch.settle_all(scene, cameras, options)
-    return batch.with_bar(batch.draw_all(farm, cameras_settled), cameras, progress)
+    cameras_settled = batch.share_clip_planes_of_frames(scene, cameras, options)
+    return batch.show_progress_bar(batch.yield_frames(farm, cameras_settled), cameras, progress)
 
 
 PICTURE_FORMATS = (".tif", ".tiff", ".zarr")

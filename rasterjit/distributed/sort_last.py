@@ -22,7 +22,7 @@ from rasterjit.outputs.output_table import Outputs, is_attribute
 from rasterjit.rendering import planning, view_warnings
 from rasterjit.rendering.batch import check_arguments
 from rasterjit.rendering.effect_registry import EFFECTS
-from rasterjit.rendering.planning import Cull, FrameRequest, plan_views
+from rasterjit.rendering.planning import Cull, FrameRequest, plan_frame
 from rasterjit.rendering.renderer import draw_frame
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
@@ -138,7 +138,7 @@ def draw_part(
     clock, workers = StageClock(), Workers(threads)
     try:
         request = options._replace(outputs=outputs)
-        planned_frame = plan_views(request, scene, move_planes(camera, *steps))
+        planned_frame = plan_frame(request, scene, move_planes(camera, *steps))
         frame, drawing = draw_frame(planned_frame, workers, clock=clock, depth=True, draws=True)
     finally:
         workers.close()
@@ -172,7 +172,7 @@ def plan_part(
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
     scene = scene.posed()
-    plan = planning.plan_frame(options, scene, camera)
+    plan = planning.make_plan(options, scene, camera)
     _check_opaque(plan)
     return scene, plan
 

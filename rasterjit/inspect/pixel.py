@@ -39,9 +39,9 @@ from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.alpha_test import make_empty_queue
 from rasterjit.pipeline.visibility.primitive_expansion import PointRule, collect_primitives
 from rasterjit.rendering import frame_shading, planning, supersample
-from rasterjit.rendering.planning import Cull, check_request, choose_camera, cut_open
+from rasterjit.rendering.planning import Cull, check_request, choose_camera, cut_by_section
 from rasterjit.rendering.renderer import render
-from rasterjit.runtime.background_compile import beside
+from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
@@ -112,10 +112,10 @@ def explain_pixel(
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
     scene = pose_input(what)
-    camera, scene = choose_camera(scene, camera, size), cut_open(scene)
+    camera, scene = choose_camera(scene, camera, size), cut_by_section(scene)
     request = check_request(size, quality, ("color", "linear"), background, cull)
-    plan = planning.plan_frame(request, scene, camera)
-    with beside(partial(planning.list_tasks, plan)):
+    plan = planning.make_plan(request, scene, camera)
+    with compile_in_background(partial(planning.list_compile_tasks, plan)):
         return _explain(scene, plan, background, x, y)
 
 
@@ -264,7 +264,7 @@ def _draw_visibility(scene: Scene, plan: RenderPlan) -> VisibleScene:
     coverage = add_reversed_depth(
         plan.depth_format, plan.camera, geometry, coverage, workers, placement
     )
-    placement = frame_shading.placement_to_light(plan, placement)
+    placement = frame_shading.adjust_placement(plan, placement)
     seen = visibility_pass.RasterizedView(
         objects, plan.depth_format.coefficients, geometry, placement, coverage
     )

@@ -22,7 +22,7 @@ from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.primitive_expansion import Primitives
 from rasterjit.rendering import frame_shading as shading
 from rasterjit.rendering.effect_registry import prepare_effects
-from rasterjit.rendering.frame_shading import look_behind
+from rasterjit.rendering.frame_shading import with_opaque_pass
 from rasterjit.rendering.pass_runner import Shading, light_vertices
 from rasterjit.rendering.renderer import find_visible
 from rasterjit.runtime.threads import Workers
@@ -95,7 +95,7 @@ def find_surface(drawn: VisibleScene) -> tuple[Surface, LightRig]:
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.seen.placement, workers, drawn.seen)
     find = partial(find_visible, cache=cache, workers=workers, clock=lambda _: None)
-    light = LightRig(plan.lighting, prepare_effects(look_behind(context, find)))
+    light = LightRig(plan.lighting, prepare_effects(with_opaque_pass(context, find)))
     surface = shading.find_surface(plan, cache.tables)
     points = drawn.seen.coverage.points
     if plan.facts.shades_points and points is not None:
@@ -292,12 +292,12 @@ def shade_pixel(
     surface = shading.light_surface(plan, surface, light.lighting, light_vertices_of_face)
     row = np.full((1, plan.size[0]), tile_rasterizer.NOTHING, np.int32)
     row[0, x] = face
-    linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
+    linear, empty_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
     stages = Shading(
         needs, geometry, placement, surface, light.lighting, light.effects, plan.facts.encoding,
         plan.background,
     )  # fmt: skip
-    stages.shade(row, y, linear, no_color)
+    stages.shade(row, y, linear, empty_color)
     return linear[0, x].copy()
 
 

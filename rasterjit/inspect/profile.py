@@ -11,7 +11,7 @@ from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.output_table import Outputs
 from rasterjit.rendering import planning
 from rasterjit.rendering.effect_registry import EFFECTS
-from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, plan_frame
+from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, make_plan
 from rasterjit.rendering.quality_selection import seconds_of
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.threads import available_processors
@@ -209,4 +209,4 @@ def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> boo
     if plan.facts.background_image is not None:
         background = plan.facts.background_image
     request = FrameRequest(plan.size, quality, plan.outputs, background, plan.cull)
-    return plan_frame(request, scene, plan.camera).has(name)
+    return make_plan(request, scene, plan.camera).has(name)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from rasterjit.runtime.locks import lock, machine
+from rasterjit.runtime.locks import lock, machine_names
 
 PREFIX = ".rasterjit-part-"
 """Beginning of the names of temporary files; the names of the machine follow."""
@@ -114,7 +114,7 @@ def _name_target_in_errors(path: Path) -> Iterator[None]:
 
 def _temporary_path(path: Path, end: str, names: tuple[str, str] | None = None) -> Path:
     """Return a new temporary name beside a path, with the names of this machine by default."""
-    host, system = names or machine()
+    host, system = names or machine_names()
     return path.with_name(f"{PREFIX}{host}-{system}-{uuid.uuid4().hex}{end}")
 
 
@@ -164,7 +164,7 @@ def _lock_file(path: Path, stack: ExitStack) -> bool:
         held = lock(path)
     except FileNotFoundError:
         return False
-    return held is not None and stack.enter_context(held).is_of(path)
+    return held is not None and stack.enter_context(held).is_at(path)
 
 
 @functools.cache
@@ -186,8 +186,8 @@ def _remove_if_stale(path: Path, host: str, system: str, end: str) -> None:
             _remove(path)
     elif held := lock(path):
         with held:
-            is_near = host == machine()[0] or system == machine()[1]
-            if (is_near and held.is_sure) or _is_old(path):
+            is_near = host == machine_names()[0] or system == machine_names()[1]
+            if (is_near and held.is_exclusive) or _is_old(path):
                 _remove(path)
 
 

@@ -68,7 +68,7 @@ class FrameStats:
     """Cut at the near or far plane or the guard band; counted by their outcome as well."""
     seconds: dict[str, float]
     """Seconds of each stage, in order; ``compile`` is apart and not part of any other. Batches and
-    bound frames of a `Renderer` run ``all stages`` in one."""
+    recorded frames of a `Renderer` run ``all stages`` in one."""
     face_id: InitVar[NDArray[np.int32] | int]
 
     def __post_init__(self, face_id: NDArray[np.int32] | int) -> None:

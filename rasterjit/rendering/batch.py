@@ -33,19 +33,19 @@ from rasterjit.rendering.batch_scheduler import (
     COUNTED,
     BatchScheduler,
     can_batch,
-    renewed,
+    renew_batch_cache,
 )
 from rasterjit.rendering.planning import (
     Cull,
     FrameRequest,
     check_request,
     naming,
-    plan_views,
-    settle_cameras,
+    plan_frame,
+    share_clip_planes,
 )
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.view_warnings import WarningsOfViews
-from rasterjit.runtime.background_compile import beside
+from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, check_camera
@@ -63,35 +63,34 @@ from rasterjit.survey.object_transforms import KNOWN_CAMERAS, compute_projection
 Arrays = dict[str, NDArray[Any]]
 Frames = Generator[Frame, None, None]
 
-VIEWS_PER_GROUP = 32
-"""Most views of a group, if there are few."""
+MAX_VIEWS_PER_GROUP = 32
+"""Most views of a group in streams and small batches."""
 
-VIEWS_PER_LARGE_GROUP = 128
-"""Most if there are many: the fixed cost of a group is that of 4 views of 64 x 64."""
+MAX_VIEWS_PER_LARGE_GROUP = 128
+"""Most views of a group in large batches: a group has the fixed cost of 4 views of 64 x 64."""
 
-GROUPS_PER_THREAD = 4
-"""Fewest large groups per thread, for load balance."""
+MIN_GROUPS_PER_THREAD = 4
+"""Fewest groups per thread in large batches, for load balance."""
 
-WORK_PER_GROUP = 1 << 21
-"""Faces and pixels, about, after which a group of a stream ends."""
+MAX_WORK_PER_STREAM_GROUP = 1 << 21
+"""Most faces and pixels, about, of a group of a stream."""
 
-WORK_PER_LARGE_GROUP = 1 << 22
-"""The same of a batch: far less than a second's work."""
+MAX_WORK_PER_BATCH_GROUP = 1 << 22
+"""Most faces and pixels, about, of a group of a batch: far less than a second's work."""
 
 MAX_WORK = 1 << 17
-"""Faces and pixels of a view, about, beyond which groups and caches no longer pay."""
+"""Most faces and pixels, about, of a view for which groups and caches pay."""
 
 PIXEL_BYTES = 4
-"""Required alignment of arrays: a pixel is written as one word."""
+"""Required alignment of arrays, bytes: a pixel is written as one word."""
 
-MATRIX_WORK = 64
-"""Cost of an object, in faces: its matrices are found for all views of a group at once."""
+OBJECT_WORK = 64
+"""Cost of an object's matrices, in faces."""
 
+_GET_COUNTS = operator.attrgetter(*COUNTED)
 
-_COUNTS = operator.attrgetter(*COUNTED)
-
-AHEAD = 2
-"""Prefetch distance: frames begun for each worker before any is taken, one in work, one waiting."""
+FRAMES_AHEAD_PER_WORKER = 2
+"""Frames begun for each worker before any is taken: one being drawn, one waiting."""
 
 Progress: TypeAlias = Literal["none", "bar"]
 PROGRESS: tuple[Progress, ...] = get_args(Progress)
@@ -158,7 +157,7 @@ def render_batch(
     Raises
     ------
     ValueError
-        Naming the argument that is wrong, before any kernel runs; if a near plane that was given
+        Naming the argument that is wrong, before anything is drawn; if a near plane that was given
         is too near for the depth format in one of the views, when that is drawn; if there is no
         memory for an output of all views.
 
@@ -178,8 +177,8 @@ def render_batch(
     >>> batch.color.shape, batch.depth.shape
     ((12, 64, 64, 4), (12, 64, 64))
     """
-    since = time.perf_counter()
-    # Check everything.
+    started = time.perf_counter()
+    # Check all arguments.
     cull = "none" if cull is None else cull
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
     eyes = [*check_cameras(cameras)]
@@ -187,28 +186,34 @@ def render_batch(
     if not is_lone:
         check_projections(eyes, options.size)
     places = check_transforms(transforms, len(eyes), scene)
-    # A lone view brings its own arrays.
+    # A lone view has the arrays of its frame.
     arrays = {}
     if out is not None or not is_lone:
-        arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
-    places = from_posed(places, scene)
+        arrays = check_out(out, find_output_shapes(scene, len(eyes), options), places)
+    places = compose_with_posed(places, scene)
     thread_count("threads", threads)
-    views = AllViews(scene, eyes, places, options, arrays)
+    # Draw.
+    views = BatchViews(scene, eyes, places, options, arrays)
     if is_lone:
         try:
-            stats, told = _draw_one(what, views, threads)
+            stats, warnings = _draw_only_view(what, views, threads)
         except ValueError:
             check_projections(eyes, options.size)
             raise
     else:
-        totals, told = _draw_all(what, views, threads)
-        *counts, covered = totals.tolist()
-        named = dict(zip(COUNTED, counts, strict=False))
-        seconds = {"all stages": time.perf_counter() - since}
-        stats = FrameStats(**named, seconds=seconds, face_id=covered)
-    if told:
-        view_warnings.warn(told.named(), set())
+        totals, warnings = _draw_groups(what, views, threads)
+        stats = make_stats(totals, {"all stages": time.perf_counter() - started})
+    if warnings:
+        view_warnings.warn(warnings.named(), set())
     return Batch(arrays, stats)
+
+
+def make_stats(counts: NDArray[np.int64], seconds: dict[str, float]) -> FrameStats:
+    """Return statistics of some views, given the counts of ``COUNTED``, (9,)."""
+    *face_counts, covered = counts.tolist()
+    return FrameStats(
+        **dict(zip(COUNTED, face_counts, strict=False)), seconds=seconds, face_id=covered
+    )
 
 
 def check_projections(cameras: Sequence[Camera], size: tuple[int, int]) -> None:
@@ -219,20 +224,20 @@ def check_projections(cameras: Sequence[Camera], size: tuple[int, int]) -> None:
 
 
 def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.float64] | None:
-    """Return where the objects stand in each view, or raise ``ValueError``."""
+    """Return ``world_from_model`` of the objects in each view, or raise ``ValueError``."""
     if transforms is None:
         return None
     shape = count, len(scene.nodes), 4, 4
     if isinstance(transforms, np.ndarray) and transforms.dtype.kind == "O":
         # Matrices of Python's numbers.
         transforms = transforms.tolist()
-    found = number_array("transforms", transforms)
-    if found.shape != shape:
+    matrices_of_views = number_array("transforms", transforms)
+    if matrices_of_views.shape != shape:
         raise ValueError(
             f"transforms must have shape {shape}: cameras, objects of the scene, 4, 4; got "
-            f"{found.shape}"
+            f"{matrices_of_views.shape}"
         )
-    for number, matrices in enumerate(found):
+    for number, matrices in enumerate(matrices_of_views):
         if not np.isfinite(matrices).all():
             raise ValueError(f"transforms must be finite, got NaN or infinity in view {number}")
         if (np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)) > LAST_ROW_ROUNDING).any():
@@ -240,11 +245,13 @@ def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.fl
                 "transforms must be affine, with the last rows 0, 0, 0, 1, got others in view "
                 f"{number} (matrices multiply column vectors)"
             )
-    return found
+    return matrices_of_views
 
 
-def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.float64] | None:
-    """Return transforms of objects from where posed meshes are stored; see `survey.deformation`."""
+def compose_with_posed(
+    places: NDArray[np.float64] | None, scene: Scene
+) -> NDArray[np.float64] | None:
+    """Return transforms that also undo the poses stored in meshes; see `survey.deformation`."""
     if places is None:
         return None
     for number, node in enumerate(scene.nodes):
@@ -255,7 +262,7 @@ def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.f
     return places
 
 
-def shapes_of(
+def find_output_shapes(
     scene: Scene, count: int, options: FrameRequest
 ) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return the shape and the dtype of each output of all views."""
@@ -271,7 +278,7 @@ def shapes_of(
 def check_out(
     out: Any, shapes: Mapping[str, tuple[tuple[int, ...], str]], places: NDArray[Any] | None
 ) -> Arrays:
-    """Return the array of each output, those of the caller and new ones, or raise."""
+    """Return an array for each output, the caller's or a new one, or raise ``ValueError``."""
     given = {} if out is None else out
     if not isinstance(given, Mapping):
         raise ValueError(f"out must be a dict of arrays, got {brief(out)}")
@@ -292,11 +299,11 @@ def check_out(
                 f"{what} C-contiguous and writable array at an address that is a multiple of "
                 f"{PIXEL_BYTES}, got one that is not"
             )
-    held = [(f"out[{name!r}]", array) for name, array in given.items()]
-    others = held if places is None else [*held, ("transforms", places)]
-    for (one, array), (other, beside_it) in itertools.combinations(others, 2):
-        if np.may_share_memory(array, beside_it):
-            raise ValueError(f"{one} must not share memory with {other}")
+    named = [(f"out[{name!r}]", array) for name, array in given.items()]
+    named += [] if places is None else [("transforms", places)]
+    for (name_a, a), (name_b, b) in itertools.combinations(named, 2):
+        if np.may_share_memory(a, b):
+            raise ValueError(f"{name_a} must not share memory with {name_b}")
     return {
         name: np.asarray(given[name]) if name in given else _new_array(name, shape, dtype)
         for name, (shape, dtype) in shapes.items()
@@ -315,13 +322,13 @@ def _new_array(name: str, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
         ) from None
 
 
-class AllViews(NamedTuple):
+class BatchViews(NamedTuple):
     """The views of a batch, and the arrays of their outputs."""
 
     scene: Scene
     cameras: Sequence[Camera]
     places: NDArray[np.float64] | None
-    """(N, O, 4, 4): the objects' transforms in each view; ``None`` -> as in the scene."""
+    """(N, O, 4, 4): ``world_from_model`` in each view; ``None`` -> as in the scene."""
     options: FrameRequest
     arrays: Arrays
     """(N, H, W, ...) of each output."""
@@ -333,9 +340,9 @@ class AllViews(NamedTuple):
 
 def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
     """
-    Return a scene whose objects stand elsewhere, (O, 4, 4): ``world_from_model`` of each.
+    Return a copy of a scene with other transforms of its objects, (O, 4, 4).
 
-    Labels stand where they do.
+    Labels stay where they are.
     """
     labelled = [
         Node(world_from_model=node.world_matrix, label=node.label) for node in scene.labelled
@@ -348,49 +355,52 @@ def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
     return changed
 
 
-class ViewsDrawn(NamedTuple):
+class BatchTotals(NamedTuple):
     """Statistics and warnings of some views."""
 
     totals: NDArray[np.int64]
     """(9,): the sums of ``COUNTED``."""
-    told: WarningsOfViews
-    """The warnings."""
+    warnings: WarningsOfViews
 
-    def add(self, others: ViewsDrawn) -> None:
-        """Count others, too."""
-        self.totals[:] += others.totals
-        self.told.join(others.told)
+    def add(self, other: BatchTotals) -> None:
+        """Add the statistics and warnings of other views."""
+        self.totals[:] += other.totals
+        self.warnings.join(other.warnings)
 
 
-def _draw_one(
-    what: Any, views: AllViews, threads: int | None
+def _draw_only_view(
+    what: Any, views: BatchViews, threads: int | None
 ) -> tuple[FrameStats, WarningsOfViews]:
-    """Draw a lone view: a small one by a renderer that is kept for the next call."""
-    kept, size, quality = BATCH_CACHES.take(what), views.options.size, views.options.quality
-    is_small = work_of(size, views.scene) <= MAX_WORK
-    renderer = kept.renderer if kept is not None and is_small else None
+    """Draw a lone view; if small, by a renderer that is cached for the next call."""
+    batch_cache, size, quality = (
+        BATCH_CACHES.acquire(what),
+        views.options.size,
+        views.options.quality,
+    )
+    is_small = estimate_work(size, views.scene) <= MAX_WORK
+    renderer = batch_cache.renderer if batch_cache is not None and is_small else None
     if renderer is None or (renderer.size, renderer.quality) != (size, quality):
         renderer = Renderer(size, quality=quality, threads=1 if is_small else threads)
-        renderer._cache = None if kept is None else kept.cache
+        renderer._scene_cache = None if batch_cache is None else batch_cache.cache
     try:
-        frame = _draw_alone(renderer, views, 0)
+        frame = _draw_view(renderer, views, 0)
     finally:
         if not is_small:
             renderer.close()
-    cache: Any = renderer._cache
-    kept = renewed(kept, cache)
+    cache: Any = renderer._scene_cache
+    batch_cache = renew_batch_cache(batch_cache, cache)
     if is_small:
-        kept.renderer = renderer
-    # After an error, nothing is kept.
-    BATCH_CACHES.put(what, kept)
-    told = WarningsOfViews()
-    told.add(0, view_warnings.warnings_of_frame(frame))
-    return frame.stats, told
+        batch_cache.renderer = renderer
+    # After an error, the cache is not put back.
+    BATCH_CACHES.release(what, batch_cache)
+    warnings = WarningsOfViews()
+    warnings.add(0, view_warnings.warnings_of_frame(frame))
+    return frame.stats, warnings
 
 
-def _draw_alone(renderer: Renderer, views: AllViews, number: int) -> Frame:
-    """Draw a view as `rasterjit.render` does, into the arrays that there are, or its own."""
-    frame = renderer._render(views.options, views.scene_of(number), views.cameras[number])
+def _draw_view(renderer: Renderer, views: BatchViews, number: int) -> Frame:
+    """Draw a view by a renderer, and copy it into the batch's arrays, if there are any."""
+    frame = renderer._plan_and_draw(views.options, views.scene_of(number), views.cameras[number])
     for name, array in frame._outputs.items():
         if name in views.arrays:
             views.arrays[name][number] = array
@@ -399,91 +409,89 @@ def _draw_alone(renderer: Renderer, views: AllViews, number: int) -> Frame:
     return frame
 
 
-def _draw_all(what: Any, views: AllViews, threads: int | None) -> ViewsDrawn:
-    """Draw all views, in groups that threads share."""
-    total = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
+def _draw_groups(what: Any, views: BatchViews, threads: int | None) -> BatchTotals:
+    """Draw all views, in groups shared among threads."""
+    total = BatchTotals(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
     scene, cameras, _, options, arrays = views
     if not cameras:
         return total
-    kept, has_environment = BATCH_CACHES.take(what), scene.environment is not None
-    known = None if kept is None else kept.cache
-    cache = update_cache(scene.nodes, known, options.quality, has_environment)
-    kept = renewed(kept, cache)
-    # Plan the first, which finds what is wrong with all of them.
-    first = plan_views(options, views.scene_of(0), cameras[0], cache, kept.first).plan
-    kept.first = first
-    workers, own = share_threads(threads, None)
-    by_work = WORK_PER_LARGE_GROUP // work_of(options.size, scene)
-    most = max(1, min(views_per_group(len(cameras), workers), by_work))
-    groups = [range(n, min(n + most, len(cameras))) for n in range(0, len(cameras), most)]
-    make: Callable[[], Draws] = partial(SingleViews, views, cache)
-    if batch_scheduler.is_possible(options) and can_batch(first, scene, cache):
-        shared = BatchScheduler(scene, kept, options, arrays, views.scene_of)
-        make = partial(GroupedViews, views, cache, shared)
-    with beside(partial(planning.list_tasks, first), workers * own):
-        for drawn in in_threads(make, groups, workers):
-            total.add(drawn)
-    # After an error, nothing is kept.
-    BATCH_CACHES.put(what, kept)
+    batch_cache, has_environment = BATCH_CACHES.acquire(what), scene.environment is not None
+    last_cache = None if batch_cache is None else batch_cache.cache
+    cache = update_cache(scene.nodes, last_cache, options.quality, has_environment)
+    batch_cache = renew_batch_cache(batch_cache, cache)
+    # Plan the first view, which finds errors that all of them share.
+    first = plan_frame(options, views.scene_of(0), cameras[0], cache, batch_cache.first).plan
+    batch_cache.first = first
+    # Split the views into groups, and draw these.
+    workers, threads_each = share_threads(threads, None)
+    by_work = MAX_WORK_PER_BATCH_GROUP // estimate_work(options.size, scene)
+    size = max(1, min(views_per_group(len(cameras), workers), by_work))
+    groups = [range(n, min(n + size, len(cameras))) for n in range(0, len(cameras), size)]
+    make_drawer: Callable[[], GroupDrawer] = partial(SingleViewDrawer, views, cache)
+    if batch_scheduler.may_batch(options) and can_batch(first, scene, cache):
+        scheduler = BatchScheduler(scene, batch_cache, options, arrays, views.scene_of)
+        make_drawer = partial(GroupedViewDrawer, views, cache, scheduler)
+    with compile_in_background(partial(planning.list_compile_tasks, first), workers * threads_each):
+        for totals in draw_in_threads(make_drawer, groups, workers):
+            total.add(totals)
+    # After an error, the cache is not put back.
+    BATCH_CACHES.release(what, batch_cache)
     return total
 
 
 def views_per_group(count: int, workers: int) -> int:
-    """Return the most views of a group, of so many that threads share."""
-    each = -(-count // workers)
-    parts = 1 if workers == 1 else GROUPS_PER_THREAD
-    return max(min(VIEWS_PER_GROUP, each), min(VIEWS_PER_LARGE_GROUP, -(-each // parts)))
+    """Return the most views of a group, if ``count`` views are shared among workers."""
+    per_worker = -(-count // workers)
+    groups = 1 if workers == 1 else MIN_GROUPS_PER_THREAD
+    large = min(MAX_VIEWS_PER_LARGE_GROUP, -(-per_worker // groups))
+    return max(min(MAX_VIEWS_PER_GROUP, per_worker), large)
 
 
-def work_of(size: tuple[int, int], scene: Scene) -> int:
-    """Return the faces and pixels of a view of a size in pixels, about; see ``WORK_PER_GROUP``."""
+def estimate_work(size: tuple[int, int], scene: Scene) -> int:
+    """Return the faces and pixels, about, of a view of a size in pixels."""
     faces = sum(len(node.mesh.faces) for node in scene.nodes)
-    return math.prod(size) + faces + MATRIX_WORK * len(scene.nodes)
+    return math.prod(size) + faces + OBJECT_WORK * len(scene.nodes)
 
 
-class Draws(Protocol):
-    """Draws groups of views, one after the other, in one thread."""
+class GroupDrawer(Protocol):
+    """Draws groups of views in one thread."""
 
-    def __call__(self, group: range) -> ViewsDrawn:
-        """Draw some views."""
+    def __call__(self, group: range) -> BatchTotals:
+        """Draw a group of views, given their numbers."""
 
     def close(self) -> None:
         """Release its resources."""
 
 
-def in_threads(
-    make: Callable[[], Draws], groups: Sequence[range], workers: int
-) -> Iterable[ViewsDrawn]:
+def draw_in_threads(
+    make_drawer: Callable[[], GroupDrawer], groups: Sequence[range], workers: int
+) -> Iterable[BatchTotals]:
     """
     Draw groups of views in several threads; yield the result of each.
 
     Parameters
     ----------
-    make : callable
-        Makes what draws groups, one after the other: one for each thread.
+    make_drawer : callable
+        Makes the drawer of a thread.
     groups : sequence of range
     workers : int
-        How many threads there are; with 1, it is the one that calls.
+        Threads; 1: that of the caller.
     """
     if workers == 1 or len(groups) == 1:
-        with closing(make()) as drawer:
+        with closing(make_drawer()) as drawer:
             yield from map(drawer, groups)
         return
     waiting, is_over = iter(groups), threading.Event()
 
-    def draw() -> list[ViewsDrawn]:
+    def draw() -> list[BatchTotals]:
         try:
-            done = []
-            with closing(make()) as drawer:
-                while not is_over.is_set():
-                    # One thread at a time takes the next.
-                    group = next(waiting, None)
-                    if group is None:
-                        break
-                    done.append(drawer(group))
-            return done
+            results = []
+            with closing(make_drawer()) as drawer:
+                while not is_over.is_set() and (group := next(waiting, None)) is not None:
+                    results.append(drawer(group))
+            return results
         except BaseException:
-            # What stops one stops all.
+            # An error in one thread stops all.
             is_over.set()
             raise
 
@@ -493,13 +501,13 @@ def in_threads(
             for task in tasks:
                 yield from task.result()
         finally:
-            # If the caller ends early, threads end after the group that they draw.
+            # If the caller stops early, threads end after their current group.
             is_over.set()
 
 
-class SingleViews:
+class SingleViewDrawer:
     """
-    Draws views one by one, each as `rasterjit.render` does.
+    Draws views one by one, as `rasterjit.render` does.
 
     Parameters
     ----------
@@ -508,26 +516,26 @@ class SingleViews:
         Of the scene.
     """
 
-    def __init__(self, views: AllViews, cache: SceneCache) -> None:
+    def __init__(self, views: BatchViews, cache: SceneCache) -> None:
         self._views, options = views, views.options
         self._renderer = Renderer.timed(options.size, options.quality, 1, cache)
 
-    def __call__(self, group: Iterable[int]) -> ViewsDrawn:
-        """Draw some views."""
-        drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
+    def __call__(self, group: Iterable[int]) -> BatchTotals:
+        """Draw a group of views, given their numbers."""
+        result = BatchTotals(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
         for number in group:
             with naming(f"cameras[{number}]"):
-                frame = _draw_alone(self._renderer, self._views, number)
-            drawn.totals[:] += _COUNTS(frame.stats)
-            drawn.told.add(number, view_warnings.warnings_of_frame(frame))
-        return drawn
+                frame = _draw_view(self._renderer, self._views, number)
+            result.totals[:] += _GET_COUNTS(frame.stats)
+            result.warnings.add(number, view_warnings.warnings_of_frame(frame))
+        return result
 
     def close(self) -> None:
-        """Let its threads go."""
+        """Stop the renderer's threads."""
         self._renderer.close()
 
 
-class GroupedViews:
+class GroupedViewDrawer:
     """
     Draws groups of views by recorded calls, and ineligible views one by one.
 
@@ -536,26 +544,28 @@ class GroupedViews:
     views : AllViews
     cache : SceneCache
         Of the scene.
-    shared : BatchScheduler
+    scheduler : BatchScheduler
     """
 
-    def __init__(self, views: AllViews, cache: SceneCache, shared: BatchScheduler) -> None:
+    def __init__(self, views: BatchViews, cache: SceneCache, scheduler: BatchScheduler) -> None:
         self._views = views
-        self._drawer, self._alone = batch_scheduler.GroupRenderer(shared), SingleViews(views, cache)
+        self._group_renderer = batch_scheduler.GroupRenderer(scheduler)
+        self._single_drawer = SingleViewDrawer(views, cache)
 
-    def __call__(self, group: range) -> ViewsDrawn:
-        """Draw some views."""
-        views, some = self._views, slice(group.start, group.stop)
-        places = None if views.places is None else views.places[some]
-        counts, is_drawn, told = self._drawer.draw(group, views.cameras[some], places)
-        totals, others = self._alone([group[n] for n in np.flatnonzero(~is_drawn).tolist()])
-        told.join(others)
-        return ViewsDrawn(totals + counts[is_drawn].sum(axis=0), told)
+    def __call__(self, group: range) -> BatchTotals:
+        """Draw a group of views, given their numbers."""
+        views, part = self._views, slice(group.start, group.stop)
+        places = None if views.places is None else views.places[part]
+        counts, is_drawn, warnings = self._group_renderer.draw(group, views.cameras[part], places)
+        ineligible = [group[n] for n in np.flatnonzero(~is_drawn).tolist()]
+        totals, single_warnings = self._single_drawer(ineligible)
+        warnings.join(single_warnings)
+        return BatchTotals(totals + counts[is_drawn].sum(axis=0), warnings)
 
     def close(self) -> None:
-        """Give back what it drew in."""
-        self._drawer.close()
-        self._alone.close()
+        """Release the command buffers, and stop the threads."""
+        self._group_renderer.close()
+        self._single_drawer.close()
 
 
 def check_arguments(
@@ -566,7 +576,7 @@ def check_arguments(
     background: Any,
     cull: planning.Cull,
 ) -> tuple[Scene, FrameRequest]:
-    """Return the scene and what all frames have in common, or raise ``ValueError``."""
+    """Return the posed scene and the arguments of all frames, or raise ``ValueError``."""
     scene = pose_input(what)
     size = image_size("size", size)
     if background is not None:
@@ -584,9 +594,9 @@ def check_arguments(
 
 def check_cameras(cameras: Any) -> Iterable[Camera]:
     """
-    Return the cameras, or raise ``ValueError`` if it is not what they can be taken from.
+    Return the cameras, or raise ``ValueError`` if the argument is no iterable of cameras.
 
-    Those of a sequence are checked at once, others when they are taken.
+    Cameras of a sequence are checked at once, others when they are taken.
     """
     if isinstance(cameras, (list, tuple)) and KNOWN_CAMERAS.issuperset(map(type, cameras)):
         return cameras
@@ -595,12 +605,12 @@ def check_cameras(cameras: Any) -> Iterable[Camera]:
             f"cameras must be an iterable of cameras, got {type(cameras).__name__}: "
             "put a single one into a list"
         )
-    checked = itertools.starmap(check_item, enumerate(cameras))
+    checked = itertools.starmap(check_camera_at, enumerate(cameras))
     return [*checked] if isinstance(cameras, Sequence) else checked
 
 
 def check_prefetch(prefetch: Any) -> int | None:
-    """Return the number of frames ahead, or raise ``ValueError``."""
+    """Return the number of frames to prefetch, or raise ``ValueError``."""
     if prefetch is None:
         return None
     try:
@@ -613,39 +623,41 @@ def check_prefetch(prefetch: Any) -> int | None:
 
 
 def share_threads(threads: Any, workers: Any) -> tuple[int, int]:
-    """Return how many renderers there are, and threads of each, or raise ``ValueError``."""
-    asked, count = thread_count("threads", threads), thread_count("workers", workers)
-    if asked is not None and count is not None and count > asked:
+    """Return the number of renderers, and of threads of each, or raise ``ValueError``."""
+    limit, count = thread_count("threads", threads), thread_count("workers", workers)
+    if limit is not None and count is not None and count > limit:
         raise ValueError(
             "workers must be at most threads, for each has one of its own; got "
-            f"workers={count} and threads={asked}"
+            f"workers={count} and threads={limit}"
         )
-    total = asked or max(available_processors(), count or 1)
+    total = limit or max(available_processors(), count or 1)
     count = count or total
     return count, total // count
 
 
-def settle_all(scene: Scene, cameras: Iterable[Camera], options: FrameRequest) -> Iterable[Camera]:
+def share_clip_planes_of_frames(
+    scene: Scene, cameras: Iterable[Camera], options: FrameRequest
+) -> Iterable[Camera]:
     """
     Yield the cameras of all frames, with common near and far planes where they leave them open.
 
-    Cameras of an iterator get theirs one by one, when each frame is planned.
+    Cameras of an iterator get their planes one by one, when each frame is planned.
     """
     if isinstance(cameras, Sequence):
-        cameras = settle_cameras(scene, cameras, options.size, options.quality)
+        cameras = share_clip_planes(scene, cameras, options.size, options.quality)
     yield from cameras
 
 
 class Pace:
     """
-    How many views are begun.
+    How many frames a pool begins before they are taken.
 
     Parameters
     ----------
     at_once : int
-        In one go.
+        Frames begun together, as one task.
     ahead : int
-        Ahead of the one taken last, at most; at least ``at_once``.
+        Most frames begun and not yet taken; at least ``at_once``.
     """
 
     def __init__(self, at_once: int, ahead: int) -> None:
@@ -653,66 +665,66 @@ class Pace:
 
 
 class Pool(Protocol):
-    """Draws frames, several at once; to be entered before, and left after the last."""
+    """Draws frames, several at once, within a ``with`` block."""
 
     @property
     def pace(self) -> Pace:
-        """It may change with each frame that is taken."""
+        """May change with each frame that is taken."""
 
     def __enter__(self) -> Any:
-        """Begin."""
+        """Start the workers."""
 
     def __exit__(self, *error: Any) -> None:
-        """End."""
+        """Stop the workers."""
 
     def submit(self, cameras: list[Camera]) -> Any:
-        """Begin the frames of some cameras."""
+        """Begin the frames of some cameras, as one task; return the task."""
 
-    def take(self, begun: Any) -> Frame:
-        """Return the next of frames that were begun in one go, when it is done."""
+    def take(self, task: Any) -> Frame:
+        """Wait for the next frame of a task, and return it."""
 
 
-def draw_all(pool: Pool, cameras: Iterable[Camera]) -> Frames:
+def yield_frames(pool: Pool, cameras: Iterable[Camera]) -> Frames:
     """Yield the frames of a pool; close it after the last."""
     with pool:
-        yield from in_order(cameras, pool)
+        yield from yield_in_order(cameras, pool)
 
 
-def in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Frame]:
+def yield_in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Frame]:
     """
     Yield frames in the order of the cameras, at the pool's pace.
 
     An invalid camera, or an error of the iterable, is raised after the frames before it.
     """
-    source, pace = Source(cameras), pool.pace
-    # What was begun in one go, and how many frames of it are still to be taken.
-    begun: deque[list[Any]] = deque()
+    source, pace = CameraSource(cameras), pool.pace
+    # Each task, and how many of its frames are still to be taken.
+    tasks: deque[list[Any]] = deque()
     ahead = taken = 0
     while True:
         while not source.is_over and ahead + pace.at_once <= pace.ahead:
-            some = source.next(pace.at_once)
-            if some:
-                begun.append([pool.submit(some), len(some)])
-                ahead += len(some)
-        if not begun:
+            batch = source.next(pace.at_once)
+            if batch:
+                tasks.append([pool.submit(batch), len(batch)])
+                ahead += len(batch)
+        if not tasks:
             break
-        # What is wrong with the first may be wrong with all.
+        # An error of the first frame may concern all of them: it names no camera.
         with naming(f"cameras[{taken}]") if taken else nullcontext():
-            frame = pool.take(begun[0][0])
-        begun[0][1] -= 1
-        if begun[0][1] == 0:
-            begun.popleft()
+            frame = pool.take(tasks[0][0])
+        tasks[0][1] -= 1
+        if tasks[0][1] == 0:
+            tasks.popleft()
         ahead, taken = ahead - 1, taken + 1
         yield frame
-        # The frame is the caller's alone: no reference stays while the next one is waited for.
+        # Hold no reference to the caller's frame while waiting for the next one.
         del frame
     if source.failure is not None:
         raise source.failure
 
 
-class Source:
+class CameraSource:
     """
-    Cameras that are asked for as they are needed.
+    Takes cameras from an iterable as they are needed.
 
     Parameters
     ----------
@@ -723,23 +735,23 @@ class Source:
         self._cameras = enumerate(cameras)
         self.is_over = False
         self.failure: Exception | None = None
-        """What ended it; ``None`` -> nothing, or it came to its end."""
+        """The error that ended the iterable, if any."""
 
     def next(self, count: int) -> list[Camera]:
-        """Return the next cameras, so many unless it ends."""
-        found: list[Camera] = []
+        """Return the next ``count`` cameras, or fewer at the end."""
+        cameras: list[Camera] = []
         try:
-            while len(found) < count:
-                found.append(check_item(*next(self._cameras)))
+            while len(cameras) < count:
+                cameras.append(check_camera_at(*next(self._cameras)))
         except StopIteration:
             self.is_over = True
         except Exception as error:
             self.failure, self.is_over = error, True
-        return found
+        return cameras
 
 
-def check_item(number: int, camera: Any) -> Camera:
-    """Return one of the cameras, or raise ``ValueError`` naming its place."""
+def check_camera_at(number: int, camera: Any) -> Camera:
+    """Return a camera, or raise ``ValueError`` naming its index."""
     if isinstance(camera, (tuple, list)):
         raise ValueError(
             f"cameras[{number}] must be a camera, got a {type(camera).__name__} of {len(camera)}: "
@@ -748,15 +760,15 @@ def check_item(number: int, camera: Any) -> Camera:
     return check_camera(f"cameras[{number}]", camera)
 
 
-def with_bar(frames: Frames, cameras: Iterable[Camera], progress: str) -> Iterator[Frame]:
-    """Yield frames, with a bar that counts them where one is asked for."""
+def show_progress_bar(frames: Frames, cameras: Iterable[Camera], progress: str) -> Iterator[Frame]:
+    """Yield frames, with a progress bar if requested."""
     if progress == "none":
         return frames
-    return _counted(frames, operator.length_hint(cameras, 0) or None)
+    return _with_progress_bar(frames, operator.length_hint(cameras, 0) or None)
 
 
-def _counted(frames: Frames, total: int | None) -> Iterator[Frame]:
-    """Yield frames and count them on standard error."""
+def _with_progress_bar(frames: Frames, total: int | None) -> Iterator[Frame]:
+    """Yield frames, with a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 

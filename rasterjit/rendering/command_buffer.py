@@ -35,19 +35,25 @@ from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.pipeline.visibility.hierarchical_z import find_tile_depths
 from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import frame_shading, view_warnings
-from rasterjit.rendering.pass_runner import RecordedCalls, RecordingWorkers, no_color, vertex_steps
+from rasterjit.rendering.pass_runner import (
+    RecordedCalls,
+    RecordingWorkers,
+    empty_color,
+    list_vertex_steps,
+)
 from rasterjit.rendering.resolve_layers import (
-    ROWS_AT_ONCE,
-    ROWS_MIXED_AT_ONCE,
+    MAX_LAYERED_ROWS,
+    MAX_OPAQUE_ROWS,
     ColorRows,
+    LateToneMapping,
     Shader,
-    Tones,
-    before_tones,
-    is_direct,
-    lay_faces,
-    mix_samples,
-    parts_of,
-    show_rows,
+    composite_faces,
+    make_sampled_finder,
+    resolve_samples,
+    resolves_and_encodes_at_once,
+    split_rows,
+    split_tone_mapping,
+    tone_map_and_encode,
 )
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.stage_runner import StageList
@@ -75,29 +81,28 @@ Float64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 LIGHT_ROWS = "light_rows"
-"""Name of the field with the rows of all lights; commands read those that reach their views."""
+"""Name of the field with the rows of all lights; a buffer loads those that reach its views."""
 
 MAX_CUT = 1024
-"""Capacity for clipped faces of a view, besides one in 16 of all."""
+"""Capacity for clipped faces of a view, in addition to one in 16 of all."""
 
 MAX_LAYERS = 8
-"""Capacity for transparent layers of a pixel; few have more."""
-
+"""Capacity for transparent layers of a pixel."""
 
 FIRST_VIEW, NO_LOADS = np.zeros((1, 2), np.int64), np.zeros((0, 4), np.int64)
 
 
-def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
-    """Return how much memory a command buffer takes, about, bytes."""
+def estimate_bytes(plan: RenderPlan, cache: SceneCache) -> int:
+    """Estimate the memory of a command buffer, bytes."""
     arrays, (width, height) = cache.shapes.arrays, plan.size
     _, new_vertices = clip_capacity(len(arrays.faces))
     per_face, per_vertex, per_new, per_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
     per_column = 0
     if plan.layers is not None and plan.layers.has_blended:
-        per_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * ROWS_AT_ONCE
+        per_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * MAX_LAYERED_ROWS
     elif plan.layers is not None:
-        per_sample = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE
-        per_column = int(plan.layers.samples) * per_sample + 52 * ROWS_MIXED_AT_ONCE
+        per_sample = 4 * TILE_SIZE + 8 * MAX_OPAQUE_ROWS
+        per_column = int(plan.layers.samples) * per_sample + 52 * MAX_OPAQUE_ROWS
     for planned in plan.planned:
         for _, channels, kind, _ in planned.effect.buffers(plan):
             per_pixel += channels * np.dtype(kind).itemsize
@@ -108,14 +113,14 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
 
 
 def clip_capacity(faces: int) -> tuple[int, int]:
-    """Return the capacity for clipped faces and new vertices, given the number of faces."""
+    """Return the capacity for clipped faces and for their new vertices."""
     cuts = min(faces, MAX_CUT + faces // 16)
-    # Mostly one plane clips a face, and leaves three or four vertices.
+    # A face clipped by one plane, as most are, has three or four vertices.
     return cuts, min(clipping.MAX_VERTICES * cuts, 5 * cuts + visibility_pass.SPARE_VERTICES)
 
 
-def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return an array of each view as 64-bit words, (N, words)."""
+def pack_words(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Pack the values of each view into 64-bit words, (N, words)."""
     flat = np.ascontiguousarray(values).reshape(len(values), -1)
     size = flat.shape[1] * flat.itemsize
     if size % WORD == 0 and size:
@@ -125,9 +130,9 @@ def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
     return words
 
 
-def view_fields(
+def make_view_fields(
     views: ViewTransforms | BatchTransforms,
-    places: ViewTransforms | ObjectTransforms,
+    object_matrices: ViewTransforms | ObjectTransforms,
     world_from_model: Float64,
     winding: Any,
     cull: str,
@@ -135,10 +140,10 @@ def view_fields(
     axis: Float64,
 ) -> dict[str, NDArray[Any]]:
     """
-    Return the arrays that commands read of a view, or of each of many, (N, ...) or (1, ...).
+    Return the arrays that a command buffer loads, of one view or of many: (N, ...) or (1, ...).
 
     Those of lights, effects and depth are missing. ``winding`` is ``screen_winding``, (N, 1) of
-    many; ``axis`` the one that a camera looks back along, (..., 3).
+    many views; ``axis`` points from the scene to the camera, (..., 3).
     """
     relative = views.relative_from_model
     distance_axis = np.empty((*axis.shape[:-1], 4))
@@ -150,10 +155,12 @@ def view_fields(
         "clip_from_relative": views.clip_from_relative,
         "relative_rows": relative[..., :3, :],
         "world_rows": world_from_model[..., :3, :],
-        "normal_matrices": places.normal_matrices,
-        "mirrored": places.mirrored,
-        "front_windings": -winding * places.mirrored,
-        "culled_windings": find_culled_windings(cull, winding, places.mirrored, is_single_sided),
+        "normal_matrices": object_matrices.normal_matrices,
+        "mirrored": object_matrices.mirrored,
+        "front_windings": -winding * object_matrices.mirrored,
+        "culled_windings": find_culled_windings(
+            cull, winding, object_matrices.mirrored, is_single_sided
+        ),
         "toward_viewer": views.toward_viewer,
         "viewer": views.toward_viewer,
         "distance_axis": distance_axis,
@@ -188,25 +195,25 @@ class CommandBuffer:
     Parameters
     ----------
     plan : RenderPlan
-        The plan of one of these views.
+        Of one of these views.
     cache : SceneCache
     lights : sequence of int
-        Which of the lights that are loaded shine in these views.
+        Which rows of lights to load.
     """
 
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
         self._plan, self._cache, self._calls = plan, cache, RecordedCalls()
-        self.bytes = memory_of(plan, cache)
-        """About how much memory it takes."""
+        self.bytes = estimate_bytes(plan, cache)
+        """Memory, about."""
         self._lights = list(lights)
         if plan.layers is not None:
-            # Objects that others of these views show count as well.
+            # Include objects that only other views show.
             is_blended = cache.tables.inventory.is_see_through.astype(np.uint8)
             plan = plan.for_picture(layers=plan.layers._replace(is_blended=is_blended))
             self._plan = plan
         self._output_addresses: list[tuple[str, int]] = []
         self._white_counts = np.zeros(2, np.int64)
-        self._targets: list[tuple[str, NDArray[Any], int, int]] = []
+        self._loaded_arrays: list[tuple[str, NDArray[Any], int, int]] = []
         self._record_visibility()
         if plan.facts.is_colored:
             self._record_shading()
@@ -215,7 +222,7 @@ class CommandBuffer:
 
     @property
     def facts(self) -> Facts:
-        """The facts of its plan."""
+        """The facts of the plan."""
         return self._plan.facts
 
     def write_to(self, outputs: Arrays) -> None:
@@ -233,11 +240,11 @@ class CommandBuffer:
         Parameters
         ----------
         fields : dict of int64 arrays
-            The words of each array, (N, words), or (1, words) if all views have the same.
+            The words of each array, (N, words), or (1, words) if equal in all views.
         lights : (N, L, 13) float32
             The rows of all lights.
         chosen : (n, 2) int64
-            Which of the views, and the number of each among all views.
+            The index of each view in ``fields``, and its number in the batch.
 
         Returns
         -------
@@ -246,9 +253,9 @@ class CommandBuffer:
         is_drawn : (n,) bool
             False for those that must be drawn alone.
         """
-        fields = {**fields, LIGHT_ROWS: words_of(lights[:, self._lights])}
+        fields = {**fields, LIGHT_ROWS: pack_words(lights[:, self._lights])}
         loads = []
-        for name, _, target, size in self._targets:
+        for name, _, target, size in self._loaded_arrays:
             words = fields[name]
             if words.shape[1] != size:
                 raise RuntimeError(f"{name} of a view must have {size} words, got {words.shape[1]}")
@@ -257,10 +264,10 @@ class CommandBuffer:
         return self._draw(chosen, np.array(loads, np.int64))
 
     def draw_one(self, values: Mapping[str, Any]) -> NDArray[np.int64] | None:
-        """Draw a view, given its arrays; return its totals, (9,), None if there is no room."""
-        # Some are read in float32.
+        """Draw a view, given its arrays; return its totals, (9,), None if capacity is exceeded."""
+        # Some arrays are loaded as float32.
         with np.errstate(over="ignore"):
-            for name, memory, _, _ in self._targets:
+            for name, memory, _, _ in self._loaded_arrays:
                 memory[...] = values[name]
         totals, is_drawn = self._draw(FIRST_VIEW, NO_LOADS)
         return totals[0] if is_drawn[0] else None
@@ -268,7 +275,7 @@ class CommandBuffer:
     def _draw(
         self, chosen: NDArray[np.int64], loads: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Draw some views, given what is loaded for each; return what `draw` does."""
+        """Draw views, given the copies to make for each; return what `draw` does."""
         totals = np.zeros((len(chosen), batch_driver.TOTAL_COUNT), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
         batch_driver.draw_views(
@@ -278,19 +285,19 @@ class CommandBuffer:
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
-    def _field(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array that is loaded for each view."""
+    def _loaded_array(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Allocate an array that is loaded for each view."""
         kind, count = np.dtype(dtype), int(np.prod(shape))
         words = -(-count * kind.itemsize // WORD)
         memory = np.zeros(max(words, 1), np.int64)
         field = memory.view(kind)[:count].reshape(shape)
-        self._targets.append((name, field, memory.ctypes.data, words))
+        self._loaded_arrays.append((name, field, memory.ctypes.data, words))
         return field
 
     def _load_numbers(self, name: str, address: int, count: int) -> None:
         """Load float64 numbers of each view at an address."""
         numbers = np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
-        self._targets.append((name, numbers, address, count))
+        self._loaded_arrays.append((name, numbers, address, count))
 
     def _record_visibility(self) -> None:
         """Record the geometry and visibility stages."""
@@ -303,20 +310,20 @@ class CommandBuffer:
         screen = visibility_pass.allocate_screen(count + capacity, Memory())
         clip_positions = np.empty((count, 4), np.float64)
         faces = Faces(arrays.faces, np.empty((capacity, 3), np.int32), np.empty(capacity, np.int32))
-        # Vertices to the screen.
-        relative = self._field("relative_from_model", (objects, 4, 4), kind)
-        clip = self._field("clip_from_relative", (4, 4), kind)
+        # Transform vertices to the screen.
+        relative = self._loaded_array("relative_from_model", (objects, 4, 4), kind)
+        clip = self._loaded_array("clip_from_relative", (4, 4), kind)
         model, scratch = (arrays.vertex_starts, relative), projection.allocate_scratch(kind)
-        transformed = self._calls.bound(
+        transformed = self._calls.bind(
             projection.transform_vertices, (0, count), positions, model, clip, (0.0, 0.0, 0.0),
             viewport, screen, scratch,
         )  # fmt: skip
-        positioned = self._calls.bound(
+        positioned = self._calls.bind(
             projection.transform_positions, (0, count), positions, model, clip, clip_positions,
             scratch,
         )  # fmt: skip
-        self._load_numbers("coefficients", transformed.place_of(4), 3)
-        # Faces: clip, bin, rasterize.
+        self._load_numbers("coefficients", transformed.address_of(4), 3)
+        # Clip, bin and rasterize faces.
         clipped, *clipping = self._record_clipping(
             faces, clip_positions, screen, viewport, capacity
         )
@@ -333,15 +340,15 @@ class CommandBuffer:
         rasterized = self._record_rasterization(faces, screen, viewport)
         calls = transformed, clipped, positioned, *clipping, *rasterized
         self._visibility_calls = np.array([call.words for call in calls], np.int64)
-        # Placement, for shading.
+        # Keep the placement for shading.
         self._placement = Placement(
             arrays.face_starts,
             arrays.positions,
-            self._field("relative_rows", (objects, 3, 4), np.float64),
-            self._field("normal_matrices", (objects, 3, 3), np.float64),
-            self._field("mirrored", (objects,), np.float64),
-            self._field("front_windings", (objects,), np.float64),
-            self._field("toward_viewer", (4,), np.float64),
+            self._loaded_array("relative_rows", (objects, 3, 4), np.float64),
+            self._loaded_array("normal_matrices", (objects, 3, 3), np.float64),
+            self._loaded_array("mirrored", (objects,), np.float64),
+            self._loaded_array("front_windings", (objects,), np.float64),
+            self._loaded_array("toward_viewer", (4,), np.float64),
         )
 
     def _record_clipping(
@@ -354,38 +361,40 @@ class CommandBuffer:
         Parameters
         ----------
         faces : Faces
-            With memory for the pieces.
+            With memory for clipped pieces.
         clip_positions : (V, 4) float64
-            Positions of the vertices, where any face is clipped.
+            Written if any face is clipped.
         screen : ScreenVertices
             With memory for new vertices.
         viewport : Viewport
         capacity : int
-            How many new vertices there is memory for.
+            New vertices that fit.
         """
         mesh, count = faces[0], len(clip_positions)
         cuts, _ = clip_capacity(len(mesh))
-        cut, new_positions = np.empty(cuts, np.int32), np.empty((capacity, 4), np.float64)
+        clipped_faces, new_positions = np.empty(cuts, np.int32), np.empty((capacity, 4), np.float64)
         vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
         polygons = np.empty((2, clipping.MAX_VERTICES, 4), np.float64)
-        find_call = self._calls.bound(clipping.find_clipped_faces, mesh, screen.codes[:count], cut)
-        count_call = self._calls.bound(
-            clipping.count_clipped_vertices, cut, mesh, clip_positions, viewport,
+        find_call = self._calls.bind(
+            clipping.find_clipped_faces, mesh, screen.codes[:count], clipped_faces
+        )
+        count_call = self._calls.bind(
+            clipping.count_clipped_vertices, clipped_faces, mesh, clip_positions, viewport,
             vertex_counts, polygons,
         )  # fmt: skip
-        clip_call = self._calls.bound(
-            clipping.clip_faces, cut, mesh, clip_positions, viewport,
+        clip_call = self._calls.bind(
+            clipping.clip_faces, clipped_faces, mesh, clip_positions, viewport,
             (starts[0], starts[1]), (new_positions, *faces[1:]), polygons,
         )  # fmt: skip
-        project_call = self._calls.bound(
-            projection.project_clipped_vertices, (cut, mesh, starts[0], clip_positions),
+        project_call = self._calls.bind(
+            projection.project_clipped_vertices, (clipped_faces, mesh, starts[0], clip_positions),
             new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
         )  # fmt: skip
-        self._load_numbers("coefficients", project_call.place_of(2), 3)
+        self._load_numbers("coefficients", project_call.address_of(2), 3)
         # The number of clipped faces is the length of their list.
-        lengths = [call.place_of(0) + WORD for call in (count_call, clip_call, project_call)]
+        lengths = [call.address_of(0) + WORD for call in (count_call, clip_call, project_call)]
         self._clipping = vertex_counts, starts[0], starts[1], np.array(lengths, np.int64), capacity
-        self._calls.kept += [cut, polygons]
+        self._calls.owners += [clipped_faces, polygons]
         return find_call, count_call, clip_call, project_call
 
     def _record_rasterization(
@@ -400,35 +409,35 @@ class CommandBuffer:
             faces, screen,
             Objects(
                 arrays.face_starts,
-                self._field("culled_windings", (len(arrays.face_starts) - 1,), np.int8),
+                self._loaded_array("culled_windings", (len(arrays.face_starts) - 1,), np.int8),
             ),
             np.empty(max_faces, np.int32), np.empty((max_faces, 4), np.uint8), columns,
             np.zeros((1, tiles + 1), np.int32), np.empty(tiles + 1, np.int64),
             np.empty(min(tiles * max_faces, 4 * max_faces + 65536), np.int32),
         )  # fmt: skip
-        # Tiles.
+        # Find tile depths, then draw tiles.
         self._tile_depths = np.empty(tiles, np.float32)
         tests, holes = self._hit_tests, (np.empty(0, np.int64), np.empty(0, np.float32))
         if tests is not None:
             holes = tests.face_starts, tests.cutoffs
-        depth_call = self._calls.bound(
+        depth_call = self._calls.bind(
             find_tile_depths, lists.triangles, lists.boxes, columns, faces, screen, viewport,
             self._tile_depths, holes,
         )  # fmt: skip
         self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
         self._face_id = np.empty((height, width), np.int32)
         tile_args = tile_rasterizer.make_tile_drawer(lists.binned, faces, screen, np.float32, tests)
-        self._calls.kept.append(tile_args)
-        draw_call = self._calls.bound(
+        self._calls.owners.append(tile_args)
+        draw_call = self._calls.bind(
             tile_rasterizer.draw_tiles, np.arange(tiles, dtype=np.int32),
-            tile_rasterizer.NO_COUNTER, lists.starts, self._tile_depths, viewport,
-            (self._depth, self._face_id), *tile_args[:3],
+            tile_rasterizer.NO_COUNTER,
+            lists.starts, self._tile_depths, viewport, (self._depth, self._face_id), *tile_args[:3],
         )  # fmt: skip
         bin_calls, self._binning = self._record_binning(lists, viewport, depth_call)
         calls, self._sample_binning = (*bin_calls, depth_call, draw_call), self._binning
         layers = self._plan.layers
         if layers is not None and layers.samples != 1:
-            # The first lists are not read again.
+            # The lists for pixel centres are not read again.
             sample_viewport = fragment_bands.make_sampled_viewport(viewport, layers.samples)
             bin_calls, self._sample_binning = self._record_binning(lists, sample_viewport)
             calls = *calls, *bin_calls
@@ -441,39 +450,39 @@ class CommandBuffer:
         """
         Record binning.
 
-        Takes other calls whose first two arrays get their lengths from it; returns the calls, and
-        what `draw_views` takes of them.
+        ``readers`` are calls whose first two arrays get their lengths from binning. Returns the
+        calls, and the arguments that `draw_views` needs for them.
         """
         faces, screen, objects, triangles, boxes, columns, counts, starts, binned = lists
         sums = np.zeros(5, np.int64)
-        setup_call = self._calls.bound(
+        setup_call = self._calls.bind(
             setup.set_up_triangles, (0, len(faces[0])), (0, 0), faces, objects, screen, viewport,
             (triangles, boxes), (columns, counts[0], sums), np.empty(setup.BATCH_SHAPE, np.int32),
             setup.ANY_CODE,
         )  # fmt: skip
         cursors = np.empty((1, len(starts) - 1), np.int64)
-        start_call = self._calls.bound(binning.start_lists, counts, starts, cursors)
-        bin_call = self._calls.bound(
+        start_call = self._calls.bind(binning.start_lists, counts, starts, cursors)
+        bin_call = self._calls.bind(
             binning.bin_triangles, triangles, boxes, columns, faces, screen, viewport, cursors[0],
             binned,
         )  # fmt: skip
-        lengths = [call.place_of(k) + WORD for call in (bin_call, *readers) for k in (0, 1)]
+        lengths = [call.address_of(k) + WORD for call in (bin_call, *readers) for k in (0, 1)]
         arguments = (
-            counts, sums, starts, len(binned), setup_call.place_of(1) + WORD,
+            counts, sums, starts, len(binned), setup_call.address_of(1) + WORD,
             np.array(lengths, np.int64),
         )  # fmt: skip
         return (setup_call, start_call, bin_call), arguments
 
     def _record_shading(self) -> None:
-        """Record shading."""
+        """Record the passes of shading."""
         plan, cache, (width, height) = self._plan, self._cache, self._plan.size
-        viewer = self._field("viewer", (4,), np.float32)
+        viewer = self._loaded_array("viewer", (4,), np.float32)
         lighting = plan.lighting
         if lighting is not None:
             count = len(lighting.lights)
-            lights = self._field(LIGHT_ROWS, (count, LIGHT_COLUMNS), np.float32)
+            lights = self._loaded_array(LIGHT_ROWS, (count, LIGHT_COLUMNS), np.float32)
             lighting = lighting._replace(lights=lights)
-        placement = frame_shading.placement_to_light(plan, self._placement)
+        placement = frame_shading.adjust_placement(plan, self._placement)
         coverage = visibility_pass.Coverage(
             self._depth, self._face_id, self._lists.screen, self._geometry.clip_positions,
             visibility_pass.Totals(*[0] * 8), None, reversed_depth=self._depth,
@@ -483,15 +492,15 @@ class CommandBuffer:
             self._lists.objects, (0.0, 0.0, 0.0), self._geometry, placement, coverage
         )
         workers = RecordingWorkers(self._calls)
-        context = FrameContext(plan, cache, placement, workers, seen, self._field)
-        effects = tuple(self._prepared_effects(context))
+        context = FrameContext(plan, cache, placement, workers, seen, self._loaded_array)
+        effects = tuple(self._prepare_effects(context))
 
         def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
             count = len(placement.positions)
             lit_vertices = np.zeros((count, 2, 3), np.float32)
             vertices = (0, count), cache.shapes.arrays.vertex_starts
             inputs = placement, surface, lighting, effects
-            passes = vertex_steps(plan.shading, vertices, *inputs, lit_vertices, viewer)
+            passes = list_vertex_steps(plan.shading, vertices, *inputs, lit_vertices, viewer)
             self._calls.run_stages(StageList(passes))
             return lit_vertices
 
@@ -502,25 +511,25 @@ class CommandBuffer:
             plan.shading, self._geometry, placement, surface, lighting, plan.background, effects,
             self._alpha_tests, encoding=plan.facts.encoding,
         )  # fmt: skip
-        tones = None
+        tone_mapping = None
         if plan.layers is not None:
-            shader, tones = before_tones(
-                fragment_bands.make_sampled_finder(shader, plan.layers.samples)
+            shader, tone_mapping = split_tone_mapping(
+                make_sampled_finder(shader, plan.layers.samples)
             )
-        shader = shader.ready(viewer=viewer)
+        shader = shader.prepare_stages(viewer=viewer)
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
         color = self._face_id.view(np.uint32)
         if plan.keeps_faces:
             color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
-        # The faces may be overwritten.
-        step, lit = self._record_lit()
+        # Find lit pixels before colours overwrite the faces.
+        step, lit = self._record_lit_pixels()
         rows = ColorRows(linear, color)
         if plan.layers is None:
             targets = self._face_id, 0, height, None, linear, color
-            self._calls.run_stages(shader.shading.listed(*targets))
-            shader.show_behind(self._calls, self._face_id, 0, linear, color)
+            self._calls.run_stages(shader.shading.list_stages(*targets))
+            shader.draw_background(self._calls, self._face_id, 0, linear, color)
         else:
-            self._record_layers(plan.layers, shader, tones, rows)
+            self._record_layers(plan.layers, shader, tone_mapping, rows)
         if lit is not None:
             self._calls.call(batch_driver.count_white, lit, step, color, self._white_counts)
         for active in select_acting(effects, "overlay"):
@@ -529,52 +538,59 @@ class CommandBuffer:
             if name in plan.outputs:
                 self._add_copy(name, getattr(rows, name))
 
-    def _prepared_effects(self, context: FrameContext) -> Iterator[ActiveEffect]:
-        """Yield the effects that act on the picture, after the calls that prepare them."""
+    def _prepare_effects(self, context: FrameContext) -> Iterator[ActiveEffect]:
+        """Record calls that prepare effects; yield the active effects."""
         for planned in self._plan.planned:
             if planned.effect.places and isinstance(planned.effect, BatchedEffect):
-                record = planned.effect.prepare_batch(self._plan, planned.data, self._field)
+                record = planned.effect.prepare_batch(self._plan, planned.data, self._loaded_array)
                 if isinstance(planned.effect, ScreenEffect):
                     record = planned.effect.prepare(context, record, ())
                 yield ActiveEffect(planned.effect, record)
 
     def _record_layers(
-        self, layers: PixelLayers, shader: Shader, tones: Tones | None, picture: ColorRows
+        self,
+        layers: PixelLayers,
+        shader: Shader,
+        tone_mapping: LateToneMapping | None,
+        picture: ColorRows,
     ) -> None:
         """
         Record shading and resolving of pixels with several faces.
 
-        Opaque ones at some samples, or transparent ones over others at one. Rows of tiles follow
-        each other in the same memory. How many layers they have is known when they are found: what
-        is called for layers that there are not is left out, and a view that has more than there is
-        room for is drawn as any frame.
+        Either several samples of opaque faces, or one sample of transparent layers. Rows of tiles
+        use the same memory, one after the other. The number of layers is known only when they are
+        found: calls for missing layers are skipped, and a view with more than fit is drawn alone.
         """
         calls, lists = self._calls, self._lists
         viewport, samples = shader.geometry.viewport, int(layers.samples)
         # Partition the lists: opaque faces first.
-        split, bounds, capacity = lists.binned, lists.starts[1:], MAX_LAYERS * layers.has_blended
+        opaque_first, opaque_ends, capacity = (
+            lists.binned,
+            lists.starts[1:],
+            MAX_LAYERS * layers.has_blended,
+        )
         if layers.has_blended:
-            split = np.empty_like(lists.binned)
-            bounds = np.empty(len(lists.starts) - 1, np.int64)
+            opaque_first = np.empty_like(lists.binned)
+            opaque_ends = np.empty(len(lists.starts) - 1, np.int64)
             calls.call(
                 a_buffer.split_lists, lists.starts, lists.binned, lists.faces,
-                lists.objects.face_starts, layers.is_blended, split, bounds,
+                lists.objects.face_starts, layers.is_blended, opaque_first, opaque_ends,
             )  # fmt: skip
-        tile_args, alone = a_buffer.make_layer_drawer(
+        tile_args, own_pixel = a_buffer.make_layer_drawer(
             tile_rasterizer.make_tile_drawer(
-                split, lists.faces, lists.screen, np.float32, shader.alpha_tests
+                opaque_first, lists.faces, lists.screen, np.float32, shader.alpha_tests
             )
         )
         points, shifts = (
             fragment_bands.make_no_points(np.float32),
             fragment_bands.get_sample_shifts(samples, viewport.grid_bits),
         )
-        calls.kept += [tile_args, alone, points, shader]
-        direct, table = (
-            is_direct(layers, tones is not None),
+        calls.owners += [tile_args, own_pixel, points, shader]
+        encodes_at_once, table = (
+            resolves_and_encodes_at_once(layers, tone_mapping is not None),
             srgb_encoding.make_encoding_table(shader.encoding),
         )
-        face_memory, temp = ReusedMemory(), ReusedMemory()
+        face_memory, part_memory = ReusedMemory(), ReusedMemory()
         # Find the faces of a row of tiles, then shade some rows at once.
         for top in range(0, viewport.height, TILE_SIZE):
             rows = top, min(top + TILE_SIZE, viewport.height)
@@ -584,29 +600,40 @@ class CommandBuffer:
             opaque = face_memory.empty((samples, *shape[2:]), np.int32)
             used, max_layers = np.empty((samples, lists.columns), np.int64), np.zeros(3, np.int64)
             calls.call(
-                a_buffer.find_layers, rows, lists.starts, bounds, points, viewport, shifts,
-                opaque, points[0], stack, used, max_layers, *tile_args[:3], alone,
+                a_buffer.find_layers, rows, lists.starts, opaque_ends, points, viewport, shifts,
+                opaque, points[0], stack, used, max_layers, *tile_args[:3], own_pixel,
             )  # fmt: skip
             if capacity:
-                calls.limit(max_layers, capacity)
-            for part in parts_of(shape[2], ROWS_AT_ONCE if capacity else ROWS_MIXED_AT_ONCE):
-                temp.begin()
+                calls.add_limit(max_layers, capacity)
+            for part in split_rows(shape[2], MAX_LAYERED_ROWS if capacity else MAX_OPAQUE_ROWS):
+                part_memory.begin()
                 last = min(part.stop, shape[2])
                 in_band, in_frame = slice(part.start, last), slice(top + part.start, top + last)
                 linear, color = picture.linear[in_frame], picture.color[in_frame]
-                if not (direct or linear.shape[1]):
-                    linear = temp.empty((last - part.start, viewport.width, 4), np.float32)
+                if not (encodes_at_once or linear.shape[1]):
+                    linear = part_memory.empty((last - part.start, viewport.width, 4), np.float32)
                 if capacity:
                     images = [*stack[1][0, :, in_band], opaque[0, in_band]]
-                    lay_faces(calls, shader, images, in_frame.start, max_layers, linear, temp)
+                    composite_faces(
+                        calls, shader, images, in_frame.start, max_layers, linear, part_memory
+                    )
                 else:
-                    target = ColorRows(linear, color if direct else no_color(linear))
-                    mix_samples(calls, shader, opaque, (in_band.start, last), top, target, temp)
-                if not direct:
-                    show_rows(calls, tones, table, ColorRows(linear, color), in_frame.start, temp)
+                    target = ColorRows(linear, color if encodes_at_once else empty_color(linear))
+                    resolve_samples(
+                        calls, shader, opaque, (in_band.start, last), top, target, part_memory
+                    )
+                if not encodes_at_once:
+                    tone_map_and_encode(
+                        calls,
+                        tone_mapping,
+                        table,
+                        ColorRows(linear, color),
+                        in_frame.start,
+                        part_memory,
+                    )
 
-    def _record_lit(self) -> tuple[int, NDArray[np.int32] | None]:
-        """Record which sampled pixels are lit, if any may be white; return their step, and them."""
+    def _record_lit_pixels(self) -> tuple[int, NDArray[np.int32] | None]:
+        """Record a search for lit pixels, if any may be white; return their spacing, and them."""
         step = view_warnings.step_of(self._face_id.shape)
         lit_faces = view_warnings.lit_faces(self._plan.facts, self._cache)
         if lit_faces is None:
@@ -624,8 +651,8 @@ class CommandBuffer:
         if "depth" in plan.outputs:
             self._add_call(
                 "depth", batch_driver.measure_depths,
-                self._field("depth_conversion", (1,), np.int64),
-                self._field("depth_factors", (3,), np.float64), self._depth, self._face_id,
+                self._loaded_array("depth_conversion", (1,), np.int64),
+                self._loaded_array("depth_factors", (3,), np.float64), self._depth, self._face_id,
                 np.empty((0, height, width), np.float32),
             )  # fmt: skip
         for name in ("object_id", "instance_id", "material_id"):
@@ -638,7 +665,7 @@ class CommandBuffer:
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
         if "position" in plan.outputs:
-            world = self._field("world_rows", (len(cache.shapes.meshes), 3, 4), np.float64)
+            world = self._loaded_array("world_rows", (len(cache.shapes.meshes), 3, 4), np.float64)
         for name, fill in ground_truth.list_fills(plan, cache, placement, world).items():
             picture = np.empty((height, width, *fill.channels), np.float32)
             arguments = self._face_id, (0, height), self._geometry, *fill.arguments, picture
@@ -647,16 +674,17 @@ class CommandBuffer:
                 self._add_copy(name, picture)
                 continue
             self._add_call(
-                name, batch_driver.measure_distances, self._field("is_parallel", (1,), np.int64),
-                self._field("distance_axis", (4,), np.float64), picture,
+                name, batch_driver.measure_distances,
+                self._loaded_array("is_parallel", (1,), np.int64),
+                self._loaded_array("distance_axis", (4,), np.float64), picture,
                 np.empty((0, height, width), np.float32),
             )  # fmt: skip
 
     def _add_call(self, name: str, kernel: Any, *arguments: Any) -> None:
-        """Record a kernel that takes the view's number first, and the batched array last."""
-        call = self._calls.bound(kernel, 0, *arguments)
-        self._calls.add(call, call.place_of(0))
-        self._output_addresses.append((name, call.place_of(len(arguments))))
+        """Record a kernel whose first argument is the view's number, its last the batched array."""
+        call = self._calls.bind(kernel, 0, *arguments)
+        self._calls.add(call, call.address_of(0))
+        self._output_addresses.append((name, call.address_of(len(arguments))))
 
     def _add_copy(self, name: str, picture: NDArray[Any]) -> None:
         """Record the copy of an output into the batched array; it must have as many bytes."""

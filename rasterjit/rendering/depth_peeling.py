@@ -26,9 +26,9 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.tile_rasterizer import get_empty_depth
 from rasterjit.rendering import frame_shading, planning, view_warnings
-from rasterjit.rendering.planning import Cull, PlannedFrame, check_request, plan_views
-from rasterjit.rendering.renderer import compare, find_visible, stats_of
-from rasterjit.runtime.background_compile import beside
+from rasterjit.rendering.planning import Cull, PlannedFrame, check_request, plan_frame
+from rasterjit.rendering.renderer import count_stats, find_visible, prepare_motion
+from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
@@ -102,14 +102,16 @@ def render_layers(
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
     try:
         request = check_request(size, quality, outputs, None, cull, previous=previous)
-        planned = plan_views(request, pose_input(what), camera)
+        planned = plan_frame(request, pose_input(what), camera)
         if planned.plan.facts.has_round_points:
             raise ValueError(
                 "what must have no discs or spheres, of which several in a pixel are not found; "
                 "points may be squares"
             )
         planned = planned._replace(plan=planned.plan.for_picture(surfaces=int(k)))
-        with beside(partial(planning.list_tasks, planned.plan), workers.threads):
+        with compile_in_background(
+            partial(planning.list_compile_tasks, planned.plan), workers.threads
+        ):
             frame = _draw_layers(planned, int(k), workers, clock)
     finally:
         workers.close()
@@ -126,13 +128,13 @@ def _draw_layers(
     finder = fragment_bands.Finder(seen.geometry, frame_shading.find_hit_tests(plan, cache))
     depths, faces = peel(count, seen, finder, workers)
     clock("layers")
-    compared = compare(planned, workers, clock)
+    motion_inputs = prepare_motion(planned, workers, clock)
     arrays: dict[str, NDArray[Any]] = {}
     for n in range(count):
         layer = seen.coverage._replace(depth=depths[n], face_id=faces[n])
         filled: dict[str, NDArray[Any]] = {}
         ground_truth.fill_buffers(
-            plan, cache, seen.geometry, seen.placement, layer, compared, filled, workers
+            plan, cache, seen.geometry, seen.placement, layer, motion_inputs, filled, workers
         )
         is_empty = not (faces[n] >= 0).any()
         for name in plan.outputs:
@@ -144,7 +146,7 @@ def _draw_layers(
         if is_empty:
             break
     clock("buffers")
-    stats, face_starts = stats_of(seen.coverage, clock.seconds), cache.face_starts
+    stats, face_starts = count_stats(seen.coverage, clock.seconds), cache.face_starts
     return LayeredFrame(arrays, plan, stats, face_starts=face_starts)
 
 

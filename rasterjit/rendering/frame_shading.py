@@ -1,9 +1,8 @@
 """
 Shade a frame: compute its colour outputs from the visibility buffer.
 
-`shade_faces` first prepares light and surface, each only if the plan has a use for it, and then
-shades the pixels. It makes the outputs ``linear`` and ``color``, as the plan asks for them, and
-does nothing if it asks for neither.
+`shade_faces` first prepares light and surface, as far as the plan needs them, and then shades the
+pixels into the outputs ``linear`` and ``color``, those of them that the plan has.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from rasterjit.rendering import pass_runner, resolve_layers
 from rasterjit.rendering.effect_registry import prepare_effects
 from rasterjit.rendering.pass_runner import IMMEDIATE
 from rasterjit.runtime import jit
-from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
+from rasterjit.runtime.threads import FrameCache, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import (
     ActiveEffect,
@@ -52,12 +51,11 @@ _AT_EYE = np.array([0.0, 0.0, 0.0, 1.0])
 """``toward_viewer`` of a perspective, relative to the eye."""
 
 
-def shared_memory(plan: RenderPlan, workers: Workers) -> NDArray[np.int32] | None:
+def allocate_shared_pixels(plan: RenderPlan, workers: Workers) -> NDArray[np.int32] | None:
     """
-    Return memory that faces and colours of a picture share, if colours may overwrite faces.
+    Allocate memory for a picture's faces that its colours then overwrite, or return ``None``.
 
-    They may where no face is read again once it is shaded: it halves the memory traffic. Else
-    ``None``.
+    Only if no face is read after shading; it halves the memory traffic.
     """
     if plan.keeps_faces:
         return None
@@ -66,18 +64,19 @@ def shared_memory(plan: RenderPlan, workers: Workers) -> NDArray[np.int32] | Non
 
 
 def shade_faces(
-    context: FrameContext, kept: Kept | None = None, shared: NDArray[np.int32] | None = None
+    context: FrameContext,
+    frame_cache: FrameCache | None = None,
+    shared: NDArray[np.int32] | None = None,
 ) -> dict[str, NDArray[Any]]:
     """
-    Make the colour outputs of a picture, if there are any.
+    Shade the colour outputs of a picture, if there are any.
 
     Parameters
     ----------
     context : FrameContext
-    kept : Kept, optional
-        What the picture before left.
+    frame_cache : FrameCache, optional
     shared : (H, W) int32, optional
-        The picture's faces, to be written over: see `shared_memory`.
+        The picture's faces, to be overwritten: see `allocate_shared_pixels`.
     """
     plan, cache, placement, workers = context[:4]
     geometry, coverage = context.seen.geometry, context.seen.coverage
@@ -93,16 +92,15 @@ def shade_faces(
     elif "color" in plan.outputs:
         color = workers.memory.empty((height, width, 4), np.uint8)
     # Prepare what shading reads.
-    placement = placement_to_light(plan, placement)
+    placement = adjust_placement(plan, placement)
     effects = prepare_effects(context._replace(placement=placement))
 
     def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
         starts = cache.shapes.arrays.vertex_starts
-        own = starts, placement, surface, lighting, effects
-        return light_vertices(plan, *own, workers)
+        return light_vertices(plan, starts, placement, surface, lighting, effects, workers)
 
-    kept = kept or Kept(workers.memory, lasts=False)
-    surface = kept.made(
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
+    surface = frame_cache.get_or_make(
         "surface", lambda *_: find_surface(plan, cache.tables), plan.facts, plan.layers,
         cache.tables,
     )  # fmt: skip
@@ -114,15 +112,15 @@ def shade_faces(
         find_alpha_tests(plan, cache), encoding=plan.facts.encoding,
     )  # fmt: skip
     if plan.mixes_plain_codes:
-        shader = shader.of_plain_codes()
+        shader = shader.with_constant_codes()
     # Shade each pixel, or resolve its several faces.
     if plan.layers is not None:
         shade = resolve_layers.shade_codes if plan.layers.mixes_codes else resolve_layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
     elif plan.facts.draws_faces:
-        shade_in_bands(coverage.face_id, shader, linear, color, workers, kept)
+        shade_in_bands(coverage.face_id, shader, linear, color, workers, frame_cache)
     else:
-        shade_nothing(shader, linear, color, workers)
+        fill_background(shader, linear, color, workers)
     return {
         name: picture
         for name, picture in (("linear", linear), ("color", color))
@@ -137,11 +135,12 @@ def kernels_of(plan: RenderPlan) -> Rows:
     return resolve_layers.kernels_of(plan)
 
 
-def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
+def adjust_placement(plan: RenderPlan, placement: Placement) -> Placement:
     """
-    Return a placement that preserves the length of normals, if pixels do not normalize them.
+    Return the placement that shading reads.
 
-    pyrender computes highlights from the camera's position, for any projection.
+    Normals keep their length where pixels do not normalize them. pyrender computes highlights from
+    the camera's position, for any projection.
     """
     if plan.facts.reference is not None:
         placement = placement._replace(toward_viewer=_AT_EYE)
@@ -160,7 +159,7 @@ def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
 
 
 def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
-    """Return the tests of visible hits: alpha masks and least visible alpha; None without any."""
+    """Return the tests of visible faces: alpha masks and least visible alpha; None without any."""
     facts = plan.facts
     if not facts.discards_faint:
         return find_alpha_tests(plan, cache)
@@ -172,13 +171,13 @@ def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
 
 def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
     """
-    Return the objects' surface record, with the parts that the plan reads, unlit.
+    Return the objects' surface record, with the parts that the plan reads, without lit vertices.
 
     Parameters
     ----------
     plan : RenderPlan
     tables : MaterialTables
-        Or what else has its fields.
+        Or another object with the same fields.
     """
     facts, shown = plan.facts, plan.layers
     alphas = None if shown is None or not shown.has_blended else Alphas(shown.is_blended)
@@ -212,7 +211,7 @@ def light_surface(
     light: Callable[[Surface, Lighting], NDArray[np.float32]],
 ) -> Surface:
     """
-    Return a surface with lit vertices, if the plan reads them.
+    Add lit vertices to a surface, if the plan reads them.
 
     Parameters
     ----------
@@ -220,7 +219,7 @@ def light_surface(
     surface : Surface
     lighting : Lighting or None
     light : callable
-        Returns what vertices look like in a light, (V, 2, 3).
+        Returns the colours of vertices lit by some lighting, (V, 2, 3).
     """
     if lighting is None or not plan.facts.needs_gouraud:
         return surface
@@ -239,15 +238,15 @@ def light_vertices(
     effects: Sequence[ActiveEffect],
     workers: Workers,
 ) -> NDArray[np.float32]:
-    """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
+    """Return the lit colours of vertices shaded by Gouraud, (V, 2, 3), zero for the others."""
     count = len(placement.positions)
     lit = np.zeros((count, 2, 3), np.float32)
     per_task = count_per_task(count, MIN_LIT_VERTICES, workers)
 
     def light_some(first: int) -> None:
-        some = first, min(first + per_task, count)
-        own = vertex_starts, placement, surface, lighting, effects
-        pass_runner.light_vertices(plan.shading, some, *own, lit)
+        vertices = first, min(first + per_task, count)
+        inputs = vertex_starts, placement, surface, lighting, effects
+        pass_runner.light_vertices(plan.shading, vertices, *inputs, lit)
 
     workers.run(light_some, [(n,) for n in range(0, count, per_task)])
     return lit
@@ -259,10 +258,10 @@ def shade_in_bands(
     linear: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
     workers: Workers,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
 ) -> None:
     """
-    Shade and resolve the frame in bands of rows.
+    Shade a frame with one face per pixel, in bands of rows.
 
     Parameters
     ----------
@@ -273,8 +272,8 @@ def shade_in_bands(
     color : (H, W, 4) uint8 or None
         Written, if the frame has it.
     workers : Workers
-    kept : Kept, optional
-        What the picture before left: its stages, if they read the same.
+    frame_cache : FrameCache, optional
+        May hold the stages.
     """
     height = len(face_id)
     nothing = np.empty((height, 0), np.uint32)
@@ -282,28 +281,33 @@ def shade_in_bands(
     if linear is None:
         linear = np.empty((height, 0, 4), np.float32)
     per_task = rows_per_task(face_id.shape, workers)
-    shader = shader.ready(kept)
+    shader = shader.prepare_stages(frame_cache)
 
-    in_machine_code = not (jit.DISABLED or jit.CHECKED)
-    if in_machine_code and workers.threads > 1 and per_task < height and not shader.has_behind:
+    is_compiled = not (jit.DISABLED or jit.CHECKED)
+    if (
+        is_compiled
+        and workers.threads > 1
+        and per_task < height
+        and not shader.has_background_effects
+    ):
         shader.shading.shade_bands(face_id, per_task, linear, packed, workers)
         return
 
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))
         shader.shading.shade(face_id[band], first, linear[band], packed[band])
-        shader.show_behind(IMMEDIATE, face_id[band], first, linear[band], packed[band])
+        shader.draw_background(IMMEDIATE, face_id[band], first, linear[band], packed[band])
 
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
 
 
-def shade_nothing(
+def fill_background(
     shader: resolve_layers.Shader,
     linear: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
     workers: Workers,
 ) -> None:
-    """Write a frame without faces: takes what `shade_in_bands` does, except faces."""
+    """Write a frame without faces; takes what `shade_in_bands` does, without ``face_id``."""
     pictures = [picture for picture in (linear, color) if picture is not None]
     height, width = pictures[0].shape[:2]
     if select_acting(shader.effects, "background"):
@@ -314,20 +318,22 @@ def shade_nothing(
         linear[0] = shader.background
     if color is not None:
         color.view(np.uint32)[0] = encode_color(shader.background, shader.encoding)
-    # All rows are alike.
+    # Copy the first row to the others.
     for picture in pictures:
         picture[1:] = picture[0]
 
 
-def glass_of(plan: RenderPlan) -> tuple[OpaquePassEffect, Any] | None:
+def find_transmission(plan: RenderPlan) -> tuple[OpaquePassEffect, Any] | None:
     """Return the transmission effect of a frame, with its data; ``None`` without one."""
-    around = list_screen_effects(plan.planned)
-    return next(((one, data) for one, data in around if isinstance(one, OpaquePassEffect)), None)
+    effects = list_screen_effects(plan.planned)
+    return next(
+        ((effect, data) for effect, data in effects if isinstance(effect, OpaquePassEffect)), None
+    )
 
 
-def plan_behind(plan: RenderPlan, glass: OpaquePassEffect) -> RenderPlan:
+def plan_opaque_pass(plan: RenderPlan, transmission: OpaquePassEffect) -> RenderPlan:
     """Return the plan of the opaque pass that transmission reads."""
-    layers, hidden = plan.layers, glass.hidden_objects(plan.facts)
+    layers, hidden = plan.layers, transmission.hidden_objects(plan.facts)
     if layers is not None and layers.has_blended:
         hidden = hidden | (layers.is_blended > 0)
     if layers is not None:
@@ -336,44 +342,48 @@ def plan_behind(plan: RenderPlan, glass: OpaquePassEffect) -> RenderPlan:
         layers = None if layers.samples == 1 else layers
     drawn = None if plan.drawn_behind is None else (plan.drawn_behind,)
 
-    def is_behind(planned: UsedEffect) -> bool:
+    def is_in_opaque_pass(planned: UsedEffect) -> bool:
         places = planned.effect.places
-        return planned.effect is not glass and "overlay" not in places and "mixed" not in places
+        return (
+            planned.effect is not transmission and "overlay" not in places and "mixed" not in places
+        )
 
     return plan.for_picture(
-        is_behind, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn
+        is_in_opaque_pass, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn
     )
 
 
-def draw_behind(
-    context: FrameContext, glass: OpaquePassEffect, find: Callable[[RenderPlan], RasterizedView]
+def find_opaque_pass(
+    context: FrameContext,
+    transmission: OpaquePassEffect,
+    find: Callable[[RenderPlan], RasterizedView],
 ) -> FrameContext:
-    """Run the opaque pass that transmission reads, up to visibility."""
-    plan = plan_behind(context.plan, glass)
+    """Find the visible faces of the opaque pass that transmission reads."""
+    plan = plan_opaque_pass(context.plan, transmission)
     return context_of(plan, context.cache, find(plan), context.workers)
 
 
-def look_behind(
+def with_opaque_pass(
     context: FrameContext, find: Callable[[RenderPlan], RasterizedView]
 ) -> FrameContext:
     """
-    Return the context with the opaque pass that transmission reads; itself without transmission.
+    Draw the opaque pass that transmission reads, if any; return the context with its record.
 
     Parameters
     ----------
     context : FrameContext
     find : callable
-        Returns what the picture of another plan shows.
+        Returns the visible faces for another plan.
     """
     plan = context.plan
-    own = glass_of(plan)
-    if own is None:
+    found = find_transmission(plan)
+    if found is None:
         return context
-    glass, data = own
-    (done,) = plan.drawn or ({},)
-    if glass.name in done:
-        record = glass.crop_record(done[glass.name], plan.corner)
+    transmission, data = found
+    (records,) = plan.drawn or ({},)
+    if transmission.name in records:
+        record = transmission.crop_record(records[transmission.name], plan.corner)
     else:
-        linear = shade_faces(draw_behind(context, glass, find))["linear"]
-        record = glass.prepare(context, data, [(plan.camera, linear)])
-    return context._replace(plan=plan.for_picture(drawn=({**done, glass.name: record},)))
+        linear = shade_faces(find_opaque_pass(context, transmission, find))["linear"]
+        record = transmission.prepare(context, data, [(plan.camera, linear)])
+    return context._replace(plan=plan.for_picture(drawn=({**records, transmission.name: record},)))

@@ -27,23 +27,23 @@ from rasterjit.rendering.lens_views import (
     NOWHERE,
     LensSight,
     LensViews,
-    Picture,
-    camera_of,
-    look,
-    see,
+    PinholePicture,
+    find_lens_views,
+    make_picture_camera,
+    make_sight,
     world_axes,
 )
 from rasterjit.rendering.planning import (
     FrameRequest,
     PlannedFrame,
     choose_camera,
-    cut_alike,
-    cut_open,
-    find_earlier,
-    look_from,
+    cut_by_section,
+    cut_previous_scene,
+    find_scene_plane_needs,
+    has_open_plane,
     naming,
-    needs_settling,
-    plan_views,
+    plan_frame,
+    resolve_previous_view,
 )
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers, rows_per_task
@@ -70,7 +70,7 @@ COUNTS = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "inval
           "clipped")  # fmt: skip
 
 POINTS = ("now", "before")
-"""Names of what motion is found from: where a point is, and was, in the axes of the lens."""
+"""Names of the arrays that motion is found from: current and previous points, in lens axes."""
 
 
 class LensPlan(NamedTuple):
@@ -80,32 +80,32 @@ class LensPlan(NamedTuple):
     camera: Camera
     size: tuple[int, int]
     outputs: tuple[str, ...]
-    looks: LensViews
+    lens_views: LensViews
     sight: LensSight
     pictures: tuple[PlannedFrame, ...]
-    behind: Backdrop
-    """The background that was given, or black: shown beyond the lens's field of view; an image also
-    where no face is."""
+    backdrop: Backdrop
+    """The given background, or black: shown beyond the lens's field of view; an image also where no
+    face is."""
     plan: RenderPlan
-    """That of the first picture, with the size and the camera of the frame."""
-    compared: tuple[Scene, Camera, LensSight] | None
-    """The earlier view that it is compared with."""
+    """The plan of the first picture, with the size and the camera of the frame."""
+    previous: tuple[Scene, Camera, LensSight] | None
+    """The previous view, for motion."""
 
 
-def plan_lensed(
+def plan_with_lens(
     lens: Any,
     request: FrameRequest,
     scene: Scene,
     camera: Camera | None,
     workers: Workers,
-    known: SceneCache | None = None,
+    cache: SceneCache | None = None,
     last: LensPlan | None = None,
 ) -> LensPlan:
     """
-    Check the arguments of a frame with a lens, and decide which pictures it takes.
+    Check the arguments of a frame with a lens, and plan the pinhole pictures that it takes.
 
-    ``known`` is what an earlier frame of the scene was drawn from, ``last`` an earlier frame with a
-    lens: where its pixels look is not found again for the same camera elsewhere.
+    ``cache`` is that of the scene's last frame. ``last`` is the plan of any frame with a lens: its
+    rays are reused if lens and projection are the same.
 
     Raises
     ------
@@ -115,68 +115,86 @@ def plan_lensed(
     _, quality, outputs, background, _, diagnose, previous = request
     lens, size = check_lens("lens", lens), request.size
     camera = choose_camera(scene, camera, size)
-    _refuse(outputs, diagnose)
-    sight = see(lens, camera, size)
-    if last is not None and (last.lens, last.size) == (lens, size) and last.sight.same(sight):
-        looks = last.looks
+    _check_supported(outputs, diagnose)
+    sight = make_sight(lens, camera, size)
+    if (
+        last is not None
+        and (last.lens, last.size) == (lens, size)
+        and last.sight.has_same_projection(sight)
+    ):
+        lens_views = last.lens_views
     else:
-        looks = look(lens, size, sight, workers)
-    if "depth" in outputs and looks.least_cosine <= 0.0:
+        lens_views = find_lens_views(lens, size, sight, workers)
+    if "depth" in outputs and lens_views.least_cosine <= 0.0:
         raise ValueError(
             "outputs has 'depth', which is along the viewing axis and above 0 less than 90 degrees "
             "from it alone, and lens sees more: ask for 'distance', which is along the ray"
         )
     drawn = tuple(name for name in outputs if name != "motion") or ("face_id",)
-    behind = read_background("black" if background is None else background)
-    if isinstance(behind, BackgroundImage):
-        # It is what the lens has seen, and comes behind at the end.
-        behind.check_size(size)
+    backdrop = read_background("black" if background is None else background)
+    if isinstance(backdrop, BackgroundImage):
+        # The image is already distorted: it is added behind at the end.
+        backdrop.check_size(size)
         background = "transparent"
-    asked = camera
-    if needs_settling(camera):
-        # One camera has its planes in one place, in all pictures.
+    given_camera = camera
+    if has_open_plane(camera):
+        # All pictures have the same near and far planes.
         seen = [
-            look_from(
-                scene, camera, picture.size, quality, None, camera_of(picture, camera, size, sight)
+            find_scene_plane_needs(
+                scene,
+                camera,
+                picture.size,
+                quality,
+                None,
+                make_picture_camera(picture, camera, size, sight),
             )
-            for picture in looks.pictures
+            for picture in lens_views.pictures
         ]
         camera = move_planes(camera, *merge_needs(seen).steps)
-    whole = []
-    for picture in looks.pictures:
-        seen_by = camera_of(picture, camera, size, sight)
-        own = request._replace(size=picture.size, outputs=drawn, background=background)
-        own = own._replace(diagnose=False, previous=None)
-        one = plan_views(own, scene, seen_by, known)
-        known = one.cache
-        whole.append(one)
-    _refuse_effects([one.plan for one in whole])
-    # What is drawn over the finished picture waits for it.
+    frames = []
+    for picture in lens_views.pictures:
+        picture_camera = make_picture_camera(picture, camera, size, sight)
+        picture_request = request._replace(size=picture.size, outputs=drawn, background=background)
+        picture_request = picture_request._replace(diagnose=False, previous=None)
+        frames.append(plan_frame(picture_request, scene, picture_camera, cache))
+        cache = frames[-1].cache
+    _check_effects([frame.plan for frame in frames])
+    # Overlays are drawn over the finished picture.
     pictures = [
-        one._replace(
-            plan=one.plan.for_picture(lambda planned: "overlay" not in planned.effect.places)
+        frame._replace(
+            plan=frame.plan.for_picture(lambda used: "overlay" not in used.effect.places)
         )
-        for one in whole
+        for frame in frames
     ]
-    text = f"{type(lens).__name__}: {looks.described}"
+    text = f"{type(lens).__name__}: {lens_views.description}"
     pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
     effects = tuple(
-        replace(one, data=one.effect.distort(one.data, eye, pixels))
-        if isinstance(one, UsedEffect) and isinstance(one.effect, LensEffect)
-        else one
-        for one in whole[0].plan.effects
+        replace(planned, data=planned.effect.distort(planned.data, eye, pixels))
+        if isinstance(planned, UsedEffect) and isinstance(planned.effect, LensEffect)
+        else planned
+        for planned in frames[0].plan.effects
     )
-    plan = whole[0].plan.for_picture(
+    plan = frames[0].plan.for_picture(
         outputs=outputs, size=size, camera=camera, lens=text, effects=effects
     )
-    earlier = find_earlier(previous, plan, scene, asked)
-    compared = None
-    if earlier is not None:
+    previous_view = resolve_previous_view(previous, plan, scene, given_camera)
+    previous_with_sight = None
+    if previous_view is not None:
         with naming("previous.camera"):
-            before = cut_alike(earlier[0], cut_open(scene))
-            compared = before, earlier[1], see(lens, earlier[1], size)
+            previous_scene = cut_previous_scene(previous_view[0], cut_by_section(scene))
+            previous_sight = make_sight(lens, previous_view[1], size)
+        previous_with_sight = previous_scene, previous_view[1], previous_sight
     return LensPlan(
-        lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, compared
+        lens,
+        camera,
+        size,
+        outputs,
+        lens_views,
+        sight,
+        tuple(pictures),
+        backdrop,
+        plan,
+        previous_with_sight,
     )
 
 
@@ -186,10 +204,10 @@ def through_lens(planned: LensPlan) -> LensProjection:
     axes = world_axes(planned.camera, planned.size)
 
     def directions(columns: Float64, rows: Float64) -> Float64:
-        return _mixed(lens.unproject(sight.places(columns, rows)), axes)
+        return _combine_axes(lens.unproject(sight.places(columns, rows)), axes)
 
-    pictures = (one.plan for one in planned.pictures)
-    clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
+    plans = (picture.plan for picture in planned.pictures)
+    clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in plans)
     pixels = _pixels_of(lens, sight, planned.camera, planned.size)
     return LensProjection(pixels, directions, clips)
 
@@ -197,22 +215,22 @@ def through_lens(planned: LensPlan) -> LensProjection:
 def _pixels_of(
     lens: Lens, sight: LensSight, camera: Camera, size: tuple[int, int]
 ) -> Callable[[Float64], Float64]:
-    """Return what tells where points relative to the eye, (N, 3), are seen: pixels, (N, 2)."""
+    """Return a function from points relative to the eye, (N, 3), to pixels, (N, 2)."""
     axes = world_axes(camera, size)
 
     def pixels(points: Float64) -> Float64:
-        return sight.pixels(lens.project(_mixed(points, axes.T)))
+        return sight.pixels(lens.project(_combine_axes(points, axes.T)))
 
     return pixels
 
 
-def _mixed(shares: Float64, axes: Float64) -> Float64:
-    """Return sums of three axes, (3, 3), by shares (..., 3), in one order on every CPU."""
+def _combine_axes(shares: Float64, axes: Float64) -> Float64:
+    """Return linear combinations, (..., 3), of three axes, summed in one order on every CPU."""
     x, y, z = (shares[..., n, np.newaxis] for n in range(3))
     return x * axes[0] + y * axes[1] + z * axes[2]
 
 
-def draw_lensed(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
+def draw_with_lens(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     """
     Draw a frame with a lens.
 
@@ -221,32 +239,34 @@ def draw_lensed(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     planned : LensPlan
     workers : Workers
     draw : callable
-        Draws a frame that is decided on.
+        Draws a planned frame.
     """
-    looks, outputs, clock = planned.looks, planned.outputs, StageClock()
+    lens_views, outputs, clock = planned.lens_views, planned.outputs, StageClock()
     targets: dict[str, NDArray[Any]] = {}
-    comparison = _compare(planned)
+    comparison = _make_comparison(planned)
     counts = dict.fromkeys(COUNTS, 0)
-    for picture, one in zip(looks.pictures, planned.pictures, strict=True):
-        frame, seen = draw(one, clock)
+    for picture, planned_picture in zip(lens_views.pictures, planned.pictures, strict=True):
+        frame, seen = draw(planned_picture, clock)
         arrays = {**frame.arrays(), "face_id": seen.coverage.face_id}
         if "depth" in outputs:
-            arrays["depth"] = _depth(picture, arrays["depth"])
+            arrays["depth"] = _depth_along_axis(picture, arrays["depth"])
         if comparison is not None:
-            arrays |= comparison.points(one, seen, workers)
-        _take(arrays, picture, looks, targets, workers)
+            arrays |= comparison.points(planned_picture, seen, workers)
+        _resample(arrays, picture, lens_views, targets, workers)
         counts = {name: counts[name] + getattr(frame.stats, name) for name in COUNTS}
         clock("lens")
     if comparison is not None:
         targets["motion"] = comparison.motion(*(targets[name] for name in POINTS))
-    behind = planned.behind
-    result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
-    one = planned.pictures[0]
-    placement = make_placement(one.cache.shapes.arrays, one.views)
-    # What draws over the finished picture of a lens reads the faces, no more.
+    backdrop = planned.backdrop
+    result = {
+        name: _finish_output(name, targets, lens_views, backdrop, workers) for name in outputs
+    }
+    planned_picture = planned.pictures[0]
+    placement = make_placement(planned_picture.cache.shapes.arrays, planned_picture.views)
+    # Overlays that lenses support read only the faces.
     seen = seen._replace(coverage=seen.coverage._replace(face_id=targets["face_id"]))
-    context = FrameContext(planned.plan, one.cache, placement, workers, seen)
-    lit = view_warnings.lit_pixels(planned.plan.facts, one.cache, targets["face_id"])
+    context = FrameContext(planned.plan, planned_picture.cache, placement, workers, seen)
+    lit = view_warnings.lit_pixels(planned.plan.facts, planned_picture.cache, targets["face_id"])
     share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
     for overlay in planned.plan.effects_at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
@@ -255,35 +275,37 @@ def draw_lensed(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
         # The caller may write to it.
         _ = stats.pixels_covered
     clock("lens")
-    frame = Frame(result, planned.plan, stats, None, one.cache.face_starts)
+    frame = Frame(result, planned.plan, stats, None, planned_picture.cache.face_starts)
     frame._white_share = share
     return frame
 
 
 class Comparison(NamedTuple):
-    """Inputs for motion between a frame and an earlier view."""
+    """Inputs for motion between a frame and its previous view."""
 
     lens: Lens
     sight: LensSight
-    sight_before: LensSight
-    before: Moment
-    turns: tuple[NDArray[np.float64], NDArray[np.float64]]
-    """(O, 3, 4) each: objects in the axes of the lens, now and before."""
+    previous_sight: LensSight
+    previous: Moment
+    object_to_lens: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """(O, 3, 4) each: from model space to the axes of the lens, current and previous."""
 
-    def points(self, one: PlannedFrame, seen: RasterizedView, workers: Workers) -> dict[str, Any]:
-        """Return where what a picture shows is, and was, (h, w, 3), in the axes of the lens."""
-        arrays = one.cache.shapes.arrays
-        now = Moment(arrays.positions, arrays.faces, self.turns[0])
-        earlier = self.before._replace(matrices=self.turns[1])
+    def points(
+        self, picture: PlannedFrame, seen: RasterizedView, workers: Workers
+    ) -> dict[str, Any]:
+        """Return the current and previous points of a picture's pixels, (h, w, 3), in lens axes."""
+        arrays = picture.cache.shapes.arrays
+        now = Moment(arrays.positions, arrays.faces, self.object_to_lens[0])
+        previous_moment = self.previous._replace(matrices=self.object_to_lens[1])
         return {
-            name: _points_of(moment, arrays.faces, seen, workers)
-            for name, moment in zip(POINTS, (now, earlier), strict=True)
+            name: _find_points(moment, arrays.faces, seen, workers)
+            for name, moment in zip(POINTS, (now, previous_moment), strict=True)
         }
 
     def motion(self, now: NDArray[np.float32], before: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return how far the points, (H, W, 3), have moved across the picture, (H, W, 2)."""
+        """Return the motion of points, (H, W, 3), across the picture, (H, W, 2), pixels."""
         moved = self.sight.pixels(self.lens.project(now.astype(np.float64)))
-        moved -= self.sight_before.pixels(self.lens.project(before.astype(np.float64)))
+        moved -= self.previous_sight.pixels(self.lens.project(before.astype(np.float64)))
         if isinstance(self.lens, Equirectangular):
             # The shorter way around.
             width = len(now[0])
@@ -291,16 +313,16 @@ class Comparison(NamedTuple):
         return moved.astype(np.float32)
 
 
-def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
-    """Raise ``ValueError`` naming what is not drawn with a lens."""
+def _check_supported(outputs: Sequence[str], diagnose: Any) -> None:
+    """Raise ``ValueError`` naming an argument that is not supported with a lens."""
     if boolean("diagnose", diagnose):
         raise ValueError("diagnose must be False where a lens is given, got True")
     if "motion_visible" in outputs:
         raise ValueError("outputs has 'motion_visible', which is not found where a lens is given")
 
 
-def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
-    """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
+def _check_effects(plans: Sequence[RenderPlan]) -> None:
+    """Raise ``ValueError`` naming an effect that reads pixels of the finished picture."""
     for plan in plans:
         for effect, _ in list_screen_effects(plan.planned):
             looks_around = effect.scope == "neighbours"
@@ -316,8 +338,8 @@ def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
                 )
 
 
-def _depth(picture: Picture, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the depth of a picture, (h, w), along the axis of the lens."""
+def _depth_along_axis(picture: PinholePicture, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Convert the depth of a picture, (h, w), to depth along the axis of the lens."""
     if picture.is_ahead:
         return depth
     height, width = depth.shape
@@ -327,90 +349,90 @@ def _depth(picture: Picture, depth: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(np.isinf(depth), depth, turned)
 
 
-def _take(
+def _resample(
     arrays: dict[str, Any],
-    picture: Picture,
-    looks: LensViews,
+    picture: PinholePicture,
+    lens_views: LensViews,
     targets: dict[str, NDArray[Any]],
     workers: Workers,
 ) -> None:
-    """Resample a pinhole picture at the pixels that look at it."""
+    """Resample a pinhole picture into the pixels whose rays it shows."""
     mixed = set(MIXED_OUTPUTS).intersection(arrays)
-    sources = {name: _linear(name, arrays[name]) for name in mixed}
+    sources = {name: _to_premultiplied(name, arrays[name]) for name in mixed}
     nearest = {name: array for name, array in arrays.items() if name not in sources}
-    shape = looks.number.shape
+    shape = lens_views.number.shape
     for name, array in (sources | nearest).items():
         if name not in targets:
-            empty = 0.0 if name in sources else _empty(name)
+            empty = 0.0 if name in sources else _empty_value(name)
             targets[name] = np.full((*shape, *array.shape[2:]), empty, array.dtype)
     (width, height), (origin_x, origin_y) = picture.size, picture.origin
     window = picture.number, picture.density, origin_x, origin_y
 
-    def take_rows(first: int, last: int) -> None:
+    def resample_rows(first: int, last: int) -> None:
         for name, source in sources.items():
             resampling.filter_rows(
-                source, looks.number, looks.place, looks.spread, window, (first, last),
-                targets[name],
+                source, lens_views.number, lens_views.place, lens_views.spread, window,
+                (first, last), targets[name],
             )  # fmt: skip
-        is_here = looks.number[first:last] == picture.number
-        x, y = (looks.place[first:last][is_here].astype(np.float64) * picture.density).T
+        is_here = lens_views.number[first:last] == picture.number
+        x, y = (lens_views.place[first:last][is_here].astype(np.float64) * picture.density).T
         column = np.clip(np.floor(x + origin_x), 0, width - 1).astype(np.int64)
         row = np.clip(np.floor(y + origin_y), 0, height - 1).astype(np.int64)
         for taken, array in nearest.items():
             targets[taken][first:last][is_here] = array[row, column]
 
-    count, per_task = len(looks.number), rows_per_task(looks.number.shape, workers)
+    count, per_task = len(lens_views.number), rows_per_task(lens_views.number.shape, workers)
     workers.run(
-        take_rows,
+        resample_rows,
         [(first, min(first + per_task, count)) for first in range(0, count, per_task)],
     )
 
 
-def _empty(name: str) -> float:
-    """Return what an output that is not mixed holds where nothing is."""
+def _empty_value(name: str) -> float:
+    """Return the value of an unfiltered output where no face is."""
     return math.nan if name in POINTS else output_table.find_row(name).empty
 
 
-def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:
-    """Return a mixed output as (h, w, C) float32: linear light times alpha, or what it is."""
+def _to_premultiplied(name: str, array: NDArray[Any]) -> NDArray[np.float32]:
+    """Return a filtered output as (h, w, C) float32; colours as linear light times alpha."""
     if array.ndim == 2:
         return np.ascontiguousarray(array, np.float32)[:, :, np.newaxis]
-    light = _straight(array) if name == "color" else array.copy()
+    light = _decode(array) if name == "color" else array.copy()
     if not (light[..., 3] == 1.0).all():
         light[..., :3] *= light[..., 3:]
     return light
 
 
-def _straight(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return pixels, (h, w, 4), as linear light with straight alpha."""
+def _decode(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Decode pixels, (h, w, 4), to linear light with straight alpha."""
     light = decoding_table()[codes]
     light[..., 3] = codes[..., 3] / np.float32(255.0)
     return light
 
 
-def _finished(
+def _finish_output(
     name: str,
     targets: dict[str, NDArray[Any]],
-    looks: LensViews,
-    behind: Backdrop,
+    lens_views: LensViews,
+    backdrop: Backdrop,
     workers: Workers,
 ) -> NDArray[Any]:
-    """Return an output as a frame holds it; of colours, before what is behind."""
+    """Return an output in its final form; colours over the background."""
     target = targets[name]
     if name not in MIXED_OUTPUTS:
         return target
     if target.shape[2] == 1:
         return target[..., 0]
-    alpha, is_nowhere = target[..., 3:], looks.number == NOWHERE
-    if isinstance(behind, BackgroundImage):
-        image: NDArray[Any] = behind.image
-        given = image if image.dtype == np.float32 else _straight(image)
+    alpha, is_nowhere = target[..., 3:], lens_views.number == NOWHERE
+    if isinstance(backdrop, BackgroundImage):
+        image: NDArray[Any] = backdrop.image
+        given = image if image.dtype == np.float32 else _decode(image)
         through = (1.0 - alpha) * given[..., 3:]
         target[..., :3] += through * given[..., :3]
         alpha += through
     np.divide(target[..., :3], alpha, out=target[..., :3], where=alpha > 0.0)
-    if isinstance(behind, np.ndarray):
-        target[is_nowhere] = behind
+    if isinstance(backdrop, np.ndarray):
+        target[is_nowhere] = backdrop
     if name != "color":
         return target
     color = np.empty(target.shape, np.uint8)
@@ -423,26 +445,31 @@ def _finished(
     return color
 
 
-def _compare(planned: LensPlan) -> Comparison | None:
-    """Return what it takes to compare a frame with an earlier view; ``None`` without one."""
-    if planned.compared is None:
+def _make_comparison(planned: LensPlan) -> Comparison | None:
+    """Return the inputs for motion from the previous view; ``None`` without one."""
+    if planned.previous is None:
         return None
-    scene, camera, sight_before = planned.compared
+    scene, camera, previous_sight = planned.previous
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
     old = update_cache(scene.nodes, cache, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, planned.camera, size)
-    old_views = object_transforms.transform_to_view(old.transforms, camera, size)
+    old_views = object_transforms.transform_to_view(old.places, camera, size)
     positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)
     return Comparison(
-        planned.lens, planned.sight, sight_before,
+        planned.lens, planned.sight, previous_sight,
         Moment(positions, faces, np.empty((0, 5, 4))),
-        (_turned(views, planned.camera, size), _turned(old_views, camera, size)),
+        (
+            _rotate_to_lens_axes(views, planned.camera, size),
+            _rotate_to_lens_axes(old_views, camera, size),
+        ),
     )  # fmt: skip
 
 
-def _turned(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return what takes each object into the axes of the lens, (O, 3, 4)."""
+def _rotate_to_lens_axes(
+    views: ViewTransforms, camera: Camera, size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Return the transform of each object to the axes of the lens, (O, 3, 4)."""
     axes, model = world_axes(camera, size), views.relative_from_model
     found = np.zeros((len(model), 3, 4))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -451,24 +478,24 @@ def _turned(views: ViewTransforms, camera: Camera, size: tuple[int, int]) -> NDA
     return found
 
 
-def _points_of(
+def _find_points(
     moment: Moment, faces: NDArray[np.int32], seen: RasterizedView, workers: Workers
 ) -> NDArray[np.float32]:
-    """Return where the points of a picture are at a moment, (h, w, 3): given by (O, 3, 4)."""
+    """Return the points of a picture's pixels at a moment, (h, w, 3), by matrices (O, 3, 4)."""
     face_id, turned = seen.coverage.face_id, moment.matrices
     points = np.empty((*face_id.shape, 3), np.float32)
-    # Motion is a difference of two places on the screen, each divided by w. Here all w are 1, and
-    # the first place is the origin.
+    # Motion is a difference of two screen positions, each divided by w. With all w = 1, and the
+    # first position at the origin, it is the other position.
     flat = np.zeros((len(turned), 5, 4))
     flat[:, 3, 3] = 1.0
     for first, count in ((0, 2), (2, 1)):
         matrices = flat.copy()
         matrices[:, :count] = turned[:, first : first + count]
-        compared = motion.MomentPair(
+        inputs = motion.MomentPair(
             Moment(moment.positions, moment.faces, flat), moment._replace(matrices=matrices), None
         )
         moved = motion.fill_motion(
-            face_id, seen.geometry, seen.placement.face_starts, compared, workers
+            face_id, seen.geometry, seen.placement.face_starts, inputs, workers
         )
         points[..., first : first + count] = -moved[..., :count]
     return points

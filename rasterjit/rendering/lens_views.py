@@ -1,9 +1,9 @@
 """
 Compute the ray of each pixel of a lens, and choose the pinhole pictures that cover all rays.
 
-One picture suffices for a narrow field of view; else the needed parts of the faces of a cube around
-the eye. Their samples are at most half as long and wide as a pixel's footprint. All have the
-camera's near plane, which is rotated for faces of the cube.
+One picture suffices for a narrow field of view; else parts of the faces of a cube around the eye
+are drawn. Samples are at most half as long and wide as a pixel's footprint. All pictures have the
+camera's near plane, rotated for faces of the cube.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from rasterjit.scene.vectors import dot, length
 
 Float64 = NDArray[np.float64]
 
-SAMPLES = 2.0
-"""Samples of a pinhole picture along a pixel, at least."""
+MIN_SAMPLES_PER_PIXEL = 2.0
+"""Fewest samples of a pinhole picture along each side of a pixel."""
 
 NOWHERE = 255
 """Picture number of a pixel without a ray."""
 
 MIN_COSINE = 0.2
-"""Of the angle between the axis and what a single picture shows: some 78 degrees."""
+"""Cosine of the largest angle from the axis that a single picture shows: some 78 degrees."""
 
 MAX_AREA = 12.0
-"""Of a single picture, in units of the plane at distance 1: three faces of the cube."""
+"""Largest area of a single picture on the plane at distance 1: that of three faces of the cube."""
 
-ROWS_AT_ONCE = 16
-"""Rows of pixels whose directions are found by one task."""
+ROWS_PER_TASK = 16
+"""Rows of pixels whose rays one task computes."""
 
-SLACK = 2
-"""Samples beyond what pixels cover, on each side: bilinear filtering reads one."""
+MARGIN_SAMPLES = 2
+"""Samples beyond the pixels on each side: bilinear filtering reads one."""
 
-PARALLEL = 1e-9
-"""Most that the near plane may be turned from the picture's, as a share, if it is to be turned."""
+MAX_PLANE_TILT = 1e-9
+"""Largest relative tilt of a near plane that can be rotated for faces of the cube."""
 
-CUBE = np.array(
+CUBE_FACES = np.array(
     [
         [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
         [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
@@ -63,7 +63,7 @@ below and above, in the axes of the lens (x right, y down, z ahead)."""
 
 
 class LensSight(NamedTuple):
-    """A camera taken apart: which way it looks, and what takes the lens's places to pixels."""
+    """A camera's projection, split into axes and the map from lens coordinates to pixels."""
 
     rows: Float64
     """(3, 4): pixel column, pixel row and w, each times w, of view-space points."""
@@ -72,23 +72,23 @@ class LensSight(NamedTuple):
     depth_scale: float
     """w at distance 1 ahead."""
     focal: tuple[float, float, float]
-    """Pixels: across and down, and what a place goes across for each unit down (skew)."""
-    middle: tuple[float, float]
-    """Pixels: principal point."""
+    """Pixels: across, down, and skew (across for each unit down)."""
+    principal_point: tuple[float, float]
+    """Pixels."""
 
-    def same(self, other: LensSight) -> bool:
-        """Tell whether another camera differs in nothing but its place and its planes."""
+    def has_same_projection(self, other: LensSight) -> bool:
+        """Tell whether another camera differs only in its position and its planes."""
         return np.array_equal(self.rows, other.rows)
 
     def pixels(self, places: Float64) -> Float64:
-        """Return the pixel coordinates, (..., 2), of places of the lens, (..., 2)."""
+        """Return the pixel coordinates, (..., 2), of lens coordinates, (..., 2)."""
         x, y = places[..., 0], places[..., 1]
-        (fx, fy, skew), (cx, cy) = self.focal, self.middle
+        (fx, fy, skew), (cx, cy) = self.focal, self.principal_point
         return np.stack(((fx * x + skew * y) + cx, fy * y + cy), axis=-1)
 
     def places(self, columns: Float64, rows: Float64) -> Float64:
-        """Return places of the lens, (R, C, 2), at columns (C,) and rows (R,), pixels."""
-        (fx, fy, skew), (cx, cy) = self.focal, self.middle
+        """Return lens coordinates, (R, C, 2), at columns (C,) and rows (R,), pixels."""
+        (fx, fy, skew), (cx, cy) = self.focal, self.principal_point
         y = ((rows - cy) / fy)[:, np.newaxis]
         x = ((columns[np.newaxis] - cx) - skew * y) / fx
         return np.stack((x, np.broadcast_to(y, x.shape)), axis=-1)
@@ -97,15 +97,15 @@ class LensSight(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class PictureCamera:
     """
-    A camera that shows what another one sees on a plane of its own, from the same eye.
+    A camera that projects on another plane than a given one, from the same eye.
 
-    Its view space is that of the other camera.
+    Shares that camera's view space.
     """
 
     camera: Camera
     clip_from_view: Matrix
     pixels: float = 1.0
-    """How many of its pixels a pixel in the middle of the lens's picture has, along each side."""
+    """Its pixels along each side of a pixel in the middle of the lens's picture."""
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world`` of the camera."""
@@ -120,33 +120,33 @@ class PictureCamera:
         return self.camera.eye_position()
 
     def depth_coefficients(self) -> tuple[float, float, float]:
-        """Return those of the camera."""
+        """Return the coefficients of the given camera."""
         return self.camera.depth_coefficients()
 
     def view_depth(self, stored: ArrayLike) -> Float64:
-        """Return depths along its own axis."""
+        """Return metric depths along the picture's own axis."""
         return self.camera.view_depth(stored)
 
 
-class Picture(NamedTuple):
-    """The part of a plane at distance 1 before the eye that a pinhole picture shows."""
+class PinholePicture(NamedTuple):
+    """The part of a plane at distance 1 from the eye that a pinhole picture shows."""
 
     number: int
     size: tuple[int, int]
     axes: Float64
     """(3, 3): right, down and ahead, in the axes of the lens."""
     density: float
-    """Samples a unit of the plane."""
+    """Samples per unit of the plane."""
     origin: tuple[float, float]
-    """Where its axis lies, samples."""
+    """Position of its axis, samples."""
 
     @property
     def is_ahead(self) -> bool:
-        """Whether it looks where the camera looks."""
+        """Whether the picture looks along the camera's axis."""
         return bool(self.axes[2, 2] == 1.0)
 
     def directions(self, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> list[Float64]:
-        """Return where the centres of samples look: x, y, z in the axes of the lens, z' = 1."""
+        """Return the rays of samples: x, y, z in lens axes, 1 along the picture's axis."""
         a = (columns + 0.5 - self.origin[0]) / self.density
         b = (rows + 0.5 - self.origin[1]) / self.density
         right, down, ahead = self.axes.tolist()
@@ -154,34 +154,34 @@ class Picture(NamedTuple):
 
 
 class LensViews(NamedTuple):
-    """Where the pixels of a picture look."""
+    """Where the rays of pixels meet pinhole pictures."""
 
     number: NDArray[np.uint8]
-    """(H, W): which picture shows it; `NOWHERE` where none does."""
+    """(H, W): which picture shows the pixel; `NOWHERE` where none does."""
     place: NDArray[np.float32]
-    """(H, W, 2): where, on the plane at distance 1."""
+    """(H, W, 2): position on that picture's plane at distance 1."""
     spread: NDArray[np.float32]
-    """(H, W, 4): how far a pixel goes there: along its row, then along its column."""
-    pictures: tuple[Picture, ...]
+    """(H, W, 4): a pixel's extent there, along its row, then along its column."""
+    pictures: tuple[PinholePicture, ...]
     least_cosine: float
-    """Of the angle from the axis, of all corners of pixels."""
+    """Least cosine of the angle between the axis and a corner of a pixel."""
 
     @property
-    def described(self) -> str:
+    def description(self) -> str:
         """The pictures in words."""
-        sizes = ", ".join(f"{one.size[0]} x {one.size[1]}" for one in self.pictures)
+        sizes = ", ".join(f"{picture.size[0]} x {picture.size[1]}" for picture in self.pictures)
         many = f"{len(self.pictures)} pinhole picture{'s' * (len(self.pictures) > 1)}"
-        return f"{many} ({sizes}), at least {SAMPLES:g} samples along a pixel"
+        return f"{many} ({sizes}), at least {MIN_SAMPLES_PER_PIXEL:g} samples along a pixel"
 
 
-def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
+def make_sight(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
     """
-    Take a camera apart.
+    Split a camera's projection.
 
     Raises
     ------
     ValueError
-        If it has no focal length, as its lines of sight are parallel.
+        If the camera is no perspective.
     """
     width, height = size
     clip = camera.projection_matrix(size)
@@ -197,7 +197,7 @@ def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
     rows = np.array(
         [(clip[0] + clip[3]) * (0.5 * width), (clip[3] - clip[1]) * (0.5 * height), clip[3]]
     )
-    axes, triangle = _take_apart(rows[:, :3])
+    axes, triangle = _split_projection(rows[:, :3])
     if isinstance(lens, Equirectangular):
         focal = width / (2.0 * math.pi), height / math.pi, 0.0
         return LensSight(rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
@@ -209,14 +209,14 @@ def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
 def world_axes(camera: Camera, size: tuple[int, int]) -> Float64:
     """Return right, down and ahead of a perspective, (3, 3), world space."""
     clip = clip_from_relative(camera, size)[:, :3]
-    return _take_apart(np.array([clip[3] + clip[0], clip[3] - clip[1], clip[3]]))[0]
+    return _split_projection(np.array([clip[3] + clip[0], clip[3] - clip[1], clip[3]]))[0]
 
 
-def _take_apart(rows: Float64) -> tuple[Float64, list[list[float]]]:
-    """Return axes, (3, 3), and an upper triangle whose product are three rows; diagonal > 0."""
+def _split_projection(rows: Float64) -> tuple[Float64, list[list[float]]]:
+    """Split three rows into an upper triangle, diagonal > 0, times orthonormal axes (RQ)."""
     x, y, w = rows.tolist()
-    far = length(w)
-    ahead = [c / far for c in w]
+    length_of_w = length(w)
+    ahead = [c / length_of_w for c in w]
     cy = dot(y, ahead)
     y = [a - cy * b for a, b in zip(y, ahead, strict=True)]
     fy = length(y)
@@ -225,12 +225,14 @@ def _take_apart(rows: Float64) -> tuple[Float64, list[list[float]]]:
     x = [(a - cx * b) - skew * c for a, b, c in zip(x, ahead, down, strict=True)]
     fx = length(x)
     right = [c / fx for c in x]
-    return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, far]]
+    return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, length_of_w]]
 
 
-def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) -> LensViews:
+def find_lens_views(
+    lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers
+) -> LensViews:
     """
-    Find where all pixels look, and the pictures that show it.
+    Find the rays of all pixels, and the pictures that show them.
 
     Raises
     ------
@@ -242,39 +244,41 @@ def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) 
     number = np.empty((height, width), np.uint8)
     place = np.zeros((height, width, 2), np.float32)
     spread = np.zeros((height, width, 4), np.float32)
-    faces = CUBE[:1] if _fits_one(lens, size, sight) else CUBE
+    faces = CUBE_FACES[:1] if _fits_one_picture(lens, size, sight) else CUBE_FACES
 
-    def look_some(first: int) -> tuple[Float64, float, float]:
-        last = min(first + ROWS_AT_ONCE, height)
+    def find_some(first: int) -> tuple[Float64, float, float]:
+        last = min(first + ROWS_PER_TASK, height)
         columns = np.arange(width + 1.0)
         centers = lens.unproject(
             sight.places(columns[:-1] + 0.5, np.arange(first, last, dtype=np.float64) + 0.5)
         )
         corners = lens.unproject(sight.places(columns, np.arange(first, last + 1.0)))
-        _refuse_folds(lens, centers)
+        _check_folds(lens, centers)
         some = slice(first, last)
-        return _look_some(faces, centers, corners, (number[some], place[some], spread[some]))
+        return _find_views_of_rows(
+            faces, centers, corners, (number[some], place[some], spread[some])
+        )
 
-    found = workers.run(look_some, [(first,) for first in range(0, height, ROWS_AT_ONCE)])
-    extents = np.array([one[0] for one in found])
-    least, cosine = min(one[1] for one in found), min(one[2] for one in found)
+    found = workers.run(find_some, [(first,) for first in range(0, height, ROWS_PER_TASK)])
+    face_extents, widths, cosines = zip(*found, strict=True)
+    extents, least, cosine = np.array(face_extents), min(widths), min(cosines)
     if isinstance(lens, Equirectangular):
         # Pixels are as high everywhere; at the poles they are as narrow as they like.
         least = 1.0 / sight.focal[1]
     if not 0.0 < least < math.inf:
         raise ValueError(f"lens must show something of the picture: {lens.visible_range}")
-    density = SAMPLES / least
+    density = MIN_SAMPLES_PER_PIXEL / least
     low, high = extents[:, :, :2].min(axis=0), extents[:, :, 2:].max(axis=0)
     pictures = [
-        _picture(n, axes, low[n], high[n], density, _aligned(number, place, n), size)
+        _make_picture(n, axes, low[n], high[n], density, _find_alignment(number, place, n), size)
         for n, axes in enumerate(faces)
         if low[n, 0] <= high[n, 0]
     ]
     return LensViews(number, place, spread, tuple(pictures), cosine)
 
 
-def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
-    """Tell whether one picture shows all, by what is seen at the border."""
+def _fits_one_picture(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
+    """Tell whether one picture covers all rays, by those at the border."""
     (width, height), columns = size, np.arange(size[0] + 1.0)
     rows = np.arange(height + 1.0)
     sides = [
@@ -282,7 +286,7 @@ def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
         sight.places(np.array([0.0, width]), rows).reshape(-1, 2),
     ]
     border = lens.unproject(np.concatenate(sides))
-    _refuse_folds(lens, border)
+    _check_folds(lens, border)
     x, y, z = border.T
     if not (z > MIN_COSINE * np.sqrt(x * x + y * y + z * z)).all():
         return False
@@ -290,29 +294,29 @@ def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
     return bool((x.max() - x.min()) * (y.max() - y.min()) <= MAX_AREA)
 
 
-def _refuse_folds(lens: Lens, directions: Float64) -> None:
-    """Raise ``ValueError`` where nothing is seen as the lens folds before."""
+def _check_folds(lens: Lens, directions: Float64) -> None:
+    """Raise ``ValueError`` if the lens has no ray for a direction, as it folds before."""
     if np.isnan(directions).any():
         raise ValueError(
             f"lens must show all of the picture up to its corners: {lens.visible_range}"
         )
 
 
-def _look_some(
+def _find_views_of_rows(
     faces: Float64,
     centers: Float64,
     corners: Float64,
     written: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]],
 ) -> tuple[Float64, float, float]:
     """
-    Write where some rows look.
+    Write the views of some rows of pixels.
 
     Returns
     -------
     (F, 4) float64
-        Least and greatest place of what is seen on each face, across and down.
+        Least and greatest position on each face, across and down.
     float
-        Least length of a pixel, on the plane at distance 1.
+        Least width of a pixel, on the plane at distance 1.
     float
         Least cosine of the angle from the axis.
     """
@@ -335,14 +339,14 @@ def _look_some(
             end = _project(axes, corners)
             a, b, c, d = end[:-1, :-1], end[:-1, 1:], end[1:, :-1], end[1:, 1:]
             along = np.concatenate((0.5 * ((b + d) - (a + c)), 0.5 * ((c + d) - (a + b))), axis=-1)
-        # Where the field ends, or a corner lies behind, a pixel is what is seen at its centre.
-        covers = along[is_here]
-        is_known = np.isfinite(covers).all(axis=-1)
-        spread[is_here] = np.where(is_known[:, np.newaxis], covers, 0.0)
+        # Where the field of view ends, or a corner lies behind, a pixel is only its centre.
+        footprints = along[is_here]
+        is_known = np.isfinite(footprints).all(axis=-1)
+        spread[is_here] = np.where(is_known[:, np.newaxis], footprints, 0.0)
         reach = 0.5 * (np.abs(spread[is_here][:, :2]) + np.abs(spread[is_here][:, 2:]))
         points = place[is_here]
         extents[n] = *(points - reach).min(axis=0), *(points + reach).max(axis=0)
-        least = min(least, _shortest(covers[is_known]))
+        least = min(least, _min_width(footprints[is_known]))
     x, y, z = (corners[..., k] for k in range(3))
     length = np.sqrt(x * x + y * y + z * z)
     is_seen = length > 0.0
@@ -352,7 +356,7 @@ def _look_some(
 
 
 def _project(axes: Float64, directions: Float64) -> Float64:
-    """Return where directions, (..., 3), meet the plane of a face, (..., 2); NaN if they do not."""
+    """Return where rays, (..., 3), meet the plane of a face, (..., 2); NaN if they do not."""
     x, y, z = (directions[..., k] for k in range(3))
     across, down, deep = ((x * a[0] + y * a[1]) + z * a[2] for a in axes.tolist())
     with np.errstate(all="ignore"):
@@ -360,19 +364,21 @@ def _project(axes: Float64, directions: Float64) -> Float64:
         return np.stack((across / deep, down / deep), axis=-1)
 
 
-def _shortest(covers: Float64) -> float:
-    """Return the least width of what pixels cover, (N, 4), in any direction."""
-    if len(covers) == 0:
+def _min_width(footprints: Float64) -> float:
+    """Return the least width of pixels' footprints, (N, 4), in any direction."""
+    if len(footprints) == 0:
         return math.inf
-    xx, xy, yx, yy = covers.T
+    xx, xy, yx, yy = footprints.T
     squares, area = xx * xx + xy * xy + yx * yx + yy * yy, np.abs(xx * yy - xy * yx)
-    # The axes of the ellipse that the pixel's circle becomes.
+    # The longer axis of the ellipse that a pixel's circle becomes.
     longest = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares * squares - 4 * area * area, 0))))
     return float((area / longest).min())
 
 
-def _aligned(number: NDArray[np.uint8], place: NDArray[np.float32], n: int) -> tuple[float, float]:
-    """Return a place that is to be at the centre of a sample: the middle pixel, if seen there."""
+def _find_alignment(
+    number: NDArray[np.uint8], place: NDArray[np.float32], n: int
+) -> tuple[float, float]:
+    """Return the position to put at the centre of a sample: the middle pixel's, if on this face."""
     row, column = number.shape[0] // 2, number.shape[1] // 2
     if number[row, column] != n:
         return 0.0, 0.0
@@ -380,7 +386,7 @@ def _aligned(number: NDArray[np.uint8], place: NDArray[np.float32], n: int) -> t
     return x, y
 
 
-def _picture(
+def _make_picture(
     number: int,
     axes: Float64,
     low: Float64,
@@ -388,25 +394,25 @@ def _picture(
     density: float,
     aligned: tuple[float, float],
     size: tuple[int, int],
-) -> Picture:
-    """Return the picture that shows a part of a plane."""
+) -> PinholePicture:
+    """Return the pinhole picture that covers a part of a plane."""
     sides, origin = [], []
     for least, most, at in zip(low.tolist(), high.tolist(), aligned, strict=True):
-        first = math.floor(least * density) - SLACK
-        # The place is moved to the centre of the sample that it is in.
+        first = math.floor(least * density) - MARGIN_SAMPLES
+        # Move the position to the centre of its sample.
         shift = 0.5 - (at * density - math.floor(at * density))
-        sides.append(math.ceil(most * density) + SLACK - first)
+        sides.append(math.ceil(most * density) + MARGIN_SAMPLES - first)
         origin.append(shift - first)
     if max(sides) > MAX_SIZE:
         raise ValueError(
             f"lens takes a pinhole picture of {sides[0]} x {sides[1]} samples for a picture of "
             f"{size[0]} x {size[1]} pixels; each side must be at most {MAX_SIZE}: draw it smaller"
         )
-    return Picture(number, (sides[0], sides[1]), axes, density, (origin[0], origin[1]))
+    return PinholePicture(number, (sides[0], sides[1]), axes, density, (origin[0], origin[1]))
 
 
-def camera_of(
-    picture: Picture, camera: Camera, size: tuple[int, int], sight: LensSight
+def make_picture_camera(
+    picture: PinholePicture, camera: Camera, size: tuple[int, int], sight: LensSight
 ) -> PictureCamera:
     """
     Return the camera of a pinhole picture.
@@ -414,7 +420,7 @@ def camera_of(
     Raises
     ------
     ValueError
-        If the near plane is to be turned, and does not face the line of sight.
+        If the near plane must be rotated, and does not face the line of sight.
     """
     (width, height), (left, top), density = picture.size, picture.origin, picture.density
     right, down, ahead = (picture.axes[k] for k in range(3))
@@ -422,25 +428,25 @@ def camera_of(
     rows = (2.0 * density / height) * down + (2.0 * top / height - 1.0) * ahead
     parts = np.array([columns, -rows, ahead]) * sight.depth_scale
     clip, found = camera.projection_matrix(size), np.zeros((4, 4))
-    found[[0, 1, 3], :3] = _times(parts, sight.axes)
+    found[[0, 1, 3], :3] = _multiply_in_order(parts, sight.axes)
     if sight.rows[:, 3].any():
         # The eye is not at the origin of view space.
-        inverse = transforms.normal_matrix(_square(sight.rows[:, :3])).T
-        offset = _times(inverse, sight.rows[:, 3:])
-        found[[0, 1, 3], 3] = _times(found[[0, 1, 3], :3], offset)[:, 0]
+        inverse = transforms.normal_matrix(_as_affine(sight.rows[:, :3])).T
+        offset = _multiply_in_order(inverse, sight.rows[:, 3:])
+        found[[0, 1, 3], 3] = _multiply_in_order(found[[0, 1, 3], :3], offset)[:, 0]
     if picture.is_ahead:
         found[2:] = clip[2:]
     else:
-        found[2] = _turned_depth(clip, found[3])
+        found[2] = _rotate_depth_row(clip, found[3])
     across, down, _ = sight.focal
     return PictureCamera(camera, found, density / math.sqrt(abs(across * down)))
 
 
-def _turned_depth(clip: Matrix, w_row: Float64) -> Float64:
-    """Return the row of clip-space z of a camera that looks elsewhere, with the same planes."""
+def _rotate_depth_row(clip: Matrix, w_row: Float64) -> Float64:
+    """Return the row of clip-space z of a rotated camera, with the same planes."""
     z, w = clip[2, :3], clip[3, :3]
     share = dot(z.tolist(), w.tolist()) / dot(w.tolist(), w.tolist())
-    if np.abs(z - share * w).max() > PARALLEL * np.abs(w).max():
+    if np.abs(z - share * w).max() > MAX_PLANE_TILT * np.abs(w).max():
         raise ValueError(
             "camera must have a near plane that faces its line of sight where a lens sees so much "
             "that it takes several pictures"
@@ -450,14 +456,14 @@ def _turned_depth(clip: Matrix, w_row: Float64) -> Float64:
     return row
 
 
-def _square(rows: Float64) -> Matrix:
+def _as_affine(rows: Float64) -> Matrix:
     """Return three rows as an affine matrix, (4, 4)."""
     square = transforms.identity()
     square[:3, :3] = rows
     return square
 
 
-def _times(one: Float64, other: Float64) -> Float64:
-    """Return a product of matrices, (N, 3) and (3, M), summed in one order on every CPU."""
-    a = one[:, :, np.newaxis]
-    return (a[:, 0] * other[0] + a[:, 1] * other[1]) + a[:, 2] * other[2]
+def _multiply_in_order(left: Float64, right: Float64) -> Float64:
+    """Multiply matrices, (N, 3) and (3, M), summed in one order on every CPU."""
+    a = left[:, :, np.newaxis]
+    return (a[:, 0] * right[0] + a[:, 1] * right[1]) + a[:, 2] * right[2]

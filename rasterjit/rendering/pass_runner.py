@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.batch_driver import start_resolve
 from rasterjit.pipeline.fragments import coverage_resolve
-from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind
+from rasterjit.pipeline.passes import ShadingArrays, ShadingNeeds, bind
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.srgb_encoding import Encoding, encode_color, make_encoding_table
 from rasterjit.pipeline.surface import sample_block as rows
@@ -26,20 +26,20 @@ from rasterjit.rendering import shading_passes
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.spinning_threads import Call
 from rasterjit.runtime.stage_runner import BlockMemory, StageList, Step, block_memory
-from rasterjit.runtime.state_block import WORD, RecordType, size_of, type_named
+from rasterjit.runtime.state_block import WORD, RecordType, count_block_words, type_from_annotation
 from rasterjit.runtime.threads import Workers
 from rasterjit.survey.effect import ActiveEffect
 
-_BLOCK = type_named(Block)
+_BLOCK = type_from_annotation(Block)
 assert isinstance(_BLOCK, RecordType)
 BLOCK: RecordType = _BLOCK
-"""The types of the arrays of a block of samples."""
+"""Layout of a block of samples."""
 
-BLOCKS = BlockMemory(BLOCK)
-"""The block of each thread."""
+THREAD_BLOCK = BlockMemory(BLOCK)
+"""A block of samples for each thread."""
 
 
-def shading_arrays(
+def make_shading_arrays(
     needs: ShadingNeeds,
     geometry: Geometry | None,
     placement: Placement,
@@ -48,9 +48,9 @@ def shading_arrays(
     viewer: NDArray[np.float32] | None = None,
 ) -> ShadingArrays:
     """
-    Return what the passes of a picture read.
+    Collect the arrays that the passes of a picture read.
 
-    ``viewer`` is ``placement.toward_viewer`` in float32, where both are filled later.
+    ``viewer`` is ``placement.toward_viewer`` in float32; given if both are filled later.
     """
     seen, lit_base = placement, surface.materials
     if needs.pyrender is not None:
@@ -81,23 +81,23 @@ def light_vertices(
     needs : ShadingNeeds
         Of the picture.
     vertices : (int, int)
-        The first, and one past the last; they may belong to several objects.
+        First, and one past the last; may belong to several objects.
     vertex_starts : (O+1,) int64
         Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
     placement, surface, lighting : records
-        ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
-    effects : sequence of ActiveEffect
-        Those that act on lights and on light from all sides count, not those that act on pixels.
+        ``surface.normals`` is present; ``surface.face_colors`` is not read.
+    effects : sequence of Active
+        Only those that act on lights and ambient light count.
     lit_vertices : (V, 2, 3) float32
-        Written for those vertices: linear colour, for a viewer in front and one behind.
+        Written for these vertices: linear colour, for a viewer in front and one behind.
     """
     listed = vertices, vertex_starts
-    steps = vertex_steps(needs, listed, placement, surface, lighting, effects, lit_vertices)
-    BLOCKS.block[: rows.COUNT_ELEMENTS] = 0
-    StageList(steps).run(BLOCKS.block, BLOCK)
+    steps = list_vertex_steps(needs, listed, placement, surface, lighting, effects, lit_vertices)
+    THREAD_BLOCK.block[: rows.COUNT_ELEMENTS] = 0
+    StageList(steps).run(THREAD_BLOCK.block, BLOCK)
 
 
-def vertex_steps(
+def list_vertex_steps(
     needs: ShadingNeeds,
     listed: tuple[tuple[int, int], NDArray[np.int64]],
     placement: Placement,
@@ -107,9 +107,9 @@ def vertex_steps(
     lit_vertices: NDArray[np.float32],
     viewer: NDArray[np.float32] | None = None,
 ) -> list[Step]:
-    """Return the stages that light some vertices, of those that begin with each object."""
+    """Return the stages that light some vertices, given the first vertex of each object."""
     needs = needs.of_vertices(lighting.highlights is not None)
-    arrays = shading_arrays(needs, None, placement, surface, lighting, viewer)
+    arrays = make_shading_arrays(needs, None, placement, surface, lighting, viewer)
     return bind(shading_passes.vertex_passes(needs, effects, listed, lit_vertices), arrays)
 
 
@@ -117,20 +117,20 @@ class Shading:
     """
     The shading passes of a picture, with the arrays that they read.
 
-    It shades any image of face numbers, in several threads at once.
+    Shades any image of face numbers, in several threads at once.
 
     Parameters
     ----------
     needs : ShadingNeeds
     geometry, placement, surface, lighting : records
         ``lighting`` None: every object shows its own colour.
-    effects : sequence of ActiveEffect
+    effects : sequence of Active
     encoding : str
-        What codes show: see ``srgb_encoding.Encoding``.
+        Transfer function of codes: see ``srgb_encoding.Encoding``.
     background : (4,) float32, linear
-        What `shade` paints where no face is.
+        Colour where no face is.
     viewer : (4,) float32, optional
-        ``placement.toward_viewer``, where both are filled later.
+        See `make_shading_arrays`.
     """
 
     def __init__(
@@ -146,14 +146,15 @@ class Shading:
         viewer: NDArray[np.float32] | None = None,
     ) -> None:
         self._needs = needs._replace(on_faces=geometry.viewport.sample_radius == 0)
-        own = self._needs, geometry, placement, surface, lighting, viewer
-        self._arrays = shading_arrays(*own)
-        passes, self._shown = shading_passes.shading_passes(self._needs, effects)
+        self._arrays = make_shading_arrays(
+            self._needs, geometry, placement, surface, lighting, viewer
+        )
+        passes, self._color_row = shading_passes.shading_passes(self._needs, effects)
         self._stages = StageList(bind(passes, self._arrays))
         self._faces, self._face_starts = geometry.faces, placement.face_starts
         self._effects, self._table = tuple(effects), make_encoding_table(encoding)
-        self._painted = background, encode_color(background, encoding)
-        self._spare: defaultdict[tuple[bool, bool], list[StageList]] = defaultdict(list)
+        self._background_colors = background, encode_color(background, encoding)
+        self._free_lists: defaultdict[tuple[bool, bool], list[StageList]] = defaultdict(list)
 
     def shade(
         self,
@@ -164,30 +165,30 @@ class Shading:
         background: tuple[NDArray[np.float32], int] | None = None,
     ) -> None:
         """
-        Write the colour of some rows of a frame; or of several images of these rows.
+        Write the colours of some rows of a frame, or of several images of these rows.
 
         Parameters
         ----------
         faces : (R, W) int32, or (J, R, W)
             The visible faces of these rows, -1 where none is.
         first_row : int
-            Where they lie in the frame.
+            Their first row in the frame.
         linear : (R, W, 4) float32, or (R, 0, 4); or (J, R, W, 4), (J, R, 0, 4)
             Written: red, green, blue in linear light, and alpha.
         color : (R, W) uint32, or (R, 0); or (J, R, W), (J, R, 0)
-            Written: what is to be shown of it in sRGB codes, RGBA bytes from the lowest up.
+            Written: sRGB codes, RGBA bytes from the lowest up.
         background : ((4,) float32, int), optional
-            Where no face is: linear, and as it is shown. Default: that of the frame.
+            Where no face is: linear colour, and code. Default: that of the frame.
         """
         height = faces.shape[-2]
         if faces.ndim == 3:
             count = height * len(faces)
             faces, color = faces.reshape(count, -1), color.reshape(count, color.shape[2])
             linear = linear.reshape(count, linear.shape[2], 4)
-        painted = self._painted if background is None else background
-        stages = self._take(faces, first_row, height, painted, linear, color)
-        stages.run(BLOCKS.block, BLOCK)
-        self._put_back(stages, linear, color)
+        background_colors = self._background_colors if background is None else background
+        stages = self._acquire_stages(faces, first_row, height, background_colors, linear, color)
+        stages.run(THREAD_BLOCK.block, BLOCK)
+        self._release_stages(stages, linear, color)
 
     def shade_bands(
         self,
@@ -198,7 +199,7 @@ class Shading:
         workers: Workers,
     ) -> None:
         """
-        Write the colour of a frame in bands of rows, shared among threads.
+        Write the colours of a frame in bands of rows, shared among threads.
 
         Parameters
         ----------
@@ -208,70 +209,75 @@ class Shading:
             As `shade` takes them.
         workers : Workers
         """
-        listed = []
+        stage_lists = []
 
-        def calls() -> Iterator[Call]:
+        def make_calls() -> Iterator[Call]:
             for first in range(0, len(face_id), rows_of_band):
                 band = slice(first, first + rows_of_band)
-                faces, parts = face_id[band], (linear[band], color[band])
-                stages = self._take(faces, first, len(faces), self._painted, *parts)
-                listed.append(stages)
+                faces, colors = face_id[band], self._background_colors
+                stages = self._acquire_stages(
+                    faces, first, len(faces), colors, linear[band], color[band]
+                )
+                stage_lists.append(stages)
                 yield stages.call()
 
         count = -(-len(face_id) // rows_of_band)
-        workers.call_machine(calls(), count, size_of(BLOCK))
-        for stages in listed:
-            self._put_back(stages, linear, color)
+        workers.call_machine(make_calls(), count, count_block_words(BLOCK))
+        for stages in stage_lists:
+            self._release_stages(stages, linear, color)
 
-    def _take(self, *own: Any) -> StageList:
-        """Return a list of stages that is not in use, for what `listed` takes."""
-        *_, linear, color = own
+    def _acquire_stages(self, *arguments: Any) -> StageList:
+        """Return a free list of stages, with the arguments of `list_stages`."""
+        *_, linear, color = arguments
         try:
-            stages = self._spare[bool(linear.shape[1]), bool(color.shape[1])].pop()
+            stages = self._free_lists[bool(linear.shape[1]), bool(color.shape[1])].pop()
         except IndexError:
-            return self.listed(*own)
-        stages.renew(self._output(*own))
+            return self.list_stages(*arguments)
+        stages.set_arguments(self._list_output_steps(*arguments))
         return stages
 
-    def _put_back(
+    def _release_stages(
         self, stages: StageList, linear: NDArray[np.float32], color: NDArray[np.uint32]
     ) -> None:
         # Do not keep the pictures alive.
-        stages.let_go()
-        self._spare[bool(linear.shape[1]), bool(color.shape[1])].append(stages)
+        stages.release_arguments()
+        self._free_lists[bool(linear.shape[1]), bool(color.shape[1])].append(stages)
 
-    def listed(
+    def list_stages(
         self,
         faces: NDArray[np.int32],
         first_row: int,
         height: int,
-        painted: tuple[NDArray[np.float32], int] | None,
+        background_colors: tuple[NDArray[np.float32], int] | None,
         linear: NDArray[np.float32],
         color: NDArray[np.uint32],
     ) -> StageList:
-        """Return the stages that `shade` runs, of images one below the other, each so high."""
-        painted = painted or self._painted
-        return StageList(self._output(faces, first_row, height, painted, linear, color))
+        """Return the stages that `shade` runs, for images of a height, one below the other."""
+        background_colors = background_colors or self._background_colors
+        return StageList(
+            self._list_output_steps(faces, first_row, height, background_colors, linear, color)
+        )
 
-    def _output(
+    def _list_output_steps(
         self,
         faces: NDArray[np.int32],
         first_row: int,
         height: int,
-        painted: tuple[NDArray[np.float32], int],
+        background_colors: tuple[NDArray[np.float32], int],
         linear: NDArray[np.float32],
         color: NDArray[np.uint32],
     ) -> list[Step | StageList]:
-        """Return the stages from listing samples to writing colours, an empty block at hand."""
-        steps = self._list(faces, first_row, height, painted, linear, color)
-        own = self._needs, self._shown, self._table, self._effects
-        return steps + self._bound(shading_passes.output_passes(*own, linear, color))
+        """Empty the thread's block; return the stages from listing samples to writing colours."""
+        steps = self._list_color_steps(faces, first_row, height, background_colors, linear, color)
+        inputs = self._needs, self._color_row, self._table, self._effects
+        passes = shading_passes.output_passes(*inputs, linear, color)
+        return steps + bind(passes, self._arrays)
 
-    def mix(self, *arguments: Any) -> None:
-        """Resolve the faces of some rows over the background; takes what `mixing` does."""
-        self.mixing(*arguments).run(BLOCKS.block, BLOCK)
+    def resolve(self, *arguments: Any) -> None:
+        """Resolve the faces of some rows over the background; see `list_resolve_stages`."""
+        self.list_resolve_stages(*arguments).run(THREAD_BLOCK.block, BLOCK)
 
-    def mixing(
+    def list_resolve_stages(
         self,
         faces: NDArray[np.int32],
         first_row: int,
@@ -289,92 +295,92 @@ class Shading:
             The faces of each pixel, -1 behind the last.
         first_row : int
         shares : (J, R, W) float32
-            The share that a face has in its pixel.
+            Coverage of each face in its pixel.
         rest : (R, W) float32
-            The share that shows no face.
+            Coverage of the background.
         mixed : (R, 4, W) float32
-            Changed: linear colour with straight alpha, or codes of it.
+            Background colours, to which the faces are added; linear with straight alpha, or codes.
         has_codes : bool
-            Whether codes are mixed: the tones of each colour are mapped, it is rounded to codes.
+            Whether codes are resolved: each face is tone mapped, and rounded to codes.
         """
         layers, height, width = faces.shape
         faces = faces.reshape(layers * height, width)
-        no_linear = np.empty((len(faces), 0, 4), np.float32)
-        no_color = np.empty((len(faces), 0), np.uint32)
-        steps = self._list(faces, first_row, height, self._painted, no_linear, no_color)
-        own = self._needs, self._shown, self._table, self._effects
-        mixed_by = shading_passes.mixing_passes(*own, has_codes, (shares, rest, mixed))
-        return StageList([*steps, *self._bound(mixed_by)])
+        empty_linear = np.empty((len(faces), 0, 4), np.float32)
+        empty_color = np.empty((len(faces), 0), np.uint32)
+        steps = self._list_color_steps(
+            faces, first_row, height, self._background_colors, empty_linear, empty_color
+        )
+        inputs = self._needs, self._color_row, self._table, self._effects
+        passes = shading_passes.mixing_passes(*inputs, has_codes, (shares, rest, mixed))
+        return StageList([*steps, *bind(passes, self._arrays)])
 
-    def _bound(self, passes: Sequence[Pass]) -> list[Step]:
-        return bind(passes, self._arrays)
-
-    def _list(
+    def _list_color_steps(
         self,
         faces: NDArray[np.int32],
         first_row: int,
         height: int,
-        painted: tuple[NDArray[np.float32], int],
+        background_colors: tuple[NDArray[np.float32], int],
         linear: NDArray[np.float32],
         color: NDArray[np.uint32],
     ) -> list[Step | StageList]:
-        """Return the stages from listing samples to their colours, with an empty block at hand."""
-        BLOCKS.block[: rows.COUNT_ELEMENTS] = 0
-        listed = (
-            faces, first_row, height, self._faces, self._face_starts, *painted, linear, color,
+        """Empty the thread's block; return the stages from listing samples to their colours."""
+        THREAD_BLOCK.block[: rows.COUNT_ELEMENTS] = 0
+        arguments = (
+            faces, first_row, height, self._faces, self._face_starts, *background_colors, linear,
+            color,
         )  # fmt: skip
-        return [Step(list_samples, listed), self._stages]
+        return [Step(list_samples, arguments), self._stages]
 
 
-When = tuple[NDArray[np.int64], int, int]
-"""An array, and the least and the most that its first number may be."""
+Condition = tuple[NDArray[np.int64], int, int]
+"""An array, and the least and greatest value of its first number for which a call is made."""
 
 
-class Sharing(NamedTuple):
+class CoverageArguments(NamedTuple):
     """Arguments of ``coverage_resolve.list_coverage``, for N samples of R rows."""
 
     opaque: NDArray[np.int32]
     """(N, B, W): the faces at all samples of a band."""
     rows: tuple[int, int]
-    """The first of its rows that is resolved, and one past the last."""
+    """The first row of the band that is resolved, and one past the last."""
     shown: NDArray[np.int32]
     """(N, R, W), written: the faces of each pixel."""
     shares: NDArray[np.float32]
-    """(N, R, W), written: their coverage."""
+    """(N, R, W), written: the coverage of these faces."""
     rest: NDArray[np.float32]
-    """(R, W), written: that of the background."""
-    others: NDArray[np.int32]
-    """(2, C): scratch memory."""
+    """(R, W), written: the coverage of the background."""
+    scratch: NDArray[np.int32]
+    """(2, C)."""
 
 
 class ImmediateCalls:
     """Calls kernels and stages at once."""
 
-    def call(self, kernel: Any, *arguments: Any, when: When | None = None) -> None:
-        """Call a kernel, if a number is between two others."""
+    def call(self, kernel: Any, *arguments: Any, when: Condition | None = None) -> None:
+        """Call a kernel, if its condition holds."""
         if when is None or when[1] <= when[0][0] <= when[2]:
             kernel(*arguments)
 
     def shade(
         self, shading: Shading, faces: NDArray[np.int32], first_row: int,
-        linear: NDArray[np.float32], when: When | None = None,
+        linear: NDArray[np.float32], when: Condition | None = None,
     ) -> None:  # fmt: skip
         """Write the linear colour of faces, as `Shading.shade` does."""
-        self.call(shading.shade, faces, first_row, linear, no_color(linear), when=when)
+        self.call(shading.shade, faces, first_row, linear, empty_color(linear), when=when)
 
-    def mix(
-        self, shading: Shading, first_row: int, sharing: Sharing, behind: NDArray[np.float32],
-        mixed: NDArray[np.float32], has_codes: bool,
+    def resolve(
+        self, shading: Shading, first_row: int, coverage: CoverageArguments,
+        behind: NDArray[np.float32], mixed: NDArray[np.float32], has_codes: bool,
     ) -> None:  # fmt: skip
         """
         Resolve the faces of samples over the background, (R, W, 4) or (1, 1, 4).
 
-        ``mixed``, (R, 4, W), is written: see `Shading.mixing`.
+        ``mixed``, (R, 4, W), is written: see `Shading.list_resolve_stages`.
         """
-        count = int(coverage_resolve.list_coverage(*sharing))
+        count = int(coverage_resolve.list_coverage(*coverage))
         mixed[:] = behind.transpose(0, 2, 1)
-        found = sharing.shown[:count], first_row, sharing.shares, sharing.rest
-        shading.mix(*found, mixed, has_codes)
+        faces = coverage.shown[:count]
+        shading.resolve(faces, first_row, coverage.shares, coverage.rest, mixed, has_codes)
 
 
 IMMEDIATE = ImmediateCalls()
@@ -382,69 +388,73 @@ IMMEDIATE = ImmediateCalls()
 
 class RecordedCalls:
     """
-    Records kernels and stages with their arguments, as a table to be called in order.
+    Records kernels and stages with their arguments, as a table of calls.
 
-    Keep it alive while its table is in use.
+    Must stay alive while its table is in use.
     """
 
     def __init__(self) -> None:
-        self.kept: list[Any] = []
+        self.owners: list[Any] = []
         """Owners of the memory behind the addresses."""
         self._calls: list[tuple[int, ...]] = []
         self._limits: list[tuple[int, int]] = []
         self._block = block_memory(BLOCK)
 
-    def bound(self, kernel: Any, *arguments: Any) -> Bound:
-        """Return a kernel with its arguments, kept as long as this; it is not called by it."""
+    def bind(self, kernel: Any, *arguments: Any) -> Bound:
+        """Bind a kernel to its arguments, without a call, and keep these alive."""
         bound = Bound(kernel, *arguments)
-        self.kept.append(bound)
+        self.owners.append(bound)
         return bound
 
-    def add(self, bound: Bound, number: int = 0, when: When | None = None) -> None:
-        """Call a kernel that is bound, and tell it the view's number at an address."""
+    def add(
+        self, bound: Bound, view_number_address: int = 0, when: Condition | None = None
+    ) -> None:
+        """Record the call of a bound kernel; the view's number is first written to an address."""
         address, state = bound.words.tolist()
-        self._calls.append((address, state, 0, number, *self._watched(when)))
+        self._calls.append((address, state, 0, view_number_address, *self._condition_words(when)))
 
-    def call(self, kernel: Any, *arguments: Any, when: When | None = None) -> None:
-        """Call a kernel."""
-        self.add(self.bound(kernel, *arguments), when=when)
+    def call(self, kernel: Any, *arguments: Any, when: Condition | None = None) -> None:
+        """Record the call of a kernel."""
+        self.add(self.bind(kernel, *arguments), when=when)
 
-    def run_stages(self, stages: StageList, when: When | None = None) -> None:
-        """Run stages over an empty block."""
-        bound = stages.bound(self._block)
-        self.kept.append(bound)
-        self._calls.append((*bound.words, 0, *self._watched(when)))
+    def run_stages(self, stages: StageList, when: Condition | None = None) -> None:
+        """Record a run of stages over an empty block."""
+        bound = stages.bind(self._block)
+        self.owners.append(bound)
+        self._calls.append((*bound.words, 0, *self._condition_words(when)))
 
     def shade(
         self, shading: Shading, faces: NDArray[np.int32], first_row: int,
-        linear: NDArray[np.float32], when: When | None = None,
+        linear: NDArray[np.float32], when: Condition | None = None,
     ) -> None:  # fmt: skip
-        """Do what `ImmediateCalls.shade` does."""
-        own = faces, first_row, len(faces), None, linear, no_color(linear)
-        self.run_stages(shading.listed(*own), when)
+        """Record what `ImmediateCalls.shade` does."""
+        color = empty_color(linear)
+        stages = shading.list_stages(faces, first_row, len(faces), None, linear, color)
+        self.run_stages(stages, when)
 
-    def mix(
-        self, shading: Shading, first_row: int, sharing: Sharing, behind: NDArray[np.float32],
-        mixed: NDArray[np.float32], has_codes: bool,
+    def resolve(
+        self, shading: Shading, first_row: int, coverage: CoverageArguments,
+        behind: NDArray[np.float32], mixed: NDArray[np.float32], has_codes: bool,
     ) -> None:  # fmt: skip
-        """Do what `ImmediateCalls.mix` does."""
-        found = sharing.shown, first_row, sharing.shares, sharing.rest
-        stages = shading.mixing(*found, mixed, has_codes)
-        # How many images of faces there are is known when they are listed.
-        told = stages.place_of(0) + WORD
+        """Record what `ImmediateCalls.resolve` does."""
+        stages = shading.list_resolve_stages(
+            coverage.shown, first_row, coverage.shares, coverage.rest, mixed, has_codes
+        )
+        # `list_coverage` finds how many images of faces there are.
+        count_address = stages.address_of(0) + WORD
         self.call(
             start_resolve,
-            self.bound(coverage_resolve.list_coverage, *sharing).words,
-            told,
+            self.bind(coverage_resolve.list_coverage, *coverage).words,
+            count_address,
             behind,
             mixed,
         )
         self.run_stages(stages)
 
-    def limit(self, watched: NDArray[np.int64], most: int) -> None:
-        """Reject views in which an array's first number exceeds ``most`` at the end."""
-        self.kept.append(watched)
-        self._limits.append((watched.ctypes.data, most))
+    def add_limit(self, watched: NDArray[np.int64], highest: int) -> None:
+        """Reject views after which an array's first number exceeds ``highest``."""
+        self.owners.append(watched)
+        self._limits.append((watched.ctypes.data, highest))
 
     def table(self) -> NDArray[np.int64]:
         """Return the table of calls, (C, 7), as ``pipeline/batch_driver.py`` takes it."""
@@ -454,10 +464,10 @@ class RecordedCalls:
         """Return the table of limits, (L, 2), as ``pipeline/batch_driver.py`` takes it."""
         return np.array(self._limits, np.int64).reshape(-1, 2)
 
-    def _watched(self, when: When | None) -> tuple[int, int, int]:
+    def _condition_words(self, when: Condition | None) -> tuple[int, int, int]:
         if when is None:
             return 0, 0, 0
-        self.kept.append(when[0])
+        self.owners.append(when[0])
         return when[0].ctypes.data, *when[1:]
 
 
@@ -465,7 +475,7 @@ AnyCalls = ImmediateCalls | RecordedCalls
 
 
 class RecordingWorkers(Workers):
-    """One thread that records what it is to run."""
+    """Workers of one thread, which record calls instead of making them."""
 
     def __init__(self, calls: RecordedCalls) -> None:
         super().__init__(1)
@@ -473,15 +483,15 @@ class RecordingWorkers(Workers):
 
     def run(self, task: Any, arguments: Iterable[tuple]) -> list[Any]:
         """Record the call of a kernel for each tuple."""
-        for some in arguments:
-            self._calls.call(task, *some)
+        for each in arguments:
+            self._calls.call(task, *each)
         return []
 
-    def hold(self, owner: Any) -> None:
-        """Keep what owns memory that tasks read as long as the calls."""
-        self._calls.kept.append(owner)
+    def keep_alive(self, owner: Any) -> None:
+        """Keep the owner of memory that tasks read alive as long as the calls."""
+        self._calls.owners.append(owner)
 
 
-def no_color(linear: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Return an empty array that stands for no 8-bit output, beside (..., W, 4)."""
+def empty_color(linear: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Return an empty array in place of an 8-bit output, for linear pixels (..., W, 4)."""
     return np.empty((*linear.shape[:-2], 0), np.uint32)

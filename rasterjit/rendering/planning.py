@@ -74,14 +74,14 @@ from rasterjit.survey.transparency import choose_pixel_layers
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 """Which faces are dropped: none; those that show their back; their front."""
 
-BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
+BYTES_PER_ELEMENT = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
-Known = tuple[Inventory, Extents]
-"""Inventory of a scene's objects, and how far they reach."""
+SceneSummary = tuple[Inventory, Extents]
+"""Properties and bounds of a scene's objects."""
 
 
 class FrameRequest(NamedTuple):
-    """The arguments of a frame beside its scene and camera; see `check_request`."""
+    """The arguments of a frame besides its scene and camera; see `check_request`."""
 
     size: tuple[int, int]
     quality: Quality
@@ -102,9 +102,9 @@ def check_request(
     previous: PreviousView | None = None,
 ) -> FrameRequest:
     """
-    Return the arguments of a frame, or raise ``ValueError``: a look at the scene may run kernels.
+    Return the arguments of a frame besides scene and camera, or raise ``ValueError``.
 
-    The size is checked already; background and previous are checked when the frame is planned.
+    The size is already checked; background and previous are checked when the frame is planned.
     """
     one_of("cull", cull, CULL_MODES)
     is_diagnosed, names = boolean("diagnose", diagnose), check_outputs(outputs)
@@ -113,19 +113,19 @@ def check_request(
     )
 
 
-def plan_frame(
+def make_plan(
     request: FrameRequest,
     scene: Scene,
     camera: Camera,
-    known: Known | None = None,
+    summary: SceneSummary | None = None,
     views: ViewTransforms | None = None,
-    last: RenderPlan | None = None,
+    last_plan: RenderPlan | None = None,
 ) -> RenderPlan:
     """
     Decide what a frame needs.
 
-    ``known`` and ``views`` are those of the scene's nodes, where they are known already. ``last``
-    is the plan of an earlier frame: what was decided by facts that still hold is taken from it.
+    ``summary`` and ``views`` are those of the scene's nodes, if known already. ``last_plan`` is
+    that of any frame before: decisions whose facts still hold are reused.
 
     Raises
     ------
@@ -134,11 +134,11 @@ def plan_frame(
     """
     size, quality, outputs, background, cull, diagnose, _ = request
     # Analyse the scene.
-    if known is None:
-        known = take_inventory(scene.nodes, quality, scene.environment is not None)
+    if summary is None:
+        summary = take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = transform_nodes_to_view(scene.nodes, camera, size)
-    inventory, extents = known
+    inventory, extents = summary
     eye, relative_from_model = np.asarray(camera.eye_position()), views.relative_from_model
     boxes = Boxes(
         extents,
@@ -148,28 +148,28 @@ def plan_frame(
         overhang=inventory.pixel_overhang(size),
     )
     # Place open near and far planes where they clip nothing in view.
-    beside = clip_planes.find_plane_needs(
+    plane_needs = clip_planes.find_plane_needs(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
     )
-    camera = move_planes(camera, *beside.steps)
-    if any(beside.steps):
+    camera = move_planes(camera, *plane_needs.steps)
+    if any(plane_needs.steps):
         views = reproject_views(views, camera, size)
         boxes = Boxes(
             extents, eye, relative_from_model, views.clip_from_relative,
             overhang=inventory.pixel_overhang(size),
         )  # fmt: skip
-    behind = read_background(background)
-    seen_behind = None if background is None else behind
-    known_facts = None if last is None else last.facts
+    backdrop = read_background(background)
+    given_backdrop = None if background is None else backdrop
+    last_facts = None if last_plan is None else last_plan.facts
     facts = collect_facts(
-        scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull, known_facts
+        scene, boxes, views, inventory, quality, outputs, given_backdrop, diagnose, cull, last_facts
     )
-    _refuse(scene, facts)
+    _check_supported(scene, facts)
     if facts.finds_faces:
         check_near_plane(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Decide on each effect.
-    answers = last.effects if last is not None and facts is last.facts else None
-    effects = decide_effects(facts, Planning(scene, camera, boxes), answers)
+    last_effects = None if last_plan is None or facts is not last_facts else last_plan.effects
+    effects = decide_effects(facts, Planning(scene, camera, boxes), last_effects)
     layers = choose_pixel_layers(
         facts.transparency,
         facts.mixes_samples,
@@ -178,47 +178,47 @@ def plan_frame(
         quality,
     )
     if layers is not None and facts.reference is not None:
-        # Far beside a face that is seen from its edge there may be no place to look things up.
+        # Far off a face that is seen edge-on there may be no point to look textures up at.
         casts_shadows = facts.casts_shadows or bool(facts.reference.maps)
         at_centers = not (facts.needs_textures or casts_shadows)
         layers = layers._replace(in_order=True, at_centers=at_centers)
     plan = RenderPlan(
         size=size,
         camera=camera,
-        background=_color_behind(behind, size),
+        background=_background_color(backdrop, size),
         cull=cull,
         facts=facts,
         effects=effects,
-        lighting=_lighting(camera, facts, effects),
+        lighting=_pack_lighting(camera, facts, effects),
         layers=layers,
         depth_format=make_depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
-        plane_needs=beside,
+        plane_needs=plane_needs,
     )
-    if last is not None and answers is not None and effects is answers:
-        plan.copy_derived(last)
+    if last_plan is not None and effects is last_effects:
+        plan.copy_derived(last_plan)
     return plan
 
 
-def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return what lies behind all faces, (4,) linear; of a picture, whether it is opaque."""
-    if not isinstance(behind, BackgroundImage):
-        return behind
-    behind.check_size(size)
-    return np.array([0.0, 0.0, 0.0, float(behind.is_opaque)], np.float32)
+def _background_color(backdrop: Backdrop, size: tuple[int, int]) -> NDArray[np.float32]:
+    """Return the background colour, (4,) linear; of an image, black with its alpha, 0 or 1."""
+    if not isinstance(backdrop, BackgroundImage):
+        return backdrop
+    backdrop.check_size(size)
+    return np.array([0.0, 0.0, 0.0, float(backdrop.is_opaque)], np.float32)
 
 
-def _refuse(scene: Scene, facts: Facts) -> None:
-    """Raise ``ValueError`` if texture coordinates are missing, or alphas cannot be told."""
+def _check_supported(scene: Scene, facts: Facts) -> None:
+    """Raise ``ValueError`` if the scene lacks data that is needed, or mixes what cannot be."""
     contents, quality = facts.counts, facts.quality
     if facts.reference is not None:
-        _refuse_imitating(scene, facts.reference)
+        _check_reference_shading(scene, facts.reference)
     if "uv" in facts.outputs and contents.with_uv == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
         raise ValueError("outputs has 'scalar', but no mesh of the scene has scalars")
     if contents.points:
-        _refuse_points(scene, facts)
+        _check_points(scene, facts)
     if contents.masked_fields:
         check_masked_fields(scene.nodes)
     if facts.colors_faces and contents.without_uv:
@@ -230,16 +230,16 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         check_textures([scene.nodes[number] for number in clear], quality)
 
 
-def _refuse_imitating(scene: Scene, imitation: ReferenceShading) -> None:
-    """Raise ``ValueError`` naming what a scene that is lit as pyrender's cannot have."""
-    imitation.check_counts(len(scene.nodes), len(scene.lights))
+def _check_reference_shading(scene: Scene, reference: ReferenceShading) -> None:
+    """Raise ``ValueError`` naming an effect that pyrender's shading does not have."""
+    reference.check_counts(len(scene.nodes), len(scene.lights))
     for name in EFFECT_FIELDS:
         if getattr(scene, name) is not None:
             raise ValueError(f"{name} must be None where a scene is lit as in pyrender")
 
 
-def _refuse_points(scene: Scene, facts: Facts) -> None:
-    """Raise ``ValueError`` naming the points that are asked for what none have."""
+def _check_points(scene: Scene, facts: Facts) -> None:
+    """Raise ``ValueError`` naming points with a material or an output that points cannot have."""
     if facts.diagnose and facts.has_round_points:
         raise ValueError("diagnose must be False where points are discs or spheres, got True")
     for node, is_see_through in zip(scene.nodes, facts.inventory.is_see_through, strict=True):
@@ -257,22 +257,22 @@ def _refuse_points(scene: Scene, facts: Facts) -> None:
             )
 
 
-def _lighting(
+def _pack_lighting(
     camera: Camera, facts: Facts, effects: Sequence[UsedEffect | UnusedEffect]
 ) -> Lighting | None:
     """
-    Return the lights as rows, relative to the eye; ``None`` if nothing depends on where it is.
+    Return the lights as rows, relative to the eye; ``None`` if nothing is lit.
 
-    No lights in the scene, and no environment, mean a headlight.
+    Without lights and environment a scene has a headlight.
     """
     if not facts.is_lit:
-        on_samples = any(one.used and "sample" in one.effect.places for one in effects)
-        return pack_lights([], camera, 0) if on_samples else None
-    own = facts.visible.highlights, int(facts.renormalizes)
+        reads_eye = any(each.used and "sample" in each.effect.places for each in effects)
+        return pack_lights([], camera, 0) if reads_eye else None
+    options = facts.visible.highlights, int(facts.renormalizes)
     if facts.has_headlight:
-        lighting = pack_headlight(camera, *own)
+        lighting = pack_headlight(camera, *options)
     else:
-        lighting = pack_lights(facts.lights.lights, camera, *own)
+        lighting = pack_lights(facts.lights.lights, camera, *options)
     if facts.reference is not None:
         return apply_reference_shading(lighting, facts.reference, facts.lights, camera)
     return lighting
@@ -283,46 +283,45 @@ class Buffer(NamedTuple):
 
     name: str
     channels: int
-    kind: str
-    """Its dtype."""
+    dtype: str
     size: tuple[int, int]
     """Width and height, pixels."""
 
     @property
     def bytes(self) -> int:
-        """How much memory it takes."""
-        return self.size[0] * self.size[1] * self.channels * BYTES[self.kind]
+        """Memory of the array."""
+        return self.size[0] * self.size[1] * self.channels * BYTES_PER_ELEMENT[self.dtype]
 
 
 def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order."""
-    geometry = _finding_kernels(plan)
-    known = {row[:2] for row in geometry}
+    visibility = _list_visibility_kernels(plan)
+    listed = {row[:2] for row in visibility}
     rows = [
         *(deformation.list_skinning_kernels() if plan.facts.counts.skinned else []),
         *clip_planes.kernels_of(plan.camera),
-        *geometry,
+        *visibility,
         *ground_truth.list_depth_kernels(plan),
-        *(row for row in plan.kernels_at("prepare") if row[:2] not in known),
+        *(row for row in plan.kernels_at("prepare") if row[:2] not in listed),
         *frame_shading.kernels_of(plan),
         *plan.kernels_at("background"),
         *supersample.kernels_of(plan),
         *plan.kernels_at("overlay"),
         *ground_truth.kernels_of(plan),
     ]
-    rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
+    rows += [row for row in supersample.coverage_kernels(plan) if row not in rows]
     if plan.facts.diagnose:
         rows += diagnostics.kernels_of(plan.depth_format.kind)
     if plan.lens:
-        rows += lens_kernels(plan.outputs)
+        rows += list_lens_kernels(plan.outputs)
     if plan.surfaces is not None:
         rows += list_peeling_kernels(plan.depth_format.kind, plan.facts.tests_alpha)
     if "motion_visible" in plan.outputs and plan.previous is not None:
-        rows += _finding_kernels(plan.previous)
+        rows += _list_visibility_kernels(plan.previous)
     return tuple(dict.fromkeys(rows))
 
 
-def lens_kernels(outputs: Sequence[str]) -> Rows:
+def list_lens_kernels(outputs: Sequence[str]) -> Rows:
     """Return the kernels that filter pinhole pictures where there is a lens."""
     from rasterjit.pipeline.resampling import filter_rows
 
@@ -338,31 +337,33 @@ def list_passes(plan: RenderPlan) -> list[Pass]:
     """
     Return the passes that shade the samples of a frame, in order.
 
-    Those of vertices come first; those that shadows call for run if a map is drawn.
+    Passes over vertices come first. Those of shadows run only if a map is drawn.
     """
     if not plan.facts.is_colored or plan.mixes_plain_codes:
         return []
     if plan.pictures > 1:
         plan = supersample.plan_picture(plan, {})
     if plan.layers is None and not plan.facts.draws_faces and not plan.effects_at("background"):
-        # All pixels are alike.
+        # All pixels have one colour.
         return []
     effects = tuple(ActiveEffect(one.effect, one.data) for one in plan.planned if one.effect.places)
     return shading_passes.list_passes(plan.shading, effects, plan.layers, plan.outputs)
 
 
-def list_tasks(plan: RenderPlan) -> list[Task]:
-    """Return tasks that compile what a frame surely calls, the last first."""
-    always = [row.kernel for row in list_kernels(plan) if not (row.variant or row.condition)]
-    always += [one.stage for one in list_passes(plan)]
-    return background_compile.compiling([*dict.fromkeys(always)][::-1], usual=True)
+def list_compile_tasks(plan: RenderPlan) -> list[Task]:
+    """Return tasks that compile what a frame surely calls, last stage first."""
+    functions = [row.kernel for row in list_kernels(plan) if not (row.variant or row.condition)]
+    functions += [shading_pass.stage for shading_pass in list_passes(plan)]
+    return background_compile.make_compile_tasks(
+        [*dict.fromkeys(functions)][::-1], first_form_only=True
+    )
 
 
-def _finding_kernels(plan: RenderPlan) -> Rows:
+def _list_visibility_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the face at every pixel."""
-    wanted = plan.visibility._replace(draws=plan.needs_centers)
+    options = plan.visibility._replace(draws=plan.needs_centers)
     return visibility_pass.list_kernels(
-        wanted, plan.facts.tests_alpha, plan.facts.counts.primitives
+        options, plan.facts.tests_alpha, plan.facts.counts.primitives
     )
 
 
@@ -375,27 +376,30 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
         rows.append(("reversed depth", 1, "float32"))
     if plan.pictures > 1:
         rows += [("sums of all pictures", 4, "float64"), ("one of the pictures", 4, "float32")]
-    own = [row for planned in plan.planned for row in planned.effect.buffers(plan)]
-    rows += [row[:3] for row in own if row[3] == plan.size]
+    of_effects = [row for planned in plan.planned for row in planned.effect.buffers(plan)]
+    rows += [row[:3] for row in of_effects if row[3] == plan.size]
     for name in plan.outputs:
         if name in plan.facts.attributes:
             rows.append((f"output {name}", plan.facts.attributes[name].columns, "float32"))
         elif name != "face_id":
             rows.append((f"output {name}", find_row(name).channels, find_row(name).dtype))
-    maps = [Buffer(*row) for row in own if row[3] != plan.size]
+    maps = [Buffer(*row) for row in of_effects if row[3] != plan.size]
     return (*(Buffer(*row, plan.size) for row in rows), *maps)
 
 
 def describe(plan: RenderPlan) -> str:
-    """Return a plan as a table: what is in and out, kernels, stages of shading, and buffers."""
+    """Return a plan as a table: its decisions, kernels, stages of shading, and buffers."""
     kernels = [
-        (kernel.name, "; ".join(filter(None, (kernel.variant, _where(kernel.condition)))))
-        for kernel in list_kernels(plan)
+        (
+            row.name,
+            "; ".join(filter(None, (row.variant, row.condition and f"where {row.condition}"))),
+        )
+        for row in list_kernels(plan)
     ]
     buffers = [
         (
-            f"{buffer.name}",
-            f"{buffer.channels} x {buffer.kind}, {buffer.bytes / 1e6:.1f} MB",
+            buffer.name,
+            f"{buffer.channels} x {buffer.dtype}, {buffer.bytes / 1e6:.1f} MB",
         )
         for buffer in list_buffers(plan)
     ]
@@ -410,42 +414,36 @@ def describe(plan: RenderPlan) -> str:
     return "\n\n".join(parts)
 
 
-def _where(condition: str) -> str:
-    return f"where {condition}" if condition else ""
-
-
 class PlannedFrame(NamedTuple):
-    """A planned frame."""
+    """A frame's plan, with the data that it is drawn from."""
 
     plan: RenderPlan
     cache: SceneCache
     views: ViewTransforms
     scene: Scene
-    """What is drawn."""
-    earlier: PlannedFrame | None = None
-    """The earlier frame that motion is found against; ``None`` -> none."""
+    previous: PlannedFrame | None = None
+    """The previous view that motion is measured from, if any."""
 
 
-def plan_views(
+def plan_frame(
     request: FrameRequest,
     scene: Scene,
     camera: Camera | None,
-    known: SceneCache | None = None,
-    last: RenderPlan | None = None,
+    last_cache: SceneCache | None = None,
+    last_plan: RenderPlan | None = None,
 ) -> PlannedFrame:
     """
-    Decide what a frame needs, with all that it is drawn from.
+    Decide what a frame needs, and collect the data that it is drawn from.
 
     Parameters
     ----------
     request : FrameRequest
     scene, camera
         As `rasterjit.render` takes them.
-    known : SceneCache, optional
-        What an earlier frame of the scene was drawn from; what has not changed is taken from there.
-    last : RenderPlan, optional
-        Of an earlier frame, which may have been another one altogether: what was decided by facts
-        that still hold is taken from there.
+    last_cache : SceneCache, optional
+        Of a frame before: data of objects that have not changed is reused.
+    last_plan : RenderPlan, optional
+        Of a frame before, even of another scene: decisions whose facts still hold are reused.
 
     Raises
     ------
@@ -453,40 +451,43 @@ def plan_views(
         Naming the argument that is wrong.
     """
     size, quality = request.size, request.quality
-    camera, scene = choose_camera(scene, camera, size), cut_open(scene)
-    cache = update_cache(scene.nodes, known, quality, scene.environment is not None)
+    camera, scene = choose_camera(scene, camera, size), cut_by_section(scene)
+    cache = update_cache(scene.nodes, last_cache, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, camera, size)
-    plan = plan_frame(request, scene, camera, cache.inventory_and_extents, views, last)
-    if any(plan.plane_needs.steps) and _are_moved(camera, plan.camera):
+    plan = make_plan(request, scene, camera, cache.inventory_and_extents, views, last_plan)
+    if any(plan.plane_needs.steps) and _have_planes_moved(camera, plan.camera):
         views = object_transforms.reproject_views(views, plan.camera, size)
-    earlier = find_earlier(request.previous, plan, scene, camera)
-    if earlier is None:
+    previous = resolve_previous_view(request.previous, plan, scene, camera)
+    if previous is None:
         return PlannedFrame(plan, cache, views, scene)
-    earlier = cut_alike(earlier[0], scene), earlier[1]
-    old = update_cache(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
-    old_views = object_transforms.transform_to_view(old.transforms, earlier[1], size)
-    old_plan = plan_earlier(plan, *earlier, old.inventory_and_extents, old_views)
-    if earlier[1] is camera:
-        # One camera has its planes in one place.
-        if _are_moved(plan.camera, old_plan.camera):
+    # Plan the previous view, for motion.
+    old_scene, old_camera = cut_previous_scene(previous[0], scene), previous[1]
+    old_cache = update_cache(old_scene.nodes, cache, quality, old_scene.environment is not None)
+    old_views = object_transforms.transform_to_view(old_cache.transforms, old_camera, size)
+    old_plan = plan_previous_view(
+        plan, old_scene, old_camera, old_cache.inventory_and_extents, old_views
+    )
+    if old_camera is camera:
+        # One camera has the same planes in both views.
+        if _have_planes_moved(plan.camera, old_plan.camera):
             steps = map(max, count_plane_steps(plan.camera), count_plane_steps(old_plan.camera))
-            return plan_views(request, scene, move_planes(camera, *steps), cache, last)
+            return plan_frame(request, scene, move_planes(camera, *steps), cache, last_plan)
         old_plan = old_plan.for_picture(camera=plan.camera)
-    if _are_moved(earlier[1], old_plan.camera):
+    if _have_planes_moved(old_camera, old_plan.camera):
         old_views = object_transforms.reproject_views(old_views, old_plan.camera, size)
-    before = PlannedFrame(old_plan, old, old_views, earlier[0])
-    return PlannedFrame(plan.for_picture(previous=old_plan), cache, views, scene, before)
+    old_frame = PlannedFrame(old_plan, old_cache, old_views, old_scene)
+    return PlannedFrame(plan.for_picture(previous=old_plan), cache, views, scene, old_frame)
 
 
-def settle_cameras(
+def share_clip_planes(
     scene: Scene,
     cameras: Sequence[Camera],
     size: tuple[int, int],
     quality: Quality,
-    known: SceneCache | None = None,
+    cache: SceneCache | None = None,
 ) -> list[Camera]:
     """
-    Return cameras of one scene, with common near and far planes where they leave them open.
+    Give cameras of one scene common near and far planes, where they leave these open.
 
     Parameters
     ----------
@@ -494,30 +495,30 @@ def settle_cameras(
     cameras : sequence of Camera
     size, quality
         As `rasterjit.render` takes them.
-    known : SceneCache, optional
-        What is known of the scene.
+    cache : SceneCache, optional
+        Of the scene.
     """
-    if not any(map(needs_settling, cameras)):
+    if not any(map(has_open_plane, cameras)):
         return list(cameras)
-    cache = update_cache(scene.nodes, known, quality, scene.environment is not None)
-    # Most batches look from outside of all that is there.
+    cache = update_cache(scene.nodes, cache, quality, scene.environment is not None)
+    # In most batches, all cameras stand outside of the whole scene.
     low, high = object_transforms.bound_boxes(cache.shapes.boxes, cache.transforms.world_from_model)
     beyond = find_uneven_spheres(scene.nodes, cache.transforms.world_from_model)
-    near_by = [
+    to_check = [
         camera
         for camera in cameras
-        if (beyond and needs_settling(camera)) or not is_box_between(low, high, camera)
+        if (beyond and has_open_plane(camera)) or not is_box_between(low, high, camera)
     ]
-    if near_by and quality.depth_format not in REVERSED_TYPES:
-        # How near a plane may come is for all to say.
-        near_by = [camera for camera in cameras if needs_settling(camera)]
-    looks = [look_from(scene, camera, size, quality, cache) for camera in near_by]
-    steps = merge_needs(looks).steps
+    if to_check and quality.depth_format not in REVERSED_TYPES:
+        # All cameras limit how near a near plane may come.
+        to_check = [camera for camera in cameras if has_open_plane(camera)]
+    needs = [find_scene_plane_needs(scene, camera, size, quality, cache) for camera in to_check]
+    steps = merge_needs(needs).steps
     return [move_planes(camera, *steps) for camera in cameras]
 
 
-def cut_open(scene: Scene) -> Scene:
-    """Return a scene cut by its section; the scene itself without one."""
+def cut_by_section(scene: Scene) -> Scene:
+    """Cut a scene by its section; return the scene itself without one."""
     if scene.section is None:
         return scene
     from rasterjit.survey.cross_sections import cut_scene
@@ -525,51 +526,51 @@ def cut_open(scene: Scene) -> Scene:
     return cut_scene(scene)
 
 
-def cut_alike(earlier: Scene, scene: Scene) -> Scene:
-    """Return an earlier scene, cut where a scene that `cut_open` returned is."""
+def cut_previous_scene(previous: Scene, scene: Scene) -> Scene:
+    """Cut a previous scene where one that `cut_by_section` returned is cut."""
     if scene.section is None:
-        return earlier
+        return previous
     from rasterjit.survey import cross_sections
 
-    return cross_sections.cut_earlier(earlier, scene)
+    return cross_sections.cut_earlier(previous, scene)
 
 
-def needs_settling(camera: Camera | None) -> bool:
-    """Tell whether a camera leaves a plane open."""
+def has_open_plane(camera: Camera | None) -> bool:
+    """Tell whether a camera leaves its near or far plane open."""
     planes = near_far(camera)
     return planes is not None and (planes.is_near_open or planes.is_far_open)
 
 
-def look_from(
+def find_scene_plane_needs(
     scene: Scene,
     camera: Camera,
     size: tuple[int, int],
     quality: Quality,
     cache: SceneCache | None = None,
-    picture: Camera | None = None,
+    view_camera: Camera | None = None,
 ) -> PlaneNeeds:
     """
-    Find the depths in view outside a camera's planes, given the scene's cache.
+    Find how far a camera's open planes must move, and what its fixed planes clip.
 
-    ``picture`` has another part of its view, with the same planes.
+    ``view_camera`` shows another part of the view with the same planes; default: ``camera``.
     """
-    shown = camera if picture is None else picture
+    view_camera = camera if view_camera is None else view_camera
     if cache is None:
         cache = update_cache(scene.nodes, None, quality, scene.environment is not None)
-    views = object_transforms.transform_to_view(cache.transforms, shown, size)
+    views = object_transforms.transform_to_view(cache.transforms, view_camera, size)
     boxes = Boxes(
-        cache.extents, shown.eye_position(), views.relative_from_model,
+        cache.extents, view_camera.eye_position(), views.relative_from_model,
         views.clip_from_relative, overhang=cache.tables.inventory.pixel_overhang(size),
     )  # fmt: skip
     return find_plane_needs(camera, boxes, scene.nodes, views.clip_from_relative, quality)
 
 
-def _are_moved(before: Camera, after: Camera) -> bool:
-    """Tell whether the planes of a camera are elsewhere than they were."""
+def _have_planes_moved(before: Camera, after: Camera) -> bool:
+    """Tell whether the near or far plane of a camera differs."""
     if before is after:
         return False
-    one, other = near_far(before), near_far(after)
-    return (one and one[:2]) != (other and other[:2])
+    old, new = near_far(before), near_far(after)
+    return (old and old[:2]) != (new and new[:2])
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
@@ -581,13 +582,13 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
     return check_camera("camera", camera)
 
 
-def find_earlier(
+def resolve_previous_view(
     previous: PreviousView | None, plan: RenderPlan, scene: Scene, camera: Camera
 ) -> tuple[Scene, Camera] | None:
     """
-    Return the scene and the camera that a frame is compared with, ``None`` if it is with none.
+    Return the previous scene and camera, as far as given, or ``None`` if no output needs them.
 
-    ``camera`` is the one that was asked for.
+    ``camera`` is the given one, before its planes were moved.
 
     Raises
     ------
@@ -599,42 +600,41 @@ def find_earlier(
     if set(output_table.MOTION_OUTPUTS).isdisjoint(plan.outputs):
         return None
     if previous is None:
-        wanted = next(name for name in plan.outputs if name in output_table.MOTION_OUTPUTS)
+        output = next(name for name in plan.outputs if name in output_table.MOTION_OUTPUTS)
         raise ValueError(
-            f"previous must be a PreviousView where outputs has {wanted!r}, which tells what has "
+            f"previous must be a PreviousView where outputs has {output!r}, which tells what has "
             "changed since; got None"
         )
-    earlier = scene
+    previous_scene = scene
     if previous.scene is not None:
         with naming("previous.scene"):
-            earlier = pose_input(previous.scene)
-        motion.check_same_objects(_whole(scene), earlier.nodes)
+            previous_scene = pose_input(previous.scene)
+        motion.check_same_objects(_uncut_nodes(scene), previous_scene.nodes)
     if previous.camera is not None:
         with naming("previous.camera"):
-            camera = choose_camera(earlier, previous.camera, plan.size)
+            camera = choose_camera(previous_scene, previous.camera, plan.size)
             camera.projection_matrix(plan.size)
-    return earlier, camera
+    return previous_scene, camera
 
 
-def _whole(scene: Scene) -> Sequence[Node]:
-    """Return the objects of a scene as they were before a section cut them."""
+def _uncut_nodes(scene: Scene) -> Sequence[Node]:
+    """Return the nodes of a scene from before a section cut them."""
     cut = getattr(scene.nodes, "cut", None)
     return scene.nodes if cut is None else cut.nodes
 
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Let an error about an argument begin with the name that the caller knows it by."""
+    """Prefix errors in a ``with`` block by the name of an argument."""
     try:
         yield
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
 
-def plan_earlier(
-    plan: RenderPlan, scene: Scene, camera: Camera, known: Known | None = None,
-    views: ViewTransforms | None = None,
-) -> RenderPlan:  # fmt: skip
-    """Return the plan of an earlier view."""
+def plan_previous_view(
+    plan: RenderPlan, scene: Scene, camera: Camera, summary: SceneSummary, views: ViewTransforms
+) -> RenderPlan:
+    """Plan the visibility of a previous view."""
     request = FrameRequest(plan.size, plan.quality, ("face_id",), None, plan.cull)
-    return plan_frame(request, scene, camera, known, views)
+    return make_plan(request, scene, camera, summary, views)

@@ -38,7 +38,7 @@ from rasterjit import forks
 from rasterjit.io.atomic_write import atomic_file
 from rasterjit.outputs.frame import Frame, QualityChoice
 from rasterjit.outputs.output_table import OutputName
-from rasterjit.runtime.store import cache_folder, cpu_features
+from rasterjit.runtime.store import host_cpu_features, user_cache_folder
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
@@ -48,73 +48,72 @@ from rasterjit.survey.effect import is_backdrop, list_screen_effects
 HEADROOM = 0.9
 """Largest share of a time budget that a frame's predicted time may take."""
 
-KEPT_SHARE = 0.9
-"""Share of the frames that are to stay in the budget. Where the latest ones took longer than was
-expected of them, so much longer is expected of the next."""
+ON_TIME_SHARE = 0.9
+"""Share of the frames that should stay in the budget. If recent ones took longer than predicted,
+the next is predicted to take so much longer."""
 
-LATEST = 20
+RECENT_FRAMES = 20
 """Number of recent frames from which the variation of times is estimated."""
 
-TOO_LONG = 1.5
+MAX_BUDGETS_TO_GO_ON = 1.5
 """Calibrating stops at a quality that takes this many budgets: better ones take longer."""
 
-HOPELESS = 3.0
-"""A quality is measured by its first frame alone, which also gets memory, if that takes this many
-budgets."""
+MAX_BUDGETS_TO_REPEAT = 3.0
+"""A quality is measured by its first frame alone, which also allocates memory, if that takes this
+many budgets."""
 
-FRAMES = 3
+FRAMES_PER_QUALITY = 3
 """Frames of each quality whose median calibrating takes; supersampled ones are drawn once."""
 
-FOR_LOAD = 3
-"""How many frames tell the machine's load: the median, so that one that is disturbed does not
-count."""
+LOAD_FRAMES = 3
+"""Frames whose median gives the machine's load."""
 
-OWN_MEMORY = 0.6
-"""Weight of the old estimate of a quality's own time when a frame updates it."""
+OLD_TIME_WEIGHT = 0.6
+"""Weight of the old estimate of a quality's time when a frame updates it."""
 
-MAX_SHARE = 2.0
-"""Largest ratio, either way, of a frame's time to the expected one that counts for its quality."""
+MAX_TIME_RATIO = 2.0
+"""Ratios of a frame's time to the predicted one are clamped to this, either way."""
 
-PATIENCE = 32
+FRAMES_BEFORE_RETRY = 32
 """Frames after which the next better quality is tried again, as it may have been measured while the
 machine was busy; twice as many after each trial that takes too long."""
 
-WORTH_TRYING = 3.0
+MAX_BUDGETS_TO_RETRY = 3.0
 """Times over the budget that a quality may be expected to take if it is tried again."""
 
-MAX_KNOWN = 64
-"""Most scenes, each in its circumstances, whose times are remembered; the oldest go first."""
+MAX_TIMED_SCENES = 64
+"""Most scenes, per set of circumstances, whose times are stored; the oldest go first."""
 
-FALL = 0.4
+ERROR_RATIO_OF_MEAN = 0.4
 """Error of the mean of some pictures over its difference from that of the first quarter of them:
 0.35 at edges, more in what is random."""
 
-TOGETHER = 0.5
-"""Correlation that is allowed for between the error of a quality and that of the mean: of 32
-pictures of many kinds nearly all had less than 0.4, and those with more are told by `ALIKE`."""
+MIN_CORRELATION = 0.5
+"""Least assumed correlation between the error of a quality and that of the mean: of 32 pictures of
+many kinds nearly all had less than 0.4; those with more are found by `CORRELATION_FACTOR`."""
 
-ALIKE = 1.5
-"""The same over the correlation between the quality's difference from the mean and that of the
+CORRELATION_FACTOR = 1.5
+"""Assumed correlation over the one between the quality's difference from the mean and that of the
 first quarter: edges along rows of pixels meet all samples alike."""
 
-BY_CHANCE = 1.5
-"""The same times the root of the number of pixels that differ."""
+CHANCE_FACTOR = 1.5
+"""Assumed chance correlation, times the root of the number of pixels that differ."""
 
-ROUGHLY = 1.75
+MAX_FIRST_ERROR_RATIO = 1.75
 """Largest ratio, either way, of the error of a quality of one sample to its difference from the
 mean of 4 pictures, the first: of 32 pictures none had more than 1.65."""
 
-FEW_FACES = 0.25
+MAX_FACES_PER_PIXEL = 0.25
 """Faces for each pixel up to which the areas that they show are found in the time of 64 pictures
 or less."""
 
-ALL_PICTURES = int(Quality.reference().samples)
+REFERENCE_PICTURES = int(Quality.reference().samples)
 """Pictures of the reference."""
 
-LIGHT: tuple[OutputName, ...] = "color", "linear"
+COMPARED_OUTPUTS: tuple[OutputName, ...] = "color", "linear"
 """Outputs by which frames are compared: see `light_of`."""
 
-CODES = 255.0
+MAX_CODE = 255.0
 """Largest 8-bit code."""
 
 Draw: TypeAlias = Callable[[Quality], Frame]
@@ -122,10 +121,10 @@ Sweep: TypeAlias = Callable[[], Iterable[Frame]]
 
 Item = TypeVar("Item")
 
-FORMAT = 1
+PROFILE_FORMAT = 1
 """Format number of the profile's file; a file of another format is ignored."""
 
-DECIDING = ("cpu", "architecture", "processors")
+PROFILE_KEYS = ("cpu", "architecture", "processors")
 """Keys of `machine` that must be those of the profile; else the profile is ignored."""
 
 LADDER = (
@@ -142,57 +141,59 @@ LADDER = (
 """The qualities to choose from on a machine without a profile, from the fastest on."""
 
 ERROR_LADDER = (*LADDER[:-2], replace(Quality.high(), samples="area"), LADDER[-2])
-"""Those to choose from for an error, before the reference. It is the same for all machines, so that
+"""Qualities to choose from for an error, before the reference: the same on all machines, so that
 they choose alike."""
 
-COMPARED = dict(zip(
+PICTURES_COMPARED = dict(zip(
     ERROR_LADDER,
     ((4, 16), (4, 256), (16, 64), (16, 64), (16, 64), (16, 256), (16, 256), (16, 256), (64, 256)),
     strict=True,
 ))  # fmt: skip
-"""With how many pictures of the reference each is compared first, and at last if it takes so many
-to tell: with all where the next one may be several times slower."""
+"""How many pictures of the reference each quality is compared with first, and at most: with all
+where the next one may be several times slower."""
 
 
 class CalibrationWarning(UserWarning):
     """Without a profile of the machine, a scene was drawn several times to time the qualities."""
 
 
-class Times:
+class FrameTimes:
     """
-    Predicted times of one scene's frames, by quality.
+    Predicts the times of one scene's frames, by quality.
 
     Parameters
     ----------
     ladder : sequence of Quality
         The qualities to choose from, from the fastest on.
     ratios : dict of float
-        Their times over that of the standard, as far as they are known of the machine.
+        Their times over that of the standard, from the machine's profile.
     """
 
     def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
         self.ladder = tuple(ladder)
         self.lock = forks.lock()
-        """Held by `draw_in_time` while it measures: other threads' frames would be timed too."""
+        """Held while measuring: frames of other threads would disturb the times."""
         self._ratios = ratios
         self._seconds: dict[Quality, float] = {}
-        """Of each quality, at a load of 1: that of the frames which were measured first."""
-        self._loads: deque[float] = deque([1.0] * FOR_LOAD, FOR_LOAD)
-        self._late: deque[float] = deque([1.0] * LATEST, LATEST)
+        """Time of each quality at a load of 1, the load of the first measured frames."""
+        self._loads: deque[float] = deque([1.0] * LOAD_FRAMES, LOAD_FRAMES)
+        self._time_ratios: deque[float] = deque([1.0] * RECENT_FRAMES, RECENT_FRAMES)
         """Ratios of actual to predicted time of the latest frames."""
-        self._waited, self._patience = 0, PATIENCE
-        self._best: Quality | None = None
-        self._last: Quality | None = None
+        self._frames_since_retry, self._frames_before_retry = 0, FRAMES_BEFORE_RETRY
+        self._best_quality: Quality | None = None
+        self._last_quality: Quality | None = None
 
     @property
     def _load(self) -> float:
-        """How busy the machine is, or the scene: the latest frames' times over those known."""
+        """The load of machine and scene: the latest frames' times over the stored ones."""
         return statistics.median(self._loads)
 
     @property
     def _margin(self) -> float:
         """Safety factor on predicted times."""
-        return max(1.0 / HEADROOM, sorted(self._late)[math.ceil(KEPT_SHARE * LATEST) - 1])
+        return max(
+            1.0 / HEADROOM, sorted(self._time_ratios)[math.ceil(ON_TIME_SHARE * RECENT_FRAMES) - 1]
+        )
 
     def calibrate(self, budget: float, draw: Draw) -> Iterator[Quality]:
         """
@@ -209,15 +210,17 @@ class Times:
             faster.
         """
         for step, quality in enumerate(self.ladder):
-            # The first two may be the other way round: there are scenes that fewer lit vertices, or
-            # smaller shadow maps, make no faster.
-            if step > 1 and self._least(quality) > TOO_LONG * budget:
+            # Where fewer lit vertices, or smaller shadow maps, make no frame faster, the first two
+            # may be in the wrong order.
+            if step > 1 and self._min_seconds(quality) > MAX_BUDGETS_TO_GO_ON * budget:
                 break
             if quality not in self._seconds:
                 self._find_load(draw)
                 self._measure(quality, budget, draw)
                 yield quality
-            is_too_long = step > 0 and self._seconds[quality] * self._load > TOO_LONG * budget
+            is_too_long = (
+                step > 0 and self._seconds[quality] * self._load > MAX_BUDGETS_TO_GO_ON * budget
+            )
             if self._ratios or is_too_long:
                 break
         while (chosen := self.best(budget)) not in self._seconds:
@@ -230,101 +233,104 @@ class Times:
         """Whether the time of any quality is known."""
         return bool(self._seconds)
 
-    def _least(self, quality: Quality) -> float:
-        """Return the least seconds of a quality: of all pictures if supersampled, else 0."""
+    def _min_seconds(self, quality: Quality) -> float:
+        """Return a lower bound of a quality's seconds: of all pictures if supersampled, else 0."""
         if quality.samples not in SUPERSAMPLED:
             return 0.0
         return int(quality.samples) * min(self._seconds.values()) * self._load
 
     def _find_load(self, draw: Draw) -> None:
-        """Measure the machine's load by the fastest quality, unless no frame was chosen yet."""
-        if self._best is not None:
+        """Measure the load by the fastest quality, once a frame has been chosen."""
+        if self._best_quality is not None:
             fastest = min(self._seconds, key=self._seconds.__getitem__)
-            for _ in range(FOR_LOAD):
-                self._loads.append(self._seconds_alone(fastest, draw) / self._seconds[fastest])
+            for _ in range(LOAD_FRAMES):
+                self._loads.append(
+                    self._time_without_compiling(fastest, draw) / self._seconds[fastest]
+                )
 
     def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
         """Measure the time of a quality."""
-        # The first frame gets memory. While anything compiles, in whatever thread, stages count for
-        # less than they take.
-        first = self._seconds_alone(quality, draw)
-        if quality.samples in SUPERSAMPLED or first > HOPELESS * budget:
+        # The first frame allocates memory. While any thread compiles, stages are timed too short.
+        first = self._time_without_compiling(quality, draw)
+        if quality.samples in SUPERSAMPLED or first > MAX_BUDGETS_TO_REPEAT * budget:
             self._seconds[quality] = first / self._load
             return
-        times = [self._seconds_alone(quality, draw) for _ in range(FRAMES)]
+        times = [self._time_without_compiling(quality, draw) for _ in range(FRAMES_PER_QUALITY)]
         self._seconds[quality] = statistics.median(times) / self._load
 
-    def _seconds_alone(self, quality: Quality, draw: Draw) -> float:
-        """Return the seconds of a frame during which nothing compiled, if one of a few is such."""
-        for _ in range(FRAMES):
+    def _time_without_compiling(self, quality: Quality, draw: Draw) -> float:
+        """Return the seconds of a frame, of a few the first during which nothing compiled."""
+        for _ in range(FRAMES_PER_QUALITY):
             frame = draw(quality)
             if frame.stats.seconds["compile"] == 0.0:
                 break
         return seconds_of(frame)
 
     def predict(self, quality: Quality) -> float | None:
-        """Return what a frame will take, seconds; ``None`` if that is not known."""
+        """Return the predicted seconds of a frame; ``None`` if unknown."""
         if quality in self._seconds:
             return self._seconds[quality] * self._load
         if quality not in self._ratios:
             return None
-        # By the best quality that is known: it is the nearest.
-        known = [one for one in self.ladder if one in self._seconds and one in self._ratios]
-        if not known:
+        # Scale the time of the best measured quality, the nearest one.
+        measured = [each for each in self.ladder if each in self._seconds and each in self._ratios]
+        if not measured:
             return None
-        share = self._ratios[quality] / self._ratios[known[-1]]
-        return self._seconds[known[-1]] * share * self._load
+        time_ratio = self._ratios[quality] / self._ratios[measured[-1]]
+        return self._seconds[measured[-1]] * time_ratio * self._load
 
     def best(self, budget: float) -> Quality:
         """Return the most accurate quality that stays in a budget; the fastest if none does."""
         predicted = {quality: self.predict(quality) for quality in reversed(self.ladder)}
-        known = {quality: seconds for quality, seconds in predicted.items() if seconds is not None}
-        for quality, seconds in known.items():
+        measured = {
+            quality: seconds for quality, seconds in predicted.items() if seconds is not None
+        }
+        for quality, seconds in measured.items():
             if self._margin * seconds <= budget:
                 return quality
-        return min(known, key=known.__getitem__)
+        return min(measured, key=measured.__getitem__)
 
     def choose(self, budget: float, draw: Draw) -> tuple[Quality, float | None]:
         """
-        Return the best quality that stays in a budget, and the seconds it is expected to take.
+        Return the best quality that stays in a budget, and its predicted seconds.
 
-        Now and then it is the next better one, whose time is forgotten, once the load is measured.
+        After `FRAMES_BEFORE_RETRY` frames, try the next better one again, and forget its time.
         """
         best = self.best(budget)
-        if best != self._best:
-            self._best, self._patience = best, PATIENCE
-        self._waited += 1
-        if self._waited > self._patience:
-            self._waited, self._patience = 0, 2 * self._patience
-            above = self.ladder[self.ladder.index(best) + 1 :]
-            other = next((one for one in above if one in self._seconds), best)
-            seconds = self._seconds[other] * self._load
-            if other != best and seconds <= WORTH_TRYING * budget:
+        if best != self._best_quality:
+            self._best_quality, self._frames_before_retry = best, FRAMES_BEFORE_RETRY
+        self._frames_since_retry += 1
+        if self._frames_since_retry > self._frames_before_retry:
+            self._frames_since_retry, self._frames_before_retry = 0, 2 * self._frames_before_retry
+            better = self.ladder[self.ladder.index(best) + 1 :]
+            retried = next((each for each in better if each in self._seconds), best)
+            seconds = self._seconds[retried] * self._load
+            if retried != best and seconds <= MAX_BUDGETS_TO_RETRY * budget:
                 self._find_load(draw)
-                del self._seconds[other]
-                return other, seconds
+                del self._seconds[retried]
+                return retried, seconds
         return best, self.predict(best)
 
     def learn(self, quality: Quality, seconds: float) -> None:
         """
-        Correct the known times by the time of a frame.
+        Update the stored times by the time of a frame.
 
-        Of a quality that the frame before had too, what differs is load; of another one it corrects
-        that quality's own time.
+        If the last frame had the same quality, only the load is updated; else also the quality's
+        time.
         """
-        own = self._seconds.get(quality)
-        if own is None:
-            own = (self.predict(quality) or seconds) / self._load
-        late = seconds / (own * self._load)
-        self._late.append(late)
-        if quality != self._last:
-            rest = min(max(late, 1.0 / MAX_SHARE), MAX_SHARE)
-            own *= OWN_MEMORY + (1.0 - OWN_MEMORY) * rest
-        self._seconds[quality], self._last = own, quality
-        self._loads.append(seconds / own)
+        known_seconds = self._seconds.get(quality)
+        if known_seconds is None:
+            known_seconds = (self.predict(quality) or seconds) / self._load
+        ratio = seconds / (known_seconds * self._load)
+        self._time_ratios.append(ratio)
+        if quality != self._last_quality:
+            limited_ratio = min(max(ratio, 1.0 / MAX_TIME_RATIO), MAX_TIME_RATIO)
+            known_seconds *= OLD_TIME_WEIGHT + (1.0 - OLD_TIME_WEIGHT) * limited_ratio
+        self._seconds[quality], self._last_quality = known_seconds, quality
+        self._loads.append(seconds / known_seconds)
 
 
-def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
+def draw_within_time(budget: float, times: FrameTimes, draw: Draw) -> Frame:
     """
     Draw a frame in the most accurate quality that a time allows.
 
@@ -333,7 +339,7 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
     budget : float
         Seconds, above 0. If even the fastest quality takes longer, that is drawn.
     times : Times
-        What is known of the scene; changed.
+        Of the scene; updated.
     draw : callable
         Draws a frame of a quality.
 
@@ -345,14 +351,14 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
     with times.lock:
         for _ in times.calibrate(budget, draw):
             pass
-    return draw_as_known(budget, times, draw)
+    return draw_by_known_times(budget, times, draw)
 
 
-def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
+def draw_by_known_times(budget: float, times: FrameTimes, draw: Draw) -> Frame:
     """
     Draw a frame in the most accurate quality whose predicted time fits a budget.
 
-    Takes and returns what `draw_in_time` does, but measures nothing first: some time must be known.
+    Like `draw_within_time`, but measures nothing first: some time must be known.
     """
     quality, predicted = times.choose(budget, draw)
     frame = draw(quality)
@@ -385,7 +391,7 @@ class Reference:
         self.pictures = 0
 
     def draw(self, pictures: int) -> None:
-        """Draw the pictures that are missing of so many."""
+        """Draw the missing pictures of the first ``pictures``."""
         while self.pictures < pictures:
             frame = next(self._frames)
             light = light_of(frame)
@@ -396,52 +402,63 @@ class Reference:
             frame.stats.seconds.update(self._seconds)
             self.frame, self._light, self.pictures = frame, light, frame.plan.pictures
 
-    def error_of(self, frame: Frame) -> tuple[float, float]:
-        """Return the least and the most that the error of a frame is."""
+    def bound_error(self, frame: Frame) -> tuple[float, float]:
+        """Return a lower and an upper bound of a frame's error."""
         differences = light_of(frame) - self._light
-        found = root_mean_square(differences)
-        if self.pictures == ALL_PICTURES:
-            return found, found
-        least, most = self._bounds(differences, found)
-        square, chance = self._square_between(frame)
-        if square - chance > most**2:
-            return least, math.inf
-        # Samples that all agree may all lie at the same places.
-        return least, most if found > 0.0 else max(most, math.sqrt(max(square + 3.0 * chance, 0.0)))
+        difference = root_mean_square(differences)
+        if self.pictures == REFERENCE_PICTURES:
+            return difference, difference
+        lowest, highest = self._bounds(differences, difference)
+        square, chance = self._estimate_square_error(frame)
+        if square - chance > highest**2:
+            return lowest, math.inf
+        # If no pixel differs, all samples may lie at the same positions.
+        return lowest, highest if difference > 0.0 else max(
+            highest, math.sqrt(max(square + 3.0 * chance, 0.0))
+        )
 
-    def _square_between(self, frame: Frame) -> tuple[float, float]:
+    def _estimate_square_error(self, frame: Frame) -> tuple[float, float]:
         """
-        Return the mean square error of a frame, and how far that may be off by chance.
+        Estimate the mean square error of a frame; return it and its standard deviation.
 
         Samples of the two swept pictures are independent, and so the mean of the product of the
         differences from both is that square.
         """
         if not self._swept:
-            self._swept = tuple(light_of(one) for one in self._sweep())
+            self._swept = tuple(light_of(picture) for picture in self._sweep())
         light = light_of(frame)
-        one, other = (np.subtract(swept, light, dtype=np.float64) for swept in self._swept)
-        squares = (one * other).mean(axis=2)
+        first, second = (np.subtract(swept, light, dtype=np.float64) for swept in self._swept)
+        squares = (first * second).mean(axis=2)
         return float(squares.mean()), float(squares.std()) / math.sqrt(squares.size)
 
-    def _bounds(self, differences: NDArray[np.float32], found: float) -> tuple[float, float]:
+    def _bounds(self, differences: NDArray[np.float32], difference: float) -> tuple[float, float]:
         """
-        Return the least and the most of an error, by the difference from the mean so far.
+        Return a lower and an upper bound of an error, by the difference from the mean so far.
 
-        Its square is that of the difference from the mean so far, less that of the mean's own
-        error, but for how the two errors may go together: by chance, less where more pixels
-        differ, or since samples lie at the same places. The least and the most allow for that.
+        Its square is that of the difference from the mean, less that of the mean's own error, but
+        for the correlation of the two errors: by chance, less where more pixels differ, or since
+        samples lie at the same positions. The bounds allow for that.
         """
         if self._change is None:
-            return found / ROUGHLY, found * ROUGHLY
-        own = FALL * root_mean_square(self._change)
-        if found == 0.0 or own == 0.0:
-            return found, found + own
+            return difference / MAX_FIRST_ERROR_RATIO, difference * MAX_FIRST_ERROR_RATIO
+        mean_error = ERROR_RATIO_OF_MEAN * root_mean_square(self._change)
+        if difference == 0.0 or mean_error == 0.0:
+            return difference, difference + mean_error
         squares = np.square(differences, dtype=np.float64).sum(axis=2)
-        chance = BY_CHANCE * math.sqrt(np.sum(squares**2)) / float(np.sum(squares))
+        chance_share = CHANCE_FACTOR * math.sqrt(np.sum(squares**2)) / float(np.sum(squares))
         products = np.multiply(differences, self._change, dtype=np.float64)
-        alike = FALL * abs(float(np.mean(products))) / (found * own)
-        spread = 2.0 * found * own * (max(TOGETHER, ALIKE * alike) + chance)
-        return math.sqrt(max(found**2 - own**2 - spread, 0.0)), math.sqrt(found**2 + spread)
+        correlation = (
+            ERROR_RATIO_OF_MEAN * abs(float(np.mean(products))) / (difference * mean_error)
+        )
+        spread = (
+            2.0
+            * difference
+            * mean_error
+            * (max(MIN_CORRELATION, CORRELATION_FACTOR * correlation) + chance_share)
+        )
+        return math.sqrt(max(difference**2 - mean_error**2 - spread, 0.0)), math.sqrt(
+            difference**2 + spread
+        )
 
 
 def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame], sweep: Sweep) -> Frame:
@@ -465,7 +482,7 @@ def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame], sweep:
     Frame
         Its ``choice`` tells which one it is.
     """
-    true, shows_areas = Reference(refined, sweep), False
+    reference, shows_areas = Reference(refined, sweep), False
     undecided: list[Frame] = []
     for quality in ERROR_LADDER:
         if quality.samples == "area" and not shows_areas:
@@ -473,29 +490,33 @@ def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame], sweep:
         latest = draw(quality)
         undecided.append(latest)
         shows_areas = not latest.plan.facts.transparency.used and (
-            latest.stats.drawn <= FEW_FACES * math.prod(latest.plan.size)
+            latest.stats.drawn <= MAX_FACES_PER_PIXEL * math.prod(latest.plan.size)
         )
-        pictures, last = COMPARED[quality]
+        pictures, last = PICTURES_COMPARED[quality]
         # Before a quality that is many times slower, none may be left undecided.
         while pictures <= last and undecided:
-            if undecided[-1] is not latest and last < ALL_PICTURES:
+            if undecided[-1] is not latest and last < REFERENCE_PICTURES:
                 break
-            true.draw(pictures)
+            reference.draw(pictures)
             tried, undecided = undecided, []
             for frame in tried:
-                least, most = true.error_of(frame)
-                if most <= bound:
-                    frame.choice = QualityChoice(frame.plan.quality, None, seconds_of(frame), most)
+                lowest, highest = reference.bound_error(frame)
+                if highest <= bound:
+                    frame.choice = QualityChoice(
+                        frame.plan.quality, None, seconds_of(frame), highest
+                    )
                     return frame
-                if least <= bound:
+                if lowest <= bound:
                     undecided.append(frame)
-            pictures = 4 * true.pictures
-    true.draw(ALL_PICTURES)
-    true.frame.choice = QualityChoice(Quality.reference(), None, seconds_of(true.frame), 0.0)
-    return true.frame
+            pictures = 4 * reference.pictures
+    reference.draw(REFERENCE_PICTURES)
+    reference.frame.choice = QualityChoice(
+        Quality.reference(), None, seconds_of(reference.frame), 0.0
+    )
+    return reference.frame
 
 
-def known_ladder() -> tuple[Quality, ...]:
+def get_ladder() -> tuple[Quality, ...]:
     """Return the qualities to choose from, from the fastest on."""
     profile = load_profile()
     return LADDER if profile is None else profile.ladder
@@ -513,10 +534,10 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     plan = frame.plan
     if any(effect.joins_faces for effect, _ in list_screen_effects(plan.effects_at("overlay"))):
         light = srgb_to_linear(frame.color[:, :, :3])
-        alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
+        alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(MAX_CODE)
     else:
         light, alpha = frame.linear[:, :, :3], frame.linear[:, :, 3:]
-    shows_more = any(not is_backdrop(one.effect) for one in plan.effects_at("background"))
+    shows_more = any(not is_backdrop(planned.effect) for planned in plan.effects_at("background"))
     if shows_more or plan.background[3] >= 1.0:
         return light
     return np.concatenate([light * alpha, alpha], axis=2)
@@ -528,20 +549,20 @@ def root_mean_square(differences: NDArray[Any]) -> float:
 
 
 def seconds_of(frame: Frame) -> float:
-    """Return the seconds that a frame took, without compiling."""
+    """Return the seconds of a frame, without compiling."""
     return sum(time for stage, time in frame.stats.seconds.items() if stage != "compile")
 
 
-def times_of(what: Any, circumstances: Any) -> Times:
+def get_frame_times(what: Any, circumstances: Any) -> FrameTimes:
     """
-    Return what is known of the times of a scene, as long as the scene is there.
+    Return the times of a scene, stored as long as the scene exists.
 
     Parameters
     ----------
     what : object
         What is drawn.
     circumstances : hashable
-        What else times depend on.
+        Everything else that times depend on.
 
     Warns
     -----
@@ -554,10 +575,10 @@ def times_of(what: Any, circumstances: Any) -> Times:
             return _TIMES[key]
         profile = load_profile()
         ladder, ratios = (LADDER, {}) if profile is None else (profile.ladder, profile.times())
-        _TIMES[key] = times = Times(ladder, ratios)
-        # Another scene may come to lie at the same address.
+        _TIMES[key] = times = FrameTimes(ladder, ratios)
+        # Another scene may later have the same address.
         weakref.finalize(what, _TIMES.pop, key, None)
-        while len(_TIMES) > MAX_KNOWN:
+        while len(_TIMES) > MAX_TIMED_SCENES:
             del _TIMES[next(iter(_TIMES))]
     if profile is None:
         warn_caller(
@@ -569,8 +590,8 @@ def times_of(what: Any, circumstances: Any) -> Times:
 
 
 _LOCK = forks.lock()
-_TIMES: dict[Any, Times] = {}
-"""Times of scenes, by their address and the circumstances."""
+_TIMES: dict[Any, FrameTimes] = {}
+"""Times by the address of the scene and the circumstances."""
 
 
 class QualityStep(NamedTuple):
@@ -578,7 +599,7 @@ class QualityStep(NamedTuple):
 
     quality: Quality
     time: float
-    """Of a frame, over that of a standard one."""
+    """Time of a frame over that of a standard one."""
     error: float
     """Root mean square in linear light, over that of a standard frame."""
 
@@ -609,8 +630,8 @@ class Profile:
         return {step.quality: step.time for step in self.steps}
 
 
-def front_of(items: Iterable[Item], cost: Callable[[Item], tuple[float, float]]) -> list[Item]:
-    """Return the items that no other is both faster and more accurate than, the fastest first."""
+def pareto_front(items: Iterable[Item], cost: Callable[[Item], tuple[float, float]]) -> list[Item]:
+    """Return the Pareto front by time and error, the fastest first."""
     front: list[Item] = []
     for item in sorted(items, key=cost):
         if not front or cost(item)[1] < cost(front[-1])[1]:
@@ -618,15 +639,15 @@ def front_of(items: Iterable[Item], cost: Callable[[Item], tuple[float, float]])
     return front
 
 
-def front_of_steps(steps: Iterable[QualityStep]) -> tuple[QualityStep, ...]:
-    """Return the steps that no other is both faster and more accurate than, the fastest first."""
-    return tuple(front_of(steps, lambda step: (step.time, step.error)))
+def pareto_front_of_steps(steps: Iterable[QualityStep]) -> tuple[QualityStep, ...]:
+    """Return the Pareto front of steps, the fastest first."""
+    return tuple(pareto_front(steps, lambda step: (step.time, step.error)))
 
 
-def machine() -> dict[str, str]:
+def describe_machine() -> dict[str, str]:
     """Return the properties of the machine that times depend on."""
     return {
-        "cpu": cpu_features()[0],
+        "cpu": host_cpu_features()[0],
         "architecture": platform.machine(),
         "processors": str(available_processors()),
         "system": platform.platform(terse=True),
@@ -634,9 +655,9 @@ def machine() -> dict[str, str]:
     }
 
 
-def profile_file() -> Path:
-    """Return where the profile of this machine is kept."""
-    return cache_folder() / "profile.json"
+def profile_path() -> Path:
+    """Return the path of this machine's profile."""
+    return user_cache_folder() / "profile.json"
 
 
 def save_profile(profile: Profile) -> Path:
@@ -649,8 +670,8 @@ def save_profile(profile: Profile) -> Path:
         Naming the folder, if it cannot be written to.
     """
     content = {
-        "format": FORMAT,
-        "machine": machine(),
+        "format": PROFILE_FORMAT,
+        "machine": describe_machine(),
         "threads": profile.threads,
         "steps": [
             {
@@ -661,7 +682,7 @@ def save_profile(profile: Profile) -> Path:
             for step in profile.steps
         ],
     }
-    path = profile_file()
+    path = profile_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as temporary:
@@ -676,11 +697,13 @@ def save_profile(profile: Profile) -> Path:
 def load_profile() -> Profile | None:
     """Return the profile of this machine; ``None`` if there is none, or none that can be read."""
     try:
-        content = json.loads(profile_file().read_text())
-        here = machine()
-        is_of_here = all(content["machine"][name] == here[name] for name in DECIDING)
-        steps = front_of_steps([_step(entry) for entry in content["steps"]])
-        if content["format"] != FORMAT or not is_of_here or not steps:
+        content = json.loads(profile_path().read_text())
+        this_machine = describe_machine()
+        is_of_this_machine = all(
+            content["machine"][name] == this_machine[name] for name in PROFILE_KEYS
+        )
+        steps = pareto_front_of_steps([_step(entry) for entry in content["steps"]])
+        if content["format"] != PROFILE_FORMAT or not is_of_this_machine or not steps:
             return None
         return Profile(steps, int(content["threads"]))
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):

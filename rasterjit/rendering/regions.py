@@ -2,9 +2,9 @@
 Render regions of a picture, with the bits that the whole picture has there.
 
 Vertices are snapped, and faces clipped, as in the whole; then they are moved by whole pixels, which
-changes no integer relative to a pixel. Shadow maps are fitted to the whole picture: its depth is
-surveyed region by region first. For effects with a bounded neighbourhood, a larger region is drawn
-and cropped.
+changes no integer relative to a pixel. Shadow maps are fitted to the whole picture, whose depth is
+surveyed first, region by region. For effects that read a bounded neighbourhood, a larger region is
+drawn and cropped.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rasterjit.outputs.output_table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.visibility_pass import Region
 from rasterjit.rendering import frame_shading, supersample
-from rasterjit.rendering.planning import Cull, check_request, plan_views
+from rasterjit.rendering.planning import Cull, check_request, plan_frame
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
@@ -31,18 +31,18 @@ from rasterjit.survey.effect import FrameContext, OpaquePassEffect, context_of, 
 from rasterjit.survey.packed_scene import make_placement
 from rasterjit.survey.plan import RenderPlan
 
-BEHIND_TILE = 1024
-"""Side of the regions in which the picture behind glass is drawn, pixels."""
+OPAQUE_PASS_TILE = 1024
+"""Side of the regions in which the opaque pass of transmission is drawn, pixels."""
 
 Survey = tuple[dict[str, Any], ...]
-"""What effects see of a region, by name: at the centres of pixels, then at each sample beside."""
+"""What each effect reads of a region: at the centres of pixels, then at each other sample."""
 
 
 class RegionRenderer:
     """
-    Renders parts of one picture, which may be larger than one frame can be.
+    Renders parts of one picture, which may be larger than the largest frame.
 
-    The scene must stay as it is as long as parts are drawn.
+    The scene must not change while parts are drawn.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class RegionRenderer:
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a region
-        (`ScreenEffect`).
+        (`LooksAround`).
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class RegionRenderer:
         self.size = whole
         scene = pose_input(what)
         request = check_request(whole, quality, outputs, background, cull)
-        self._planned = plan_views(request, scene, camera)
-        self._margin = _margin_of(self._planned.plan)
+        self._planned = plan_frame(request, scene, camera)
+        self._margin = _find_margin(self._planned.plan)
 
     def __enter__(self) -> RegionRenderer:
         return self
@@ -91,22 +91,22 @@ class RegionRenderer:
         self.close()
 
     def close(self) -> None:
-        """Let the threads go; a later render starts them again."""
+        """Stop the threads; a later render starts them again."""
         self._workers.close()
 
     @property
     def plan(self) -> RenderPlan:
-        """What was decided for the whole picture."""
+        """The plan of the whole picture."""
         return self._planned.plan
 
     @property
     def needs_surveys(self) -> bool:
-        """Whether effects wait for all of the picture to be surveyed: those that look at it."""
+        """Whether the whole picture must be surveyed first, for effects that read all of it."""
         return self.plan.facts.is_colored and bool(self.plan.effects_to_analyse)
 
     def survey(self, region: Region) -> Survey:
         """
-        Find what effects that look at the whole picture see of a region.
+        Collect what effects that read the whole picture need of a region.
 
         Parameters
         ----------
@@ -122,18 +122,18 @@ class RegionRenderer:
         part = plan.for_picture(region=region)
         plans = [part]
         for step in self._surveyed_steps():
-            plans += [supersample.moved(part, offset) for offset in step]
+            plans += [supersample.offset_plan(part, offset) for offset in step]
         found = []
         with self._workers.frame():
             for one in plans:
-                known = views if one is part else None
-                seen = find_visible(one, cache, self._workers, _no_clock, known)
-                found.append(supersample.see_whole(context_of(one, cache, seen, self._workers)))
+                known_views = views if one is part else None
+                seen = find_visible(one, cache, self._workers, _no_clock, known_views)
+                found.append(supersample.see_for_whole(context_of(one, cache, seen, self._workers)))
         return tuple(found)
 
     def take_surveys(self, surveys: Mapping[Region, Survey]) -> None:
         """
-        Prepare what looks at the whole picture, given the surveys of regions that make it up.
+        Prepare effects that read the whole picture, given the surveys of all its regions.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class RegionRenderer:
         """
         plan, cache, views = self._planned[:3]
         corners = [(region[0], region[1]) for region in surveys]
-        middle, *beside = [
+        center, *samples = [
             {
                 effect.name: effect.merge_parts(
                     plan.size,
@@ -151,15 +151,13 @@ class RegionRenderer:
             }
             for sights in zip(*surveys.values(), strict=True)
         ]
-        placement = frame_shading.placement_to_light(
-            plan, make_placement(cache.shapes.arrays, views)
-        )
+        placement = frame_shading.adjust_placement(plan, make_placement(cache.shapes.arrays, views))
         context = FrameContext(plan, cache, placement, self._workers)
-        rest, drawn = iter(beside), []
+        rest, records = iter(samples), []
         for step in self._surveyed_steps() or [[]]:
-            sights = [middle, *(next(rest) for _ in step)]
-            drawn.append(supersample.prepare_whole(context, step, sights))
-        self._planned = self._planned._replace(plan=plan.for_picture(drawn=tuple(drawn)))
+            sights = [center, *(next(rest) for _ in step)]
+            records.append(supersample.prepare_from_sights(context, step, sights))
+        self._planned = self._planned._replace(plan=plan.for_picture(drawn=tuple(records)))
 
     def render_region(self, region: Region) -> Frame:
         """
@@ -190,35 +188,35 @@ class RegionRenderer:
         if self.needs_surveys:
             names = " and ".join(one.name for one, _ in self.plan.effects_to_analyse)
             raise RuntimeError(f"all regions must be surveyed first, for {names}: see take_surveys")
-        self._look_behind()
+        self._draw_opaque_pass()
         return self._draw(self._planned.plan, region)
 
     def _draw(self, plan: RenderPlan, region: Region) -> Frame:
-        """Draw a region of a picture, with what lies around it, and cut that off."""
-        drawn = check_drawn(_grown(region, self._margin, plan.size), region)
-        part = plan.for_picture(region=drawn)
+        """Draw a region with a margin, and crop it."""
+        expanded = check_expanded(_expand(region, self._margin, plan.size), region)
+        part = plan.for_picture(region=expanded)
         frame = draw_frame(self._planned._replace(plan=part), self._workers)[0]
-        return frame if drawn == region else _cut_out(frame, drawn, region)
+        return frame if expanded == region else _crop(frame, expanded, region)
 
-    def _look_behind(self) -> None:
-        """Draw the whole picture behind glass, if there is any and it is not drawn yet."""
+    def _draw_opaque_pass(self) -> None:
+        """Draw the whole opaque pass that transmission reads, if any, once."""
         plan, cache, views = self._planned[:3]
-        own = frame_shading.glass_of(plan)
-        if own is None:
+        found = frame_shading.find_transmission(plan)
+        if found is None:
             return
-        glass, data = own
-        (done,) = plan.drawn or ({},)
-        if glass.name in done:
+        transmission, data = found
+        (records,) = plan.drawn or ({},)
+        if transmission.name in records:
             return
-        other = frame_shading.plan_behind(plan, glass)
+        other = frame_shading.plan_opaque_pass(plan, transmission)
         linear = np.empty((plan.size[1], plan.size[0], 4), np.float32)
-        for region in regions_of(plan.size, BEHIND_TILE):
+        for region in regions_of(plan.size, OPAQUE_PASS_TILE):
             left, top, width, height = region
             linear[top : top + height, left : left + width] = self._draw(other, region).linear
         placement = make_placement(cache.shapes.arrays, views)
         context = FrameContext(plan, cache, placement, self._workers)
-        record = glass.prepare(context, data, [(plan.camera, linear)])
-        drawn = ({**done, glass.name: record},)
+        record = transmission.prepare(context, data, [(plan.camera, linear)])
+        drawn = ({**records, transmission.name: record},)
         self._planned = self._planned._replace(plan=plan.for_picture(drawn=drawn))
 
     def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
@@ -236,11 +234,11 @@ class RegionRenderer:
             yield region, self.render_region(region)
 
     def _surveyed_steps(self) -> list[list[supersample.Offset]]:
-        """Return the offsets of pictures to survey, by steps; none if the frame is the picture."""
+        """Return the offsets of pictures to survey, by steps; none for a frame of one picture."""
         if self.plan.pictures == 1:
             return []
-        steps = supersample.step_offsets(self.plan)
-        return steps if supersample.surveys_pictures(self.plan) else [[] for _ in steps]
+        steps = supersample.list_step_offsets(self.plan)
+        return steps if supersample.needs_all_pictures(self.plan) else [[] for _ in steps]
 
 
 def regions_of(size: tuple[int, int], tile: int) -> list[Region]:
@@ -271,7 +269,7 @@ def regions_of(size: tuple[int, int], tile: int) -> list[Region]:
 def check_tile(tile: Any) -> int:
     """Return the side of tiles, or raise ``ValueError``."""
     try:
-        side = _whole(tile)
+        side = _as_whole_number(tile)
     except TypeError:
         side = 0
     if not 0 < side <= MAX_SIZE:
@@ -284,7 +282,7 @@ def check_tile(tile: Any) -> int:
 def check_region(region: Any, size: tuple[int, int]) -> Region:
     """Return a part of a picture, or raise ``ValueError`` saying what is wrong with it."""
     try:
-        left, top, width, height = map(_whole, region)
+        left, top, width, height = map(_as_whole_number, region)
     except (TypeError, ValueError):
         raise ValueError(
             f"region must be (left, top, width, height) in pixels, got {region!r}"
@@ -298,66 +296,66 @@ def check_region(region: Any, size: tuple[int, int]) -> Region:
     return Region(left, top, width, height)
 
 
-def _whole(value: Any) -> int:
-    """Return a whole number, also one of NumPy, or raise ``TypeError``."""
+def _as_whole_number(value: Any) -> int:
+    """Return an integer of Python or NumPy as ``int``, or raise ``TypeError``."""
     if isinstance(value, bool):
         raise TypeError
     return operator.index(value)
 
 
-def check_drawn(drawn: Region, region: Region) -> Region:
-    """Return what is drawn for a region with its neighbours, or raise ``ValueError``."""
-    if max(drawn.width, drawn.height) > MAX_SIZE:
+def check_expanded(expanded: Region, region: Region) -> Region:
+    """Return a region with its margin, or raise ``ValueError`` if that is too large."""
+    if max(expanded.width, expanded.height) > MAX_SIZE:
         raise ValueError(
             f"region must be {MAX_SIZE - 2 * TILE_SIZE} pixels wide and high at most where an "
             f"effect looks at the pixels around it, got {tuple(region)!r}"
         )
-    return drawn
+    return expanded
 
 
-def _grown(region: Region, margin: int, size: tuple[int, int]) -> Region:
-    """Return a region with so many pixels around it, as far as the picture has them."""
+def _expand(region: Region, margin: int, size: tuple[int, int]) -> Region:
+    """Add a margin of pixels to a region, within the picture."""
     left, top = max(region.left - margin, 0), max(region.top - margin, 0)
     right = min(region.left + region.width + margin, size[0])
     bottom = min(region.top + region.height + margin, size[1])
     return Region(left, top, right - left, bottom - top)
 
 
-def _cut_out(frame: Frame, drawn: Region, region: Region) -> Frame:
+def _crop(frame: Frame, expanded: Region, region: Region) -> Frame:
     """Return the part of a frame that shows a region."""
-    left, top = region.left - drawn.left, region.top - drawn.top
+    left, top = region.left - expanded.left, region.top - expanded.top
     part = np.s_[top : top + region.height, left : left + region.width]
     return crop_frame(frame, part, frame.plan.for_picture(region=region))
 
 
-def _margin_of(plan: RenderPlan) -> int:
+def _find_margin(plan: RenderPlan) -> int:
     """
-    Return how many pixels around a region are drawn with it: a multiple of 64.
+    Return the margin that is drawn around a region, pixels: a multiple of 64.
 
     Raises
     ------
     ValueError
         If an effect looks at any pixels beyond the edges of a region.
     """
-    farthest = 0
+    max_radius = 0
     for effect, data in list_screen_effects(plan.planned):
         if effect.scope != "neighbours":
             continue
-        reach = effect.read_radius(data)
-        farthest = max(farthest, reach or 0)
+        radius = effect.read_radius(data)
+        max_radius = max(max_radius, radius or 0)
         if (
             isinstance(effect, OpaquePassEffect)
             and plan.pictures == 1
             and not plan.effects_to_analyse
         ):
-            # The whole picture behind glass is drawn before.
+            # Its opaque pass is drawn whole.
             if max(plan.size) > MAX_SIZE:
                 raise ValueError(
                     f"{effect.refusal()} where a picture is larger than {MAX_SIZE} pixels "
                     f"a side, got size {plan.size}"
                 )
             continue
-        if reach is None:
+        if radius is None:
             raise ValueError(
                 f"{effect.refusal()} where a picture is drawn in regions: "
                 "it looks at neighbouring pixels, which other regions hold"
@@ -371,7 +369,7 @@ def _margin_of(plan: RenderPlan) -> int:
             f"is drawn in regions, got {plan.quality.samples!r}: the last bit of what 2 to 16 "
             "samples are mixed to depends on other regions"
         )
-    return -(-farthest // TILE_SIZE) * TILE_SIZE
+    return -(-max_radius // TILE_SIZE) * TILE_SIZE
 
 
 def _no_clock(stage: str) -> None:

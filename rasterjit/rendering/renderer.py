@@ -1,7 +1,9 @@
 """
 Render a frame from a scene and a camera: the stages in order.
 
-See `draw_frame`; the stages themselves are in ``pipeline``, the effects in ``effects``.
+The way of a frame: `render` checks the arguments, `Renderer._plan_and_draw` plans the frame
+(``planning.plan_frame``), and `draw_frame` draws it: `find_visible`, then shading, overlays and the
+other outputs. The stages themselves are in ``pipeline``, the effects in ``effects``.
 """
 
 from __future__ import annotations
@@ -34,18 +36,18 @@ from rasterjit.rendering import (
     view_warnings,
 )
 from rasterjit.rendering import lens as lenses
-from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
 from rasterjit.rendering.planning import (
     Cull,
     FrameRequest,
     PlannedFrame,
     check_request,
-    plan_views,
+    plan_frame,
 )
+from rasterjit.rendering.recorded_frames import RecordedFrames, assemble_frame, is_small
 from rasterjit.rendering.supersample import Accumulation
-from rasterjit.runtime.background_compile import beside
+from rasterjit.runtime.background_compile import compile_in_background
 from rasterjit.runtime.clocks import StageClock
-from rasterjit.runtime.threads import Kept, Workers
+from rasterjit.runtime.threads import FrameCache, Workers
 from rasterjit.scene.attribute_guard import Guarded
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
@@ -69,8 +71,8 @@ from rasterjit.survey.packed_scene import SceneArrays, compute_front_windings, m
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.view_summary import CameraView
 
-MAX_KEPT = visibility_pass.VERTICES_PER_TASK
-"""Most faces, and vertices, of a scene whose buffers are reused for the next frame: for larger ones
+MAX_CACHED_ELEMENTS = visibility_pass.VERTICES_PER_TASK
+"""Most faces, and vertices, of a scene whose buffers are cached for the next frame: for larger ones
 allocation costs little beside drawing, and the memory is better used otherwise."""
 
 
@@ -153,19 +155,21 @@ def render(
     Raises
     ------
     ValueError
-        Naming the argument that is wrong, before any kernel runs.
+        Naming the argument that is wrong, before anything is drawn.
     """
     for name, value in (("max_error", max_error), ("time_budget", time_budget)):
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     with Renderer(size, quality=quality, threads=threads) as renderer:
-        # Only within an error bound other frames follow.
-        renderer._kept.lasts = max_error is not None
-        request = renderer._request(outputs, background, cull, diagnose, previous)
+        # Only to an error bound, more frames follow.
+        renderer._frame_cache.is_enabled = max_error is not None
+        request = renderer._check_request(outputs, background, cull, diagnose, previous)
         if time_budget is not None and max_error is None and lens is None:
-            frame = renderer._render_in_time(time_budget, what, camera, request, is_lone=True)
+            frame = renderer._render_to_time_budget(
+                time_budget, what, camera, request, is_lone=True
+            )
         else:
-            frame = renderer._render_asked(max_error, time_budget, what, camera, request, lens)
+            frame = renderer._render_request(max_error, time_budget, what, camera, request, lens)
     view_warnings.warn(view_warnings.warnings_of_frame(frame), set())
     return frame
 
@@ -199,11 +203,11 @@ def explain(
     size, scene = image_size("size", size), pose_input(what)
     request = check_request(size, quality, outputs, background, cull, diagnose, previous)
     if lens is not None:
-        planned = lenses.plan_lensed(lens, request, scene, camera, Workers(1))
+        planned = lenses.plan_with_lens(lens, request, scene, camera, Workers(1))
         plan, through = planned.plan, lenses.through_lens(planned)
         view = CameraView(tuple(scene.nodes), plan.camera, plan.size, through)
         return plan.for_picture(view=view)
-    plan = plan_views(request, scene, camera).plan
+    plan = plan_frame(request, scene, camera).plan
     return plan.for_picture(view=CameraView(tuple(scene.nodes), plan.camera, plan.size))
 
 
@@ -213,7 +217,7 @@ def draw_frame(
     accumulation: Accumulation | None = None,
     clock: StageClock | None = None,
     on_picture: Callable[[], None] | None = None,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
     needs_seen: bool = True,
     **options: bool,
 ) -> tuple[Frame, RasterizedView]:
@@ -225,30 +229,33 @@ def draw_frame(
     planned : PlannedFrame
     workers : Workers
     accumulation : Accumulation, optional
-        Pictures of the same frame that are there already; changed: those that were missing.
+        The sum of the pictures drawn so far for this frame; those that are missing are added.
     clock : StageClock, optional
-        Started when the frame was planned.
+        Started when planning began.
     on_picture : callable, optional
         Called before the faces of each picture are found; what it raises ends the frame.
-    kept : Kept, optional
-        What the frame before left. Then what is seen lies there, and only until the next frame.
+    frame_cache : FrameCache, optional
+        With it, ``seen`` holds cached arrays, valid until the next frame.
     needs_seen : bool
-        Whether the caller looks at what is seen; else its faces may have been written over.
+        Whether the caller reads ``seen``; else colours may overwrite its faces.
     **options
-        Fields of ``plan.visibility`` that are otherwise: see `find_visible`.
+        Fields of ``plan.visibility`` to replace: see `find_visible`.
 
     Returns
     -------
     frame : Frame
     seen : Seen
-        What it shows, at the centres of pixels.
+        The visible face at the centre of each pixel, with the geometry.
     """
     plan, cache, views = planned[:3]
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
     arrays = cache.shapes.arrays
-    if kept is not None and max(len(arrays.faces), len(arrays.positions)) > MAX_KEPT:
-        kept.clear()
-        kept = None
+    if (
+        frame_cache is not None
+        and max(len(arrays.faces), len(arrays.positions)) > MAX_CACHED_ELEMENTS
+    ):
+        frame_cache.clear()
+        frame_cache = None
 
     def find(
         picture: RenderPlan, views: ViewTransforms | None = None, **options: Any
@@ -257,40 +264,43 @@ def draw_frame(
             on_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
 
-    with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
-        # Project, clip, bin, draw.
-        shared = None if needs_seen else frame_shading.shared_memory(plan, workers)
+    with (
+        workers.frame(),
+        compile_in_background(partial(planning.list_compile_tasks, plan), workers.threads),
+    ):
+        # Find the visible face of each pixel.
+        shared = None if needs_seen else frame_shading.allocate_shared_pixels(plan, workers)
         if plan.facts.finds_faces and not (needs_seen or plan.needs_centers):
             options |= {"draws": False, "depth": False}
-        seen = find(plan, views, kept=kept, face_id=shared, **options)
+        seen = find(plan, views, frame_cache=frame_cache, face_id=shared, **options)
         if seen.coverage.covered is None:
-            # The statistics look at the faces later.
+            # The statistics count covered pixels later.
             shared = None
         if plan.takes_first_depth:
             first_depth = workers.memory.empty(seen.coverage.face_id.shape, plan.depth_format.kind)
             seen = seen._replace(coverage=seen.coverage._replace(first_depth=first_depth))
         context = FrameContext(plan, cache, seen.placement, workers, seen)
         lit = view_warnings.lit_pixels(plan.facts, cache, seen.coverage.face_id)
-        # Prepare effects, shade, encode.
+        # Shade it.
         if plan.pictures == 1:
             result = frame_shading.shade_faces(
-                frame_shading.look_behind(context, find), kept, shared
+                frame_shading.with_opaque_pass(context, find), frame_cache, shared
             )
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
         share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
         clock("shade, resolve")
-        # Draw over it.
+        # Draw overlays.
         for overlay in plan.effects_at("overlay"):
             overlay.effect.places["overlay"](overlay.data, context, result["color"])
             clock(overlay.name)
-        # Fill what else was asked for.
+        # Fill the other outputs.
         if "coverage" in plan.outputs:
-            result["coverage"] = supersample.cover_pixels(context, accumulation, find)
+            result["coverage"] = supersample.measure_coverage(context, accumulation, find)
             clock("coverage")
         ground_truth.fill_buffers(
             plan, cache, seen.geometry, seen.placement, seen.coverage,
-            compare(planned, workers, clock), result, workers,
+            prepare_motion(planned, workers, clock), result, workers,
         )  # fmt: skip
         clock("buffers")
         diagnostics = None
@@ -299,7 +309,8 @@ def draw_frame(
                 seen.coverage, seen.objects, seen.geometry, plan.camera, workers, plan.depth_format
             )
             clock("diagnostics")
-        stats = stats_of(
+        # Assemble the frame.
+        stats = count_stats(
             seen.coverage, clock.seconds, None if shared is None else seen.coverage.covered
         )
         if "face_id" in plan.outputs:
@@ -307,8 +318,8 @@ def draw_frame(
             _ = stats.pixels_covered
         if missing := [name for name in plan.outputs if name not in result]:
             raise RuntimeError(f"nothing fills the outputs {missing}: see outputs/ground_truth.py")
-        shown = {name: result[name] for name in plan.outputs}
-        frame = Frame(shown, plan, stats, diagnostics, cache.face_starts)
+        outputs = {name: result[name] for name in plan.outputs}
+        frame = Frame(outputs, plan, stats, diagnostics, cache.face_starts)
         frame._white_share = share
         return frame, seen
 
@@ -319,7 +330,7 @@ def find_visible(
     workers: Workers,
     clock: Callable[[str], None],
     views: ViewTransforms | None = None,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
     face_id: NDArray[np.int32] | None = None,
     **changes: Any,
 ) -> RasterizedView:
@@ -333,56 +344,60 @@ def find_visible(
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
-    views : ViewTransforms, optional
-        Those of the plan's camera, where they are known.
-    kept : Kept, optional
-        What the picture before left: all that is returned, but for depth and face, lies there.
+    views : Views, optional
+        The transforms for the plan's camera, if known.
+    frame_cache : FrameCache, optional
+        With it, all returned arrays but depth and faces are cached ones.
     face_id : (H, W) int32, optional
-        Where the visible faces are written.
+        Receives the visible faces.
     **changes
-        Fields of ``plan.visibility`` that are otherwise.
+        Fields of ``plan.visibility`` to replace.
     """
     camera, arrays = plan.camera, cache.shapes.arrays
-    kept = kept or Kept(workers.memory, lasts=False)
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
     if views is None:
         views = object_transforms.transform_to_view(cache.transforms, camera, plan.size)
-    # Viewport, and face culling.
-    spacing = supersample.spacing_of(camera)
-    viewport = kept.made(
+    # Prepare the viewport and face culling.
+    spacing = supersample.sample_spacing_of_camera(camera)
+    viewport = frame_cache.get_or_make(
         "viewport", visibility_pass.make_viewport, plan.size, plan.quality.subpixel_bits,
-        plan.region, spacing,
+        plan.region,
+        spacing,
     )  # fmt: skip
-    objects = kept.made(
+    objects = frame_cache.get_or_make(
         "objects", object_transforms.cull_objects, plan.cull, views.screen_winding, views.mirrored,
         arrays.face_starts, cache.tables.is_single_sided, arrays.primitive_numbers,
     )  # fmt: skip
     clock("plan")
-    # Vertices, faces, lines and points.
+    # Collect vertices, faces, lines and points.
     vertices = visibility_pass.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative, arrays.unused,
     )  # fmt: skip
-    wanted = plan.visibility._replace(**changes)
-    if plan.layers is not None and not wanted.draws:
-        wanted = wanted._replace(
+    options = plan.visibility._replace(**changes)
+    if plan.layers is not None and not options.draws:
+        options = options._replace(
             sample_radius=make_sampled_viewport(viewport, plan.layers.samples).sample_radius
         )
     drawable = visibility_pass.Drawable(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
         alpha_tests=frame_shading.find_hit_tests(plan, cache),
-        primitives=collect_primitives(arrays.primitives, views.relative_from_model,
-        vertices.positions, views.clip_from_relative, plan.size, supersample.pixels_of(camera)),
+        primitives=collect_primitives(
+            arrays.primitives, views.relative_from_model, vertices.positions,
+            views.clip_from_relative, plan.size,
+            supersample.pixels_per_output_pixel(camera),
+        ),
         hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
     # Run visibility, then derive what shading and outputs read.
     coverage = visibility_pass.run_visibility(
-        drawable, wanted, workers, clock, kept=kept, face_id=face_id
+        drawable, options, workers, clock, frame_cache=frame_cache, face_id=face_id
     )
-    geometry = kept.made(
+    geometry = frame_cache.get_or_make(
         "geometry", visibility_pass.make_geometry, arrays.faces, coverage.screen,
         coverage.clip_positions, viewport, plan.is_affine,
     )  # fmt: skip
-    placement = _placement(arrays, views, kept)
+    placement = _place_objects(arrays, views, frame_cache)
     if plan.reads_depth:
         coverage = add_reversed_depth(
             plan.depth_format, camera, geometry, coverage, workers, placement
@@ -393,52 +408,55 @@ def find_visible(
 
 
 def _hidden_faces(plan: RenderPlan, arrays: SceneArrays) -> list[tuple[int, int]]:
-    """Return the runs of faces that a picture leaves out, ascending."""
+    """Return the ranges (first, stop) of faces that a picture leaves out, ascending."""
     if plan.hidden is None:
         return []
     starts = arrays.face_starts.tolist()
     return [(starts[n], starts[n + 1]) for n in np.flatnonzero(plan.hidden).tolist()]
 
 
-def _placement(arrays: SceneArrays, views: ViewTransforms, kept: Kept) -> Placement:
-    """Return the objects' placement, in the reused memory of the picture before."""
-    if not kept.lasts:
+def _place_objects(
+    arrays: SceneArrays, views: ViewTransforms, frame_cache: FrameCache
+) -> Placement:
+    """Return the objects' placement, in cached arrays if the cache is enabled."""
+    if not frame_cache.is_enabled:
         return make_placement(arrays, views)
-    front_windings = kept.made(
-        "turns", compute_front_windings, views.screen_winding, views.mirrored
+    front_windings = frame_cache.get_or_make(
+        "windings", compute_front_windings, views.screen_winding, views.mirrored
     )
-    return kept.made(
+    return frame_cache.get_or_make(
         "placement", Placement, arrays.face_starts, arrays.positions,
-        kept.copied("relative_from_model", views.relative_from_model[:, :3, :]),
-        kept.copied("normal_matrices", views.normal_matrices),
-        kept.copied("mirrored", views.mirrored), kept.copied("front_windings", front_windings),
-        kept.copied("toward_viewer", views.toward_viewer),
+        frame_cache.copy_into("relative_from_model", views.relative_from_model[:, :3, :]),
+        frame_cache.copy_into("normal_matrices", views.normal_matrices),
+        frame_cache.copy_into("mirrored", views.mirrored),
+        frame_cache.copy_into("front_windings", front_windings),
+        frame_cache.copy_into("toward_viewer", views.toward_viewer),
     )  # fmt: skip
 
 
-def compare(
+def prepare_motion(
     planned: PlannedFrame, workers: Workers, clock: Callable[[str], None]
 ) -> motion.MomentPair | None:
-    """Return the inputs of motion between a frame and its earlier view; ``None`` without one."""
-    if planned.earlier is None:
+    """Return the inputs of motion between a frame and its previous view; ``None`` without one."""
+    if planned.previous is None:
         return None
     now = planned.cache.shapes
     after, before = (
-        motion.make_moment(one.cache.shapes, now, one.views, one.plan.camera, one.plan.size)
-        for one in (planned, planned.earlier)
+        motion.make_moment(each.cache.shapes, now, each.views, each.plan.camera, each.plan.size)
+        for each in (planned, planned.previous)
     )
     previous_faces = None
     if "motion_visible" in planned.plan.outputs:
-        plan, cache, views = planned.earlier[:3]
+        plan, cache, views = planned.previous[:3]
         seen = find_visible(plan, cache, workers, clock, views)
         previous_faces = motion.PreviousFaces(seen.coverage.face_id, seen.objects.culled_windings)
     return motion.MomentPair(after, before, previous_faces)
 
 
-def stats_of(
+def count_stats(
     coverage: visibility_pass.Coverage, seconds: dict[str, float], covered: int | None = None
 ) -> FrameStats:
-    """Return the frame's statistics; counts covered pixels unless known."""
+    """Return the frame's statistics; ``covered`` pixels are counted when first read if None."""
     totals = coverage.totals
     return FrameStats(
         triangles_in=totals.faces_in,
@@ -455,29 +473,29 @@ def stats_of(
 
 
 def _callable_or_none(name: str, value: Any) -> Any:
-    """Return something that can be called, or ``None``; raise ``ValueError`` for anything else."""
+    """Return a callable or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not callable(value):
         raise ValueError(f"{name} must be a function or None, got {brief(value)}")
     return value
 
 
 def _set_or_none(name: str, value: Any) -> set[str] | None:
-    """Return a set as it is, or ``None``; raise ``ValueError`` for anything else."""
+    """Return a set, not copied, or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not isinstance(value, set):
         raise ValueError(f"{name} must be a set or None, got {brief(value)}")
     return value
 
 
-def _renderer_of(
+def _make_renderer(
     kind: type[Renderer], size: tuple[int, int], quality: Quality, threads: int | None
 ) -> Renderer:
-    """Return a new renderer of some settings."""
+    """Create a renderer, when one is unpickled."""
     return kind(size, quality=quality, threads=threads)
 
 
 class Renderer(Guarded):
     """
-    Renders frames of one size, keeping threads and what they have in common between them.
+    Renders frames of one size; keeps threads, and caches what frames have in common.
 
     Meshes, materials, transforms, lights and cameras may change from one frame to the next.
 
@@ -516,9 +534,9 @@ class Renderer(Guarded):
 
     on_picture: Callable[[], None] | None = None
     warned: set[str] | None
-    _cache: SceneCache | None = None
-    _last: RenderPlan | None = None
-    _lensed: lenses.LensPlan | None = None
+    _scene_cache: SceneCache | None = None
+    _last_plan: RenderPlan | None = None
+    _last_lens_plan: lenses.LensPlan | None = None
     _is_timed = False
 
     def __init__(
@@ -528,15 +546,18 @@ class Renderer(Guarded):
         self.quality = check_quality(quality)
         self._threads = threads
         self._workers = Workers(thread_count("threads", threads))
-        self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
-        self._bound = BoundFrames()
+        self._frame_cache, self._frame_cache_lock = (
+            FrameCache(self._workers.memory),
+            threading.Lock(),
+        )
+        self._recorded_frames = RecordedFrames()
         self.warned = set()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Be copied and pickled by its settings: the copy keeps nothing between frames yet."""
-        told = None if self.warned is None else set(self.warned)
-        state = {"on_picture": self.on_picture, "warned": told, "_is_timed": self._is_timed}
-        return _renderer_of, (type(self), self.size, self.quality, self._threads), state
+        """Copy and pickle a renderer by its settings, without its caches."""
+        warned = None if self.warned is None else set(self.warned)
+        state = {"on_picture": self.on_picture, "warned": warned, "_is_timed": self._is_timed}
+        return _make_renderer, (type(self), self.size, self.quality, self._threads), state
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -548,13 +569,13 @@ class Renderer(Guarded):
         cache: SceneCache | None = None,
     ) -> Renderer:  # fmt: skip
         """
-        Return one that draws each frame step by step, perhaps with a scene's cache.
+        Return a renderer that draws each frame step by step, without recorded calls.
 
-        So that each stage is timed; or for a pool, where recorded calls would take memory once per
+        For timing each stage; or for a pool, where recorded calls would take memory once per
         renderer.
         """
         renderer = cls(size, quality=quality, threads=threads)
-        renderer._is_timed, renderer._cache = True, cache
+        renderer._is_timed, renderer._scene_cache = True, cache
         return renderer
 
     def __enter__(self) -> Renderer:
@@ -569,15 +590,15 @@ class Renderer(Guarded):
         self.close()
 
     @property
-    def bytes_kept(self) -> int:
-        """Memory of recorded calls and of what frames reuse, about, bytes."""
-        return self._bound.bytes + self._workers.memory.bytes
+    def cached_bytes(self) -> int:
+        """Memory of recorded calls and of cached arrays, about."""
+        return self._recorded_frames.bytes + self._workers.memory.bytes
 
     def close(self) -> None:
-        """Let the threads go; a later render starts them again."""
+        """Stop the threads and clear the caches; a later render starts the threads again."""
         self._workers.close()
-        self._kept.clear()
-        self._bound.clear()
+        self._frame_cache.clear()
+        self._recorded_frames.clear()
 
     def render(
         self,
@@ -606,19 +627,19 @@ class Renderer(Guarded):
         Raises
         ------
         ValueError
-            Naming the argument that is wrong, before any kernel runs.
+            Naming the argument that is wrong, before anything is drawn.
         """
-        request = self._request(outputs, background, cull, diagnose, previous)
-        frame = self._render_asked(max_error, time_budget, what, camera, request, lens)
+        request = self._check_request(outputs, background, cull, diagnose, previous)
+        frame = self._render_request(max_error, time_budget, what, camera, request, lens)
         if self.warned is not None:
             view_warnings.warn(view_warnings.warnings_of_frame(frame), self.warned)
         return frame
 
-    def _request(self, *asked: Any) -> FrameRequest:
-        """Return what is asked of a frame of this size and quality, checked."""
-        return check_request(self.size, self.quality, *asked)
+    def _check_request(self, *arguments: Any) -> FrameRequest:
+        """Check the arguments of a frame of this size and quality, and return them."""
+        return check_request(self.size, self.quality, *arguments)
 
-    def _render_asked(
+    def _render_request(
         self,
         max_error: float | None,
         time_budget: float | None,
@@ -627,39 +648,42 @@ class Renderer(Guarded):
         request: FrameRequest,
         lens: Lens | None,
     ) -> Frame:
-        """Render one frame, in this renderer's quality or one chosen by error or time."""
+        """Render one frame: with a lens, or in the given quality or one chosen by error or time."""
         if lens is not None:
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
                     raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
-            return self._render_with(lens, pose_input(what), camera, request)
+            return self._render_with_lens(lens, pose_input(what), camera, request)
         if max_error is not None:
-            return self._render_within(max_error, time_budget, pose_input(what), camera, request)
+            return self._render_to_error_bound(
+                max_error, time_budget, pose_input(what), camera, request
+            )
         if time_budget is not None:
-            return self._render_in_time(time_budget, what, camera, request)
-        return self._render(request, pose_input(what), camera)
+            return self._render_to_time_budget(time_budget, what, camera, request)
+        return self._plan_and_draw(request, pose_input(what), camera)
 
-    def _render(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> Frame:
+    def _plan_and_draw(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> Frame:
         """Render one frame of a scene that `pose_input` returned."""
         clock = StageClock()
         planned = self._plan(request, scene, camera)
-        return self._draw_bound(planned, clock) or self._draw(planned, clock=clock)
+        frame = self._replay_recorded_calls(planned, clock)
+        return frame or self._draw_step_by_step(planned, clock=clock)
 
-    def _render_with(
+    def _render_with_lens(
         self, lens: Lens, scene: Scene, camera: Camera | None, request: FrameRequest
     ) -> Frame:
         """Render one frame with a lens."""
-        planned = lenses.plan_lensed(
-            lens, request, scene, camera, self._workers, self._cache, self._lensed
+        planned = lenses.plan_with_lens(
+            lens, request, scene, camera, self._workers, self._scene_cache, self._last_lens_plan
         )
-        self._cache, self._lensed = planned.pictures[-1].cache, planned
+        self._scene_cache, self._last_lens_plan = planned.pictures[-1].cache, planned
 
-        def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, RasterizedView]:
-            return draw_frame(one, self._workers, None, clock, self.on_picture)
+        def draw(picture: PlannedFrame, clock: StageClock) -> tuple[Frame, RasterizedView]:
+            return draw_frame(picture, self._workers, None, clock, self.on_picture)
 
-        return lenses.draw_lensed(planned, self._workers, draw)
+        return lenses.draw_with_lens(planned, self._workers, draw)
 
-    def _render_in_time(
+    def _render_to_time_budget(
         self,
         time_budget: float,
         what: Any,
@@ -667,7 +691,7 @@ class Renderer(Guarded):
         request: FrameRequest,
         is_lone: bool = False,
     ) -> Frame:
-        """Render one frame in the best quality within a time; a single render caches nothing."""
+        """Render one frame in the best quality within a time; ``is_lone``: without any cache."""
         budget = positive_number("time_budget", time_budget)
         scene = pose_input(what)
         circumstances = (
@@ -676,17 +700,16 @@ class Renderer(Guarded):
         )  # fmt: skip
 
         def draw(quality: Quality) -> Frame:
-            own = request._replace(quality=quality)
+            candidate = request._replace(quality=quality)
             if not is_lone:
-                return self._render(own, scene, camera)
-            # What is kept from frame to frame is not there for a lone one.
-            with Renderer(self.size, threads=self._workers.threads) as lone:
-                return lone._render(own, scene, camera)
+                return self._plan_and_draw(candidate, scene, camera)
+            with Renderer(self.size, threads=self._workers.threads) as renderer:
+                return renderer._plan_and_draw(candidate, scene, camera)
 
-        times = quality_selection.times_of(what, circumstances)
-        return quality_selection.draw_in_time(budget, times, draw)
+        times = quality_selection.get_frame_times(what, circumstances)
+        return quality_selection.draw_within_time(budget, times, draw)
 
-    def _render_within(
+    def _render_to_error_bound(
         self,
         max_error: float,
         time_budget: float | None,
@@ -695,31 +718,33 @@ class Renderer(Guarded):
         request: FrameRequest,
     ) -> Frame:
         """Render one frame in the fastest quality within an error bound."""
-        bound = positive_number("max_error", max_error)
+        max_error = positive_number("max_error", max_error)
         if time_budget is not None:
             raise ValueError(
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
             )
-        wanted = request.outputs
+        requested = request.outputs
         request = request._replace(
-            outputs=tuple(dict.fromkeys((*wanted, *quality_selection.LIGHT)))
+            outputs=tuple(dict.fromkeys((*requested, *quality_selection.COMPARED_OUTPUTS)))
         )
         refined = self._refine(request, scene, camera, ())
         drawn: list[Frame] = []
 
         def draw(quality: Quality) -> Frame:
-            drawn[:] = [self._render(request._replace(quality=quality), scene, camera)]
+            drawn[:] = [self._plan_and_draw(request._replace(quality=quality), scene, camera)]
             return drawn[0]
 
         def sweep() -> Iterator[Frame]:
-            picture = replace(Quality.reference(), samples=1)
+            picture = request._replace(
+                quality=replace(Quality.reference(), samples=1),
+                outputs=quality_selection.COMPARED_OUTPUTS, diagnose=False, previous=None,
+            )  # fmt: skip
             for is_turned in (False, True):
                 swept = supersample.SweptCamera(drawn[0].plan.camera, (0.0, 0.0), 1.0, is_turned)
-                own = request._replace(quality=picture, outputs=quality_selection.LIGHT)
-                yield self._render(own._replace(diagnose=False, previous=None), scene, swept)
+                yield self._plan_and_draw(picture, scene, swept)
 
-        frame = quality_selection.draw_within_error(bound, draw, refined, sweep)
-        return select_outputs(frame, wanted)
+        frame = quality_selection.draw_within_error(max_error, draw, refined, sweep)
+        return select_outputs(frame, requested)
 
     def refine(
         self,
@@ -757,63 +782,64 @@ class Renderer(Guarded):
         ValueError
             At once, naming the argument that is wrong.
         """
-        before = [check_quality(one, "each of first") for one in sequence("first", first)]
-        request = self._request(outputs, background, cull, diagnose, previous)
-        return self._refine(request, pose_input(what), camera, before)
+        qualities = [check_quality(each, "each of first") for each in sequence("first", first)]
+        request = self._check_request(outputs, background, cull, diagnose, previous)
+        return self._refine(request, pose_input(what), camera, qualities)
 
     def _refine(
         self, request: FrameRequest, scene: Scene, camera: Camera | None, first: Sequence[Quality]
     ) -> Iterator[Frame]:
         """Render one frame in some qualities, and then as the reference, step by step."""
-        qualities = *first, Quality.reference()
-        *before, best = [
-            self._plan(request._replace(quality=one), scene, camera) for one in qualities
+        *previews, reference = [
+            self._plan(request._replace(quality=quality), scene, camera)
+            for quality in (*first, Quality.reference())
         ]
-        last = [best._replace(plan=step) for step in supersample.steps(best.plan)]
-        return self._draw_all([*before, *last])
+        steps = [
+            reference._replace(plan=plan) for plan in supersample.split_into_steps(reference.plan)
+        ]
+        return self._draw_progressively([*previews, *steps])
 
-    def _draw_all(self, planned: Sequence[PlannedFrame]) -> Iterator[Frame]:
+    def _draw_progressively(self, frames: Sequence[PlannedFrame]) -> Iterator[Frame]:
         """Draw frames one after the other, each from the pictures of those before it."""
         accumulation = Accumulation()
-        for one in planned:
-            yield self._draw(one, accumulation)
+        for planned in frames:
+            yield self._draw_step_by_step(planned, accumulation)
 
-    def _draw_bound(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
+    def _replay_recorded_calls(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
         """Draw a frame by recorded calls; None: it must be drawn step by step."""
-        is_watched = self._is_timed or self.on_picture is not None
-        if is_watched or not is_small(planned):
-            self._bound.clear()
+        is_observed = self._is_timed or self.on_picture is not None
+        if is_observed or not is_small(planned):
+            self._recorded_frames.clear()
             return None
-        if not self._keeping.acquire(blocking=False):
+        if not self._frame_cache_lock.acquire(blocking=False):
             return None
         try:
-            drawn = self._bound.draw(planned, self._workers.memory)
+            drawn = self._recorded_frames.draw(planned, self._workers.memory)
         finally:
-            self._keeping.release()
+            self._frame_cache_lock.release()
         if drawn is None:
             return None
         clock("all stages")
-        return frame_of_totals(planned, *drawn, clock.seconds)
+        return assemble_frame(planned, *drawn, clock.seconds)
 
-    def _draw(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
-        """Draw a frame."""
-        options["on_picture"] = self.on_picture
-        # Of concurrent frames, only one uses the reused memory.
-        options["needs_seen"] = False
-        if not self._keeping.acquire(blocking=False):
+    def _draw_step_by_step(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
+        """Draw a frame, stage by stage."""
+        options |= {"on_picture": self.on_picture, "needs_seen": False}
+        # Of concurrent frames, only one uses the cache.
+        if not self._frame_cache_lock.acquire(blocking=False):
             return draw_frame(planned, self._workers, *arguments, **options)[0]
-        options["kept"] = self._kept
+        options["frame_cache"] = self._frame_cache
         try:
             return draw_frame(planned, self._workers, *arguments, **options)[0]
         except BaseException:
-            # A thread may still draw there.
-            self._kept.clear()
+            # A thread may still write to cached arrays.
+            self._frame_cache.clear()
             raise
         finally:
-            self._keeping.release()
+            self._frame_cache_lock.release()
 
     def _plan(self, request: FrameRequest, scene: Scene, camera: Camera | None) -> PlannedFrame:
-        """Decide what a frame needs."""
-        planned = plan_views(request, scene, camera, self._cache, self._last)
-        self._cache, self._last = planned.cache, planned.plan
+        """Decide what a frame needs, reusing what still holds of the last frame."""
+        planned = plan_frame(request, scene, camera, self._scene_cache, self._last_plan)
+        self._scene_cache, self._last_plan = planned.cache, planned.plan
         return planned

@@ -1,10 +1,10 @@
 """
 A pool of renderers: draw frames of one scene in several threads, small ones in groups.
 
-`views_at_once` chooses the size of groups after the first frame: its plan tells whether views of
-the scene are eligible. Groups are drawn by recorded calls (``batch_scheduler.py``), other views
-alone, and so is a group in which anything fails: an error is raised for its view, after the frames
-before it.
+`views_at_once` chooses the size of groups after the first frame, whose plan tells whether views of
+the scene are eligible. Groups are drawn by recorded calls (``batch_scheduler.py``). Other views are
+drawn one by one, and so is a group in which anything fails: an error is raised for its view, after
+the frames before it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -24,15 +24,14 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.rendering import batch, batch_scheduler, view_warnings
-from rasterjit.rendering.batch import AHEAD, Pace, scene_at
+from rasterjit.rendering.batch import FRAMES_AHEAD_PER_WORKER, Pace, scene_at
 from rasterjit.rendering.batch_scheduler import (
-    COUNTED,
     BatchCache,
     BatchScheduler,
     GroupRenderer,
     can_batch,
 )
-from rasterjit.rendering.planning import FrameRequest, plan_frame
+from rasterjit.rendering.planning import FrameRequest, make_plan
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.scene.camera import Camera
@@ -41,14 +40,14 @@ from rasterjit.survey import object_transforms
 from rasterjit.survey.cache import SceneCache, update_cache
 from rasterjit.survey.plan import RenderPlan
 
-BYTES_AT_ONCE = 1 << 23
-"""Most memory for the pictures of a group."""
+MAX_GROUP_BYTES = 1 << 23
+"""Most memory for the outputs of a group."""
 
 
-def may_gain(scene: Scene, options: FrameRequest, threads: int, room: int) -> bool:
-    """Tell, without a plan, whether views may be drawn in one go: see `views_at_once`."""
-    is_small = batch.work_of(options.size, scene) <= batch.MAX_WORK
-    return threads == 1 and room > 1 and is_small and batch_scheduler.is_possible(options)
+def may_pay(scene: Scene, options: FrameRequest, threads: int, max_at_once: int) -> bool:
+    """Tell, without a plan, whether groups of views may pay: see `views_at_once`."""
+    is_small = batch.estimate_work(options.size, scene) <= batch.MAX_WORK
+    return threads == 1 and max_at_once > 1 and is_small and batch_scheduler.may_batch(options)
 
 
 def views_at_once(
@@ -57,122 +56,120 @@ def views_at_once(
     cache: SceneCache,
     options: FrameRequest,
     threads: int,
-    room: int,
+    max_at_once: int,
 ) -> int:
     """
-    Return how many views a thread draws in one go; 1: each is drawn alone.
+    Return how many views a thread draws as one group; 1: each is drawn alone.
 
-    Alone are views that share too little (`can_batch`: see there), that several threads draw
-    together, of which there is no room for some, or so large that a group of them would take long
-    or much memory, and gain nothing.
+    Views are drawn alone if they are ineligible (`can_batch`), if several threads draw each of
+    them, or if they are so large that a group would take long or much memory, and gain nothing.
 
     Parameters
     ----------
     plan : RenderPlan
-        Of one of them.
+        Of one view.
     scene : Scene
     cache : SceneCache
         Of the scene.
     options : FrameRequest
     threads : int
-        How many draw each view.
-    room : int
-        Most that may be drawn in one go.
+        Threads for each view.
+    max_at_once : int
+        Most views of a group.
     """
-    if not may_gain(scene, options, threads, room) or not can_batch(plan, scene, cache):
+    if not may_pay(scene, options, threads, max_at_once) or not can_batch(plan, scene, cache):
         return 1
-    work = batch.work_of(options.size, scene)
-    shapes = batch.shapes_of(scene, 1, options).values()
+    work = batch.estimate_work(options.size, scene)
+    shapes = batch.find_output_shapes(scene, 1, options).values()
     view_bytes = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes)
-    most = room, batch.VIEWS_PER_GROUP, batch.WORK_PER_GROUP // work, BYTES_AT_ONCE // view_bytes
-    return max(1, min(most))
+    by_work, by_memory = batch.MAX_WORK_PER_STREAM_GROUP // work, MAX_GROUP_BYTES // view_bytes
+    return max(1, min(max_at_once, batch.MAX_VIEWS_PER_GROUP, by_work, by_memory))
 
 
 class GrowingPace(Pace):
     """
-    Prefetch few single views at first, for latency; then groups, if the first frame allows it.
+    Prefetches single views at first, for low latency; then groups, if the first frame allows it.
 
     Parameters
     ----------
     scene : Scene
     options : FrameRequest
     workers : int
-        How many threads, or processes, draw views.
+        Threads or processes that draw views.
     threads : int
-        How many draw each view with one of those.
+        Threads of each worker.
     prefetch : int, optional
-        Most frames that are drawn, or being drawn, ahead of the one taken last. Default: of each
-        worker one in work, one waiting; or one group of each, where all cameras are known.
+        Most frames begun and not yet taken. Default: for each worker one being drawn, one waiting;
+        or one group of each, if the number of cameras is known.
     count : int, optional
-        How many cameras there are; ``None`` -> they come as they are asked for.
+        Number of cameras, if known.
     """
 
     def __init__(
         self, scene: Scene, options: FrameRequest, workers: int, threads: int,
         prefetch: int | None = None, count: int | None = None,
     ) -> None:  # fmt: skip
-        turns = AHEAD * workers
-        super().__init__(1, min(prefetch or turns, turns))
+        tasks_ahead = FRAMES_AHEAD_PER_WORKER * workers
+        super().__init__(1, min(prefetch or tasks_ahead, tasks_ahead))
         self._scene, self._options, self._threads = scene, options, threads
-        self._turns, self._prefetch, self._count = turns, prefetch, count
+        self._tasks_ahead, self._prefetch, self._count = tasks_ahead, prefetch, count
         self._is_decided = False
 
-    def see(self, first: Frame, cache: SceneCache | None) -> None:
-        """Decide once, given the first frame, and what is known of its scene."""
+    def adapt(self, first: Frame, cache: SceneCache | None) -> None:
+        """Decide the size of groups once, given the first frame and its scene's cache."""
         if self._is_decided:
             return
         self._is_decided = True
-        begun, self.ahead = self.ahead, self._prefetch or self._turns
-        room = self.ahead // self._turns
+        begun, self.ahead = self.ahead, self._prefetch or self._tasks_ahead
+        max_at_once = self.ahead // self._tasks_ahead
         if self._prefetch is None and self._count is not None:
-            # All of them have their share of what is not begun.
-            room = -(-(self._count - begun) // self._turns)
+            # Share the views that are not yet begun evenly among the tasks.
+            max_at_once = -(-(self._count - begun) // self._tasks_ahead)
         scene, options = self._scene, self._options
-        # The plan is made for it, if it is there late.
-        if not may_gain(scene, options, self._threads, room):
+        # Only now read the plan, which a `LazyFrame` makes for it.
+        if not may_pay(scene, options, self._threads, max_at_once):
             return
-        cache = cache or prepare_for(scene, options)
-        self.at_once = views_at_once(first.plan, scene, cache, options, self._threads, room)
-        self.ahead = self._prefetch or self._turns * self.at_once
+        cache = cache or prepare_scene(scene, options)
+        self.at_once = views_at_once(first.plan, scene, cache, options, self._threads, max_at_once)
+        self.ahead = self._prefetch or self._tasks_ahead * self.at_once
 
 
-def prepare_for(scene: Scene, options: FrameRequest) -> SceneCache:
-    """Return what views of a scene have in common."""
+def prepare_scene(scene: Scene, options: FrameRequest) -> SceneCache:
+    """Analyse the nodes of a scene, for all views."""
     return update_cache(scene.nodes, None, options.quality, scene.environment is not None)
 
 
 class ViewResult(NamedTuple):
-    """The result of a view: its frame and warnings, or an error."""
+    """The frame of a view with its warnings, or its error."""
 
     result: Frame | Exception
-    notices: dict[str, str]
+    warnings: dict[str, str]
 
-    def taken(self, told: set[str]) -> Frame:
-        """Return the frame and issue new warnings, or raise the error."""
+    def unwrap(self, warned: set[str]) -> Frame:
+        """Return the frame and issue warnings of kinds not in ``warned``, or raise the error."""
         if isinstance(self.result, Exception):
             raise self.result
-        view_warnings.warn(self.notices, told)
+        view_warnings.warn(self.warnings, warned)
         return self.result
 
 
-class Shared(NamedTuple):
+class GroupState(NamedTuple):
     """State shared by the threads that draw groups of views."""
 
-    kept: BatchCache
-    moment: SceneSnapshot
+    batch_cache: BatchCache
+    snapshot: SceneSnapshot
     group_size: int
-    """How many views are drawn in one go."""
+    """Views of a group."""
 
     @classmethod
     def of(
         cls, scene: Scene, cache: SceneCache, options: FrameRequest, group_size: int,
         first: RenderPlan | None = None,
-    ) -> Shared:  # fmt: skip
-        """Return what it takes to draw groups of so many views, perhaps with the plan of one."""
-        kept = BatchCache(cache)
-        kept.first = first
-        own = SceneSnapshot(scene, cache, options)
-        return cls(kept, own, group_size)
+    ) -> GroupState:  # fmt: skip
+        """Create the state for groups of a size, given the plan of a view, if there is one."""
+        batch_cache = BatchCache(cache)
+        batch_cache.first = first
+        return cls(batch_cache, SceneSnapshot(scene, cache, options), group_size)
 
 
 class PoolWorker:
@@ -184,7 +181,7 @@ class PoolWorker:
     scene : Scene
     options : FrameRequest
     threads : int
-        That draw each frame.
+        Threads for each frame.
     cache : SceneCache, optional
         Of the scene.
     """
@@ -192,105 +189,108 @@ class PoolWorker:
     def __init__(
         self, scene: Scene, options: FrameRequest, threads: int, cache: SceneCache | None = None
     ) -> None:
-        cache = cache or prepare_for(scene, options)
+        cache = cache or prepare_scene(scene, options)
         self._scene, self._options, self._cache = scene, options, cache
         self._renderer = Renderer.timed(options.size, options.quality, threads, cache)
         self._arrays: dict[str, NDArray[Any]] = {}
-        self._group: tuple[GroupRenderer, Shared] | None = None
+        self._group: tuple[GroupRenderer, GroupState] | None = None
 
     def close(self) -> None:
-        """Release its threads and its memory."""
+        """Stop the threads, and release the memory."""
         self._renderer.close()
         if self._group is not None:
             self._group[0].close()
 
-    def draw(self, cameras: Sequence[Camera], shared: Shared | None = None) -> deque[ViewResult]:
+    def draw(
+        self, cameras: Sequence[Camera], group_state: GroupState | None = None
+    ) -> deque[ViewResult]:
         """
         Draw views until one fails.
 
         Parameters
         ----------
         cameras : sequence of Camera
-        shared : Shared, optional
-            Default: nothing is shared with other threads.
+        group_state : GroupState, optional
+            Default: not shared with other threads.
         """
-        found: dict[int, ViewResult] = {}
+        of_group: dict[int, ViewResult] = {}
         if len(cameras) > 1:
-            try:
-                found = self._draw_group(cameras, shared)
-            except Exception:
-                # Drawn alone, the view that it is of raises it, after those before it.
-                found = {}
-        begun: deque[ViewResult] = deque()
+            # After an error all views are drawn alone: the one that causes it raises it again.
+            with suppress(Exception):
+                of_group = self._draw_group(cameras, group_state)
+        results: deque[ViewResult] = deque()
         for n, camera in enumerate(cameras):
-            begun.append(found.pop(n) if n in found else self._draw_alone(camera))
-            if isinstance(begun[-1].result, Exception):
+            results.append(of_group.pop(n) if n in of_group else self._draw_alone(camera))
+            if isinstance(results[-1].result, Exception):
                 break
-        return begun
+        return results
 
     def _draw_alone(self, camera: Camera) -> ViewResult:
         """Draw a view as `rasterjit.render` does."""
         try:
             # The pool warns once, for all of them.
-            frame = self._renderer._render(self._options, self._scene, camera)
+            frame = self._renderer._plan_and_draw(self._options, self._scene, camera)
         except Exception as error:
             return ViewResult(error, {})
         return ViewResult(frame, view_warnings.warnings_of_frame(frame))
 
     def _draw_group(
-        self, cameras: Sequence[Camera], shared: Shared | None
+        self, cameras: Sequence[Camera], group_state: GroupState | None
     ) -> dict[int, ViewResult]:
-        """Draw those views, by their numbers, that have a place in a group."""
+        """Draw the eligible views as a group; return their results by index."""
         clock = StageClock()
-        drawer, own = self._drawer_of(len(cameras), shared)
-        counts, is_drawn, told = drawer.draw(range(len(cameras)), cameras, None)
+        drawer, state = self._get_drawer(len(cameras), group_state)
+        counts, is_drawn, warnings = drawer.draw(range(len(cameras)), cameras, None)
         clock("all stages")
         drawn = np.flatnonzero(is_drawn).tolist()
-        found, starts = {}, self._cache.shapes.arrays.face_starts
+        results, starts = {}, self._cache.shapes.arrays.face_starts
         for n in drawn:
             arrays = {name: array[n].copy() for name, array in self._arrays.items()}
-            *counted, covered = counts[n].tolist()
-            named = dict(zip(COUNTED, counted, strict=False))
-            seconds = {stage: of_all / len(drawn) for stage, of_all in clock.seconds.items()}
-            stats = FrameStats(**named, seconds=seconds, face_id=covered)
-            plan = partial(own.moment.plan, cameras[n])
-            found[n] = ViewResult(LazyFrame(arrays, plan, stats, starts), told.of(n))
-        return found
+            seconds = {stage: total / len(drawn) for stage, total in clock.seconds.items()}
+            stats = batch.make_stats(counts[n], seconds)
+            plan = partial(state.snapshot.plan, cameras[n])
+            results[n] = ViewResult(LazyFrame(arrays, plan, stats, starts), warnings.of(n))
+        return results
 
-    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[GroupRenderer, Shared]:
-        """Return what draws groups of so many views or fewer, and what it shares."""
+    def _get_drawer(
+        self, count: int, group_state: GroupState | None
+    ) -> tuple[GroupRenderer, GroupState]:
+        """Return the drawer of groups of up to ``count`` views, and its state."""
         if self._group is not None and count > self._group[1].group_size:
-            # A worker drew a smaller group before.
+            # The worker drew smaller groups before.
             self._group[0].close()
             self._group = None
         if self._group is None:
-            shared = shared or Shared.of(self._scene, self._cache, self._options, count)
-            self._group = self._make_drawer(shared), shared
+            group_state = group_state or GroupState.of(
+                self._scene, self._cache, self._options, count
+            )
+            self._group = self._make_drawer(group_state), group_state
         return self._group
 
-    def _make_drawer(self, shared: Shared) -> GroupRenderer:
-        """Return what draws groups, into memory of its own."""
-        shapes = batch.shapes_of(self._scene, shared.group_size, self._options)
+    def _make_drawer(self, group_state: GroupState) -> GroupRenderer:
+        """Create a drawer of groups, with memory for their outputs."""
+        shapes = batch.find_output_shapes(self._scene, group_state.group_size, self._options)
         self._arrays = {name: np.empty(*of_all) for name, of_all in shapes.items()}
         return GroupRenderer(
             BatchScheduler(
-                self._scene, shared.kept, self._options, self._arrays, lambda _: self._scene
+                self._scene, group_state.batch_cache, self._options, self._arrays,
+                lambda _: self._scene,
             )
         )  # fmt: skip
 
 
 class RendererPool:
     """
-    Draws frames of one scene, each alone or several in one go, in several threads.
+    Draws frames of one scene, alone or in groups, in several threads.
 
     Parameters
     ----------
     scene : Scene
     options : FrameRequest
     workers : int
-        How many threads draw views.
+        Threads that draw views.
     threads : int
-        How many draw each view with one of those.
+        Threads of each worker.
     pace : GrowingPace
     """
 
@@ -301,20 +301,20 @@ class RendererPool:
         self._workers, self._threads = workers, threads
         self.pace = pace
         self._process = os.getpid()
-        self._idle: queue.SimpleQueue[PoolWorker] = queue.SimpleQueue()
+        self._idle_workers: queue.SimpleQueue[PoolWorker] = queue.SimpleQueue()
         self._pool_workers: list[PoolWorker] = []
-        self._told: set[str] = set()
-        self._shared: Shared | None = None
+        self._warned: set[str] = set()
+        self._group_state: GroupState | None = None
 
     def __enter__(self) -> RendererPool:
         self._process = os.getpid()
         self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="rasterjit-many")
-        # They share what follows from the scene alone.
-        self._cache = prepare_for(self._scene, self._options)
+        # The workers share the scene's cache.
+        self._cache = prepare_scene(self._scene, self._options)
         for _ in range(self._workers):
             pool_worker = PoolWorker(self._scene, self._options, self._threads, self._cache)
             self._pool_workers.append(pool_worker)
-            self._idle.put(pool_worker)
+            self._idle_workers.put(pool_worker)
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -326,50 +326,50 @@ class RendererPool:
             pool_worker.close()
 
     def submit(self, cameras: list[Camera]) -> Future[deque[ViewResult]]:
-        """Begin the frames of some cameras, in one go."""
+        """Begin the frames of some cameras, as one task."""
         return self._pool.submit(self._draw, cameras)
 
-    def take(self, begun: Future[deque[ViewResult]]) -> Frame:
-        """Return the next of frames that were begun in one go, when they are done."""
+    def take(self, task: Future[deque[ViewResult]]) -> Frame:
+        """Wait for the next frame of a task, and return it."""
         if self._process != os.getpid():
             raise RuntimeError(
                 "frames cannot be taken from an iterator that was begun before the process was "
                 "forked: its threads are in the parent; call render_many again here"
             )
-        frame = begun.result().popleft().taken(self._told)
-        self.pace.see(frame, self._cache)
-        if self._shared is None and self.pace.at_once > 1:
-            self._shared = Shared.of(
+        frame = task.result().popleft().unwrap(self._warned)
+        self.pace.adapt(frame, self._cache)
+        if self._group_state is None and self.pace.at_once > 1:
+            self._group_state = GroupState.of(
                 self._scene, self._cache, self._options, self.pace.at_once, frame.plan
             )
         return frame
 
     def _draw(self, cameras: list[Camera]) -> deque[ViewResult]:
-        """Draw frames in one go."""
-        pool_worker = self._idle.get()
+        """Draw the frames of a task by a free worker."""
+        pool_worker = self._idle_workers.get()
         try:
-            return pool_worker.draw(cameras, self._shared)
+            return pool_worker.draw(cameras, self._group_state)
         finally:
-            self._idle.put(pool_worker)
+            self._idle_workers.put(pool_worker)
 
 
 def draw_in_turns(
     scene: Scene, cameras: Sequence[Camera], options: FrameRequest, threads: int
 ) -> Iterator[Frame]:
     """
-    Yield one frame for each camera, in order; nothing is drawn while the caller has one.
+    Yield one frame for each camera, in order, as `render_many` does, but without prefetching.
 
-    Each is drawn by all threads, or some are drawn in one go by each of them. As `render_many`
-    draws them they are the same, without what is drawn ahead: the caller's work takes longer.
+    All threads draw one frame after the other, or each thread a group. For callers whose own work
+    on a frame takes longer.
     """
-    cache = prepare_for(scene, options)
-    told: set[str] = set()
+    cache = prepare_scene(scene, options)
+    warned: set[str] = set()
     with ExitStack() as stack:
         alone = stack.enter_context(closing(PoolWorker(scene, options, threads, cache)))
-        first = alone.draw(cameras[:1]).popleft().taken(told)
-        room = -(-(len(cameras) - 1) // threads)
-        count = views_at_once(first.plan, scene, cache, options, 1, room)
-        shared = Shared.of(scene, cache, options, count, first.plan)
+        first = alone.draw(cameras[:1]).popleft().unwrap(warned)
+        max_at_once = -(-(len(cameras) - 1) // threads)
+        count = views_at_once(first.plan, scene, cache, options, 1, max_at_once)
+        group_state = GroupState.of(scene, cache, options, count, first.plan)
         yield first
         pool_workers: list[PoolWorker] = [alone]
         each: Callable[..., Iterator[deque[ViewResult]]] = map
@@ -384,15 +384,17 @@ def draw_in_turns(
         for start in range(1, len(cameras), count * len(pool_workers)):
             starts = range(start, start + count * len(pool_workers), count)
             groups = [cameras[n : n + count] for n in starts]
-            drawn = each(lambda one, group: one.draw(group, shared), pool_workers, groups)
-            for begun in list(drawn):
-                while begun:
-                    yield begun.popleft().taken(told)
+            drawn = each(
+                lambda worker, group: worker.draw(group, group_state), pool_workers, groups
+            )
+            for results in list(drawn):
+                while results:
+                    yield results.popleft().unwrap(warned)
 
 
 class LazyFrame(Frame):
     """
-    A frame whose plan is made when it is first asked for.
+    A frame whose plan is made when first read.
 
     Parameters
     ----------
@@ -412,19 +414,19 @@ class LazyFrame(Frame):
         face_starts: NDArray[np.int64] | None = None,
     ) -> None:
         self._plan: RenderPlan | Callable[[], RenderPlan]
-        # The setter takes what makes it as well.
+        # The setter takes a function as well.
         plan: Any = make_plan
         super().__init__(outputs, plan, stats, None, face_starts)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: the plan, not all that it is made from."""
+        """Return the state to pickle: with the plan, without the scene that it is made from."""
         return {**self.__dict__, "_plan": self.plan}
 
     @property
     def plan(self) -> RenderPlan:
-        """What was decided for this frame."""
+        """The plan of this frame, made on first use."""
         if not isinstance(self._plan, RenderPlan):
-            # What makes it holds the scene: that is let go.
+            # This also releases the scene that `make_plan` holds.
             self._plan = self._plan()
         return self._plan
 
@@ -456,6 +458,6 @@ class SceneSnapshot:
         views = object_transforms.transform_to_view(
             self._cache.transforms, camera, self._request.size
         )
-        return plan_frame(
+        return make_plan(
             self._request, self._scene, camera, self._cache.inventory_and_extents, views
         )

@@ -2,9 +2,9 @@
 Supersample: draw whole pictures with sub-pixel offsets (jitter), and average them.
 
 The mean is taken in linear light or in codes. Every sample is rasterized and shaded: pictures share
-only shadow maps. These are drawn once for each step: the first 4 pictures, the rest of the first
-16, and so on, four steps at most. Each step first runs visibility of all its pictures, and fits the
-maps to them.
+only shadow maps. These are drawn once per step, of which there are at most four: the first 4
+pictures, the rest of the first 16, and so on. Each step first runs visibility of all its pictures,
+and fits the maps to them.
 
 The samples are the centres of the cells of a grid over the pixel, ordered so that the first 4, 16,
 64 ... are spread evenly: one in each quarter, in each quarter of a quarter, and so on. Within its
@@ -36,7 +36,7 @@ from rasterjit.pipeline.visibility.visibility_pass import RasterizedView
 from rasterjit.rendering import frame_shading, resolve_layers
 from rasterjit.rendering.lens_views import PictureCamera
 from rasterjit.rendering.pass_runner import IMMEDIATE
-from rasterjit.runtime.progress import PICTURES
+from rasterjit.runtime.progress import PICTURE_COUNTERS
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.reference_shader import decode_codes
@@ -47,7 +47,7 @@ from rasterjit.survey.plan import RenderPlan
 Offset = tuple[float, float]
 """From the centre of a pixel to the right and down, pixels."""
 
-QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
+QUARTER_ORDER = ((0, 0), (1, 1), (1, 0), (0, 1))
 """Column and row of the quarters of a square, in sampling order."""
 
 
@@ -58,21 +58,21 @@ class Accumulation:
     Attributes
     ----------
     count : int
-        How many there are.
+        Pictures in ``sums``.
     sums : (H, W, 4) float64 or None
         The sum of their linear colours, or codes, times alpha, and of alpha; ``None`` before the
         first.
-    covering : int
-        How many of them have been looked at for what they cover.
-    covered : (H, W) int32 or None
-        How many of those a face covers; ``None`` before the first.
+    counted_pictures : int
+        Pictures in ``covered_counts``.
+    covered_counts : (H, W) int32 or None
+        In how many pictures a face covers each pixel; ``None`` before the first.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.sums: NDArray[np.float64] | None = None
-        self.covering = 0
-        self.covered: NDArray[np.int32] | None = None
+        self.counted_pictures = 0
+        self.covered_counts: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,10 @@ class MovedCamera:
     ----------
     camera : Camera
     offset : (float, float)
-        How far beside them: to the right and down, pixels.
+        To the right and down, pixels.
     spacing : float
-        How far apart the samples lie that a pixel is the mean of, pixels: what textures are
-        filtered for. A power of two.
+        Distance of the samples whose mean a pixel is, pixels, for which textures are filtered. A
+        power of two.
     """
 
     camera: Camera
@@ -99,7 +99,7 @@ class MovedCamera:
         return self.camera.view_matrix()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, moved across the screen by a multiple of w."""
+        """Return ``clip_from_view``, shifted across the screen by the offset."""
         matrix = self.camera.projection_matrix(size).copy()
         (x, y), (width, height) = self.offset, size
         matrix[0] -= (2.0 * x / width) * matrix[3]
@@ -111,11 +111,11 @@ class MovedCamera:
         return self.camera.eye_position()
 
     def depth_coefficients(self) -> tuple[float, float, float]:
-        """Return those of the camera."""
+        """Return the coefficients of the unmoved camera."""
         return self.camera.depth_coefficients()
 
     def view_depth(self, stored: ArrayLike) -> NDArray[np.float64]:
-        """Return depths as the camera does."""
+        """Return metric depths, as the unmoved camera does."""
         return self.camera.view_depth(stored)
 
 
@@ -126,24 +126,24 @@ class SweptCamera(MovedCamera):
 
     Parameters
     ----------
-    is_turned : bool
-        Whether they move to the right from row to row, and down from column to column; else to the
-        right from column to column, and down from row to row.
+    is_transposed : bool
+        Whether samples move to the right from row to row, and down from column to column; else to
+        the right from column to column, and down from row to row.
     """
 
-    is_turned: bool = False
+    is_transposed: bool = False
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, enlarged or sheared by a pixel from side to side."""
         matrix = super().projection_matrix(size)
-        right, down = (1, 0) if self.is_turned else (0, 1)
+        right, down = (1, 0) if self.is_transposed else (0, 1)
         matrix[:2] += matrix[[right, down]] / np.array(size)[:, np.newaxis]
         return matrix
 
 
 def sample_offsets(samples: int) -> list[Offset]:
     """
-    Return where the samples of a pixel lie, the first ones spread as evenly as all of them.
+    Return the offsets of a pixel's samples, ordered so that the first ones are spread evenly.
 
     Parameters
     ----------
@@ -155,31 +155,31 @@ def sample_offsets(samples: int) -> list[Offset]:
     >>> sample_offsets(4)
     [(-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25)]
     """
-    levels = _halvings(samples)
+    levels = _count_halvings(samples)
     side, offsets = 1 << levels, []
     for number in range(samples):
-        column, row, turned = 0, 0, (0, 0)
+        column, row, rotation = 0, 0, (0, 0)
         for level in range(levels):
             # Digits of the number choose the quarters, the first one the largest.
-            x, y = QUARTERS[number >> 2 * level & 3]
-            x, y = x ^ turned[0], y ^ turned[1]
-            column, row, turned = 2 * column + x, 2 * row + y, (1 - y, x)
+            x, y = QUARTER_ORDER[number >> 2 * level & 3]
+            x, y = x ^ rotation[0], y ^ rotation[1]
+            column, row, rotation = 2 * column + x, 2 * row + y, (1 - y, x)
         offsets.append(((column + 0.5) / side - 0.5, (row + 0.5) / side - 0.5))
     return offsets
 
 
-def _halvings(samples: int) -> int:
-    """Return how often a side of a pixel is halved for so many samples, a power of 4."""
+def _count_halvings(samples: int) -> int:
+    """Return how often the side of a pixel is halved for a number of samples, a power of 4."""
     return (samples.bit_length() - 1) // 2
 
 
-def steps(plan: RenderPlan) -> list[RenderPlan]:
-    """Return the plans of a frame of 4 pictures, of 16 ..., and of all; of one if that is all."""
-    return [plan.for_picture(pictures=count) for count in _counts(plan.pictures)]
+def split_into_steps(plan: RenderPlan) -> list[RenderPlan]:
+    """Return the plans of a frame after each step: of 4 pictures, of 16 ..., and of all."""
+    return [plan.for_picture(pictures=count) for count in _step_counts(plan.pictures)]
 
 
-def _counts(pictures: int) -> list[int]:
-    """Return the counts of pictures whose samples are spread evenly: 4, 16, 64 ..."""
+def _step_counts(pictures: int) -> list[int]:
+    """Return how many pictures there are after each step: 4, 16, 64 ..."""
     counts = [pictures]
     while counts[0] > 4:
         counts.insert(0, counts[0] // 4)
@@ -193,16 +193,16 @@ def shade_faces(
     clock: Callable[[str], None],
 ) -> dict[str, NDArray[Any]]:
     """
-    Make the colour outputs from as many pictures as the plan has.
+    Draw the pictures of the plan that are missing, and average all into the colour outputs.
 
     Parameters
     ----------
     context : FrameContext
         At the centres of pixels.
     accumulation : Accumulation
-        Pictures of the same frame that are there already; changed: those that were missing.
+        The sum of the pictures drawn so far for this frame; those that are missing are added.
     find : callable
-        Returns what the picture of another plan shows.
+        Returns the visible faces for another plan.
     clock : callable
         Called with a stage's name when it ends.
     """
@@ -215,31 +215,33 @@ def shade_faces(
         sums = workers.memory.empty((*context.seen.coverage.face_id.shape, 4), np.float64)
         sums.fill(0.0)
         accumulation.sums = sums
-    # In the same steps for any number of pictures: those of one step share shadow maps.
-    counts = _counts(plan.pictures)
+    # Steps do not depend on the number of pictures: those of one step share shadow maps.
+    counts = _step_counts(plan.pictures)
     for count in counts:
-        new = offsets[accumulation.count : count]
-        drawn: dict[str, Any] = {}
+        missing = offsets[accumulation.count : count]
+        records: dict[str, Any] = {}
         if plan.drawn is not None:
-            drawn = plan.drawn[counts.index(count)]
-        elif new and surveys_pictures(plan):
-            drawn = _draw_whole(context, new, find)
+            records = plan.drawn[counts.index(count)]
+        elif missing and needs_all_pictures(plan):
+            records = _prepare_from_all_pictures(context, missing, find)
             clock("shade, resolve")
-        picture = plan_picture(plan, drawn)
-        own = frame_shading.glass_of(plan)
-        if own is not None and new and surveys_pictures(plan):
-            other = frame_shading.draw_behind(context, own[0], find)
-            picture = picture.for_picture(drawn_behind=_draw_whole(other, new, find))
-        for offset in new:
-            shown = _draw_picture(moved(picture, offset), context, find)
+        picture = plan_picture(plan, records)
+        found = frame_shading.find_transmission(plan)
+        if found is not None and missing and needs_all_pictures(plan):
+            opaque_context = frame_shading.find_opaque_pass(context, found[0], find)
+            picture = picture.for_picture(
+                drawn_behind=_prepare_from_all_pictures(opaque_context, missing, find)
+            )
+        for offset in missing:
+            picture_colors = _draw_picture(offset_plan(picture, offset), context, find)
             clock("shade, resolve")
-            add(shown, sums, workers)
-            # So that the next picture takes its memory.
-            del shown
+            add(picture_colors, sums, workers)
+            # Free its memory for the next picture.
+            del picture_colors
             accumulation.count += 1
             clock("average")
-            if PICTURES:
-                PICTURES[-1](accumulation.count, plan.pictures)
+            if PICTURE_COUNTERS:
+                PICTURE_COUNTERS[-1](accumulation.count, plan.pictures)
     result = finish(context, sums, accumulation.count)
     clock("average")
     return result
@@ -249,7 +251,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that average pictures, if there are several."""
     if plan.pictures == 1:
         return []
-    # Where pixels show several faces the last steps are told with theirs.
+    # Where pixels show several faces, `resolve_layers` lists the last kernels.
     is_new = plan.layers is None
     if plan.facts.mixes_codes:
         rows = rows_where("", srgb_compositing.add_codes, srgb_compositing.write_mean_codes)
@@ -264,22 +266,21 @@ def kernels_of(plan: RenderPlan) -> Rows:
     return rows
 
 
-def covering_kernels(plan: RenderPlan) -> Rows:
-    """Return the kernels that `cover_pixels` calls, but for those of whole pictures."""
+def coverage_kernels(plan: RenderPlan) -> Rows:
+    """Return the kernels that `measure_coverage` calls within one picture."""
     if "coverage" not in plan.outputs or plan.facts.supersamples is not None:
         return []
     samples = plan.quality.samples
     return [] if samples == 1 else fragment_bands.list_kernels(samples, plan.depth_format.kind)
 
 
-def cover_pixels(
+def measure_coverage(
     context: FrameContext, accumulation: Accumulation, find: Callable[[RenderPlan], RasterizedView]
 ) -> NDArray[np.float32]:
     """
-    Return each pixel's coverage by any face, (H, W): of its samples or area.
+    Return each pixel's coverage by faces, (H, W): the share of its samples or of its area.
 
-    Takes what `shade_faces` takes; of a frame of fewer pictures than the quality has samples it is
-    the share of these.
+    Takes what `shade_faces` takes; counts the pictures of the plan, if fewer than all samples.
     """
     plan, seen = context.plan, context.seen
     samples = plan.facts.supersamples
@@ -287,17 +288,17 @@ def cover_pixels(
         finder = fragment_bands.Finder(
             seen.geometry, frame_shading.find_hit_tests(plan, context.cache)
         )
-        return cover_samples(plan.quality.samples, seen, finder, context.workers)
-    if accumulation.covered is None:
-        accumulation.covered = np.zeros(seen.coverage.face_id.shape, np.int32)
+        return _measure_sample_coverage(plan.quality.samples, seen, finder, context.workers)
+    if accumulation.covered_counts is None:
+        accumulation.covered_counts = np.zeros(seen.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else samples
     picture = plan.for_picture(
         lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
     )
-    for offset in sample_offsets(samples)[accumulation.covering : count]:
-        accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
-        accumulation.covering += 1
-    return (accumulation.covered / accumulation.covering).astype(np.float32)
+    for offset in sample_offsets(samples)[accumulation.counted_pictures : count]:
+        accumulation.covered_counts += find(offset_plan(picture, offset)).coverage.face_id >= 0
+        accumulation.counted_pictures += 1
+    return (accumulation.covered_counts / accumulation.counted_pictures).astype(np.float32)
 
 
 def _draw_picture(
@@ -305,97 +306,97 @@ def _draw_picture(
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
     picture = context_of(plan, context.cache, find(plan), context.workers)
-    picture = frame_shading.look_behind(picture, find)
+    picture = frame_shading.with_opaque_pass(picture, find)
     return frame_shading.shade_faces(picture)[plan.outputs[0]]
 
 
-def spacing_of(camera: Camera) -> float:
-    """Return how far apart the samples lie that a camera shows, pixels."""
+def sample_spacing_of_camera(camera: Camera) -> float:
+    """Return the distance of a camera's samples, pixels."""
     return camera.spacing if isinstance(camera, MovedCamera) else 1.0
 
 
-def pixels_of(camera: Camera) -> float:
-    """Return how many pixels of what a camera shows a pixel of the finished picture has, across."""
+def pixels_per_output_pixel(camera: Camera) -> float:
+    """Return how many of a camera's pixels a pixel of the finished picture is wide."""
     while isinstance(camera, MovedCamera):
         camera = camera.camera
     return camera.pixels if isinstance(camera, PictureCamera) else 1.0
 
 
 def sample_spacing(samples: int) -> float:
-    """Return how far apart so many samples of a pixel lie, a power of 4: pixels."""
-    return 1.0 / (1 << _halvings(samples))
+    """Return the distance of the samples of a pixel, given their number, a power of 4: pixels."""
+    return 1.0 / (1 << _count_halvings(samples))
 
 
-def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
-    """Return the plan of a picture that shows what lies beside the centres of pixels."""
+def offset_plan(plan: RenderPlan, offset: Offset) -> RenderPlan:
+    """Return a plan with a sub-pixel offset of the camera."""
     spacing = sample_spacing(plan.facts.supersamples or 1)
     return plan.for_picture(camera=MovedCamera(plan.camera, offset, spacing))
 
 
-def _background(plan: RenderPlan) -> NDArray[np.float32]:
-    """Return what lies behind the faces of each picture, (4,) linear."""
-    # Where tones are mapped the background, which is shown as given, comes behind at the end.
+def _picture_background(plan: RenderPlan) -> NDArray[np.float32]:
+    """Return the background colour of each picture, (4,) linear."""
+    # With tone mapping, the background is added at the end, as given.
     return np.zeros(4, np.float32) if plan.effects_at("mixed") else plan.background
 
 
-def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
-    """Return the plan of one picture: its light or codes alone, from what is already drawn."""
+def plan_picture(plan: RenderPlan, records: dict[str, Any]) -> RenderPlan:
+    """Return the plan of one picture: linear light or codes alone, with prepared records."""
     has_codes = plan.facts.mixes_codes
 
     def is_of_pictures(planned: UsedEffect) -> bool:
         places = planned.effect.places
         if has_codes or not plan.effects_at("mixed"):
             return "overlay" not in places
-        # What is shown as given comes behind at the end, where tones are mapped.
+        # With tone mapping, backgrounds that are shown as given are added at the end.
         is_late = "mixed" in places or is_backdrop(planned.effect)
         return "overlay" not in places and not is_late
 
     return plan.for_picture(
         is_of_pictures,
         outputs=("color",) if has_codes else ("linear",),
-        background=plan.background if has_codes else _background(plan),
+        background=plan.background if has_codes else _picture_background(plan),
         pictures=1,
-        drawn=(drawn,),
+        drawn=(records,),
     )
 
 
-def _draw_whole(
+def _prepare_from_all_pictures(
     context: FrameContext, offsets: list[Offset], find: Callable[[RenderPlan], RasterizedView]
 ) -> dict[str, Any]:
-    """Prepare the effects that look at whole pictures, with all that some pictures show."""
-    sights = [see_whole(context)]
+    """Prepare the effects that read whole pictures, from all pictures of a step."""
+    sights = [see_for_whole(context)]
     for offset in offsets:
-        plan = moved(context.plan, offset)
-        sights.append(see_whole(context_of(plan, context.cache, find(plan), context.workers)))
-    return prepare_whole(context, offsets, sights)
+        plan = offset_plan(context.plan, offset)
+        sights.append(see_for_whole(context_of(plan, context.cache, find(plan), context.workers)))
+    return prepare_from_sights(context, offsets, sights)
 
 
-def surveys_pictures(plan: RenderPlan) -> bool:
-    """Tell whether an effect looks at all pictures, not at the finished one alone."""
+def needs_all_pictures(plan: RenderPlan) -> bool:
+    """Tell whether an effect reads each picture, not only the finished one."""
     return any("overlay" not in effect.places for effect, _ in plan.effects_to_analyse)
 
 
-def see_whole(context: FrameContext) -> dict[str, Any]:
-    """Return what the effects that look at the whole picture see of one, or a part of it."""
+def see_for_whole(context: FrameContext) -> dict[str, Any]:
+    """Return what effects that read whole pictures see of one picture, or of a part of it."""
     return {effect.name: effect.analyse(context) for effect, _ in context.plan.effects_to_analyse}
 
 
-def prepare_whole(
+def prepare_from_sights(
     context: FrameContext, offsets: Sequence[Offset], sights: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """
-    Prepare the effects that look at the whole picture.
+    Prepare the effects that read whole pictures.
 
     Parameters
     ----------
     context : FrameContext
     offsets : sequence of (float, float)
-        Where other pictures lie that are shaded with the same records, pixels.
+        Offsets of the other pictures that are shaded with the same records, pixels.
     sights : sequence of dict
-        What `see_whole` returns of the picture itself, then of those.
+        What `see_for_whole` returns for the picture itself, then for those.
     """
     plan = context.plan
-    cameras = [plan.camera, *(moved(plan, offset).camera for offset in offsets)]
+    cameras = [plan.camera, *(offset_plan(plan, offset).camera for offset in offsets)]
     return {
         effect.name: effect.prepare(
             context, data,
@@ -405,15 +406,15 @@ def prepare_whole(
     }  # fmt: skip
 
 
-def step_offsets(plan: RenderPlan) -> list[list[Offset]]:
-    """Return where the pictures of each step lie, whose shadow maps are drawn together."""
+def list_step_offsets(plan: RenderPlan) -> list[list[Offset]]:
+    """Return the offsets of the pictures of each step, which share shadow maps."""
     offsets = sample_offsets(plan.facts.supersamples or 1)
-    counts = _counts(plan.pictures)
+    counts = _step_counts(plan.pictures)
     return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
 
 
-def _bands(shape: tuple[int, ...], workers: Workers) -> list[tuple[slice]]:
-    """Return the bands of rows of a frame, (H, W, ...), that threads share."""
+def _split_into_bands(shape: tuple[int, ...], workers: Workers) -> list[tuple[slice]]:
+    """Split the rows of a frame, (H, W, ...), into one band per task."""
     per_task = rows_per_task(shape, workers)
     return [(slice(first, first + per_task),) for first in range(0, shape[0], per_task)]
 
@@ -424,7 +425,7 @@ def _add_picture(linear: NDArray[np.float32], sums: NDArray[np.float64], workers
     def add_band(band: slice) -> None:
         coverage_resolve.add_picture(linear[band], sums[band])
 
-    workers.run(add_band, _bands(linear.shape, workers))
+    workers.run(add_band, _split_into_bands(linear.shape, workers))
 
 
 def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Workers) -> None:
@@ -434,13 +435,13 @@ def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Wor
     def add_band(band: slice) -> None:
         srgb_compositing.add_codes(packed[band], sums[band])
 
-    workers.run(add_band, _bands(color.shape, workers))
+    workers.run(add_band, _split_into_bands(color.shape, workers))
 
 
 def _average_codes(
     context: FrameContext, sums: NDArray[np.float64], count: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the colour outputs of the mean of the codes of all pictures."""
+    """Return the colour outputs: the mean of the codes of all pictures."""
     plan, workers = context.plan, context.workers
     light = decode_codes(plan.facts.encoding).copy()
     shape = sums.shape[:2]
@@ -457,24 +458,26 @@ def _average_codes(
         if linear is not None:
             srgb_compositing.decode_rows(packed[band], light, linear[band])
 
-    workers.run(write_band, _bands(sums.shape, workers))
-    return _wanted(plan, linear, color)
+    workers.run(write_band, _split_into_bands(sums.shape, workers))
+    return _select_outputs(plan, linear, color)
 
 
 def _average(
     context: FrameContext, sums: NDArray[np.float64], count: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the colour outputs of the mean of all pictures."""
+    """Return the colour outputs: the linear mean of all pictures."""
     plan, workers = context.plan, context.workers
-    behind = _background(plan)
-    given = [
-        ActiveEffect(one.effect, one.effect.prepare(context, one.data, ()))
-        for one in plan.effects_at("background")
-        if is_backdrop(one.effect)
+    behind = _picture_background(plan)
+    background_effects = [
+        ActiveEffect(planned.effect, planned.effect.prepare(context, planned.data, ()))
+        for planned in plan.effects_at("background")
+        if is_backdrop(planned.effect)
     ]
-    tones = None
-    for one in plan.effects_at("mixed"):
-        tones = resolve_layers.Tones(ActiveEffect(one.effect, one.data), plan.background, given)
+    tone_mapping = None
+    for planned in plan.effects_at("mixed"):
+        tone_mapping = resolve_layers.LateToneMapping(
+            ActiveEffect(planned.effect, planned.data), plan.background, background_effects
+        )
     height, width, _ = sums.shape
     table = srgb_encoding.make_encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)
@@ -484,25 +487,29 @@ def _average(
     def write_band(band: slice) -> None:
         coverage_resolve.write_mean(sums[band], count, behind, linear[band])
         rows = resolve_layers.ColorRows(linear[band], packed[band])
-        resolve_layers.show_rows(IMMEDIATE, tones, table, rows, band.start, workers.memory)
+        resolve_layers.tone_map_and_encode(
+            IMMEDIATE, tone_mapping, table, rows, band.start, workers.memory
+        )
 
-    workers.run(write_band, _bands(sums.shape, workers))
-    return _wanted(plan, linear, color)
+    workers.run(write_band, _split_into_bands(sums.shape, workers))
+    return _select_outputs(plan, linear, color)
 
 
-def _wanted(
+def _select_outputs(
     plan: RenderPlan, linear: NDArray[np.float32] | None, color: NDArray[np.uint8] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return the colour outputs of a frame by name."""
-    made = (("linear", linear), ("color", color))
-    return {name: one for name, one in made if one is not None and name in plan.outputs}
+    """Return the requested colour outputs by name."""
+    pictures = (("linear", linear), ("color", color))
+    return {
+        name: picture for name, picture in pictures if picture is not None and name in plan.outputs
+    }
 
 
-def cover_samples(
+def _measure_sample_coverage(
     samples: int | str, seen: RasterizedView, finder: fragment_bands.Finder, workers: Workers
 ) -> NDArray[np.float32]:
     """
-    Return the share of each pixel's samples that any face covers, (H, W), or of its area.
+    Return the share of each pixel's samples, or of its area, that faces cover, (H, W).
 
     Parameters
     ----------

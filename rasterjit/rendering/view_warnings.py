@@ -82,7 +82,7 @@ def warnings_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, 
         Of the whole frame. Default: it is not drawn yet, and only objects out of view tell that
         nothing is in view.
     """
-    found = cuts_of(plan.plane_needs)
+    found = clip_warnings_of(plan.plane_needs)
     is_empty = not plan.facts.in_view.any() if stats is None else not shows_anything(plan, stats)
     if is_empty and not found:
         found["view"] = NOTHING_IN_VIEW
@@ -164,7 +164,7 @@ def burnt_out(facts: Facts, share: float) -> dict[str, str]:
     return {"white": text}
 
 
-def cuts_of(look: PlaneNeeds) -> dict[str, str]:
+def clip_warnings_of(look: PlaneNeeds) -> dict[str, str]:
     """Return the warnings of planes that clip something, by kind."""
     return {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in look.cut}
 

@@ -27,7 +27,7 @@ WORD = ir.IntType(64)
 
 
 class PlainArray(types.Array):
-    """The type of an array that is an address and lengths."""
+    """The type of an array that consists of an address, lengths and perhaps strides."""
 
     def __init__(self, dtype: Any, ndim: int, layout: str) -> None:
         super().__init__(dtype, ndim, layout, name=f"plain({dtype}, {ndim}d, {layout})")
@@ -35,13 +35,13 @@ class PlainArray(types.Array):
     def copy(
         self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None
     ) -> PlainArray:
-        """Return the type of a part of such an array."""
+        """Return a copy of this type with some properties replaced."""
         return PlainArray(dtype or self.dtype, ndim or self.ndim, layout or self.layout)
 
 
 @register_model(PlainArray)
-class _Model(models.StructModel):
-    """What a value of it consists of."""
+class _PlainArrayModel(models.StructModel):
+    """The LLVM structure of a `PlainArray`."""
 
     def __init__(self, manager: Any, kind: PlainArray) -> None:
         lengths = types.UniTuple(types.intp, kind.ndim)
@@ -50,114 +50,120 @@ class _Model(models.StructModel):
         super().__init__(manager, kind, members)
 
 
-def field(context: Any, builder: Any, kind: Any, array: Any, name: str) -> Any:
-    """Return a field of an array, of Numba's own, too: ``data``, ``shape`` or ``strides``."""
+def load_field(context: Any, builder: Any, kind: Any, array: Any, name: str) -> Any:
+    """Return a field of an array, plain or Numba's own: ``data``, ``shape`` or ``strides``."""
     return context.data_model_manager[kind].get(builder, array, name)
 
 
-def words(context: Any, builder: Any, kind: Any, array: Any, name: str) -> list[Any]:
+def list_axis_values(context: Any, builder: Any, kind: Any, array: Any, name: str) -> list[Any]:
     """Return the lengths or the strides of an array, one for each axis."""
-    whole = field(context, builder, kind, array, name)
-    return [builder.extract_value(whole, axis) for axis in range(kind.ndim)]
+    values = load_field(context, builder, kind, array, name)
+    return [builder.extract_value(values, axis) for axis in range(kind.ndim)]
 
 
-def make(
+def make_array(
     context: Any, builder: Any, kind: Any, data: Any, shape: list[Any], strides: list[Any]
 ) -> Any:
-    """Return an array of a plain type; strides count only where it is not contiguous."""
+    """Return a value of a `PlainArray` type; strides are ignored if it is contiguous."""
     model = context.data_model_manager[kind]
     value = ir.Constant(model.get_value_type(), ir.Undefined)
     value = model.set(builder, value, data, "data")
-    value = model.set(builder, value, packed(builder, shape), "shape")
+    value = model.set(builder, value, pack_words(builder, shape), "shape")
     if kind.layout != "C":
-        value = model.set(builder, value, packed(builder, strides), "strides")
+        value = model.set(builder, value, pack_words(builder, strides), "strides")
     return value
 
 
-def packed(builder: Any, values: list[Any]) -> Any:
-    """Return 64-bit words as one value, an LLVM array: the lengths or strides of an array."""
-    whole = ir.Constant(ir.ArrayType(WORD, len(values)), ir.Undefined)
+def pack_words(builder: Any, values: list[Any]) -> Any:
+    """Pack 64-bit words, such as lengths, into an LLVM array."""
+    words = ir.Constant(ir.ArrayType(WORD, len(values)), ir.Undefined)
     for n, value in enumerate(values):
-        whole = builder.insert_value(whole, value, n)
-    return whole
+        words = builder.insert_value(words, value, n)
+    return words
 
 
-def _larger(builder: Any, one: Any, other: Any) -> Any:
-    return builder.select(builder.icmp_signed(">", one, other), one, other)
+def _max_signed(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.icmp_signed(">", a, b), a, b)
 
 
-def _from_end(builder: Any, index: Any, length: Any) -> Any:
-    """Return an index, counted from the end if it is negative."""
+def _resolve_negative(builder: Any, index: Any, length: Any) -> Any:
+    """Return an index; add the length if it is negative."""
     is_negative = builder.icmp_signed("<", index, WORD(0))
     return builder.select(is_negative, builder.add(index, length), index)
 
 
-def _index(context: Any, builder: Any, kind: Any, value: Any, length: Any) -> Any:
+def _resolve_index(context: Any, builder: Any, kind: Any, value: Any, length: Any) -> Any:
     if isinstance(value, int):
         return WORD(value) if value >= 0 else builder.add(length, WORD(value))
     wide = context.cast(builder, value, kind, types.intp)
-    return _from_end(builder, wide, length) if kind.signed else wide
+    return _resolve_negative(builder, wide, length) if kind.signed else wide
 
 
-def _ends(context: Any, builder: Any, kind: Any, given: Any, length: Any) -> tuple[Any, Any]:
-    """Return where a slice begins, and how many elements it has."""
+def _resolve_slice(
+    context: Any, builder: Any, kind: Any, value: Any, length: Any
+) -> tuple[Any, Any]:
+    """Return the first index and the length of a slice, clamped to its axis."""
     if kind.has_step:
         raise TypeError("kernels take slices without steps")
-    ends = []
+    bounds = []
     for name in ("start", "stop"):
-        end = context.data_model_manager[kind].get(builder, given, name)
-        end = _larger(builder, _from_end(builder, end, length), WORD(0))
+        end = context.data_model_manager[kind].get(builder, value, name)
+        end = _max_signed(builder, _resolve_negative(builder, end, length), WORD(0))
         is_beyond = builder.icmp_signed(">", end, length)
-        ends.append(builder.select(is_beyond, length, end))
-    return ends[0], _larger(builder, builder.sub(ends[1], ends[0]), WORD(0))
+        bounds.append(builder.select(is_beyond, length, end))
+    return bounds[0], _max_signed(builder, builder.sub(bounds[1], bounds[0]), WORD(0))
 
 
-def _part(
+def _locate(
     context: Any, builder: Any, kind: Any, array: Any, kinds: Any, indices: Any
 ) -> tuple[Any, list[Any], list[Any]]:
-    """Return the address, the lengths and the strides of what some indices choose."""
-    lengths = words(context, builder, kind, array, "shape")
+    """Return the address, the lengths and the strides of the part that indices select."""
+    lengths = list_axis_values(context, builder, kind, array, "shape")
     is_contiguous = kind.layout == "C"
-    strides = [] if is_contiguous else words(context, builder, kind, array, "strides")
-    place, left, left_strides = None, [], []
+    strides = [] if is_contiguous else list_axis_values(context, builder, kind, array, "strides")
+    offset, lengths_left, strides_left = None, [], []
     for axis, length in enumerate(lengths):
-        first, count = None, length  # All of an axis without an index.
+        first, count = None, length  # The whole of an axis without an index.
         if axis < len(indices):
             if isinstance(kinds[axis], types.SliceType):
-                first, count = _ends(context, builder, kinds[axis], indices[axis], length)
+                first, count = _resolve_slice(context, builder, kinds[axis], indices[axis], length)
             else:
-                first = _index(context, builder, kinds[axis], indices[axis], length)
+                first = _resolve_index(context, builder, kinds[axis], indices[axis], length)
                 count = None
         if count is not None:
-            left.append(count)
-            left_strides += [] if is_contiguous else [strides[axis]]
-        if is_contiguous and place is not None:
-            place = builder.mul(place, length)
+            lengths_left.append(count)
+            strides_left += [] if is_contiguous else [strides[axis]]
+        if is_contiguous and offset is not None:
+            offset = builder.mul(offset, length)
         if first is not None:
             step = first if is_contiguous else builder.mul(first, strides[axis])
-            place = step if place is None else builder.add(place, step)
-    data = field(context, builder, kind, array, "data")
-    if place is None:
-        return data, left, left_strides
+            offset = step if offset is None else builder.add(offset, step)
+    data = load_field(context, builder, kind, array, "data")
+    if offset is None:
+        return data, lengths_left, strides_left
     if is_contiguous:
-        return builder.gep(data, [place]), left, left_strides
-    bytes_of = builder.bitcast(data, ir.IntType(8).as_pointer())
-    return builder.bitcast(builder.gep(bytes_of, [place]), data.type), left, left_strides
+        return builder.gep(data, [offset]), lengths_left, strides_left
+    as_bytes = builder.bitcast(data, ir.IntType(8).as_pointer())
+    return builder.bitcast(builder.gep(as_bytes, [offset]), data.type), lengths_left, strides_left
 
 
-def _get(context: Any, builder: Any, signature: Any, array: Any, kinds: Any, indices: Any) -> Any:
+def _load_indexed(
+    context: Any, builder: Any, signature: Any, array: Any, kinds: Any, indices: Any
+) -> Any:
     kind, result = signature.args[0], signature.return_type
-    data, shape, strides = _part(context, builder, kind, array, kinds, indices)
+    data, shape, strides = _locate(context, builder, kind, array, kinds, indices)
     if not shape:
         return context.unpack_value(builder, kind.dtype, data)
     if kind.layout == "C" and result.layout != "C":
         raise TypeError("kernels take no columns of contiguous arrays")
-    return make(context, builder, result, data, shape, strides)
+    return make_array(context, builder, result, data, shape, strides)
 
 
-def _set(context: Any, builder: Any, signature: Any, arguments: Any, kinds: Any, indices: Any):
+def _store_indexed(
+    context: Any, builder: Any, signature: Any, arguments: Any, kinds: Any, indices: Any
+):
     kind, _, value_kind = signature.args
-    data, shape, _ = _part(context, builder, kind, arguments[0], kinds, indices)
+    data, shape, _ = _locate(context, builder, kind, arguments[0], kinds, indices)
     if shape:
         raise TypeError("kernels write one element at a time")
     value = context.cast(builder, arguments[2], value_kind, kind.dtype)
@@ -165,8 +171,8 @@ def _set(context: Any, builder: Any, signature: Any, arguments: Any, kinds: Any,
     return context.get_dummy_value()
 
 
-def _taken_apart(builder: Any, kind: Any, index: Any) -> tuple[Any, Any]:
-    """Return the types and the values of one index or of several."""
+def _split_index(builder: Any, kind: Any, index: Any) -> tuple[Any, Any]:
+    """Return the types and the values of the indices in an index expression."""
     if isinstance(kind, types.BaseTuple):
         return kind.types, [builder.extract_value(index, k) for k in range(len(kind))]
     return (kind,), (index,)
@@ -176,56 +182,58 @@ def _taken_apart(builder: Any, kind: Any, index: Any) -> tuple[Any, Any]:
 @lower_builtin(operator.getitem, PlainArray, types.SliceType)
 @lower_builtin(operator.getitem, PlainArray, types.BaseTuple)
 def _getitem(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    kinds, indices = _taken_apart(builder, signature.args[1], arguments[1])
-    return _get(context, builder, signature, arguments[0], kinds, indices)
+    kinds, indices = _split_index(builder, signature.args[1], arguments[1])
+    return _load_indexed(context, builder, signature, arguments[0], kinds, indices)
 
 
 @lower_builtin(operator.setitem, PlainArray, types.Any, types.Any)
 def _setitem(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    kinds, indices = _taken_apart(builder, signature.args[1], arguments[1])
-    return _set(context, builder, signature, arguments, kinds, indices)
+    kinds, indices = _split_index(builder, signature.args[1], arguments[1])
+    return _store_indexed(context, builder, signature, arguments, kinds, indices)
 
 
-def _constants(index: Any) -> tuple[int, ...]:
-    """Return an index that is written down as numbers; leave others to the functions above."""
+def _constant_indices(index: Any) -> tuple[int, ...]:
+    """Return the indices of a constant expression; leave others to the functions above."""
     indices = index if isinstance(index, tuple) else (index,)
-    if not all(isinstance(one, int) for one in indices):
+    if not all(isinstance(each, int) for each in indices):
         raise NotImplementedError
     return indices
 
 
 @lower_builtin("static_getitem", PlainArray, types.Any)
 def _getitem_at_constants(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    indices = _constants(arguments[1])
+    indices = _constant_indices(arguments[1])
     kinds = [types.intp] * len(indices)
-    return _get(context, builder, signature, arguments[0], kinds, indices)
+    return _load_indexed(context, builder, signature, arguments[0], kinds, indices)
 
 
 @lower_builtin("static_setitem", PlainArray, types.Any, types.Any)
 def _setitem_at_constants(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    indices = _constants(arguments[1])
-    return _set(context, builder, signature, arguments, [types.intp] * len(indices), indices)
+    indices = _constant_indices(arguments[1])
+    return _store_indexed(
+        context, builder, signature, arguments, [types.intp] * len(indices), indices
+    )
 
 
 @lower_builtin(len, PlainArray)
 def _len(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return words(context, builder, signature.args[0], arguments[0], "shape")[0]
+    return list_axis_values(context, builder, signature.args[0], arguments[0], "shape")[0]
 
 
 @lower_getattr(PlainArray, "shape")
 def _shape(context: Any, builder: Any, kind: Any, array: Any) -> Any:
-    return field(context, builder, kind, array, "shape")
+    return load_field(context, builder, kind, array, "shape")
 
 
-# Stock Numba makes of every helper what Python could call as well. Nothing calls that.
+# Stock Numba also compiles a wrapper of every helper for Python, which is never called.
 
 
 @unbox(PlainArray)
-def _from_python(kind: Any, given: Any, context: Any) -> NativeValue:
+def _unbox(kind: Any, value: Any, context: Any) -> NativeValue:
     undefined = ir.Constant(context.context.get_value_type(kind), ir.Undefined)
     return NativeValue(undefined, is_error=ir.Constant(ir.IntType(1), 1))
 
 
 @box(PlainArray)
-def _to_python(kind: Any, array: Any, context: Any) -> Any:
+def _box(kind: Any, array: Any, context: Any) -> Any:
     return context.pyapi.get_null_object()

@@ -26,22 +26,22 @@ from rasterjit.runtime import isolated_numba, jit, store
 from rasterjit.runtime.progress import Progress
 from rasterjit.runtime.threads import available_processors
 
-WORKER = """
+WORKER_CODE = """
 import sys
-patience, *sys.path[:] = sys.argv[1:]
-from rasterjit.runtime.background_compile import work
-work(float(patience))
+idle_seconds, *sys.path[:] = sys.argv[1:]
+from rasterjit.runtime.background_compile import serve_tasks
+serve_tasks(float(idle_seconds))
 """
 """Code of a worker process; it searches modules where this process does, and nowhere else."""
 
-WORTH_A_PROCESS = 6
+MIN_TASKS_FOR_PROCESS = 6
 """Fewest tasks for which starting a process pays."""
 
 DECORATED = re.compile(r"^@(?:kernel|raw_kernel|stage)$", re.MULTILINE)
 """Matches the decorators of compiled functions."""
 
-LINGER = 30.0
-"""Seconds that an idle process waits for more tasks: effects are often switched on one by one."""
+MAX_IDLE_SECONDS = 30.0
+"""How long an idle process waits for more tasks: effects are often switched on one by one."""
 
 
 class Task(NamedTuple):
@@ -52,29 +52,31 @@ class Task(NamedTuple):
     arguments: tuple[Any, ...] = ()
 
 
-def compiling(functions: Iterable[Any], usual: bool = False) -> list[Task]:
+def make_compile_tasks(functions: Iterable[Any], first_form_only: bool = False) -> list[Task]:
     """
     Return tasks that compile what the store lacks of some kernels and stages.
 
     Parameters
     ----------
     functions : iterable of kernels, raw kernels and stages
-    usual : bool
-        Of each the usual form alone.
+    first_form_only : bool
+        Whether to leave out all forms but the first declared, the usual one.
     """
     return [
-        Task(__name__, "compile_one", (one.__module__, one.__name__, number))
-        for one in functions
-        for number, kind in enumerate(one.declared[:1] if usual else one.declared)
-        if not store.is_kept(one, kind)
+        Task(__name__, "compile_if_missing", (function.__module__, function.__name__, number))
+        for function in functions
+        for number, kind in enumerate(
+            function.declared[:1] if first_form_only else function.declared
+        )
+        if not store.is_stored(function, kind)
     ]
 
 
-def every_kernel() -> list[Any]:
+def find_every_kernel() -> list[Any]:
     """
-    Return every kernel, raw kernel and stage of the package; it imports the modules of all.
+    Import all modules of the package; return its kernels, raw kernels and stages.
 
-    What has several forms takes longest to compile, and comes first, so that no process ends long
+    Those of several forms take longest to compile, and come first, so that no process ends long
     after the others; then by the names of modules.
     """
     found = []
@@ -90,22 +92,22 @@ def every_kernel() -> list[Any]:
     return sorted(found, key=lambda one: -len(one.declared))
 
 
-def compile_one(module: str, name: str, number: int) -> None:
+def compile_if_missing(module: str, name: str, number: int) -> None:
     """Compile a form of a kernel, a raw kernel or a stage, unless the store has it."""
     function = getattr(importlib.import_module(module), name)
-    function.obtain(function.declared[number])
+    function.load(function.declared[number])
 
 
-def work(patience: float) -> None:
+def serve_tasks(idle_seconds: float) -> None:
     """
-    Read lists of tasks from standard input, a line each, do every task and answer it with a line.
+    Read lists of tasks from standard input, a line each; run every task and print its error.
 
-    Those of the last list come first: who asked before has compiled meanwhile.
+    Tasks of the last list come first: whoever sent an earlier list has compiled meanwhile.
 
     Parameters
     ----------
-    patience : float
-        Seconds without a task after which the process ends.
+    idle_seconds : float
+        The process ends after so long without a task.
     """
     if sys.platform == "win32":
         # Numba imports SciPy, some releases of which load a library that looks at standard input:
@@ -125,7 +127,7 @@ def work(patience: float) -> None:
     while True:
         with suppress(Empty):
             while True:
-                tasks[:0] = json.loads(lists.get(not tasks, patience))
+                tasks[:0] = json.loads(lists.get(not tasks, idle_seconds))
         if not tasks:
             os._exit(0)
         module, function, arguments = tasks.pop(0)
@@ -137,84 +139,84 @@ def work(patience: float) -> None:
             print("null", flush=True)
 
 
-def is_possible() -> bool:
-    """Tell whether another process could import the same code and share the store."""
+def can_start_process() -> bool:
+    """Tell whether a worker process could import the same code and share the store."""
     return (
         not (jit.DISABLED or jit.CHECKED)
-        # A program that holds Python inside is no interpreter.
+        # A program that embeds Python is no interpreter.
         and Path(sys.executable or "").name.lower().startswith(("python", "pypy"))
         and not getattr(sys, "frozen", False)
         and not sys.flags.isolated
-        and store.folder() is not None
+        and store.kernel_folder() is not None
     )
 
 
-def _start(
-    answers: int = subprocess.PIPE, patience: float = threading.TIMEOUT_MAX
+def _start_worker(
+    stdout: int = subprocess.PIPE, idle_seconds: float = threading.TIMEOUT_MAX
 ) -> subprocess.Popen[str]:
-    places = [one for one in sys.path if isinstance(one, str)]
+    search_path = [entry for entry in sys.path if isinstance(entry, str)]
     return subprocess.Popen(
-        [sys.executable, "-c", WORKER, repr(patience), *places], encoding="utf-8",
-        stdin=subprocess.PIPE, stdout=answers, stderr=subprocess.DEVNULL,
+        [sys.executable, "-c", WORKER_CODE, repr(idle_seconds), *search_path], encoding="utf-8",
+        stdin=subprocess.PIPE, stdout=stdout, stderr=subprocess.DEVNULL,
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )  # fmt: skip
 
 
-def do_all(
-    tasks: Sequence[Task], tell: Callable[[], None], processes: int | None = None
+def run_tasks(
+    tasks: Sequence[Task], on_task_done: Callable[[], None], max_processes: int | None = None
 ) -> list[Task]:
     """
-    Do tasks in other processes, each as soon as one has nothing else to do.
+    Run tasks in worker processes, each as soon as a process is free.
 
     Parameters
     ----------
     tasks : sequence of Task
-    tell : callable
-        Called after each, from several threads, by one at a time.
-    processes : int or None
-        How many at most; ``None`` takes the processors this process may run on.
+    on_task_done : callable
+        Called after each task, from several threads, by one at a time.
+    max_processes : int or None
+        ``None`` takes the processors this process may run on.
 
     Returns
     -------
     list of Task
-        Those that failed, or that no process did.
+        Those that failed, or that no process ran.
     """
     waiting: SimpleQueue[Task] = SimpleQueue()
     for task in tasks:
         waiting.put(task)
     failed: list[Task] = []
-    telling = forks.lock()
+    reporting = forks.lock()
 
-    def follow(process: subprocess.Popen[str]) -> None:
-        # One that has ended does no more: what waits is for the others.
+    def feed(process: subprocess.Popen[str]) -> None:
+        # A process that has ended leaves the waiting tasks to the others.
         with suppress(Empty):
             while process.poll() is None:
                 task = waiting.get_nowait()
-                if _do(process, task) is not None:
+                if _run_task(process, task) is not None:
                     failed.append(task)
-                with telling:
-                    tell()
+                with reporting:
+                    on_task_done()
 
-    count = available_processors() if processes is None else processes
-    others: list[subprocess.Popen[str]] = []
+    count = available_processors() if max_processes is None else max_processes
+    processes: list[subprocess.Popen[str]] = []
     try:
         for _ in range(min(count, len(tasks))):
-            others.append(_start())
-        threads = [threading.Thread(target=follow, args=(one,), daemon=True) for one in others]
+            processes.append(_start_worker())
+        threads = [threading.Thread(target=feed, args=(each,), daemon=True) for each in processes]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
     finally:
-        for one in others:
-            _end(one)
+        for process in processes:
+            _kill(process)
     while not waiting.empty():
         failed.append(waiting.get())
     return failed
 
 
-def _do(process: subprocess.Popen[str], task: Task) -> str | None:
-    """Let a process do a task; return its error, or None."""
+def _run_task(process: subprocess.Popen[str], task: Task) -> str | None:
+    """Let a process run a task; return its error, or None."""
     try:
         process.stdin.write(json.dumps([task]) + "\n")
         process.stdin.flush()
@@ -224,38 +226,38 @@ def _do(process: subprocess.Popen[str], task: Task) -> str | None:
             return "the process ended"
         return json.loads(answer)
     except (OSError, ValueError) as error:
-        _end(process)
+        _kill(process)
         return str(error)
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _kill(process: subprocess.Popen[str]) -> None:
     process.kill()
     with suppress(OSError):
         process.communicate()
 
 
-class _Beside:
+class _BackgroundWorker:
     """The background process that compiles; it ends when idle for long."""
 
     def __init__(self) -> None:
         self._lock = forks.lock()
         self._process: subprocess.Popen[str] | None = None
 
-    def take(self, tasks: Sequence[Task], least: int) -> None:
-        """Let the process do tasks, in order; do not start it for fewer than ``least``."""
+    def submit(self, tasks: Sequence[Task], min_to_start: int) -> None:
+        """Let the process run tasks, in order; do not start it for fewer than ``min_to_start``."""
         with self._lock:
             process = self._process
             if process is None or process.poll() is not None:
-                if len(tasks) < least:
+                if len(tasks) < min_to_start:
                     return
                 self._end()
                 try:
-                    process = self._process = _start(subprocess.DEVNULL, LINGER)
+                    process = self._process = _start_worker(subprocess.DEVNULL, MAX_IDLE_SECONDS)
                 except OSError:
                     return
-                # Take note of its end at once: it may be long before anybody asks again.
+                # Reap it as soon as it ends: the next call may be long after.
                 threading.Thread(target=process.wait, daemon=True).start()
-            # Whether they are done shows in the store: nobody reads the answers.
+            # Their results are in the store: nobody reads the process's output.
             with suppress(OSError):
                 process.stdin.write(json.dumps(tasks) + "\n")
                 process.stdin.flush()
@@ -267,7 +269,7 @@ class _Beside:
 
     def _end(self) -> None:
         if self._process is not None:
-            _end(self._process)
+            _kill(self._process)
             self._process = None
 
     def forget(self) -> None:
@@ -275,56 +277,56 @@ class _Beside:
         process, self._process = self._process, None
         self._lock = forks.lock()
         if process is not None:
-            # Who holds its input keeps it waiting for more.
+            # An open end of its input would keep it waiting for more.
             with suppress(OSError):
                 process.stdin.close()
             process.returncode = 0
 
 
-_BESIDE = _Beside()
-atexit.register(_BESIDE.end)
+_BACKGROUND_WORKER = _BackgroundWorker()
+atexit.register(_BACKGROUND_WORKER.end)
 
 
 def _after_fork() -> None:
     """Reset state in a forked process, which lacks the threads."""
     store.BEFORE_COMPILING.clear()
-    _BESIDE.forget()
+    _BACKGROUND_WORKER.forget()
 
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
 
 
-def beside(
+def compile_in_background(
     list_tasks: Callable[[], Sequence[Task]], threads: int | None = None, *, at_once: bool = False
 ) -> AbstractContextManager[None]:
     """
     Run tasks in a background process while this one compiles, within a ``with`` block.
 
-    There is one such process, whoever asks. It starts with the first kernel that this process
-    compiles, since most frames compile nothing; what follows soon finds it ready.
+    All callers share one such process. It starts with the first kernel that this process compiles,
+    since most frames compile nothing, and waits a while for more tasks.
 
     Parameters
     ----------
     list_tasks : callable
-        Returns the tasks; called at most once, and only if something is compiled. What it raises
-        is not told: this process then compiles everything.
+        Returns the tasks; called at most once, and only if something is compiled. If it raises,
+        this process compiles everything.
     threads : int or None
-        What the user allows; with 1 everything is left to this process.
+        What the user allows; with 1 there is no other process.
     at_once : bool
-        Do not wait until this process compiles something.
+        Whether to start before this process compiles something.
     """
-    return _Asking(list_tasks, threads, at_once)
+    return _CompileWatcher(list_tasks, threads, at_once)
 
 
-class _Asking:
-    """Asks for tasks when something is about to be compiled, within a ``with`` block."""
+class _CompileWatcher:
+    """Submits tasks when something is about to be compiled, within a ``with`` block."""
 
     def __init__(
         self, list_tasks: Callable[[], Sequence[Task]], threads: int | None, at_once: bool
     ) -> None:
         self._list_tasks, self._threads, self._at_once = list_tasks, threads, at_once
-        self._asking = forks.lock()
+        self._submitting = forks.lock()
         self._progress: Progress | None = None
 
     def __enter__(self) -> None:
@@ -340,16 +342,16 @@ class _Asking:
         self._leave()
 
     def __call__(self) -> None:
-        """Ask for the tasks, as something is about to be compiled."""
-        # One of several threads that compile asks; the others go on.
-        if self._asking.acquire(blocking=False):
-            tasks, entries = _listed(self._list_tasks)
-            self._progress = Progress(entries)
-            if tasks and self._is_shared() and is_possible():
-                _BESIDE.take(tasks, 1 if self._at_once else WORTH_A_PROCESS)
-        # The frame that began last tells.
+        """Submit the tasks, as something is about to be compiled, and report the progress."""
+        # Of several threads that compile, one submits; the others go on.
+        if self._submitting.acquire(blocking=False):
+            tasks, files = _try_list_tasks(self._list_tasks)
+            self._progress = Progress(files)
+            if tasks and self._is_shared() and can_start_process():
+                _BACKGROUND_WORKER.submit(tasks, 1 if self._at_once else MIN_TASKS_FOR_PROCESS)
+        # Only the frame that began last reports.
         if self._progress is not None and store.BEFORE_COMPILING[-1:] == [self]:
-            self._progress.tell()
+            self._progress.report()
 
     def _leave(self) -> None:
         # In a process that was forked within, there is nothing to remove.
@@ -362,22 +364,24 @@ class _Asking:
         return self._threads != 1 and available_processors() > 1
 
 
-def _entry(task: Task) -> tuple[str, Path | None]:
-    """Return the name of what a task compiles, and the file that will keep it."""
+def _name_and_file(task: Task) -> tuple[str, Path | None]:
+    """Return the name of the kernel that a task compiles, and the file that will store it."""
     module, name, number = task.arguments
-    function, place = getattr(sys.modules[module], name), store.folder()
-    if place is None:
+    function, folder = getattr(sys.modules[module], name), store.kernel_folder()
+    if folder is None:
         return f"{module}.{name}", None
     kind = function.declared[number]
-    return f"{module}.{name}", store.path_of(place, store.name_of(function, kind, store.host()))
+    return f"{module}.{name}", store.entry_path(
+        folder, store.symbol_name(function, kind, store.host())
+    )
 
 
-def _listed(
+def _try_list_tasks(
     list_tasks: Callable[[], Sequence[Task]],
 ) -> tuple[Sequence[Task], dict[str, Path | None]]:
-    """Return the tasks, and what they compile; none on errors: they must not end a frame."""
+    """Return the tasks, and the files of kernels; none on errors: they must not end a frame."""
     try:
         tasks = list_tasks()
-        return tasks, dict(_entry(task) for task in tasks if task.module == __name__)
+        return tasks, dict(_name_and_file(task) for task in tasks if task.module == __name__)
     except Exception:
         return (), {}

@@ -10,7 +10,7 @@ from rasterjit import forks
 
 
 class CompileClock:
-    """Wall-clock seconds that this process spent on something, in any thread."""
+    """Wall-clock seconds that this process spent compiling, in any thread."""
 
     def __init__(self) -> None:
         self._lock = forks.lock()
@@ -20,20 +20,20 @@ class CompileClock:
 
     @property
     def seconds(self) -> float:
-        """Seconds so far; time that several threads waited for one compiler counts once."""
+        """Seconds of finished compilations; simultaneous ones count once."""
         return self._seconds
 
     def read(self) -> float:
-        """Return the seconds so far, with those of what is under way."""
+        """Return the seconds so far, with those of a compilation under way."""
         if self._active == 0:
             return self._seconds
         with self._lock:
-            going_on = time.perf_counter() - self._since if self._active else 0.0
-            return self._seconds + going_on
+            current = time.perf_counter() - self._since if self._active else 0.0
+            return self._seconds + current
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Let the clock run."""
+        """Let the clock run within a ``with`` block."""
         with self._lock:
             if self._active == 0:
                 self._since = time.perf_counter()
@@ -55,19 +55,19 @@ COMPILER_CLOCK = CompileClock()
 
 
 class StageClock:
-    """Notes how long each stage took; compiling is taken out of the stages and noted apart."""
+    """Measures the seconds of each stage of a frame, and of compiling apart."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {"compile": 0.0}
         self._since = time.perf_counter()
-        self._compiled = COMPILE_CLOCK.read()
+        self._compile_seconds = COMPILE_CLOCK.read()
 
     def __call__(self, stage: str) -> None:
-        """End a stage."""
-        now, compiled = time.perf_counter(), COMPILE_CLOCK.read()
-        compiling = compiled - self._compiled
+        """End a stage, given its name."""
+        now, compile_seconds = time.perf_counter(), COMPILE_CLOCK.read()
+        compiling = compile_seconds - self._compile_seconds
         self.seconds["compile"] += compiling
         # Another thread may compile longer than this stage takes.
-        own = max(0.0, now - self._since - compiling)
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + own
-        self._since, self._compiled = now, compiled
+        seconds = max(0.0, now - self._since - compiling)
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self._since, self._compile_seconds = now, compile_seconds

@@ -11,7 +11,7 @@ from llvmlite import binding
 
 from rasterjit.runtime.targets import Target, needs_far_addresses
 
-ALLOWED = {
+ALLOWED_CALLS = {
     "memset", "memcpy", "memmove", "floor", "floorf", "ceil", "ceilf", "rint", "rintf", "trunc",
     "truncf", "nearbyint", "nearbyintf", "fma", "fmaf", "sqrt", "sqrtf",
 }  # fmt: skip
@@ -19,7 +19,7 @@ ALLOWED = {
 
 
 @functools.cache
-def machine_of(target: Target) -> Any:
+def target_machine(target: Target) -> Any:
     """
     Return LLVM's description of a machine to compile for.
 
@@ -38,40 +38,40 @@ def machine_of(target: Target) -> Any:
     )
 
 
-def object_code(module: Any, name: str, target: Target) -> bytes:
-    """Return the object code of a kernel, given its optimized module."""
-    code = machine_of(target).emit_object(module)
-    refuse(needed_symbols(code) - ALLOWED, name)
+def generate_code(module: Any, name: str, target: Target) -> bytes:
+    """Generate the object code of a kernel, given its optimized module."""
+    code = target_machine(target).emit_object(module)
+    check_no_unknown(find_undefined_symbols(code) - ALLOWED_CALLS, name)
     return code
 
 
-def object_code_of_text(text: str, symbol: str, name: str, target: Target) -> bytes:
-    """Return the object code of a kernel by another name, given its optimized module as text."""
+def generate_from_text(text: str, symbol: str, name: str, target: Target) -> bytes:
+    """Generate the object code of a kernel by another name, given its optimized module as text."""
     module = binding.parse_assembly(text)
-    module.triple, module.data_layout = target.triple, str(machine_of(target).target_data)
+    module.triple, module.data_layout = target.triple, str(target_machine(target).target_data)
     module.name = module.get_function(symbol).name = name
-    return object_code(module, name, target)
+    return generate_code(module, name, target)
 
 
-def refuse(unknown: Iterable[str], name: str) -> None:
+def check_no_unknown(unknown: Iterable[str], name: str) -> None:
     """Raise ``RuntimeError`` for functions that a kernel must not call."""
     if unknown:
         raise RuntimeError(f"kernel {name} needs what no store can keep: {sorted(unknown)}")
 
 
-ELF, SYMBOL_TABLE, SYMBOL, NOWHERE = b"\x7fELF\x02\x01", 2, 24, 0
-"""How 64-bit object code of Linux begins, the kind of the section that lists its symbols, bytes of
-each of these, and the number of the section of one that is elsewhere."""
+ELF_HEADER, SYMBOL_TABLE, SYMBOL_BYTES, UNDEFINED_SECTION = b"\x7fELF\x02\x01", 2, 24, 0
+"""The first bytes of 64-bit object code of Linux, the type of the section of symbols, the bytes of
+a symbol, and the section number of an undefined one."""
 
 
-def needed_symbols(code: bytes) -> set[str]:
+def find_undefined_symbols(code: bytes) -> set[str]:
     """
-    Return the names that object code needs from elsewhere.
+    Return the undefined symbols of object code.
 
     LLVM's language does not tell them all: LLVM calls functions of its own choice. Only object
     code of Linux is read; of others, none are known.
     """
-    if not code.startswith(ELF):
+    if not code.startswith(ELF_HEADER):
         return set()
     (start,) = struct.unpack_from("<Q", code, 0x28)
     size, count = struct.unpack_from("<HH", code, 0x3A)
@@ -82,9 +82,9 @@ def needed_symbols(code: bytes) -> set[str]:
         if kind != SYMBOL_TABLE:
             continue
         texts = sections[link][4]
-        for at in range(offset + SYMBOL, offset + length, SYMBOL):
+        for at in range(offset + SYMBOL_BYTES, offset + length, SYMBOL_BYTES):
             name, _, _, section = struct.unpack_from("<IBBH", code, at)
-            if section == NOWHERE:
+            if section == UNDEFINED_SECTION:
                 begin = texts + name
                 found.add(code[begin : code.index(b"\0", begin)].decode())
     return found

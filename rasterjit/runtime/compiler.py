@@ -44,19 +44,24 @@ from numba.extending import intrinsic, typeof_impl
 from rasterjit import forks
 from rasterjit.runtime import array_type, intrinsics_ir
 from rasterjit.runtime.array_type import PlainArray
-from rasterjit.runtime.code_generation import ALLOWED, machine_of, object_code, refuse
+from rasterjit.runtime.code_generation import (
+    ALLOWED_CALLS,
+    check_no_unknown,
+    generate_code,
+    target_machine,
+)
 from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
 from rasterjit.runtime.state_block import (
     ArrayType,
     NumberType,
     RecordType,
     Type,
-    words_of,
+    count_words,
 )
-from rasterjit.runtime.store import tell_it_goes_on
+from rasterjit.runtime.store import report_compiling
 from rasterjit.runtime.targets import Target, compiling_for, host
 
-OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
+NUMBA_OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """Numba's options for every function."""
 
 _COMPILING = forks.hold_over_forks(threading.RLock())
@@ -65,13 +70,13 @@ STOCK = None
 """In place of a target: stock Numba compiles the helpers, for this machine's CPU."""
 
 
-class _Way(threading.local):
+class _HelperMode(threading.local):
     """Mode in which a thread compiles helpers: as drafts for a target, or `STOCK`."""
 
     target: Target | None = STOCK
 
 
-_WAY = _Way()
+_HELPER_MODE = _HelperMode()
 
 
 @typeof_impl.register(Helper)
@@ -79,20 +84,22 @@ _WAY = _Way()
 @typeof_impl.register(CheckedKernel)
 def _type_of_helper(value: Any, context: Any) -> Any:
     # Called for each helper of each function: often enough to show that there is life.
-    tell_it_goes_on()
-    return types.Dispatcher(_dispatcher(value, _WAY.target))
+    report_compiling()
+    return types.Dispatcher(_dispatcher(value, _HELPER_MODE.target))
 
 
 @functools.cache
 def _dispatcher(value: Any, target: Target | None) -> Any:
     """Return Numba's dispatcher of a helper: a draft for a target, or a stock one."""
-    function = with_instructions(value.function)
+    function = replace_intrinsics(value.function)
     if target is STOCK:
-        return numba.njit(**OPTIONS)(function)
-    return _drafting().draft(function, getattr(value, "is_disjoint", False), OPTIONS)
+        return numba.njit(**NUMBA_OPTIONS)(function)
+    return _import_numba_internals().draft(
+        function, getattr(value, "is_disjoint", False), NUMBA_OPTIONS
+    )
 
 
-def with_instructions(function: Callable) -> Any:
+def replace_intrinsics(function: Callable) -> Any:
     """Return a function that finds the machine's intrinsics where it finds Python's."""
     found = {
         name: getattr(intrinsics_ir, value.__name__)
@@ -101,16 +108,20 @@ def with_instructions(function: Callable) -> Any:
     }
     if not found:
         return function
-    known = {**function.__globals__, **found}
+    globals_with_intrinsics = {**function.__globals__, **found}
     copied = FunctionType(
-        function.__code__, known, function.__name__, function.__defaults__, function.__closure__
+        function.__code__,
+        globals_with_intrinsics,
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
     )
     copied.__qualname__ = function.__qualname__
     return copied
 
 
 @functools.cache
-def _drafting() -> Any:
+def _import_numba_internals() -> Any:
     """Import the module that makes drafts only when one is made."""
     from rasterjit.runtime import numba_internals
 
@@ -139,19 +150,21 @@ def _dtype(kind: ArrayType) -> Any:
     return np.dtype(kind.dtype)
 
 
-def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, word: int) -> Any:
+def _load_argument(
+    context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, word: int
+) -> Any:
     """Return a value of a state block, from a word on, and the word behind it."""
     if isinstance(kind, RecordType):
         values = []
         for field, one in zip(kind.fields, numba_kind.types, strict=True):
-            value, word = _load(context, builder, field, one, base, word)
+            value, word = _load_argument(context, builder, field, one, base, word)
             values.append(value)
         return context.make_tuple(builder, numba_kind, values), word
 
     def at(number: int) -> Any:
         return builder.gep(base, [ir.Constant(ir.IntType(64), word + number)])
 
-    end = word + words_of(kind)
+    end = word + count_words(kind)
     if isinstance(kind, NumberType):
         pointed = context.get_data_type(numba_kind).as_pointer()
         value = builder.load(builder.bitcast(at(0), pointed))
@@ -167,10 +180,10 @@ def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, wo
         strides = [builder.load(at(1 + kind.ndim + k)) for k in range(kind.ndim)]
     pointer = context.get_data_type(numba_kind.dtype).as_pointer()
     data = builder.inttoptr(address, pointer)
-    return array_type.make(context, builder, numba_kind, data, shape, strides), end
+    return array_type.make_array(context, builder, numba_kind, data, shape, strides), end
 
 
-def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callable, list[Any]]:
+def _make_entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callable, list[Any]]:
     """
     Return a function that calls a kernel, and a list to which compiling it adds the result's type.
 
@@ -179,7 +192,7 @@ def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callabl
     the numbers themselves.
     """
     if isinstance(value, RawKernel):
-        return with_instructions(value.function), [types.int64]
+        return replace_intrinsics(value.function), [types.int64]
     # What the function takes.
     dispatcher, is_stage = _dispatcher(value, target), isinstance(value, Stage)
     argument_types = [numba_type(field) for field in kind.fields]
@@ -200,7 +213,7 @@ def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callabl
             def load_all(fields: Any, numba_types: Any, address: Any) -> list[Any]:
                 values, word = [], 0
                 for field, one in zip(fields, numba_types, strict=True):
-                    loaded, word = _load(context, builder, field, one, base(address), word)
+                    loaded, word = _load_argument(context, builder, field, one, base(address), word)
                     values.append(loaded)
                 return values
 
@@ -234,43 +247,43 @@ def optimize(module: Any, machine: Any) -> None:
     builder.getModulePassManager().run(module, builder)
 
 
-_IS_STOCK: list[bool] = []
+_USES_STOCK: list[bool] = []
 """Not empty: use stock Numba, since drafts have failed where it did not."""
 
 
-def lower(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, Any]:
+def lower_to_llvm(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, Any]:
     """Return what a form of a kernel returns, and its optimized module for a target."""
     collects = gc.isenabled()
     gc.disable()  # It would only look, and free little.
     try:
         with _COMPILING:
             with compiling_for(target):
-                returned, module, symbol = _in_llvm(value, kind, target)
-            module = _with_c_entry(module, symbol, name, target)
-            tell_it_goes_on()
-            optimize(module, machine_of(target))
-            _refuse_unknown_calls(module, name)
-            _rename(module, name)
-            return _kind_of_result(returned, name), module
+                returned, module, symbol = _lower_any_way(value, kind, target)
+            module = _add_c_entry(module, symbol, name, target)
+            report_compiling()
+            optimize(module, target_machine(target))
+            _check_calls(module, name)
+            _rename_symbols(module, name)
+            return _describe_result(returned, name), module
     finally:
         if collects:
             gc.enable()
 
 
-def _in_llvm(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, str]:
+def _lower_any_way(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, str]:
     """Return the type of a kernel's result, a module with it and its helpers, and its symbol."""
-    if _IS_STOCK:
-        return _in_stock(value, kind)
+    if _USES_STOCK:
+        return _lower_stock(value, kind)
     try:
-        return _in_drafts(value, kind, target)
+        return _lower_drafts(value, kind, target)
     except Exception as error:
         if target != host():
             raise  # Stock Numba compiles for this machine alone.
         try:
-            found = _in_stock(value, kind)
+            found = _lower_stock(value, kind)
         except Exception:
             raise error from None  # Both ways fail: the kernel is at fault.
-        _IS_STOCK.append(True)
+        _USES_STOCK.append(True)
         warnings.warn(
             f"Numba {numba.__version__} is not as RasterJIT knows it, so compiling takes longer: "
             f"{type(error).__name__}: {error}",
@@ -280,21 +293,21 @@ def _in_llvm(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, st
         return found
 
 
-def _in_drafts(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, str]:
-    drafting = _drafting()
-    _WAY.target = target
+def _lower_drafts(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, str]:
+    internals = _import_numba_internals()
+    _HELPER_MODE.target = target
     try:
-        entry, returned = _entry(value, kind, target)
-        module, symbol = drafting.whole(entry, (types.int64,) * 3, OPTIONS)
+        entry, returned = _make_entry(value, kind, target)
+        module, symbol = internals.whole(entry, (types.int64,) * 3, NUMBA_OPTIONS)
     finally:
-        _WAY.target = STOCK
+        _HELPER_MODE.target = STOCK
     return returned[0], module, symbol
 
 
-def _in_stock(value: Any, kind: RecordType) -> tuple[Any, Any, str]:
-    entry, returned = _entry(value, kind, STOCK)
+def _lower_stock(value: Any, kind: RecordType) -> tuple[Any, Any, str]:
+    entry, returned = _make_entry(value, kind, STOCK)
     words = (types.int64,) * 3
-    compiled = numba.njit(types.int64(*words), **OPTIONS)(entry)
+    compiled = numba.njit(types.int64(*words), **NUMBA_OPTIONS)(entry)
     module = binding.parse_assembly(compiled.inspect_llvm(words))
     # Around it are what Python and C would call, of fewer arguments; its helpers are not external.
     (symbol,) = (
@@ -307,7 +320,7 @@ def _in_stock(value: Any, kind: RecordType) -> tuple[Any, Any, str]:
     return returned[0], module, symbol
 
 
-def _with_c_entry(module: Any, symbol: str, name: str, target: Target) -> Any:
+def _add_c_entry(module: Any, symbol: str, name: str, target: Target) -> Any:
     """Add an entry point of C's calling convention, and hide everything else."""
     text = f"""
     declare i32 @"{symbol}"(ptr, ptr, i64, i64, i64)
@@ -326,14 +339,14 @@ def _with_c_entry(module: Any, symbol: str, name: str, target: Target) -> Any:
     return module
 
 
-def _refuse_unknown_calls(module: Any, name: str) -> None:
+def _check_calls(module: Any, name: str) -> None:
     called = {one.name for one in module.functions if one.is_declaration}
-    unknown = {one for one in called if not one.startswith("llvm.")} - ALLOWED
+    unknown = {one for one in called if not one.startswith("llvm.")} - ALLOWED_CALLS
     unknown |= {one.name for one in module.global_variables if one.is_declaration}
-    refuse(unknown, name)
+    check_no_unknown(unknown, name)
 
 
-def _rename(module: Any, name: str) -> None:
+def _rename_symbols(module: Any, name: str) -> None:
     """Name what is inside by numbers: Numba's names count what a process has compiled."""
     inside = [one for one in (*module.functions, *module.global_variables)
               if not one.is_declaration and one.name != name]  # fmt: skip
@@ -341,7 +354,7 @@ def _rename(module: Any, name: str) -> None:
         one.name = f"{name}.{number}"
 
 
-def _kind_of_result(result: Any, name: str) -> str:
+def _describe_result(result: Any, name: str) -> str:
     if result == types.none:
         return "none"
     if result == types.boolean:
@@ -355,26 +368,26 @@ def _kind_of_result(result: Any, name: str) -> str:
 
 def compile_form(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, bytes]:
     """Return what a form of a kernel returns, and its object code for a target."""
-    returns, module = lower(value, kind, name, target)
-    tell_it_goes_on()
-    return returns, object_code(module, name, target)
+    returns, module = lower_to_llvm(value, kind, name, target)
+    report_compiling()
+    return returns, generate_code(module, name, target)
 
 
-def assembly(value: Any, kind: RecordType, target: Target) -> str:
+def emit_assembly_text(value: Any, kind: RecordType, target: Target) -> str:
     """Return the assembly of a form of a kernel, for people and tests."""
-    _, module = lower(value, kind, value.__name__, target)
-    return machine_of(target).emit_assembly(module)
+    _, module = lower_to_llvm(value, kind, value.__name__, target)
+    return target_machine(target).emit_assembly(module)
 
 
-def checked(function: Callable) -> Any:
+def compile_checked(function: Callable) -> Any:
     """Return a kernel with checked indices, as Numba makes and calls it."""
-    return numba.njit(**OPTIONS)(with_instructions(function))
+    return numba.njit(**NUMBA_OPTIONS)(replace_intrinsics(function))
 
 
-def around(value: Any) -> Any:
+def compile_caller(value: Any) -> Any:
     """Return a function that calls a helper or an intrinsic, for Python."""
 
     def call(*given: Any) -> Any:
         return value(*given)
 
-    return numba.njit(**OPTIONS)(call)
+    return numba.njit(**NUMBA_OPTIONS)(call)

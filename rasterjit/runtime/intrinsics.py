@@ -1,10 +1,10 @@
 """
 Declare intrinsics: vector instructions that LLVM does not generate from loops, and raw reads.
 
-A value is spread over neighbouring places; texels, four channels each, are copied and mixed: LLVM
-makes no vectors of a loop that reads where a row of numbers says. A part of a row is a slice that
-compiles in a fraction of the time, since it asks nothing about its ends. Here stands what they do
-in Python; ``intrinsics_ir`` has the machine's.
+A value is stored to neighbouring places; texels, four channels each, are copied and interpolated:
+LLVM does not vectorize gather loops. A part of a row is a slice that compiles in a fraction of the
+time, since its ends are not checked. Here stands what they do in Python; ``intrinsics_ir`` has the
+machine code.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rasterjit.forks import lock
-from rasterjit.runtime.jit import MACHINE, helper, intrinsic, raise_failed
+from rasterjit.runtime.jit import MACHINE_FUNCTION, helper, intrinsic, raise_call_error
 
 LANES = 8
 """Values written at once: a 256-bit register of 32-bit numbers."""
@@ -24,9 +24,9 @@ CHANNELS = 4
 
 HALVES = 2
 """
-Steps from texel to texel, as rows of numbers count them: halves of 8 bytes.
+Distance from texel to texel in rows of numbers, in halves of 8 bytes.
 
-Addresses of x86-64 take a number times 8 without an instruction more, but none times 16.
+Addresses of x86-64 can scale an index by 8 without an extra instruction, but not by 16.
 """
 
 _ADDING = lock()
@@ -68,8 +68,8 @@ def nine_parts(rows, first, start, stop):
     return (*six_parts(rows, first, start, stop), *three_parts(rows, first + 6, start, stop))
 
 
-class Coded(NamedTuple):
-    """The texels of a picture that are codes: those before the others; whole numbers are int64."""
+class CodedTexels(NamedTuple):
+    """The leading texels of an image that are stored as codes; integers are int64."""
 
     codes: Any
     """(B,) uint8: channel by channel, texel by texel."""
@@ -80,17 +80,17 @@ class Coded(NamedTuple):
     others: Any
     """Codes from that of red to those of green, blue and alpha."""
     curves: Any
-    """(K, 256) float32: what codes stand for."""
+    """(K, 256) float32: the value of each code."""
     curve: Any
-    """Where the curve of colours begins, in entries from the first of all curves."""
+    """Where the curve of colours begins, in entries from the start of ``curves``."""
     alphas: Any
-    """Where that of alpha does."""
+    """Where the curve of alpha begins."""
     end: Any
-    """The first texel that is no code, in `HALVES`."""
+    """The first texel that is not coded, in `HALVES`."""
 
 
-def _read_texels(texels: Any, first: Any, numbers: Any, coded: Coded) -> Any:
-    """Return texels, (N, CHANNELS), in `HALVES` from a first one."""
+def _read_texels(texels: Any, first: Any, numbers: Any, coded: CodedTexels) -> Any:
+    """Return texels, (N, CHANNELS), given by their distance from a first one in `HALVES`."""
     numbers = numbers.astype(np.int64)
     is_code = numbers < coded.end
     found = np.empty((len(numbers), CHANNELS), np.float32)
@@ -110,7 +110,7 @@ def _read_texels(texels: Any, first: Any, numbers: Any, coded: Coded) -> Any:
 def copy_texels(texels: Any, first: Any, numbers: Any, coded: Any, colors: Any, n: Any) -> None:
     """Copy ``CHANNELS`` texels, as `mix_texels` takes them, to places ``n`` ... of four rows."""
     some = slice(int(n), int(n) + CHANNELS)
-    for k, channel in enumerate(_read_texels(texels, first, numbers[some], Coded(*coded)).T):
+    for k, channel in enumerate(_read_texels(texels, first, numbers[some], CodedTexels(*coded)).T):
         colors[k][some] = channel
 
 
@@ -130,17 +130,16 @@ def mix_texels(
     corners : tuple of four rows of int32
         For each sample the texels around it, in `HALVES`, lower left first, upper right last.
     coded : tuple
-        As `Coded` has it: some texels are codes.
+        Fields of `CodedTexels`: some texels are codes.
     shares : tuple of two rows of float32
-        Those of the texels to the right, and of those above.
+        Weights of the texels to the right, and of those above.
     is_far : bool
-        Whether texels of samples further on are asked for, since the caches near the core hold
-        only some of them.
+        Whether to prefetch texels of samples further on, as the inner caches hold few of them.
     colors : tuple of four rows of float32
         Written, channel by channel, from place ``n`` on.
     """
     some = slice(int(n), int(n) + CHANNELS)
-    a, b, c, d = (_read_texels(texels, first, row[some], Coded(*coded)) for row in corners)
+    a, b, c, d = (_read_texels(texels, first, row[some], CodedTexels(*coded)) for row in corners)
     right, up = (row[some, np.newaxis] for row in shares)
     lower, upper = a + right * (b - a), c + right * (d - c)
     for k, mixed in enumerate((lower + up * (upper - lower)).T):
@@ -148,8 +147,8 @@ def mix_texels(
 
 
 @intrinsic
-def place_run(
-    u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any, first: Any, ways: Any
+def interpolate_uv_run(
+    u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any, first: Any, differences: Any
 ) -> None:
     """
     Write the texture coordinates of neighbouring samples of one face, in float64.
@@ -164,18 +163,18 @@ def place_run(
         Edge functions at the first sample and their steps from one to the next: whole numbers, so
         that each sum on the face is exact.
     factors : (3,) float64
-        What edge functions are multiplied by to be weights, up to their sum.
+        Factors that turn edge functions into weights, up to their sum.
     first : (2,) float64
         Coordinates of the first vertex.
-    ways : (4,) float64
-        What leads from there to the second vertex, u and v, and to the third.
+    differences : (4,) float64
+        Differences in u and v from there to the second vertex, then to the third.
     """
-    way = np.arange(int(count), dtype=np.float64)
-    parts = [(edges[k] + way * steps[k]) * factors[k] for k in range(3)]
+    sample = np.arange(int(count), dtype=np.float64)
+    parts = [(edges[k] + sample * steps[k]) * factors[k] for k in range(3)]
     over = 1.0 / (parts[0] + parts[1] + parts[2])
     second, third = parts[1] * over, parts[2] * over
-    u[: len(way)] = first[0] + second * ways[0] + third * ways[2]
-    v[: len(way)] = first[1] + second * ways[1] + third * ways[3]
+    u[: len(sample)] = first[0] + second * differences[0] + third * differences[2]
+    v[: len(sample)] = first[1] + second * differences[1] + third * differences[3]
 
 
 @intrinsic
@@ -214,7 +213,7 @@ def draw_box(
             )
             depth = plane[6] + (e0 * plane[7] + e1 * plane[8])
             place = int(first + row * stride + column)
-            _put(depths, numbers, place, depth, plane[9:], face, is_mixed)
+            _store_nearer(depths, numbers, place, depth, plane[9:], face, is_mixed)
 
 
 @intrinsic
@@ -247,11 +246,11 @@ def fill_rows(
         for column in range(max(begin, int(before)), int(spans[1][row])):
             depth = start + kind(column - begin) * plane[0]
             place = int(first + row * stride + column)
-            _put(depths, numbers, place, depth, plane[1:], face, is_mixed)
+            _store_nearer(depths, numbers, place, depth, plane[1:], face, is_mixed)
 
 
 @intrinsic
-def least_in_rows(values: Any, first: Any, stride: Any, rows: Any, left: Any, right: Any) -> Any:
+def find_min_in_rows(values: Any, first: Any, stride: Any, rows: Any, left: Any, right: Any) -> Any:
     """
     Return the least value in some columns, of ``LANES``, of some rows.
 
@@ -275,7 +274,7 @@ def least_in_rows(values: Any, first: Any, stride: Any, rows: Any, left: Any, ri
 
 
 @intrinsic
-def range_end(numbers: Any, start: Any, first: Any, end: Any) -> Any:
+def find_range_end(numbers: Any, start: Any, first: Any, end: Any) -> Any:
     """Return the first place from ``start`` on whose int32 is not in first..end - 1, or the end."""
     place = int(start)
     while place < len(numbers) and first <= numbers[place] < end:
@@ -395,10 +394,10 @@ def encode_lanes(
     color[some] = pixels
 
 
-def _put(
+def _store_nearer(
     depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any, is_mixed: bool
 ) -> None:
-    """Write a clamped depth, and the face, where it is nearer than what is there."""
+    """Write a clamped depth, and the face, if nearer than the sample's."""
     depth = limits[0] if depth < limits[0] else depth
     stored = depths.dtype.type(limits[1] if depth > limits[1] else depth)
     wins_tie = is_mixed and stored == depths[sample] and face < numbers[sample]
@@ -425,7 +424,7 @@ def store_int64(address: Any, value: Any) -> Any:
 
 
 @intrinsic
-def add_to(row: Any, place: Any, value: Any) -> Any:
+def add_to_element_atomically(row: Any, place: Any, value: Any) -> Any:
     """Add to an element of a row of int64 that threads share, in one step; return what it was."""
     with _ADDING:
         before = row[place]
@@ -434,34 +433,34 @@ def add_to(row: Any, place: Any, value: Any) -> Any:
 
 
 @intrinsic
-def load_shared(address: Any) -> Any:
-    """Return the word at an address, which other threads write, and see what they wrote before."""
+def load_atomic(address: Any) -> Any:
+    """Load the word at an address that other threads write, with acquire semantics."""
     raise NotImplementedError("machine code reads memory")
 
 
 @intrinsic
-def add_shared(address: Any, value: Any) -> Any:
+def add_atomic(address: Any, value: Any) -> Any:
     """Add to the word at an address in one step; return what it was."""
     raise NotImplementedError("machine code writes memory")
 
 
 @intrinsic
-def swap_shared(address: Any, expected: Any, value: Any) -> Any:
+def compare_exchange(address: Any, expected: Any, value: Any) -> Any:
     """Write the word at an address if it is as expected, in one step; return what it was."""
     raise NotImplementedError("machine code writes memory")
 
 
 @intrinsic
-def rest() -> Any:
-    """Tell the processor that a loop waits for another thread."""
+def pause_cpu() -> Any:
+    """Hint to the processor that a loop waits for another thread."""
     raise NotImplementedError("machine code waits")
 
 
 @intrinsic
 def call_at(address: Any, state: Any, first: Any, stop: Any) -> Any:
     """Call ``int64 f(int64, int64, int64)`` at an address."""
-    word = MACHINE(int(address))(int(state), int(first), int(stop))
-    raise_failed()
+    word = MACHINE_FUNCTION(int(address))(int(state), int(first), int(stop))
+    raise_call_error()
     return word
 
 
@@ -472,7 +471,7 @@ def call_bound(words):
 
 
 @intrinsic
-def enclose(xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any) -> None:
+def store_bounds(xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any) -> None:
     """
     Write the least x and y of three vertices, and the greatest, to places 2 n and 2 n + 1 of rows.
 
@@ -497,8 +496,8 @@ def copy_pair(pairs: Any, number: Any, row: Any, n: Any) -> None:
 
 
 @intrinsic
-def fetch(row: Any, number: Any) -> None:
-    """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
+def prefetch(row: Any, number: Any) -> None:
+    """Prefetch the cache line of an element of a row."""
 
 
 @intrinsic

@@ -19,17 +19,17 @@ being compiled, and returns the value that the instruction will have. Nothing is
 
 An example: ``spread(row, start, value)`` writes a number to ``LANES`` places of a row. ::
 
-    filled = _all(builder, number, LANES)             # a vector of 8 equal lanes
-    place = builder.gep(data, [index])                # &row[start]
-    builder.store(filled, bitcast(place), align=4)    # one store, at any address
+    filled = _broadcast(builder, number, LANES)         # a vector of 8 equal lanes
+    pointer = builder.gep(data, [index])                # &row[start]
+    builder.store(filled, bitcast(pointer), align=4)    # one store, at any address
 
 becomes, for float32 and AVX2, ``vbroadcastss ymm0, xmm0`` and ``vmovups [rdi], ymm0``; two stores
 of 16 bytes for older CPUs and for ARM.
 
-Words of this file: ``_all`` spreads a value over lanes; ``_from`` counts on from one by a step,
-lane by lane; ``_repeat`` is a loop, whose values are handed from turn to turn, as LLVM knows no
-variables that change; ``field`` and ``words`` read the record behind an array; a *mask* is a vector
-of bits that says which lanes count. ``_Tile`` writes under one.
+Words of this file: ``_broadcast`` copies a value to all lanes; ``_arithmetic_lanes`` counts up from
+one by a step, lane by lane; ``_loop`` hands values from iteration to iteration, as LLVM has no
+variables that change; ``load_field`` and ``list_axis_values`` read the record behind an array; a
+*mask* is a vector of bits that says which lanes count. ``_Tile`` writes under one.
 """
 
 from __future__ import annotations
@@ -41,23 +41,30 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from rasterjit.runtime.array_type import WORD, PlainArray, field, make, packed, words
+from rasterjit.runtime.array_type import (
+    WORD,
+    PlainArray,
+    list_axis_values,
+    load_field,
+    make_array,
+    pack_words,
+)
 from rasterjit.runtime.intrinsics import (
     CHANNELS,
     LANES,
-    Coded,
+    CodedTexels,
 )
 from rasterjit.runtime.jit import CHECKED
-from rasterjit.runtime.targets import current
+from rasterjit.runtime.targets import current_target
 
 LANE = ir.IntType(32)
-"""Whole numbers of lanes, and what names a lane."""
+"""Type of integer lanes, and of the index of a lane."""
 
-AHEAD = 32
-"""Samples between the texels that are mixed and those that are fetched into the cache."""
+SAMPLES_AHEAD = 32
+"""How many samples ahead texels are prefetched."""
 
 
-def _all(builder: Any, value: Any, lanes: int) -> Any:
+def _broadcast(builder: Any, value: Any, lanes: int) -> Any:
     """Return a vector of a value in every lane."""
     undefined = ir.Constant(ir.VectorType(value.type, lanes), ir.Undefined)
     first = builder.insert_element(undefined, value, LANE(0))
@@ -72,8 +79,8 @@ def spread(typing_context: Any, row: Any, start: Any, value: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index, number = arguments
-        filled = _all(builder, number, LANES)
-        place = builder.gep(field(context, builder, row, array, "data"), [index])
+        filled = _broadcast(builder, number, LANES)
+        place = builder.gep(load_field(context, builder, row, array, "data"), [index])
         size = number.type.get_abi_size(context.target_data)
         builder.store(filled, builder.bitcast(place, filled.type.as_pointer()), align=size)
         return context.get_dummy_value()
@@ -90,7 +97,7 @@ def part(typing_context: Any, rows: Any, number: Any, start: Any, stop: Any) -> 
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index, first, end = arguments
-        count, length = words(context, builder, rows, array, "shape")
+        count, length = list_axis_values(context, builder, rows, array, "shape")
         if CHECKED:
             order = ((index, count, "<"), (first, end, "<="), (end, length, "<="))
             for low, high, comparison in order:
@@ -100,56 +107,56 @@ def part(typing_context: Any, rows: Any, number: Any, start: Any, stop: Any) -> 
                     message = "a part of a row ends beyond the row"
                     context.call_conv.return_user_exc(builder, IndexError, (message,))
         start = builder.add(builder.mul(index, length), first)
-        return _row(context, builder, row, rows, array, start, builder.sub(end, first))
+        return _make_row(context, builder, row, rows, array, start, builder.sub(end, first))
 
     return row(rows, types.intp, types.intp, types.intp), generate
 
 
-def _row(
+def _make_row(
     context: Any, builder: Any, kind: Any, whole: Any, array: Any, start: Any, count: Any
 ) -> Any:
-    """Return a row of so many elements of a contiguous array."""
-    data = field(context, builder, whole, array, "data")
+    """Return ``count`` elements of a contiguous array as a row."""
+    data = load_field(context, builder, whole, array, "data")
     data = data if start is None else builder.gep(data, [start])
     if isinstance(kind, PlainArray):
-        return make(context, builder, kind, data, [count], [])
+        return make_array(context, builder, kind, data, [count], [])
     # A helper that Python calls takes Numba's own arrays.
-    one, given = context.make_array(kind)(context, builder), context.make_array(whole)
-    many = given(context, builder, array)
-    one.meminfo, one.parent, one.itemsize = many.meminfo, many.parent, many.itemsize
-    one.nitems, one.data = count, data
-    one.shape = packed(builder, [count])
-    one.strides = packed(builder, [many.itemsize])
-    return one._getvalue()
+    row = context.make_array(kind)(context, builder)
+    source = context.make_array(whole)(context, builder, array)
+    row.meminfo, row.parent, row.itemsize = source.meminfo, source.parent, source.itemsize
+    row.nitems, row.data = count, data
+    row.shape = pack_words(builder, [count])
+    row.strides = pack_words(builder, [source.itemsize])
+    return row._getvalue()
 
 
-def _mix(builder: Any, one: Any, other: Any, share: Any) -> Any:
+def _interpolate(builder: Any, one: Any, other: Any, share: Any) -> Any:
     """Return ``one + share * (other - one)`` in each channel."""
-    shares = _all(builder, share, CHANNELS)
+    shares = _broadcast(builder, share, CHANNELS)
     return builder.fadd(one, builder.fmul(shares, builder.fsub(other, one)))
 
 
 def _element(context: Any, builder: Any, kind: Any, rows: Any, row: int, n: Any) -> Any:
     """Return a pointer to element ``n`` of a row, of a tuple of contiguous rows."""
-    data = field(context, builder, kind[row], builder.extract_value(rows, row), "data")
+    data = load_field(context, builder, kind[row], builder.extract_value(rows, row), "data")
     return builder.gep(data, [n])
 
 
 def _texel_at(context: Any, builder: Any, kind: Any, array: Any, first: Any, number: Any) -> Any:
     """Return a pointer to the channels of a texel, given in `HALVES` from a first one."""
-    data = field(context, builder, kind, array, "data")
+    data = load_field(context, builder, kind, array, "data")
     data = builder.gep(data, [builder.mul(first, first.type(CHANNELS))])
     halves = builder.bitcast(data, ir.IntType(64).as_pointer())
     place = builder.gep(halves, [builder.sext(number, first.type)])
     return builder.bitcast(place, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
 
 
-def _texel(context: Any, builder: Any, *own: Any) -> Any:
-    """Load the channels of a texel, as `_texel_at` takes it."""
-    return builder.load(_texel_at(context, builder, *own), align=4)
+def _texel(context: Any, builder: Any, *arguments: Any) -> Any:
+    """Load the channels of a texel; takes what `_texel_at` does."""
+    return builder.load(_texel_at(context, builder, *arguments), align=4)
 
 
-def _put_channels(
+def _store_channels(
     context: Any, builder: Any, kind: Any, rows: Any, n: Any, colors: list[Any]
 ) -> Any:
     """Store the colours of ``CHANNELS`` neighbouring samples channel by channel."""
@@ -170,37 +177,40 @@ def _put_channels(
     return context.get_dummy_value()
 
 
-def _fetch(builder: Any, place: Any) -> None:
-    """Ask for the line of the cache that a pointer leads to."""
+def _prefetch(builder: Any, place: Any) -> None:
+    """Prefetch the cache line at a pointer."""
     byte = ir.IntType(8).as_pointer()
     kind = ir.FunctionType(ir.VoidType(), [byte, LANE, LANE, LANE])
-    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    prefetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
     # To be read, kept in all caches, data.
-    builder.call(fetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
+    builder.call(prefetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
 
 
-def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
-    """Ask for the texels left of samples `AHEAD`, whose neighbours mostly share their line."""
+def _prefetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+    """Prefetch the left texels of samples further on; right neighbours mostly share their line."""
     texels, _, corners = signature.args[:3]
     array, base, places, *_, start = arguments
     rows = [builder.extract_value(places, row) for row in (0, 2)]
-    length = words(context, builder, corners[0], rows[0], "shape")[0]
-    last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
+    length = list_axis_values(context, builder, corners[0], rows[0], "shape")[0]
+    last, ahead = (
+        builder.sub(length, length.type(CHANNELS)),
+        builder.add(start, start.type(SAMPLES_AHEAD)),
+    )
     ahead = builder.select(builder.icmp_signed("<", ahead, last), ahead, last)
     for k in range(CHANNELS):
         for row in (0, 2):
             at = builder.add(ahead, ahead.type(k))
             number = builder.load(_element(context, builder, corners, places, row, at))
-            _fetch(builder, _texel_at(context, builder, texels, array, base, number))
+            _prefetch(builder, _texel_at(context, builder, texels, array, base, number))
 
 
 def _decoded_texel(context: Any, builder: Any, kind: Any, coded: Any, number: Any) -> Any:
-    """Return the channels of a texel of codes, given in `HALVES`."""
+    """Return the channels of a coded texel, given in `HALVES`."""
     codes, first, step, others, curves, curve, alphas, _ = (
-        builder.extract_value(coded, k) for k in range(len(Coded._fields))
+        builder.extract_value(coded, k) for k in range(len(CodedTexels._fields))
     )
-    codes = field(context, builder, kind[0], codes, "data")
-    curves = field(context, builder, kind[4], curves, "data")
+    codes = load_field(context, builder, kind[0], codes, "data")
+    curves = load_field(context, builder, kind[4], curves, "data")
     texel = builder.sext(builder.ashr(number, LANE(1)), step.type)
     red = builder.add(first, builder.mul(texel, step))
     found = ir.Constant(ir.VectorType(ir.FloatType(), CHANNELS), ir.Undefined)
@@ -216,8 +226,8 @@ def _decoded_texel(context: Any, builder: Any, kind: Any, coded: Any, number: An
 def _read_texels(
     context: Any, builder: Any, kinds: Any, array: Any, base: Any, coded: Any, numbers: list[Any]
 ) -> list[Any]:
-    """Load texels that are all codes or all floats, as the first of them is."""
-    end = builder.extract_value(coded, len(Coded._fields) - 1)
+    """Load texels that are all coded or all floats, as the first of them is."""
+    end = builder.extract_value(coded, len(CodedTexels._fields) - 1)
     is_code = builder.icmp_signed("<", builder.sext(numbers[0], end.type), end)
     with builder.if_else(is_code, likely=None) as (then, otherwise):
         with then:
@@ -243,11 +253,11 @@ def copy_texels(
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, base, row, codes, target, start = arguments
-        data, found = field(context, builder, numbers, row, "data"), []
+        data, found = load_field(context, builder, numbers, row, "data"), []
         for k in range(CHANNELS):
             number = builder.load(builder.gep(data, [builder.add(start, start.type(k))]))
             found += _read_texels(context, builder, (texels, coded), array, base, codes, [number])
-        return _put_channels(context, builder, colors, target, start, found)
+        return _store_channels(context, builder, colors, target, start, found)
 
     return types.void(texels, types.int64, numbers, coded, colors, types.int64), generate
 
@@ -262,7 +272,7 @@ def mix_texels(
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, base, places, codes, weights, is_far, target, start = arguments
         with builder.if_then(context.is_true(builder, types.boolean, is_far)):
-            _fetch_ahead(context, builder, signature, arguments)
+            _prefetch_ahead(context, builder, signature, arguments)
         found = []
         for k in range(CHANNELS):
             at = builder.add(start, start.type(k))
@@ -275,40 +285,40 @@ def mix_texels(
                 for row in range(4)
             ]
             values = _read_texels(context, builder, (texels, coded), array, base, codes, numbers)
-            lower = _mix(builder, values[0], values[1], along)
-            upper = _mix(builder, values[2], values[3], along)
-            found.append(_mix(builder, lower, upper, upward))
-        return _put_channels(context, builder, colors, target, start, found)
+            lower = _interpolate(builder, values[0], values[1], along)
+            upper = _interpolate(builder, values[2], values[3], along)
+            found.append(_interpolate(builder, lower, upper, upward))
+        return _store_channels(context, builder, colors, target, start, found)
 
-    given = texels, types.int64, corners, coded, shares, types.boolean, colors, types.int64
-    return types.void(*given), generate
+    argument_types = texels, types.int64, corners, coded, shares, types.boolean, colors, types.int64
+    return types.void(*argument_types), generate
 
 
 # Rows of samples
 
 
-def _numbers(kind: Any, lanes: int) -> Any:
-    """Return the numbers of the lanes, in some type."""
+def _lane_numbers(kind: Any, lanes: int) -> Any:
+    """Return the vector 0, 1, 2 ... of a type."""
     number = int if isinstance(kind, ir.IntType) else float
     return ir.Constant(ir.VectorType(kind, lanes), [number(k) for k in range(lanes)])
 
 
-def _step(builder: Any, value: Any, step: Any) -> Any:
-    """Return the sum of two vectors, whole or real."""
+def _add(builder: Any, value: Any, step: Any) -> Any:
+    """Return the sum of two vectors, of integers or floats."""
     is_whole = isinstance(value.type.element, ir.IntType)
     return builder.add(value, step) if is_whole else builder.fadd(value, step)
 
 
-def _from(builder: Any, value: Any, step: Any, lanes: int) -> Any:
-    """Return a value that gains a step from lane to lane."""
-    steps, numbers = _all(builder, step, lanes), _numbers(step.type, lanes)
+def _arithmetic_lanes(builder: Any, value: Any, step: Any, lanes: int) -> Any:
+    """Return a vector that starts at a value and grows by a step from lane to lane."""
+    steps, numbers = _broadcast(builder, step, lanes), _lane_numbers(step.type, lanes)
     is_whole = isinstance(step.type, ir.IntType)
     gained = builder.mul(numbers, steps) if is_whole else builder.fmul(numbers, steps)
-    return _step(builder, _all(builder, value, lanes), gained)
+    return _add(builder, _broadcast(builder, value, lanes), gained)
 
 
-def _repeat(builder: Any, count: Any, values: list[Any], body: Callable) -> list[Any]:
-    """Run ``body(number, values)``, which returns the next values; return the last ones."""
+def _loop(builder: Any, count: Any, values: list[Any], body: Callable) -> list[Any]:
+    """Loop ``count`` times over ``values = body(number, values)``; return the last values."""
     before, head = builder.block, builder.append_basic_block("head")
     inside, after = builder.append_basic_block("body"), builder.append_basic_block("after")
     builder.branch(head)
@@ -328,11 +338,11 @@ def _repeat(builder: Any, count: Any, values: list[Any], body: Callable) -> list
     return running[1:]
 
 
-def _elements(builder: Any, row: Any, count: int) -> list[Any]:
+def _extract_elements(builder: Any, row: Any, count: int) -> list[Any]:
     return [builder.extract_value(row, k) for k in range(count)]
 
 
-def _check(context: Any, builder: Any, end: Any, length: Any) -> None:
+def _check_end(context: Any, builder: Any, end: Any, length: Any) -> None:
     """Raise IndexError if a row ends beyond its array, where indices are checked."""
     if CHECKED:
         is_beyond = builder.icmp_signed(">", end, length)
@@ -348,26 +358,31 @@ def _load_lanes(builder: Any, row: Any, place: Any, align: int) -> Any:
 
 
 @intrinsic
-def place_run(
+def interpolate_uv_run(
     typing_context: Any, u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any,
-    first: Any, ways: Any,
+    first: Any, differences: Any,
 ) -> Any:  # fmt: skip
     """Write the texture coordinates of neighbouring samples of one face, in float64."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         # Half a vector for a few samples would cost a wrong guess now and then.
         lanes, count = LANES, arguments[2]
-        edge, step, factor, start, way = (
-            [_all(builder, value, lanes) for value in _elements(builder, row, kind.count)]
+        edge, step, factor, start, difference = (
+            [
+                _broadcast(builder, value, lanes)
+                for value in _extract_elements(builder, row, kind.count)
+            ]
             for row, kind in zip(arguments[3:], signature.args[3:], strict=True)
         )
-        targets = [field(context, builder, signature.args[k], arguments[k], "data") for k in (0, 1)]
-        length = words(context, builder, signature.args[0], arguments[0], "shape")[0]
+        targets = [
+            load_field(context, builder, signature.args[k], arguments[k], "data") for k in (0, 1)
+        ]
+        length = list_axis_values(context, builder, signature.args[0], arguments[0], "shape")[0]
         one = ir.Constant(edge[0].type, [1.0] * lanes)
 
         def draw_group(number: Any, values: list[Any]) -> list[Any]:
             place = builder.mul(number, number.type(lanes))
-            _check(context, builder, builder.add(place, place.type(lanes)), length)
+            _check_end(context, builder, builder.add(place, place.type(lanes)), length)
             parts = [
                 builder.fmul(
                     builder.fadd(edge[k], builder.fmul(values[0], step[k])), factor[k]
@@ -378,15 +393,15 @@ def place_run(
             over = builder.fdiv(one, total)
             second, third = builder.fmul(parts[1], over), builder.fmul(parts[2], over)
             for k, target in enumerate(targets):
-                moved = builder.fadd(start[k], builder.fmul(second, way[k]))
-                moved = builder.fadd(moved, builder.fmul(third, way[2 + k]))
+                moved = builder.fadd(start[k], builder.fmul(second, difference[k]))
+                moved = builder.fadd(moved, builder.fmul(third, difference[2 + k]))
                 to = builder.bitcast(builder.gep(target, [place]), moved.type.as_pointer())
                 builder.store(moved, to, align=8)
             return [builder.fadd(values[0], ir.Constant(one.type, [float(lanes)] * lanes))]
 
         groups = builder.add(count, count.type(lanes - 1))
         groups = builder.lshr(groups, count.type(lanes.bit_length() - 1))
-        _repeat(builder, groups, [_numbers(ir.DoubleType(), lanes)], draw_group)
+        _loop(builder, groups, [_lane_numbers(ir.DoubleType(), lanes)], draw_group)
         return context.get_dummy_value()
 
     three, two, four = (types.UniTuple(types.float64, size) for size in (3, 2, 4))
@@ -394,90 +409,93 @@ def place_run(
 
 
 class _Tile:
-    """A tile, and how a vector of neighbouring samples is tested against its depths."""
+    """A tile; tests vectors of neighbouring samples against its depths."""
 
     def __init__(self, context: Any, builder: Any, signature: Any, arguments: Any) -> None:
         self._context, self._builder = context, builder
-        self._has_masks = "+avx512vl" in current().features
+        self._has_masks = "+avx512vl" in current_target().features
         self.stored = context.get_value_type(signature.args[0].dtype)
         self.size = self.stored.get_abi_size(context.target_data)
-        self._depths, self._numbers = (
-            field(context, builder, signature.args[k], arguments[k], "data") for k in range(2)
+        self._depths, self._lane_numbers = (
+            load_field(context, builder, signature.args[k], arguments[k], "data") for k in range(2)
         )
-        self._length = words(context, builder, signature.args[0], arguments[0], "shape")[0]
+        self._length = list_axis_values(context, builder, signature.args[0], arguments[0], "shape")[
+            0
+        ]
 
     def check(self, end: Any) -> None:
         """Raise IndexError if samples lie beyond the end, where indices are checked."""
-        _check(self._context, self._builder, end, self._length)
+        _check_end(self._context, self._builder, end, self._length)
 
-    def put(
+    def store_nearer(
         self, place: Any, is_inside: Any, depth: Any, limits: Any, face: Any, is_mixed: bool
     ) -> None:
         """
-        Store the depths, clamped to limits, and the face where they are nearer than what is there.
+        Store the depths, clamped to limits, and the face where they are nearer than the tile's.
 
-        Of equal depths that of the lower face is seen: the first, where faces are not mixed.
-
-        All lanes are stored, the others as they were: the tile is the thread's own.
+        Of equal depths the lower face wins: the first one, where faces are not mixed. All lanes are
+        written, some unchanged: no other thread uses the tile.
         """
         builder, depth = self._builder, self.to_stored(depth, limits)
         stored = depth.type
         depths, numbers = (
             builder.bitcast(builder.gep(array, [place]), vector.as_pointer())
-            for array, vector in ((self._depths, stored), (self._numbers, face.type))
+            for array, vector in ((self._depths, stored), (self._lane_numbers, face.type))
         )
         old = self._load(depths, self.size)
         if is_mixed:
-            wins = self.is_seen(is_inside, depth, old, face, lambda: builder.load(numbers, align=4))
+            wins = self.wins_depth_test(
+                is_inside, depth, old, face, lambda: builder.load(numbers, align=4)
+            )
         else:
             wins = builder.and_(is_inside, self.compare(">", depth, old))
         builder.store(builder.select(wins, depth, old), depths, align=self.size)
         old_face = self._load(numbers, 4)
         builder.store(builder.select(wins, face, old_face), numbers, align=4)
 
-    def put_apart(
+    def scatter_nearer(
         self, places: list[Any], is_inside: Any, depth: Any, face: Any, is_mixed: Any
     ) -> None:
-        """Store depths, as they are stored, and faces at places of their own, the last first."""
+        """Store nearer depths, in stored form, and faces at separate places, last lane first."""
         builder = self._builder
         for place in places:
             self.check(builder.add(place, place.type(1)))
         old, pointers = [], []
-        for array, kind in ((self._depths, depth.type), (self._numbers, face.type)):
+        for array, kind in ((self._depths, depth.type), (self._lane_numbers, face.type)):
             pointers.append([builder.gep(array, [place]) for place in places])
             values = ir.Constant(kind, ir.Undefined)
             for k, pointer in enumerate(pointers[-1]):
                 values = builder.insert_element(values, builder.load(pointer), LANE(k))
             old.append(values)
-        wins = self.is_seen(is_inside, depth, old[0], face, lambda: old[1], is_mixed)
-        for own, new, before in zip(pointers, (depth, face), old, strict=True):
+        wins = self.wins_depth_test(is_inside, depth, old[0], face, lambda: old[1], is_mixed)
+        for addresses, new, before in zip(pointers, (depth, face), old, strict=True):
             values = builder.select(wins, new, before)
             for k in reversed(range(len(places))):
-                builder.store(builder.extract_element(values, LANE(k)), own[k])
+                builder.store(builder.extract_element(values, LANE(k)), addresses[k])
 
-    def compare(self, how: str, depth: Any, other: Any) -> Any:
-        """Return how stored depths compare to others."""
+    def compare(self, operator: str, depth: Any, other: Any) -> Any:
+        """Compare stored depths, lane by lane."""
         is_whole = isinstance(self.stored, ir.IntType)
         compare = self._builder.icmp_signed if is_whole else self._builder.fcmp_ordered
-        return compare(how, depth, other)
+        return compare(operator, depth, other)
 
-    def is_seen(
+    def wins_depth_test(
         self, is_inside: Any, depth: Any, other: Any, face: Any, load_other: Callable,
         is_mixed: Any = None,
     ) -> Any:  # fmt: skip
         """
         Return which stored depths are nearer than others, or as near and of a lower face, if mixed.
 
-        Ties are rare, and tell by a branch what else would take a comparison of every face.
+        Ties are rare: a branch skips the comparison of faces.
         """
         builder = self._builder
         is_nearer = builder.and_(is_inside, self.compare(">", depth, other))
         is_tied = builder.and_(is_inside, self.compare("==", depth, other))
         lanes = ir.IntType(is_tied.type.count)
-        some = builder.icmp_unsigned("!=", builder.bitcast(is_tied, lanes), lanes(0))
-        some = some if is_mixed is None else builder.and_(some, is_mixed)
+        has_tie = builder.icmp_unsigned("!=", builder.bitcast(is_tied, lanes), lanes(0))
+        has_tie = has_tie if is_mixed is None else builder.and_(has_tie, is_mixed)
         before = builder.block
-        with builder.if_then(some, likely=False):
+        with builder.if_then(has_tie, likely=False):
             is_lower = builder.icmp_signed("<", face, load_other())
             both = builder.or_(is_nearer, builder.and_(is_tied, is_lower))
             inside = builder.block
@@ -487,7 +505,7 @@ class _Tile:
         return found
 
     def to_stored(self, depth: Any, limits: Any) -> Any:
-        """Return depths, clamped to limits, as they are stored."""
+        """Return depths in stored form, clamped to limits."""
         builder, (low, high) = self._builder, limits
         depth = builder.select(builder.fcmp_ordered("<", depth, low), low, depth)
         depth = builder.select(builder.fcmp_ordered(">", depth, high), high, depth)
@@ -520,17 +538,19 @@ def draw_box(
     def draw(
         context: Any, builder: Any, signature: Any, arguments: Any, lanes: int, is_mixed: bool
     ) -> None:
-        # What the lanes of the first row begin with, and what each row adds.
+        # The lanes of the first row, and what each row adds to them.
         first, stride, rows, columns, edges, plane, face = arguments[2:9]
         tile = _Tile(context, builder, signature, arguments)
-        edge, real = _elements(builder, edges, 9), _elements(builder, plane, 11)
+        edge, real = _extract_elements(builder, edges, 9), _extract_elements(builder, plane, 11)
         is_whole = isinstance(edge[0].type, ir.IntType)
-        sides = [_from(builder, edge[k], edge[k + 3], lanes) for k in range(3)]
-        exact = [_from(builder, real[k], real[k + 2], lanes) for k in range(2)]
-        down = [_all(builder, value, lanes) for value in (*edge[6:], *real[4:6])]
-        depth, weight_a, weight_b, *limits = (_all(builder, value, lanes) for value in real[6:])
-        faces, wanted = _all(builder, face, lanes), _all(builder, columns, lanes)
-        is_wanted = builder.icmp_signed("<", _numbers(LANE, lanes), wanted)
+        sides = [_arithmetic_lanes(builder, edge[k], edge[k + 3], lanes) for k in range(3)]
+        exact = [_arithmetic_lanes(builder, real[k], real[k + 2], lanes) for k in range(2)]
+        down = [_broadcast(builder, value, lanes) for value in (*edge[6:], *real[4:6])]
+        depth, weight_a, weight_b, *limits = (
+            _broadcast(builder, value, lanes) for value in real[6:]
+        )
+        faces, column_counts = _broadcast(builder, face, lanes), _broadcast(builder, columns, lanes)
+        is_column = builder.icmp_signed("<", _lane_numbers(LANE, lanes), column_counts)
         zero = ir.Constant(sides[0].type, [0 if is_whole else 0.0] * lanes)
 
         def draw_row(_: Any, values: list[Any]) -> list[Any]:
@@ -538,17 +558,17 @@ def draw_box(
             tile.check(builder.add(place, place.type(lanes)))
             if is_whole:
                 least = builder.or_(s0, builder.or_(s1, s2))
-                is_inside = builder.and_(is_wanted, builder.icmp_signed(">=", least, zero))
+                is_inside = builder.and_(is_column, builder.icmp_signed(">=", least, zero))
             else:
-                is_inside = is_wanted
+                is_inside = is_column
                 for side in (s0, s1, s2):
                     is_inside = builder.and_(is_inside, builder.fcmp_ordered(">=", side, zero))
             here = builder.fadd(builder.fmul(e0, weight_a), builder.fmul(e1, weight_b))
-            tile.put(place, is_inside, builder.fadd(depth, here), limits, faces, is_mixed)
-            steps = (_step(builder, *pair) for pair in zip(values[1:], down, strict=True))
+            tile.store_nearer(place, is_inside, builder.fadd(depth, here), limits, faces, is_mixed)
+            steps = (_add(builder, *pair) for pair in zip(values[1:], down, strict=True))
             return [builder.add(place, stride), *steps]
 
-        _repeat(builder, rows, [first, *sides, *exact], draw_row)
+        _loop(builder, rows, [first, *sides, *exact], draw_row)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         is_narrow = builder.icmp_signed("<=", arguments[5], LANE(LANES // 2))
@@ -562,27 +582,28 @@ def draw_box(
 
     kinds = types.UniTuple(edges.dtype, 9), types.UniTuple(plane.dtype, 11)
     whole = types.int64, types.int64, types.int64, types.int32
-    given = depths, numbers, *whole, *kinds, types.int32, types.boolean
-    return types.void(*given), generate
+    argument_types = depths, numbers, *whole, *kinds, types.int32, types.boolean
+    return types.void(*argument_types), generate
 
 
-def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+def _fill_single_columns(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
     """
-    Do what `fill_rows` does where no row has more than one sample.
+    Do what `fill_rows` does, where no row has more than one sample.
 
     Vectors are of rows. Which samples are nearer is hard to predict, so nothing branches.
     """
     spans, first, stride, rows, before, _, plane, face = arguments[2:10]
     tile, kinds = _Tile(context, builder, signature, arguments), signature.args[2]
     begins, ends, starts = (
-        field(context, builder, kinds[k], builder.extract_value(spans, k), "data") for k in range(3)
+        load_field(context, builder, kinds[k], builder.extract_value(spans, k), "data")
+        for k in range(3)
     )
-    slope, *limits = (_all(builder, v, LANES) for v in _elements(builder, plane, 3))
+    slope, *limits = (_broadcast(builder, v, LANES) for v in _extract_elements(builder, plane, 3))
     before, count, faces = (
-        _all(builder, v, LANES) for v in (before, builder.trunc(rows, LANE), face)
+        _broadcast(builder, v, LANES) for v in (before, builder.trunc(rows, LANE), face)
     )
-    steps = _all(builder, builder.trunc(stride, LANE), LANES)
-    numbers, lanes = _numbers(LANE, LANES), ir.Constant(steps.type, [LANES] * LANES)
+    steps = _broadcast(builder, builder.trunc(stride, LANE), LANES)
+    numbers, lanes = _lane_numbers(LANE, LANES), ir.Constant(steps.type, [LANES] * LANES)
 
     def draw_group(number: Any, values: list[Any]) -> list[Any]:
         row = builder.mul(number, number.type(LANES))
@@ -600,17 +621,17 @@ def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> No
         place = builder.add(builder.mul(values[0], steps), column)
         # What lies behind the last row stands in for the first row, which is stored after it.
         place = builder.select(
-            is_row, place, _all(builder, builder.extract_element(place, LANE(0)), LANES)
+            is_row, place, _broadcast(builder, builder.extract_element(place, LANE(0)), LANES)
         )
         places = [
             builder.add(first, builder.sext(builder.extract_element(place, LANE(k)), first.type))
             for k in range(LANES)
         ]
-        tile.put_apart(places, is_inside, depth, faces, arguments[10])
+        tile.scatter_nearer(places, is_inside, depth, faces, arguments[10])
         return [builder.add(values[0], lanes)]
 
     groups = builder.lshr(builder.add(rows, rows.type(LANES - 1)), rows.type(3))
-    _repeat(builder, groups, [numbers], draw_group)
+    _loop(builder, groups, [numbers], draw_group)
 
 
 @intrinsic
@@ -626,23 +647,25 @@ def fill_rows(
         spans, first, stride, rows, before, _, plane, face = arguments[2:10]
         tile, kinds = _Tile(context, builder, signature, arguments), signature.args[2]
         begins, ends, starts = (
-            field(context, builder, kinds[k], builder.extract_value(spans, k), "data")
+            load_field(context, builder, kinds[k], builder.extract_value(spans, k), "data")
             for k in range(3)
         )
-        slope, *limits = (_all(builder, v, lanes) for v in _elements(builder, plane, 3))
+        slope, *limits = (
+            _broadcast(builder, v, lanes) for v in _extract_elements(builder, plane, 3)
+        )
         real = slope.type.element
-        faces, numbers = _all(builder, face, lanes), _numbers(LANE, lanes)
+        faces, numbers = _broadcast(builder, face, lanes), _lane_numbers(LANE, lanes)
 
         def draw_row(row: Any, values: list[Any]) -> list[Any]:
             begin, end = (
                 builder.load(builder.gep(begins, [row])),
                 builder.load(builder.gep(ends, [row])),
             )
-            start = _all(builder, builder.load(builder.gep(starts, [row])), lanes)
+            start = _broadcast(builder, builder.load(builder.gep(starts, [row])), lanes)
             column = builder.select(builder.icmp_signed(">", begin, before), begin, before)
-            steps = _all(builder, builder.sitofp(builder.sub(column, begin), real), lanes)
+            steps = _broadcast(builder, builder.sitofp(builder.sub(column, begin), real), lanes)
             count = builder.sub(end, column)
-            counts = _all(builder, count, lanes)
+            counts = _broadcast(builder, count, lanes)
             place = builder.add(values[0], builder.sext(column, values[0].type))
 
             def draw_group(_: Any, values: list[Any]) -> list[Any]:
@@ -650,14 +673,14 @@ def fill_rows(
                 tile.check(builder.add(place, place.type(lanes)))
                 depth = builder.fadd(start, builder.fmul(along, slope))
                 is_inside = builder.icmp_signed("<", here, counts)
-                tile.put(place, is_inside, depth, limits, faces, is_mixed)
+                tile.store_nearer(place, is_inside, depth, limits, faces, is_mixed)
                 following = (
-                    _step(builder, value, ir.Constant(value.type, [lanes] * lanes))
+                    _add(builder, value, ir.Constant(value.type, [lanes] * lanes))
                     for value in (here, along)
                 )
                 return [builder.add(place, place.type(lanes)), *following]
 
-            first_group = [place, numbers, builder.fadd(steps, _numbers(real, lanes))]
+            first_group = [place, numbers, builder.fadd(steps, _lane_numbers(real, lanes))]
             if lanes < LANES:
                 # No row is longer
                 draw_group(None, first_group)
@@ -668,10 +691,10 @@ def fill_rows(
                 # One group at least: which rows are empty is hard to predict
                 is_some = builder.icmp_signed(">", groups, LANE(1))
                 groups = builder.select(is_some, groups, LANE(1))
-                _repeat(builder, groups, first_group, draw_group)
+                _loop(builder, groups, first_group, draw_group)
             return [builder.add(values[0], stride)]
 
-        _repeat(builder, rows, [first], draw_row)
+        _loop(builder, rows, [first], draw_row)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         longest = arguments[7]
@@ -683,7 +706,7 @@ def fill_rows(
         is_narrow = builder.icmp_signed("<=", longest, longest.type(LANES // 2))
         with builder.if_else(is_thin) as (thin, others):
             with thin:
-                _fill_thin(context, builder, signature, arguments)
+                _fill_single_columns(context, builder, signature, arguments)
             with others, builder.if_else(is_narrow) as branches:
                 for branch, lanes in zip(branches, (LANES // 2, LANES), strict=True):
                     with branch, builder.if_else(arguments[10]) as orders:
@@ -694,12 +717,12 @@ def fill_rows(
 
     three = types.UniTuple(plane.dtype, 3)
     whole = types.int64, types.int64, types.int64, types.int32, types.int64
-    given = depths, numbers, spans, *whole, three, types.int32, types.boolean
-    return types.void(*given), generate
+    argument_types = depths, numbers, spans, *whole, three, types.int32, types.boolean
+    return types.void(*argument_types), generate
 
 
 @intrinsic
-def least_in_rows(
+def find_min_in_rows(
     typing_context: Any, values: Any, first: Any, stride: Any, rows: Any, left: Any, right: Any
 ) -> Any:
     """Return the least value in some columns, of ``LANES``, of some rows."""
@@ -710,8 +733,8 @@ def least_in_rows(
         is_whole, vector = isinstance(kind, ir.IntType), ir.VectorType(kind, LANES)
         greatest = ir.Constant(vector, [2**31 - 1 if is_whole else float("inf")] * LANES)
         compare = builder.icmp_signed if is_whole else builder.fcmp_ordered
-        data = field(context, builder, values, array, "data")
-        length = words(context, builder, values, array, "shape")[0]
+        data = load_field(context, builder, values, array, "data")
+        length = list_axis_values(context, builder, values, array, "shape")[0]
         align = kind.get_abi_size(context.target_data)
 
         def lesser(one: Any, other: Any) -> Any:
@@ -719,18 +742,18 @@ def least_in_rows(
 
         def take_row(_: Any, running: list[Any]) -> list[Any]:
             place, least = running
-            _check(context, builder, builder.add(place, place.type(LANES)), length)
+            _check_end(context, builder, builder.add(place, place.type(LANES)), length)
             pointer = builder.bitcast(builder.gep(data, [place]), vector.as_pointer())
             row = builder.load(pointer, align=align)
             return [builder.add(place, stride), lesser(row, least)]
 
-        _, least = _repeat(builder, rows, [first, greatest], take_row)
-        columns = _numbers(LANE, LANES)
-        is_wanted = builder.and_(
-            builder.icmp_signed(">=", columns, _all(builder, left, LANES)),
-            builder.icmp_signed("<=", columns, _all(builder, right, LANES)),
+        _, least = _loop(builder, rows, [first, greatest], take_row)
+        columns = _lane_numbers(LANE, LANES)
+        is_column = builder.and_(
+            builder.icmp_signed(">=", columns, _broadcast(builder, left, LANES)),
+            builder.icmp_signed("<=", columns, _broadcast(builder, right, LANES)),
         )
-        least, lanes = builder.select(is_wanted, least, greatest), LANES
+        least, lanes = builder.select(is_column, least, greatest), LANES
         while lanes > 1:
             lanes //= 2
             half = [
@@ -745,20 +768,20 @@ def least_in_rows(
 
 
 @intrinsic
-def range_end(typing_context: Any, numbers: Any, start: Any, first: Any, end: Any) -> Any:
+def find_range_end(typing_context: Any, numbers: Any, start: Any, first: Any, end: Any) -> Any:
     """Return the first place from ``start`` on whose int32 is not in first..end - 1, or the end."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, start, first, stop = arguments
-        data = field(context, builder, numbers, array, "data")
-        length = words(context, builder, numbers, array, "shape")[0]
+        data = load_field(context, builder, numbers, array, "data")
+        length = list_axis_values(context, builder, numbers, array, "shape")[0]
         lanes, count = 2 * LANES, builder.sub(stop, first)
-        lowest, counts = _all(builder, first, lanes), _all(builder, count, lanes)
+        lowest, counts = _broadcast(builder, first, lanes), _broadcast(builder, count, lanes)
         before = builder.block
         names = ("vectors", "vector", "found", "singles", "single", "after")
         vectors, vector, found, singles, single, after = map(builder.append_basic_block, names)
         builder.branch(vectors)
-        # Look at whole vectors; what is below the first wraps around to a large number.
+        # Compare whole vectors; unsigned, so numbers below the first are large.
         builder.position_at_end(vectors)
         place = builder.phi(start.type)
         following = builder.add(place, place.type(lanes))
@@ -774,7 +797,7 @@ def range_end(typing_context: Any, numbers: Any, start: Any, first: Any, end: An
         lane = builder.zext(builder.cttz(mask, ir.IntType(1)(1)), start.type)
         outside = builder.add(place, lane)
         builder.branch(after)
-        # Look at what is left, one by one.
+        # Compare the rest one by one.
         builder.position_at_end(singles)
         last = builder.phi(start.type)
         builder.cbranch(builder.icmp_signed("<", last, length), single, after)
@@ -792,13 +815,13 @@ def range_end(typing_context: Any, numbers: Any, start: Any, first: Any, end: An
     return types.int64(numbers, types.int64, types.int32, types.int32), generate
 
 
-def _blending(builder: Any, corners: Any, base: Any) -> Callable:
-    """Return what turns weights of samples into a base times vertices' colours, held to these."""
+def _make_blend(builder: Any, corners: Any, base: Any) -> Callable:
+    """Return a function of weights: a base times the mix of vertices' colours, clamped to these."""
     corner = [
-        [_all(builder, value, LANES) for value in _elements(builder, own, 3)]
-        for own in _elements(builder, corners, 3)
+        [_broadcast(builder, value, LANES) for value in _extract_elements(builder, vertex, 3)]
+        for vertex in _extract_elements(builder, corners, 3)
     ]
-    shown = [_all(builder, value, LANES) for value in _elements(builder, base, 3)]
+    shown = [_broadcast(builder, value, LANES) for value in _extract_elements(builder, base, 3)]
 
     def lesser(value: Any, other: Any) -> Any:
         return builder.select(builder.fcmp_ordered("<", value, other), value, other)
@@ -807,7 +830,10 @@ def _blending(builder: Any, corners: Any, base: Any) -> Callable:
         return builder.select(builder.fcmp_ordered(">", value, other), value, other)
 
     limits = [
-        [reach(corner[0][k], reach(corner[1][k], corner[2][k])) for reach in (greater, lesser)]
+        [
+            pick_bound(corner[0][k], pick_bound(corner[1][k], corner[2][k]))
+            for pick_bound in (greater, lesser)
+        ]
         for k in range(3)
     ]
 
@@ -831,14 +857,18 @@ def blend_run(
     """Write the colours of neighbouring samples of one face: a base times those of its vertices."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        rows = [field(context, builder, red, row, "data") for row in arguments[:3]]
-        length = words(context, builder, red, arguments[0], "shape")[0]
+        rows = [load_field(context, builder, red, row, "data") for row in arguments[:3]]
+        length = list_axis_values(context, builder, red, arguments[0], "shape")[0]
         groups = builder.ashr(length, length.type(LANES.bit_length() - 1))
-        edge, step = (_elements(builder, tuple_, 3) for tuple_ in arguments[3:5])
-        starts = [_from(builder, *pair, LANES) for pair in zip(edge, step, strict=True)]
-        strides = [_all(builder, builder.fmul(own, own.type(float(LANES))), LANES) for own in step]
-        ratio_b, ratio_c = (_all(builder, v, LANES) for v in _elements(builder, arguments[5], 2))
-        blended = _blending(builder, arguments[6], arguments[7])
+        edge, step = (_extract_elements(builder, tuple_, 3) for tuple_ in arguments[3:5])
+        starts = [_arithmetic_lanes(builder, *pair, LANES) for pair in zip(edge, step, strict=True)]
+        strides = [
+            _broadcast(builder, builder.fmul(each, each.type(float(LANES))), LANES) for each in step
+        ]
+        ratio_b, ratio_c = (
+            _broadcast(builder, v, LANES) for v in _extract_elements(builder, arguments[5], 2)
+        )
+        blended = _make_blend(builder, arguments[6], arguments[7])
         single = ratio_b.type
         one = ir.Constant(single, [1.0] * LANES)
 
@@ -852,9 +882,9 @@ def blend_run(
             for row, value in zip(rows, blended(weights), strict=True):
                 target = builder.bitcast(builder.gep(row, [place]), single.as_pointer())
                 builder.store(value, target, align=4)
-            return [_step(builder, *pair) for pair in zip(exact, strides, strict=True)]
+            return [_add(builder, *pair) for pair in zip(exact, strides, strict=True)]
 
-        _repeat(builder, groups, starts, blend)
+        _loop(builder, groups, starts, blend)
         return context.get_dummy_value()
 
     exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
@@ -876,20 +906,22 @@ def blend_clipped_run(
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kinds = signature.args
-        rows = [field(context, builder, kinds[k], arguments[k], "data") for k in range(3)]
+        rows = [load_field(context, builder, kinds[k], arguments[k], "data") for k in range(3)]
         places = [
-            field(context, builder, kinds[3][k], builder.extract_value(arguments[3], k), "data")
+            load_field(
+                context, builder, kinds[3][k], builder.extract_value(arguments[3], k), "data"
+            )
             for k in range(4)
         ]
-        length = words(context, builder, red, arguments[0], "shape")[0]
+        length = list_axis_values(context, builder, red, arguments[0], "shape")[0]
         groups = builder.ashr(length, length.type(LANES.bit_length() - 1))
         double = ir.VectorType(ir.DoubleType(), LANES)
         single = ir.VectorType(ir.FloatType(), LANES)
         one, none = (ir.Constant(double, [value] * LANES) for value in (1.0, 0.0))
-        width = _all(builder, arguments[5], LANES)
+        width = _broadcast(builder, arguments[5], LANES)
         xs, ws, down = (
-            [_all(builder, value, LANES) for value in _elements(builder, own, 3)]
-            for own in arguments[6:9]
+            [_broadcast(builder, value, LANES) for value in _extract_elements(builder, row, 3)]
+            for row in arguments[6:9]
         )
 
         def pointer(row: Any, number: Any, kind: Any) -> Any:
@@ -899,7 +931,7 @@ def blend_clipped_run(
         def product(pair: tuple[Any, Any]) -> Any:
             return builder.fmul(*pair)
 
-        def total_of(values: list[Any]) -> Any:
+        def sum_three(values: list[Any]) -> Any:
             return builder.fadd(builder.fadd(values[0], values[1]), values[2])
 
         def weigh(number: Any, running: list[Any]) -> list[Any]:
@@ -912,20 +944,20 @@ def blend_clipped_run(
                 )
                 for k in range(3)
             ]  # fmt: skip
-            held = [
+            clamped = [
                 builder.select(builder.fcmp_ordered(">", none, area), none, area) for area in areas
             ]
-            for value, row in zip([*held, total_of(held)], places, strict=True):
+            for value, row in zip([*clamped, sum_three(clamped)], places, strict=True):
                 builder.store(value, pointer(row, number, double), align=8)
-            total = total_of(areas)
+            total = sum_three(areas)
             least = builder.select(builder.fcmp_ordered("<", total, least), total, least)
             step = ir.Constant(double, [2.0 * LANES] * LANES)
             # Their sum is NaN if one of them is.
             return [builder.fadd(odds, step), least, builder.fadd(sums, total)]
 
-        first = _from(builder, arguments[4], arguments[4].type(2.0), LANES)
-        _, least, sums = _repeat(builder, groups, [first, one, none], weigh)
-        blend = _blending(builder, arguments[9], arguments[10])
+        first = _arithmetic_lanes(builder, arguments[4], arguments[4].type(2.0), LANES)
+        _, least, sums = _loop(builder, groups, [first, one, none], weigh)
+        blend = _make_blend(builder, arguments[9], arguments[10])
 
         def divide(number: Any, _: list[Any]) -> list[Any]:
             *areas, total = (builder.load(pointer(row, number, double), align=8) for row in places)
@@ -934,16 +966,26 @@ def blend_clipped_run(
                 builder.store(value, pointer(row, number, single), align=4)
             return []
 
-        _repeat(builder, groups, [], divide)
-        is_sure = builder.and_(
+        _loop(builder, groups, [], divide)
+        is_positive = builder.and_(
             builder.fcmp_ordered(">", least, none), builder.fcmp_ordered("ord", sums, none)
         )
-        sure = builder.bitcast(is_sure, ir.IntType(LANES))
-        return builder.zext(builder.icmp_signed("!=", sure, sure.type((1 << LANES) - 1)), LANE)
+        positive_bits = builder.bitcast(is_positive, ir.IntType(LANES))
+        return builder.zext(
+            builder.icmp_signed("!=", positive_bits, positive_bits.type((1 << LANES) - 1)), LANE
+        )
 
     exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
-    given = types.float64, types.float64, exact, exact, exact, types.UniTuple(color, 3), color
-    return types.int32(red, red, red, memory, *given), generate
+    argument_types = (
+        types.float64,
+        types.float64,
+        exact,
+        exact,
+        exact,
+        types.UniTuple(color, 3),
+        color,
+    )
+    return types.int32(red, red, red, memory, *argument_types), generate
 
 
 @intrinsic
@@ -959,18 +1001,18 @@ def encode_lanes(
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kinds, (*light, entries, start, beside, target) = signature.args, arguments
+        kinds, (*light, entries, start, other_bits, target) = signature.args, arguments
         whole, half = ir.VectorType(LANE, LANES), ir.IntType(16)
-        entries = field(context, builder, kinds[3], entries, "data")
-        size = words(context, builder, kinds[6], target, "shape")[0]
-        _check(context, builder, builder.add(start, start.type(LANES)), size)
+        entries = load_field(context, builder, kinds[3], entries, "data")
+        size = list_axis_values(context, builder, kinds[6], target, "shape")[0]
+        _check_end(context, builder, builder.add(start, start.type(LANES)), size)
 
-        def every(number: int) -> Any:
+        def constant(number: int) -> Any:
             return ir.Constant(whole, [number] * LANES)
 
-        pixels = _all(builder, beside, LANES)
+        pixels = _broadcast(builder, other_bits, LANES)
         for k, row in enumerate(light):
-            place = builder.gep(field(context, builder, kinds[k], row, "data"), [start])
+            place = builder.gep(load_field(context, builder, kinds[k], row, "data"), [start])
             halves = builder.bitcast(place, half.as_pointer())
             found = ir.Constant(whole, ir.Undefined)
             for lane in range(LANES):
@@ -978,10 +1020,10 @@ def encode_lanes(
                 entry = builder.load(builder.gep(entries, [builder.zext(upper, WORD)]), align=4)
                 found = builder.insert_element(found, entry, LANE(lane))
             bits = builder.load(builder.bitcast(place, whole.as_pointer()), align=4)
-            code = builder.add(found, builder.and_(bits, every(0xFFFF)))
-            code = builder.and_(builder.lshr(code, every(16)), every(0xFF))
-            pixels = builder.or_(pixels, builder.shl(code, every(8 * k)))
-        place = builder.gep(field(context, builder, kinds[6], target, "data"), [start])
+            code = builder.add(found, builder.and_(bits, constant(0xFFFF)))
+            code = builder.and_(builder.lshr(code, constant(16)), constant(0xFF))
+            pixels = builder.or_(pixels, builder.shl(code, constant(8 * k)))
+        place = builder.gep(load_field(context, builder, kinds[6], target, "data"), [start])
         builder.store(pixels, builder.bitcast(place, whole.as_pointer()), align=4)
         return context.get_dummy_value()
 
@@ -1024,20 +1066,20 @@ def store_int64(typing_context: Any, address: Any, value: Any) -> Any:
 
 
 @intrinsic
-def add_to(typing_context: Any, row: Any, place: Any, value: Any) -> Any:
+def add_to_element_atomically(typing_context: Any, row: Any, place: Any, value: Any) -> Any:
     """Add to an element of a row of int64 that threads share, in one step; return what it was."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index, added = arguments
-        element = builder.gep(field(context, builder, row, array, "data"), [index])
+        element = builder.gep(load_field(context, builder, row, array, "data"), [index])
         return builder.atomic_rmw("add", element, added, "acq_rel")
 
     return types.int64(row, types.intp, types.int64), generate
 
 
 @intrinsic
-def load_shared(typing_context: Any, address: Any) -> Any:
-    """Return the word at an address, which other threads write, and see what they wrote before."""
+def load_atomic(typing_context: Any, address: Any) -> Any:
+    """Load the word at an address that other threads write, with acquire semantics."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load_atomic(_pointer(builder, arguments[0], 64), "acquire", 8)
@@ -1046,7 +1088,7 @@ def load_shared(typing_context: Any, address: Any) -> Any:
 
 
 @intrinsic
-def add_shared(typing_context: Any, address: Any, value: Any) -> Any:
+def add_atomic(typing_context: Any, address: Any, value: Any) -> Any:
     """Add to the word at an address in one step; return what it was."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -1057,7 +1099,7 @@ def add_shared(typing_context: Any, address: Any, value: Any) -> Any:
 
 
 @intrinsic
-def swap_shared(typing_context: Any, address: Any, expected: Any, value: Any) -> Any:
+def compare_exchange(typing_context: Any, address: Any, expected: Any, value: Any) -> Any:
     """Write the word at an address if it is as expected, in one step; return what it was."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -1069,18 +1111,18 @@ def swap_shared(typing_context: Any, address: Any, expected: Any, value: Any) ->
 
 
 @intrinsic
-def rest(typing_context: Any) -> Any:
-    """Tell the processor that a loop waits for another thread."""
+def pause_cpu(typing_context: Any) -> Any:
+    """Hint to the processor that a loop waits for another thread."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         # "pause" and "yield".
         known = {"x86": ("llvm.x86.sse2.pause", []), "ARM": ("llvm.aarch64.hint", [LANE(1)])}
-        processor = current().triple.split("-")[0]
+        processor = current_target().triple.split("-")[0]
         family = {"x86_64": "x86", "aarch64": "ARM", "arm64": "ARM"}.get(processor)
         if family is not None:
-            name, given = known[family]
-            kind = ir.FunctionType(ir.VoidType(), [one.type for one in given])
-            builder.call(builder.module.declare_intrinsic(name, (), kind), given)
+            name, operands = known[family]
+            kind = ir.FunctionType(ir.VoidType(), [operand.type for operand in operands])
+            builder.call(builder.module.declare_intrinsic(name, (), kind), operands)
         return context.get_dummy_value()
 
     return types.void(), generate
@@ -1104,11 +1146,11 @@ PAIR = ir.VectorType(LANE, 2)
 
 def _load_pair(context: Any, builder: Any, kind: Any, pairs: Any, number: Any) -> Any:
     """Load a pair of an array of pairs."""
-    length, _ = words(context, builder, kind, pairs, "shape")
-    stride, inner = words(context, builder, kind, pairs, "strides")
-    _check(context, builder, builder.add(number, number.type(1)), length)
-    _check(context, builder, inner, inner.type(LANE.width // 8))
-    data = field(context, builder, kind, pairs, "data")
+    length, _ = list_axis_values(context, builder, kind, pairs, "shape")
+    stride, inner = list_axis_values(context, builder, kind, pairs, "strides")
+    _check_end(context, builder, builder.add(number, number.type(1)), length)
+    _check_end(context, builder, inner, inner.type(LANE.width // 8))
+    data = load_field(context, builder, kind, pairs, "data")
     data = builder.bitcast(data, ir.IntType(8).as_pointer())
     place = builder.gep(data, [builder.mul(number, stride)])
     return builder.load(builder.bitcast(place, PAIR.as_pointer()), align=4)
@@ -1117,24 +1159,24 @@ def _load_pair(context: Any, builder: Any, kind: Any, pairs: Any, number: Any) -
 def _store_pair(context: Any, builder: Any, kind: Any, row: Any, n: Any, pair: Any) -> None:
     """Store a pair to places 2 n and 2 n + 1 of a row."""
     place = builder.shl(n, n.type(1))
-    length = words(context, builder, kind, row, "shape")[0]
-    _check(context, builder, builder.add(place, place.type(2)), length)
-    target = builder.gep(field(context, builder, kind, row, "data"), [place])
+    length = list_axis_values(context, builder, kind, row, "shape")[0]
+    _check_end(context, builder, builder.add(place, place.type(2)), length)
+    target = builder.gep(load_field(context, builder, kind, row, "data"), [place])
     builder.store(pair, builder.bitcast(target, PAIR.as_pointer()), align=4)
 
 
 @intrinsic
-def enclose(
+def store_bounds(
     typing_context: Any, xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any
 ) -> Any:
     """Write the least x and y of three vertices, and the greatest, to two places of rows."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         vertices = [_load_pair(context, builder, xy, arguments[0], n) for n in arguments[1:4]]
-        for row, value, how in zip((least, most), arguments[4:6], "<>", strict=True):
+        for row, value, operator in zip((least, most), arguments[4:6], "<>", strict=True):
             found = vertices[0]
             for other in vertices[1:]:
-                found = builder.select(builder.icmp_signed(how, found, other), found, other)
+                found = builder.select(builder.icmp_signed(operator, found, other), found, other)
             _store_pair(context, builder, row, value, arguments[6], found)
         return context.get_dummy_value()
 
@@ -1155,19 +1197,19 @@ def copy_pair(typing_context: Any, pairs: Any, number: Any, row: Any, n: Any) ->
 
 
 @intrinsic
-def fetch(typing_context: Any, row: Any, number: Any) -> Any:
-    """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
+def prefetch(typing_context: Any, row: Any, number: Any) -> Any:
+    """Prefetch the cache line of an element of a row."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index = arguments
-        place = field(context, builder, row, array, "data")
+        place = load_field(context, builder, row, array, "data")
         if row.layout == "C":
             place = builder.gep(place, [index])
         else:
-            stride = words(context, builder, row, array, "strides")[0]
+            stride = list_axis_values(context, builder, row, array, "strides")[0]
             place = builder.bitcast(place, ir.IntType(8).as_pointer())
             place = builder.gep(place, [builder.mul(index, stride)])
-        _fetch(builder, place)
+        _prefetch(builder, place)
         return context.get_dummy_value()
 
     return types.void(row, types.uintp), generate
@@ -1182,8 +1224,8 @@ def flat(typing_context: Any, array: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         count = WORD(1)
-        for length in words(context, builder, array, arguments[0], "shape"):
+        for length in list_axis_values(context, builder, array, arguments[0], "shape"):
             count = builder.mul(count, length)
-        return _row(context, builder, row, array, arguments[0], None, count)
+        return _make_row(context, builder, row, array, arguments[0], None, count)
 
     return row(array), generate

@@ -42,21 +42,21 @@ import numpy as np
 from rasterjit import forks
 from rasterjit.forks import cached_property
 from rasterjit.runtime import isolated_numba
-from rasterjit.runtime.argument_plan import plan_of
+from rasterjit.runtime.argument_plan import make_plan
 from rasterjit.runtime.clocks import COMPILE_CLOCK
 from rasterjit.runtime.state_block import (
     WORD,
     NumberType,
     RecordType,
-    forms_of,
-    pack_slowly,
-    size_of,
-    type_named,
-    type_of,
+    count_block_words,
+    expand_forms,
+    infer_type,
+    pack_in_python,
+    type_from_annotation,
 )
 
 
-def _is_set(name: str) -> bool:
+def _is_enabled(name: str) -> bool:
     """Tell whether an environment variable is a number other than 0, as Numba reads it."""
     try:
         return bool(int(os.environ.get(name, "0") or "0"))
@@ -64,10 +64,10 @@ def _is_set(name: str) -> bool:
         return False
 
 
-DISABLED = _is_set("NUMBA_DISABLE_JIT")
+DISABLED = _is_enabled("NUMBA_DISABLE_JIT")
 """Whether kernels run as plain Python."""
 
-CHECKED = _is_set("NUMBA_BOUNDSCHECK")
+CHECKED = _is_enabled("NUMBA_BOUNDSCHECK")
 """Whether kernels check their indices."""
 
 KERNELS: list[Any] = []
@@ -76,50 +76,50 @@ KERNELS: list[Any] = []
 STAGES: list[Any] = []
 """Every function decorated with ``@stage``, in order of definition."""
 
-MACHINE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-"""A compiled function, called without the GIL."""
+MACHINE_FUNCTION = ctypes.CFUNCTYPE(*[ctypes.c_int64] * 4)
+"""Type of compiled functions, called without the GIL."""
 
-LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-"""The same, called with the GIL: `pack_arguments.pack` reads Python objects."""
+MACHINE_FUNCTION_WITH_GIL = ctypes.PYFUNCTYPE(*[ctypes.c_int64] * 4)
+"""Type of compiled functions, called with the GIL: `pack_arguments.pack` reads Python objects."""
 
 
 class Form:
-    """A kernel in machine code, for arguments of certain types."""
+    """The machine code of a kernel for one combination of argument types."""
 
     def __init__(self, kind: RecordType, code: Any) -> None:
         self.kind = kind
         self.address: int = code.address
         self._code = code
-        self._run = MACHINE(code.address)
-        self._returns = {"none": lambda word: None, "int": None, "bool": bool}[code.returns]
-        self._plan, self._call_plan = plan_of(kind), plan_of(kind, code.address)
+        self._run = MACHINE_FUNCTION(code.address)
+        self._convert = {"none": lambda word: None, "int": None, "bool": bool}[code.returns]
+        self._plan, self._call_plan = make_plan(kind), make_plan(kind, code.address)
         self._plan_address, self.call_address = map(ctypes.addressof, (self._plan, self._call_plan))
-        self.block = ctypes.c_int64 * max(size_of(kind), 1)
+        self.block = ctypes.c_int64 * max(count_block_words(kind), 1)
 
     def pack(self, arguments: tuple[Any, ...]) -> Any:
         """Return a state block, or None if the arguments are of other types."""
         block = self.block()
-        if packer()(id(arguments), self._plan_address, ctypes.addressof(block)):
+        if get_packer()(id(arguments), self._plan_address, ctypes.addressof(block)):
             return None
         return block
 
-    def pack_slowly(self, arguments: tuple[Any, ...]) -> Any:
+    def pack_in_python(self, arguments: tuple[Any, ...]) -> Any:
         """Return a state block; raise TypeError if the arguments are of other types."""
         words: list[int] = []
-        pack_slowly(self.kind, arguments, words)
+        pack_in_python(self.kind, arguments, words)
         return self.block(*words)
 
     def run(self, block: Any) -> Any:
         """Run the machine code with a state block."""
-        return self.returned(self._run(ctypes.addressof(block), 0, 0))
+        return self.convert_result(self._run(ctypes.addressof(block), 0, 0))
 
-    def returned(self, word: int) -> Any:
-        """Return what the kernel returns, given the word that the machine code returned."""
-        return word if self._returns is None else self._returns(word)
+    def convert_result(self, word: int) -> Any:
+        """Convert the word that the machine code returned to the kernel's result."""
+        return word if self._convert is None else self._convert(word)
 
 
 class Kernel:
-    """A function in machine code, one form for each combination of the types of its arguments."""
+    """A function in machine code, with one form for each combination of argument types."""
 
     def __init__(self, function: Callable) -> None:
         self.function = function
@@ -131,12 +131,14 @@ class Kernel:
 
     @cached_property
     def declared(self) -> list[RecordType]:
-        """The types of its arguments, if annotations tell them: one for each form."""
+        """The argument types of each form, if all parameters are annotated."""
         names = inspect.signature(self.function).parameters
-        named = inspect.get_annotations(self.function, eval_str=True)
-        if not all(name in named for name in names):
+        annotations = inspect.get_annotations(self.function, eval_str=True)
+        if not all(name in annotations for name in names):
             return []
-        return forms_of(RecordType(tuple, tuple(type_named(named[name]) for name in names)))
+        return expand_forms(
+            RecordType(tuple, tuple(type_from_annotation(annotations[name]) for name in names))
+        )
 
     def __call__(self, *arguments: Any) -> Any:
         """
@@ -149,41 +151,41 @@ class Kernel:
         """
         for form in self.forms:
             block = form.block()
-            if not packer()(id(arguments), form.call_address, ctypes.addressof(block)):
-                return form.returned(block[0])
+            if not get_packer()(id(arguments), form.call_address, ctypes.addressof(block)):
+                return form.convert_result(block[0])
         form, block = self.bind(arguments)
         return form.run(block)
 
     def bind(self, arguments: tuple[Any, ...]) -> tuple[Form, Any]:
-        """Return the form for some arguments, and a state block. It does not keep them alive."""
+        """Return the form for some arguments, and a state block, which does not keep them alive."""
         for form in self.forms:
             block = form.pack(arguments)
             if block is not None:
                 return form, block
-        form = self.form_for(self._kind_for(arguments))
-        return form, form.pack_slowly(arguments)
+        form = self.get_form(self._choose_types(arguments))
+        return form, form.pack_in_python(arguments)
 
-    def _kind_for(self, arguments: tuple[Any, ...]) -> RecordType:
+    def _choose_types(self, arguments: tuple[Any, ...]) -> RecordType:
         if not self.declared:
-            return RecordType(tuple, tuple(map(type_of, arguments)))
-        furthest, reason = -1, TypeError()
+            return RecordType(tuple, tuple(map(infer_type, arguments)))
+        most_words, best_error = -1, TypeError()
         for kind in self.declared:
             words: list[int] = []
             try:
-                pack_slowly(kind, arguments, words, self.__name__)
+                pack_in_python(kind, arguments, words, self.__name__)
                 return kind
             except TypeError as error:
-                # Of several forms the one that most arguments suit says what is wrong.
-                if len(words) > furthest:
-                    furthest, reason = len(words), error
-        raise reason
+                # Report the error of the form that fits most arguments.
+                if len(words) > most_words:
+                    most_words, best_error = len(words), error
+        raise best_error
 
-    def obtain(self, kind: RecordType) -> int:
+    def load(self, kind: RecordType) -> int:
         """Return the address of the machine code of a form, compiled or loaded first."""
-        return self.form_for(kind).address
+        return self.get_form(kind).address
 
-    def form_for(self, kind: RecordType) -> Form:
-        """Return the form for arguments of some types: at hand, from the store, or compiled."""
+    def get_form(self, kind: RecordType) -> Form:
+        """Return the form for some argument types; load or compile it first if necessary."""
         with self._lock:
             for form in self.forms:
                 if form.kind == kind:
@@ -196,33 +198,33 @@ class Kernel:
             return form
 
 
-class _Failed(threading.local):
-    """Errors of kernels that this thread called by address, which C cannot pass on."""
+class _CallErrors(threading.local):
+    """Errors of kernels that this thread called by address: C cannot pass them on."""
 
     def __init__(self) -> None:
         self.errors: list[BaseException] = []
 
 
-_FAILED = _Failed()
+_CALL_ERRORS = _CallErrors()
 
 
-def raise_failed() -> None:
+def raise_call_error() -> None:
     """Raise the error, if any, of a kernel that was called by address."""
-    if _FAILED.errors:
-        raise _FAILED.errors.pop()
+    if _CALL_ERRORS.errors:
+        raise _CALL_ERRORS.errors.pop()
 
 
 class Bound:
     """
     A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_bound``).
 
-    Keep it alive while the words are in use: they are addresses of its memory.
+    Must stay alive while the words are in use: they are addresses of its memory.
     """
 
     def __init__(self, kernel: Any, *arguments: Any) -> None:
         self._kernel, self._arguments = kernel, arguments  # Their memory must stay.
         if DISABLED or CHECKED:
-            self._machine = MACHINE(self._run)
+            self._machine = MACHINE_FUNCTION(self._run)
             address, state = ctypes.cast(self._machine, ctypes.c_void_p).value, 0
         else:
             self._form, self._block = kernel.bind(arguments)
@@ -230,21 +232,23 @@ class Bound:
         self.words = np.array([address, state], np.int64)
         """(2,) int64: the addresses of the machine code and of the state block."""
 
-    def place_of(self, number: int) -> int:
+    def address_of(self, number: int) -> int:
         """Return the address of the words of an argument, by its number, in the state block."""
-        return int(self.words[1]) + WORD * sum(map(size_of, self._form.kind.fields[:number]))
+        return int(self.words[1]) + WORD * sum(
+            map(count_block_words, self._form.kind.fields[:number])
+        )
 
     def _run(self, *_: int) -> int:
-        """Run the kernel as Python calls it; keep its error for `raise_failed`."""
+        """Run the kernel as Python calls it; store its error for `raise_call_error`."""
         try:
             return int(self._kernel(*self._arguments) or 0)
         except BaseException as error:
-            _FAILED.errors.append(error)
+            _CALL_ERRORS.errors.append(error)
             return 0
 
 
-class _OfOneForm:
-    """A function that is compiled once, and called by its address."""
+class _SingleForm:
+    """A function of one form, called by its address."""
 
     def __init__(self, function: Callable) -> None:
         self.function = function
@@ -260,11 +264,11 @@ class _OfOneForm:
 
     @property
     def declared(self) -> list[RecordType]:
-        """Its only form."""
+        """The types of the only form."""
         return [self.kind]
 
-    def obtain(self, kind: RecordType) -> int:
-        """Return the address of its only form."""
+    def load(self, kind: RecordType) -> int:
+        """Return the address of the only form."""
         return self.address()
 
     def address(self) -> int:
@@ -278,19 +282,19 @@ class _OfOneForm:
             return self._code.address
 
 
-class RawKernel(_OfOneForm):
-    """``int64 kernel(int64, int64, int64)``: what machine code and the runtime call by address."""
+class RawKernel(_SingleForm):
+    """A function ``int64 kernel(int64, int64, int64)``, called by address."""
 
     kind = RecordType(tuple, (NumberType("int64"),) * 3)
 
 
-class Stage(_OfOneForm):
+class Stage(_SingleForm):
     """
     A step of shading, compiled once: ``stage(block, count, ...)``.
 
-    Takes a block of samples, how many of them count, and what the annotations of its further
-    parameters say. Machine code calls it (``stage_runner``), with the addresses of a state block,
-    which holds the further arguments, and of a block of samples.
+    Takes a block of samples, their count, and further arguments, whose types are annotations.
+    Machine code calls it (``stage_runner``), with the addresses of a state block, which holds the
+    further arguments, and of a block of samples.
     """
 
     def __init__(self, function: Callable) -> None:
@@ -300,38 +304,42 @@ class Stage(_OfOneForm):
     @cached_property
     def kind(self) -> RecordType:
         """The types of the block and of the further arguments."""
-        named = inspect.get_annotations(self.function, eval_str=True)
-        given = [name for name in inspect.signature(self.function).parameters if name != "count"]
-        for name in given:
-            if name not in named:
+        annotations = inspect.get_annotations(self.function, eval_str=True)
+        parameters = [
+            name for name in inspect.signature(self.function).parameters if name != "count"
+        ]
+        for name in parameters:
+            if name not in annotations:
                 raise TypeError(f"stage {self.__name__}: its parameter {name!r} needs a type")
-        return RecordType(tuple, tuple(type_named(named[name]) for name in given))
+        return RecordType(
+            tuple, tuple(type_from_annotation(annotations[name]) for name in parameters)
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The names of its further parameters: what it reads."""
+        """The names of the further parameters."""
         return tuple(inspect.signature(self.function).parameters)[2:]
 
     @cached_property
-    def _own(self) -> tuple[RecordType, Any, Any, int]:
-        own = RecordType(tuple, self.kind.fields[1:])
-        plan = plan_of(own)
-        return own, ctypes.c_int64 * max(size_of(own), 1), plan, ctypes.addressof(plan)
+    def _argument_layout(self) -> tuple[RecordType, Any, Any, int]:
+        kind = RecordType(tuple, self.kind.fields[1:])
+        plan = make_plan(kind)
+        return kind, ctypes.c_int64 * max(count_block_words(kind), 1), plan, ctypes.addressof(plan)
 
     def pack(self, *arguments: Any) -> Any:
         """
-        Return a state block of further arguments. It does not keep them alive.
+        Return a state block of the further arguments, which does not keep them alive.
 
         Raises
         ------
         TypeError
             An argument is of another type than the stage declares.
         """
-        own, row, _, plan_address = self._own
+        kind, row, _, plan_address = self._argument_layout
         block = row()
-        if packer()(id(arguments), plan_address, ctypes.addressof(block)):
+        if get_packer()(id(arguments), plan_address, ctypes.addressof(block)):
             words: list[int] = []
-            pack_slowly(own, arguments, words, self.__name__)
+            pack_in_python(kind, arguments, words, self.__name__)
             block[: len(words)] = words
         return block
 
@@ -341,7 +349,7 @@ class Stage(_OfOneForm):
             with np.errstate(all="ignore"):
                 return self.function(block, count, *arguments)
         if self._checked is None:
-            self._checked = isolated_numba.compiler().checked(self.function)
+            self._checked = isolated_numba.compiler().compile_checked(self.function)
         return self._checked(block, count, *arguments)
 
 
@@ -357,11 +365,11 @@ class CheckedKernel:
     def __call__(self, *arguments: Any) -> Any:
         """Run the kernel; compile it first if this process has not yet done so."""
         if self._dispatcher is None:
-            self._dispatcher = isolated_numba.compiler().checked(self.function)
+            self._dispatcher = isolated_numba.compiler().compile_checked(self.function)
         try:
             return self._dispatcher(*arguments)
         finally:
-            raise_failed()
+            raise_call_error()
 
 
 class Helper:
@@ -371,17 +379,17 @@ class Helper:
         self.function, self.is_disjoint = function, is_disjoint
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__doc__ = function.__doc__
-        self._around: Any = None
+        self._caller: Any = None
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the helper inside a function made around it."""
-        if self._around is None:
-            self._around = isolated_numba.compiler().around(self)
-        return self._around(*arguments)
+        """Run the helper, compiled into a function that only calls it."""
+        if self._caller is None:
+            self._caller = isolated_numba.compiler().compile_caller(self)
+        return self._caller(*arguments)
 
 
 class Intrinsic:
-    """A helper whose machine code ``intrinsics_ir`` has under the same name."""
+    """A helper whose machine code is generated by the same name in ``intrinsics_ir``."""
 
     def __init__(self, function: Callable) -> None:
         self.function = function
@@ -432,29 +440,29 @@ def raw_kernel(function: Callable) -> Any:
     return function if DISABLED else RawKernel(function)
 
 
-def pack_with(pack: Any, is_right: Callable[[Callable[[int, int, int], int]], bool]) -> None:
+def set_packer(pack: Any, is_valid: Callable[[Callable[[int, int, int], int]], bool]) -> None:
     """
-    Set the compiled packer of arguments; until then `pack_slowly` is used.
+    Set the compiled packer of arguments; until then `pack_in_python` does its work.
 
     Parameters
     ----------
     pack : RawKernel
         `pack_arguments.pack`.
-    is_right : callable
-        Tells whether it reads this Python right. If not, all goes on as before.
+    is_valid : callable
+        Tells whether the packer reads this Python's objects correctly; if not, it is not used.
     """
-    _PACKERS[:] = [(pack, is_right)]
-    packer.cache_clear()
+    _PACKERS[:] = [(pack, is_valid)]
+    get_packer.cache_clear()
 
 
 _PACKERS: list[tuple[Any, Callable[[Callable[[int, int, int], int]], bool]]] = []
 
 
 @functools.cache
-def packer() -> Callable[[int, int, int], int]:
+def get_packer() -> Callable[[int, int, int], int]:
     """Return the compiled packer of arguments; without it, a function that always fails."""
-    for pack, is_right in _PACKERS:
-        run = LOCKED_MACHINE(pack.address())
-        if is_right(run):
+    for pack, is_valid in _PACKERS:
+        run = MACHINE_FUNCTION_WITH_GIL(pack.address())
+        if is_valid(run):
             return run
     return lambda *_: 1

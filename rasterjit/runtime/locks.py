@@ -1,7 +1,7 @@
 """
-Tell by a lock whether who writes something is still there: it ends with the process that holds it.
+Lock files and folders, until the process that holds the lock ends.
 
-Numbers of processes tell nothing: containers that share a folder have the same ones.
+Process numbers would not do: containers that share a folder have the same ones.
 
 ``filelock`` is no part of the core install, empties the file that it locks, and locks no folders.
 """
@@ -21,37 +21,37 @@ from pathlib import Path
 from rasterjit import forks
 from rasterjit.runtime.sysctl import read_sysctl
 
-BOOT = Path("/proc/sys/kernel/random/boot_id")
-"""Where Linux names the run of the system, the same in all containers."""
+BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
+"""On Linux, names the boot of the system, the same in all containers."""
 
-APPLE_BOOT = "kern.bootsessionuuid"
-"""What macOS calls it. Its host's name changes with the network."""
+APPLE_BOOT_ID = "kern.bootsessionuuid"
+"""On macOS, names the boot; the host's name changes with the network."""
 
-FAR = 1 << 30
-"""The byte that is locked where locks are for bytes: none that anyone reads."""
+LOCKED_BYTE = 1 << 30
+"""Offset of the byte that is locked on Windows, behind any content."""
 
 
 _OPENING = forks.hold_over_forks(threading.Lock())
 
-_OPEN: weakref.WeakSet[Lock] = weakref.WeakSet()
+_OPEN_LOCKS: weakref.WeakSet[Lock] = weakref.WeakSet()
 
 
 class Lock:
     """
     A file or folder that is open, and locked until it is closed or the process ends.
 
-    It stays with the process that locked it: a forked child closes its copy.
+    A forked child closes its copy.
 
     Attributes
     ----------
     is_sure : bool
-        False where nothing can be locked: another may have it, too.
+        False where files cannot be locked: another process may hold the lock, too.
     """
 
-    def __init__(self, descriptor: int, is_sure: bool) -> None:
+    def __init__(self, descriptor: int, is_exclusive: bool) -> None:
         self._descriptor: int | None = descriptor
-        self.is_sure = is_sure
-        _OPEN.add(self)
+        self.is_exclusive = is_exclusive
+        _OPEN_LOCKS.add(self)
 
     def __enter__(self) -> Lock:
         return self
@@ -60,13 +60,13 @@ class Lock:
         self.close()
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the lock."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)
 
     def read(self) -> bytes:
-        """Return what a file holds: where locks are mandatory, only who has it can read it."""
+        """Return the content of the file: on Windows, only the holder of a lock can read it."""
         if self._descriptor is None:
             return b""
         os.lseek(self._descriptor, 0, os.SEEK_SET)
@@ -74,7 +74,7 @@ class Lock:
 
     def write(self, content: bytes) -> None:
         """
-        Let a file hold something else, a few bytes.
+        Replace the content of the file, a few bytes.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class Lock:
 
     def remove(self, path: Path) -> None:
         """
-        Let go of a file at a path and remove it: before, for afterwards it may be another's.
+        Remove the file at a path, then release the lock: in the other order another may hold it.
 
         Raises
         ------
@@ -98,14 +98,14 @@ class Lock:
         try:
             path.unlink(missing_ok=True)
         except PermissionError:
-            # Windows removes no file that is open; once closed, another run may have it.
+            # Windows removes no open file; once closed, another process may hold it.
             self.close()
             with suppress(PermissionError):
                 path.unlink(missing_ok=True)
         self.close()
 
-    def is_of(self, path: Path) -> bool:
-        """Tell whether what is locked is what lies at a path now."""
+    def is_at(self, path: Path) -> bool:
+        """Tell whether the locked file or folder is the one now at a path."""
         if self._descriptor is None:
             return False
         with suppress(OSError):
@@ -114,38 +114,38 @@ class Lock:
         return False
 
 
-def lock(path: Path, is_made: bool = False) -> Lock | None:
+def lock(path: Path, creates: bool = False) -> Lock | None:
     """
-    Lock a file or folder that is there, or a file that is made if missing; None if another has it.
+    Lock a file or folder, or create a missing file; None if another process holds the lock.
 
     Raises
     ------
     OSError
-        If it cannot be opened, a link for one.
+        If it cannot be opened, for instance a link.
     """
     is_folder = os.name == "posix" and path.is_dir()
-    # Over a network, only what is open for writing can be locked.
+    # Network file systems lock only files that are open for writing.
     flags = os.O_RDONLY if is_folder else os.O_RDWR
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"):
         flags |= getattr(os, name, 0)
-    if is_made:
+    if creates:
         flags |= os.O_CREAT
     with _OPENING:
         descriptor = os.open(path, flags, 0o600)
         try:
-            is_sure = _lock(descriptor)
+            is_exclusive = _lock(descriptor)
         except BaseException:
             os.close(descriptor)
             raise
-        if is_sure is None:
+        if is_exclusive is None:
             os.close(descriptor)
             return None
-        return Lock(descriptor, is_sure)
+        return Lock(descriptor, is_exclusive)
 
 
 def _close_all() -> None:
-    """Leave locks to the process that this one was forked from."""
-    for held in list(_OPEN):
+    """Leave the locks to the parent process, after a fork."""
+    for held in list(_OPEN_LOCKS):
         held.close()
 
 
@@ -154,13 +154,13 @@ if hasattr(os, "register_at_fork"):
 
 
 def _lock(descriptor: int) -> bool | None:
-    """Lock what is open; return whether that is sure, or None if another has it."""
+    """Lock an open file; return whether locks work here, or None if another process holds it."""
     try:
         import fcntl
     except ImportError:
         import msvcrt
 
-        os.lseek(descriptor, FAR, os.SEEK_SET)
+        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
         except OSError as error:
@@ -176,18 +176,18 @@ def _lock(descriptor: int) -> bool | None:
 
 
 @functools.cache
-def machine() -> tuple[str, str]:
+def machine_names() -> tuple[str, str]:
     """
-    Return two names of this machine, 8 hexadecimal digits each: of the host, and of the system.
+    Return hashes of the names of this host and of the booted system, 8 hexadecimal digits each.
 
-    Processes that share either are asked by locks. Where both differ, a lock may not be seen.
+    Processes that share either see each other's locks. Where both differ, they may not.
     """
-    host = platform.node()
-    system = (read_sysctl(APPLE_BOOT) or b"").rstrip(b"\0").decode() or host
+    host_name = platform.node()
+    system = (read_sysctl(APPLE_BOOT_ID) or b"").rstrip(b"\0").decode() or host_name
     with suppress(OSError):
-        system = BOOT.read_text().strip()
-    return _digits(host), _digits(system)
+        system = BOOT_ID_FILE.read_text().strip()
+    return _hash_name(host_name), _hash_name(system)
 
 
-def _digits(name: str) -> str:
+def _hash_name(name: str) -> str:
     return hashlib.sha256(name.encode()).hexdigest()[:8]

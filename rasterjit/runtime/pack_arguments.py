@@ -2,8 +2,8 @@
 Pack the arguments of a call into a state block, and call, in machine code: about a microsecond.
 
 Reads tuples, arrays and numbers where a plan (``argument_plan``) says, and checks that they are
-what it expects; anything unexpected is left to `state_block.pack_slowly`. So is every call, if a
-first try (`is_readable`) shows that this Python keeps things elsewhere.
+what it expects; anything unexpected is left to `state_block.pack_in_python`. So is every call, if a
+first try (`reads_this_python`) shows that this Python keeps things elsewhere.
 """
 
 from __future__ import annotations
@@ -15,26 +15,27 @@ import numpy as np
 
 from rasterjit.runtime import argument_plan as layout
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
-from rasterjit.runtime.jit import helper, pack_with, raw_kernel
-from rasterjit.runtime.state_block import WORD, ArrayType, NumberType, RecordType, pack_slowly
+from rasterjit.runtime.jit import helper, raw_kernel, set_packer
+from rasterjit.runtime.state_block import WORD, ArrayType, NumberType, RecordType, pack_in_python
 
 
 @helper
 def copy_words(source, count, target):
-    """Copy some words; return where they end."""
+    """Copy words; return the address behind the copy."""
     for k in range(count):
         store_int64(target + WORD * k, load_int64(source + WORD * k))
     return target + WORD * count
 
 
 @helper
-def is_array(array, header, step):
-    """Return whether an array, behind its header, has the expected type, axes and layout."""
-    word = load_int64(load_int64(array + layout.DESCR) + header + layout.KIND)
-    flags = load_int64(step + layout.WANTED_FLAGS)
+def is_array(array, header, instruction):
+    """Tell whether an array, behind its header, has the expected type, axes and layout."""
+    word = load_int64(load_int64(array + layout.DESCR) + header + layout.TYPE_CODE)
+    flags = load_int64(instruction + layout.EXPECTED_FLAGS)
     return (
-        (word & np.int64(np.uint64(layout.ORDER_AND_NUMBER))) == load_int64(step + layout.EXPECTED)
-        and np.int64(load_int32(array + layout.NDIM)) == load_int64(step + layout.DETAIL)
+        (word & np.int64(np.uint64(layout.TYPE_CODE_MASK)))
+        == load_int64(instruction + layout.EXPECTED)
+        and np.int64(load_int32(array + layout.NDIM)) == load_int64(instruction + layout.DETAIL)
         and (np.int64(load_int32(array + layout.FLAGS)) & flags) == flags
     )
 
@@ -61,68 +62,70 @@ def pack(arguments, plan, state):
         0, or the position, from 1 on, of the first instruction that finds something unexpected.
     """
     array_type, read_int = load_int64(plan + layout.ARRAY_TYPE), load_int64(plan + layout.READ_INT)
-    header, items = load_int64(plan + layout.HEADER), load_int64(plan + layout.ITEMS)
-    step, out, position = plan + layout.FIRST, state, np.int64(1)
-    if load_int64(arguments + header) != load_int64(plan + layout.LENGTH):
+    header, items = load_int64(plan + layout.HEADER_BYTES), load_int64(plan + layout.ITEMS_OFFSET)
+    instruction, out, position = plan + layout.FIRST_INSTRUCTION, state, np.int64(1)
+    if load_int64(arguments + header) != load_int64(plan + layout.ARGUMENT_COUNT):
         return position
     # Pack
-    op = load_int64(step + layout.OP)
+    op = load_int64(instruction + layout.OP)
     while op != layout.END:
         value = arguments
-        for k in range(load_int64(step + layout.DEPTH)):
-            value = load_int64(value + items + WORD * load_int64(step + layout.PATH + WORD * k))
+        for k in range(load_int64(instruction + layout.PATH_LENGTH)):
+            value = load_int64(
+                value + items + WORD * load_int64(instruction + layout.PATH + WORD * k)
+            )
         body = value + header
-        kind, expected = load_int64(body - WORD), load_int64(step + layout.EXPECTED)
+        kind, expected = load_int64(body - WORD), load_int64(instruction + layout.EXPECTED)
         if op == layout.ARRAY:
-            if kind != array_type or not is_array(body, header, step):
+            if kind != array_type or not is_array(body, header, instruction):
                 return position
-            axes = load_int64(step + layout.DETAIL)
+            axes = load_int64(instruction + layout.DETAIL)
             store_int64(out, load_int64(body + layout.DATA))
             out = copy_words(load_int64(body + layout.SHAPE), axes, out + WORD)
-            if load_int64(step + layout.STRIDED):
+            if load_int64(instruction + layout.HAS_STRIDES):
                 out = copy_words(load_int64(body + layout.STRIDES), axes, out)
         elif op == layout.INT:
-            if kind != expected and kind != load_int64(step + layout.DETAIL):
+            if kind != expected and kind != load_int64(instruction + layout.DETAIL):
                 return position
             store_int64(out, call_at(read_int, value, 0, 0))
             out += WORD
         elif op == layout.RECORD:
-            if kind != expected or load_int64(body) != load_int64(step + layout.DETAIL):
+            if kind != expected or load_int64(body) != load_int64(instruction + layout.DETAIL):
                 return position
         else:
-            if kind != expected and kind != load_int64(step + layout.DETAIL):
+            if kind != expected and kind != load_int64(instruction + layout.DETAIL):
                 return position
             if op == layout.FLOAT64:
                 store_int64(out, load_int64(body))
             else:
                 store_int64(out, np.int64(load_int32(body)))
             out += WORD
-        step, position = step + layout.INSTRUCTION, position + 1
-        op = load_int64(step + layout.OP)
+        instruction, position = instruction + layout.INSTRUCTION_BYTES, position + 1
+        op = load_int64(instruction + layout.OP)
     # Call
     code = load_int64(plan + layout.CODE)
     if code != 0:
-        thread = call_at(load_int64(plan + layout.UNLOCK), 0, 0, 0)
+        thread = call_at(load_int64(plan + layout.RELEASE_GIL), 0, 0, 0)
         store_int64(state, call_at(code, state, 0, 0))
-        call_at(load_int64(plan + layout.LOCK), thread, 0, 0)
+        call_at(load_int64(plan + layout.ACQUIRE_GIL), thread, 0, 0)
     return np.int64(0)
 
 
-def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
-    """Tell whether this Python and this NumPy keep things where `pack` looks."""
+def reads_this_python(pack_at: Callable[[int, int, int], int]) -> bool:
+    """Tell whether `pack` reads objects of this Python and this NumPy correctly."""
     array = np.zeros((5, 7, 3), np.float32)[::2, 1:3]
     value = (array, (3, 2.5, np.float32(1.5)), np.int64(-9), 1 << 40)
     number = NumberType
-    inner = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
-    parts = ArrayType("float32", 3, False), inner, number("int64"), number("int64")
-    kind = RecordType(tuple, parts)
-    plan = layout.plan_of(kind)
+    record = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
+    fields = ArrayType("float32", 3, False), record, number("int64"), number("int64")
+    kind = RecordType(tuple, fields)
+    plan = layout.make_plan(kind)
     block = (ctypes.c_int64 * 16)()
     if pack_at(id(value), ctypes.addressof(plan), ctypes.addressof(block)) != 0:
         return False
     words: list[int] = []
-    pack_slowly(kind, value, words)
+    pack_in_python(kind, value, words)
     return list(block)[: len(words)] == words
 
 
-pack_with(pack, is_readable)
+set_packer(pack, reads_this_python)

@@ -16,8 +16,7 @@ The source distribution and the pure wheel bring LLVM's text instead, optimized 
 store makes object code of it, in a sixth of the time that compiling from Python takes. A clone
 brings nothing.
 
-The sources are those that the kernels follow from. After an edit of any of them nothing here is
-used.
+The sources are those that the code depends on. After an edit of any of them nothing here is used.
 """
 
 from __future__ import annotations
@@ -30,37 +29,37 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.runtime.targets import Target, asked_cpu, level_here
+from rasterjit.runtime.targets import Target, find_host_level, requested_cpu_name
 
 ROOT = Path(__file__).resolve().parents[1]
 
 FOLDER = ROOT / "machine_code"
 
-INDEX = "index"
+INDEX_FILE = "index"
 
-RUNS = "rasterjit_runs"
-"""Function of a library that tells whether this CPU runs the rest of it."""
+CPU_CHECK_FUNCTION = "rasterjit_runs"
+"""Function of a library that tells whether this CPU can run it."""
 
 REINSTALL = "pip install --force-reinstall --no-deps rasterjit"
 
 
-class UnfitError(ValueError):
-    """Shipped code that cannot be used; the message names the file and says why."""
+class UnusableError(ValueError):
+    """Raised for prebuilt code that cannot be used; the message names the file and the reason."""
 
 
 class Index(NamedTuple):
-    """What came with the installation."""
+    """The content of the file ``index``."""
 
     made_with: str
     """Python, Numba and llvmlite, with their versions."""
     sources: dict[str, Any]
     """``files``, below the package, and ``hash``, that of their contents."""
     libraries: list[list[str]]
-    """Of each its file, its SHA-256 and its target; the best level first."""
+    """File, SHA-256 and target of each; the best level first."""
     forms: dict[str, str]
-    """What each form returns (``store.RETURNS``), by its symbol."""
+    """The result of each form (``store.RETURNS``), by its symbol."""
     texts: list[list[str]]
-    """Of each its file, its SHA-256, the kind of CPU and the level, as `level_here` calls them."""
+    """File, SHA-256, kind of CPU and level of each, as `find_host_level` names them."""
 
 
 class Library(NamedTuple):
@@ -70,10 +69,10 @@ class Library(NamedTuple):
     target: Target
     index: Index
     functions: Any
-    """As ``ctypes`` opened it."""
+    """The ``ctypes.CDLL``."""
 
     def code(self, symbol: str) -> tuple[int, str] | None:
-        """Return the address of a form, and what it returns; None if it is not in the library."""
+        """Return the address of a form and the kind of its result; None if it is missing."""
         returns = self.index.forms.get(symbol)
         if returns is None:
             return None
@@ -81,13 +80,13 @@ class Library(NamedTuple):
         return address or 0, returns
 
 
-def symbol_of(kernel: Any, number: int) -> str:
-    """Return the name of a form of a kernel or stage in a library, by its number."""
+def symbol_name(kernel: Any, number: int) -> str:
+    """Return the symbol of a form of a kernel or stage, given its number."""
     return f"{kernel.__module__}.{kernel.__name__}.{number}".replace(".", "_")
 
 
-def hash_of(sources: Iterable[str]) -> str:
-    """Return a hash of source files, named by where they lie in the package."""
+def hash_sources(sources: Iterable[str]) -> str:
+    """Return a hash of source files, given their paths in the package."""
     digest = hashlib.sha256()
     for name in sources:
         content = (ROOT / name).read_bytes()
@@ -95,15 +94,15 @@ def hash_of(sources: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def content_of(index: Index) -> bytes:
-    """Return the bytes of the file ``index``: the same whatever the order of the forms."""
+def encode_index(index: Index) -> bytes:
+    """Return the bytes of the file ``index``, for any order of the forms the same."""
     text = json.dumps(index._asdict(), indent=1, sort_keys=True).encode()
     return hashlib.sha256(text).hexdigest().encode() + b"\n" + text
 
 
 def read_index(path: Path) -> Index:
     """
-    Return what a file ``index`` says.
+    Read a file ``index``.
 
     Raises
     ------
@@ -114,10 +113,10 @@ def read_index(path: Path) -> Index:
     """
     checksum, _, text = path.read_bytes().partition(b"\n")
     if hashlib.sha256(text).hexdigest().encode() != checksum:
-        raise UnfitError(f"{path} is damaged")
+        raise UnusableError(f"{path} is damaged")
     try:
         index = Index(**json.loads(text))
-        # These raise here where a field is not what is used later.
+        # Check the types of the fields.
         for name, _, *target in index.libraries:
             FOLDER.joinpath(name)
             Target(*target)
@@ -127,13 +126,13 @@ def read_index(path: Path) -> Index:
         str(index.sources["hash"])
         dict(index.forms)
     except (KeyError, TypeError, ValueError) as error:
-        raise UnfitError(f"{path} has other fields than this version reads: {error}") from error
+        raise UnusableError(f"{path} has other fields than this version reads: {error}") from error
     return index
 
 
 def open_library(path: Path, checksum: str) -> Any:
     """
-    Return a shared library, opened.
+    Check and open a shared library.
 
     Raises
     ------
@@ -143,55 +142,55 @@ def open_library(path: Path, checksum: str) -> Any:
         It cannot be opened, or is missing.
     """
     if hashlib.sha256(path.read_bytes()).hexdigest() != checksum:
-        raise UnfitError(f"{path} is damaged")
+        raise UnusableError(f"{path} is damaged")
     return ctypes.CDLL(str(path))
 
 
-class Found(NamedTuple):
-    """What came with the installation for this CPU."""
+class LibrarySearch(NamedTuple):
+    """The library for this CPU, or the reason why there is none."""
 
     library: Library | None
     problem: str | None
-    """Why there is none, or what is wrong with one that was tried before it; and the remedy."""
+    """Why there is no library, or a better one was passed over; with the remedy."""
 
 
 @functools.cache
-def _index() -> tuple[Index | None, str | None]:
-    """Return what came with the installation, made from these sources; or what is wrong with it."""
+def _try_read_index() -> tuple[Index | None, str | None]:
+    """Return the index, if it was made from these sources; else the problem with it, if any."""
     if not FOLDER.is_dir():
         return None, None
-    path = FOLDER / INDEX
+    path = FOLDER / INDEX_FILE
     try:
         index = read_index(path)
-        if hash_of(index.sources["files"]) != index.sources["hash"]:
-            raise UnfitError(f"{path}: it was made from other sources")
-    except (UnfitError, OSError) as error:
-        return None, _problem(error, path)
+        if hash_sources(index.sources["files"]) != index.sources["hash"]:
+            raise UnusableError(f"{path}: it was made from other sources")
+    except (UnusableError, OSError) as error:
+        return None, _describe_problem(error, path)
     return index, None
 
 
 @functools.cache
-def found() -> Found:
+def find_library() -> LibrarySearch:
     """
-    Return the shared library for this CPU that came with the installation, as far as of use.
+    Find the best prebuilt library for this CPU.
 
-    A library that is damaged, missing or refused by the system is passed over.
+    Libraries that are damaged, missing or refused by the system are passed over.
     """
-    (index, problem), asked = _index(), asked_cpu()
+    (index, problem), requested_cpu = _try_read_index(), requested_cpu_name()
     if index is None:
-        return Found(None, problem)
+        return LibrarySearch(None, problem)
     for name, checksum, *target in index.libraries:
         path = FOLDER / name
-        if asked not in ("", target[1]):
+        if requested_cpu not in ("", target[1]):
             continue
         try:
             functions = open_library(path, checksum)
-        except (UnfitError, OSError) as error:
-            problem = problem or _problem(error, path)
+        except (UnusableError, OSError) as error:
+            problem = problem or _describe_problem(error, path)
             continue
-        if asked or functions[RUNS]():
-            return Found(Library(path, Target(*target), index, functions), problem)
-    return Found(None, problem)
+        if requested_cpu or functions[CPU_CHECK_FUNCTION]():
+            return LibrarySearch(Library(path, Target(*target), index, functions), problem)
+    return LibrarySearch(None, problem)
 
 
 class LoweredKernels(NamedTuple):
@@ -200,36 +199,36 @@ class LoweredKernels(NamedTuple):
     path: Path
     cpu: str
     """The level that it was optimized for."""
-    made: Index
+    index: Index
     texts: dict[str, str]
     """By symbol."""
 
 
 @functools.cache
-def found_texts() -> LoweredKernels | None:
+def find_texts() -> LoweredKernels | None:
     """
-    Return LLVM's text for this CPU that came with the installation; None if none came.
+    Find the prebuilt LLVM text for this CPU; None if none came.
 
     Raises
     ------
-    UnfitError
+    UnusableError
         It is damaged, missing or cannot be read.
     """
-    index, here = _index()[0], level_here()
-    if index is None or here is None:
+    index, host_level = _try_read_index()[0], find_host_level()
+    if index is None or host_level is None:
         return None
     for name, checksum, kind, cpu in index.texts:
-        if (kind, cpu) == (here[0], here[1].cpu):
+        if (kind, cpu) == (host_level[0], host_level[1].cpu):
             path = FOLDER / name
             try:
                 return LoweredKernels(path, cpu, index, read_texts(path, checksum))
             except (ImportError, OSError) as error:
-                raise UnfitError(f"{path}: {error}; {REINSTALL}") from error
+                raise UnusableError(f"{path}: {error}; {REINSTALL}") from error
     return None
 
 
 def pack_texts(texts: dict[str, str]) -> bytes:
-    """Return the content of a file of texts, given by their symbols."""
+    """Pack texts, by their symbols, into the content of a file."""
     import lzma
 
     return lzma.compress(json.dumps(texts, sort_keys=True).encode(), preset=9)
@@ -237,11 +236,11 @@ def pack_texts(texts: dict[str, str]) -> bytes:
 
 def read_texts(path: Path, checksum: str) -> dict[str, str]:
     """
-    Return the texts in a file, by their symbols.
+    Check and read the texts in a file, by their symbols.
 
     Raises
     ------
-    UnfitError
+    UnusableError
         It is damaged.
     OSError
         It cannot be read, or is missing.
@@ -252,17 +251,17 @@ def read_texts(path: Path, checksum: str) -> dict[str, str]:
 
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != checksum:
-        raise UnfitError(f"{path} is damaged; {REINSTALL}")
+        raise UnusableError(f"{path} is damaged; {REINSTALL}")
     return json.loads(lzma.decompress(content))
 
 
-def _problem(error: UnfitError | OSError, path: Path) -> str:
-    """Return what is wrong with a file, and the remedy, if it is to install it again."""
+def _describe_problem(error: UnusableError | OSError, path: Path) -> str:
+    """Describe what is wrong with a file, and the remedy, if that is to install it again."""
     text = str(error)
     if isinstance(error, OSError):
-        # Who opens libraries names the file in the text.
+        # Errors of the dynamic linker name the file in their text.
         text, place = error.strerror or text, str(error.filename or path)
         text = text if place in text else f"{place}: {text}"
-    # What the system refuses to open it would refuse again.
-    helps = isinstance(error, UnfitError | FileNotFoundError)
+    # The system would refuse the same file again.
+    helps = isinstance(error, UnusableError | FileNotFoundError)
     return f"{text}; {REINSTALL}" if helps else text

@@ -13,21 +13,21 @@ from typing import Any, NamedTuple, TextIO
 
 from rasterjit.runtime import clocks, store
 
-Tell = Callable[[str], None]
-"""Takes how far compiling is, as a text; an empty one when it is done."""
+ShowText = Callable[[str], None]
+"""Shows how far compiling is; the text is empty when it is done."""
 
-PATIENCE = 2.0
+MIN_SECONDS = 2.0
 """Seconds of compiling before progress is reported."""
 
-BAR = 10
-"""Characters of the bar."""
+BAR_WIDTH = 10
+"""Characters."""
 
-FIRST_KNOWN = 2
-"""Kernels or pictures after which the time that the rest will take is told."""
+MIN_DONE_FOR_ESTIMATE = 2
+"""Kernels or pictures after which the remaining time is estimated."""
 
 
 def write_line(text: str) -> None:
-    """Write a text in place of the last one, in the cell that runs or by standard error."""
+    """Write a text in place of the last one, in the running cell or on standard error."""
     if _runs_cell():
         _write_in_cell(text)
         return
@@ -35,26 +35,27 @@ def write_line(text: str) -> None:
     if not is_terminal(stream) or _is_worker():
         return
     line = f"rasterjit: {text}" if text else ""
-    # Blanks go over the last one: not every terminal clears a line when it is told to.
-    over, _LAST[0] = " " * (_LAST[0] - len(line)), len(line)
+    # Blanks overwrite the last one: not every terminal has a command that clears a line.
+    blanks, _LAST_LENGTH[0] = " " * (_LAST_LENGTH[0] - len(line)), len(line)
     with suppress(OSError, ValueError):
-        stream.write(f"\r{line}{over}" if line else f"\r{over}\r")
+        stream.write(f"\r{line}{blanks}" if line else f"\r{blanks}\r")
         stream.flush()
 
 
-_LAST = [0]
-"""Columns of the line that stands there."""
+_LAST_LENGTH = [0]
+"""Characters of the line on the terminal."""
 
 
 class _CellLine(NamedTuple):
-    """The line in a notebook's cell: the number of its run, and what changes the line."""
+    """The line in a notebook's cell."""
 
-    run: int
+    execution_count: int
     handle: Any
+    """Of IPython's display: updates the line."""
 
 
-_CELL: list[_CellLine] = []
-"""The line that was written in a cell last, if any."""
+_LAST_CELL_LINE: list[_CellLine] = []
+"""The line that was last written in a cell, if any."""
 
 
 def _write_in_cell(text: str) -> None:
@@ -62,13 +63,13 @@ def _write_in_cell(text: str) -> None:
     from IPython import get_ipython
     from IPython.display import display
 
-    told = text or f"kernels are compiled ({kept()})"
-    bundle = {"text/plain": f"rasterjit: {told}"}
-    run = get_ipython().execution_count
-    if _CELL and _CELL[-1].run == run:
-        _CELL[-1].handle.update(bundle, raw=True)
+    line = text or f"kernels are compiled ({describe_storage()})"
+    bundle = {"text/plain": f"rasterjit: {line}"}
+    count = get_ipython().execution_count
+    if _LAST_CELL_LINE and _LAST_CELL_LINE[-1].execution_count == count:
+        _LAST_CELL_LINE[-1].handle.update(bundle, raw=True)
     else:
-        _CELL[:] = [_CellLine(run, display(bundle, raw=True, display_id=True))]
+        _LAST_CELL_LINE[:] = [_CellLine(count, display(bundle, raw=True, display_id=True))]
 
 
 def in_notebook() -> bool:
@@ -86,7 +87,7 @@ def _runs_cell() -> bool:
         return False
     import asyncio
 
-    # Cells run in a task of the kernel's; what a viewer draws beside them, in none.
+    # Cells run in a task of the kernel's event loop; a viewer draws outside of any task.
     try:
         return asyncio.current_task() is not None
     except RuntimeError:
@@ -94,7 +95,7 @@ def _runs_cell() -> bool:
 
 
 def is_terminal(stream: TextIO | None) -> bool:
-    """Tell whether a stream is one of a terminal; it may be missing, closed, or know none."""
+    """Tell whether a stream, which may be missing or closed, writes to a terminal."""
     with suppress(AttributeError, ValueError):
         return stream.isatty()
     return False
@@ -106,109 +107,106 @@ def _is_worker() -> bool:
     return module is not None and module.parent_process() is not None
 
 
-_TELLERS: list[Tell] = [write_line]
+_TEXT_SHOWERS: list[ShowText] = [write_line]
 
 
 @contextmanager
-def told_to(tell: Tell) -> Iterator[None]:
+def show_progress_by(show: ShowText) -> Iterator[None]:
     """Let a function show the progress, in place of `write_line`, for any thread."""
-    _TELLERS.append(tell)
+    _TEXT_SHOWERS.append(show)
     try:
         yield
     finally:
-        _TELLERS.remove(tell)
+        _TEXT_SHOWERS.remove(show)
 
 
 @contextmanager
-def told_besides(tell: Tell) -> Iterator[None]:
-    """Let a function show the progress, besides what shows it by now, for any thread."""
-    shown_by = _TELLERS[-1]
+def also_show_progress_by(show: ShowText) -> Iterator[None]:
+    """Let a function show the progress, too, for any thread."""
+    show_before = _TEXT_SHOWERS[-1]
 
-    def tell_both(text: str) -> None:
-        shown_by(text)
-        tell(text)
+    def show_both(text: str) -> None:
+        show_before(text)
+        show(text)
 
-    with told_to(tell_both):
+    with show_progress_by(show_both):
         yield
 
 
-def bar(done: int, total: int, seconds: float) -> str:
-    """Return a bar of how many are done, for how long, and how long the rest will take."""
-    filled = BAR * done // max(total, 1)
+def format_bar(done: int, total: int, seconds: float) -> str:
+    """Return a bar, the counts, the seconds so far, and an estimate of those left."""
+    filled = BAR_WIDTH * done // max(total, 1)
     left = ""
-    if FIRST_KNOWN <= done < total:
+    if MIN_DONE_FOR_ESTIMATE <= done < total:
         left = f", {math.ceil(seconds / done * (total - done))} s left"
-    return f"{'#' * filled}{'.' * (BAR - filled)} {done} of {total}, {seconds:.0f} s{left}"
+    return f"{'#' * filled}{'.' * (BAR_WIDTH - filled)} {done} of {total}, {seconds:.0f} s{left}"
 
 
-PICTURES: list[Callable[[int, int], None]] = []
-"""
-The last one is told how many pictures a frame is made of are drawn, and how many there are.
-
-Where nothing is in it, nobody is told.
-"""
+PICTURE_COUNTERS: list[Callable[[int, int], None]] = []
+"""The last one is called after each picture that a frame is the mean of: ``(drawn, total)``."""
 
 
 @contextmanager
-def pictures_told_to(tell: Callable[[int, int], None]) -> Iterator[None]:
-    """Let a function know of the pictures that a frame is the mean of."""
-    PICTURES.append(tell)
+def count_pictures_by(count: Callable[[int, int], None]) -> Iterator[None]:
+    """Call a function after each picture that a frame is the mean of."""
+    PICTURE_COUNTERS.append(count)
     try:
         yield
     finally:
-        PICTURES.remove(tell)
+        PICTURE_COUNTERS.remove(count)
 
 
 class Progress:
     """
-    What was compiled since this was made.
+    Counts the kernels compiled since it was created, and reports them.
 
     Parameters
     ----------
-    wanted : mapping of str to Path or None
-        The kernels that are missing, as far as they are known: module and name, and the file that
-        will keep each. Another process may write it.
+    missing : mapping of str to Path or None
+        The kernels to compile, as far as they are known: module and name, and the file that will
+        store each. Another process may write it.
     """
 
-    def __init__(self, wanted: Mapping[str, Path | None]) -> None:
-        self._wanted = wanted
-        self._seconds = clocks.COMPILER_CLOCK.read()
+    def __init__(self, missing: Mapping[str, Path | None]) -> None:
+        self._missing = missing
+        self._seconds_before = clocks.COMPILER_CLOCK.read()
         self._since = time.monotonic()
-        self._used = [len(names) for names in store.USED]
-        self._told = ""
+        self._used_before = [len(names) for names in store.USED_KERNELS]
+        self._last_text = ""
 
     def _count(self) -> tuple[int, int]:
-        """Return how many kernels are there by now, and how many are needed."""
+        """Return how many kernels are compiled by now, and how many are needed."""
         loaded, compiled = (
-            set(names[count:]) for names, count in zip(store.USED, self._used, strict=True)
+            set(names[count:])
+            for names, count in zip(store.USED_KERNELS, self._used_before, strict=True)
         )
         done = compiled | {
             name
-            for name, file in self._wanted.items()
+            for name, file in self._missing.items()
             if name in loaded or (file is not None and file.exists())
         }
-        return len(done), len(compiled | {*self._wanted})
+        return len(done), len(compiled | {*self._missing})
 
     def __str__(self) -> str:
         done, total = self._count()
         seconds = time.monotonic() - self._since
-        return f"compiling kernels {bar(done, total, seconds)} ({kept()})"
+        return f"compiling kernels {format_bar(done, total, seconds)} ({describe_storage()})"
 
-    def tell(self) -> None:
-        """Say how many are done, since when, and how long the rest will take, if it takes long."""
-        if self._told or clocks.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
-            # One kernel may take ten seconds: the time shows that there is life.
+    def report(self) -> None:
+        """Show how many are compiled and how long the rest will take, after `MIN_SECONDS`."""
+        if self._last_text or clocks.COMPILER_CLOCK.read() - self._seconds_before >= MIN_SECONDS:
+            # One kernel may take ten seconds: meanwhile the seconds count on.
             text = str(self)
-            if text != self._told:
-                self._told = text
-                _TELLERS[-1](text)
+            if text != self._last_text:
+                self._last_text = text
+                _TEXT_SHOWERS[-1](text)
 
     def end(self) -> None:
-        """Say that compiling is done, if it was told before."""
-        if self._told:
-            _TELLERS[-1]("")
+        """Show that compiling is done, if anything was shown."""
+        if self._last_text:
+            _TEXT_SHOWERS[-1]("")
 
 
-def kept() -> str:
-    """Say whether compiled kernels are kept."""
-    return "kept on disk" if store.folder() else "not kept: no folder can be written"
+def describe_storage() -> str:
+    """Return words on whether compiled kernels are stored."""
+    return "kept on disk" if store.kernel_folder() else "not kept: no folder can be written"

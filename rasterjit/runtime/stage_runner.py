@@ -17,11 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.runtime import jit
-from rasterjit.runtime.argument_plan import plan_of
+from rasterjit.runtime.argument_plan import make_plan
 from rasterjit.runtime.intrinsics import call_at, load_int64
 from rasterjit.runtime.jit import Stage, raw_kernel
-from rasterjit.runtime.spinning_threads import Call
-from rasterjit.runtime.state_block import WORD, RecordType, arrays_of_block, pack_slowly, size_of
+from rasterjit.runtime.spinning_threads import Call, aligned_words
+from rasterjit.runtime.state_block import (
+    WORD,
+    RecordType,
+    count_block_words,
+    pack_in_python,
+    view_block_arrays,
+)
 
 
 class Step(NamedTuple):
@@ -34,7 +40,7 @@ class Step(NamedTuple):
 @raw_kernel
 def run_list(table, block, first):
     """
-    Run a list of stages until the first of them finds no more samples.
+    Run stages over blocks of samples until the first stage returns -1.
 
     Parameters
     ----------
@@ -43,7 +49,7 @@ def run_list(table, block, first):
     block : int
         Address of a block of samples.
     first : int
-        0.
+        0, returned.
     """
     stages = load_int64(table)
     while True:
@@ -58,7 +64,7 @@ def run_list(table, block, first):
 
 @functools.cache
 def _runner() -> Any:
-    return jit.MACHINE(run_list.address())
+    return jit.MACHINE_FUNCTION(run_list.address())
 
 
 class _Layout:
@@ -68,19 +74,19 @@ class _Layout:
         self.names = [stage.__name__ for stage in stages]
         self.kinds = [RecordType(tuple, stage.kind.fields[1:]) for stage in stages]
         kind = RecordType(tuple, tuple(self.kinds))
-        sizes = [size_of(own) for own in self.kinds]
+        sizes = [count_block_words(kind) for kind in self.kinds]
         self.starts = [WORD * sum(sizes[:n]) for n in range(len(sizes))]
         self.addresses = [stage.address() for stage in stages]
         self.block = ctypes.c_int64 * max(sum(sizes), 1)
-        self.plan = plan_of(kind)
+        self.plan = make_plan(kind)
         self.plan_address = ctypes.addressof(self.plan)
 
     def pack(self, arguments: tuple[tuple[Any, ...], ...], state: Any) -> None:
-        """Fill a state block, ``block()``, by the arguments of all stages; it keeps none alive."""
-        if jit.packer()(id(arguments), self.plan_address, ctypes.addressof(state)):
+        """Fill a state block, ``block()``, with all arguments, which are kept alive elsewhere."""
+        if jit.get_packer()(id(arguments), self.plan_address, ctypes.addressof(state)):
             words: list[int] = []
-            for name, kind, own in zip(self.names, self.kinds, arguments, strict=True):
-                pack_slowly(kind, own, words, name)
+            for name, kind, of_stage in zip(self.names, self.kinds, arguments, strict=True):
+                pack_in_python(kind, of_stage, words, name)
             state[: len(words)] = words
 
 
@@ -91,22 +97,21 @@ def _layout_of(stages: tuple[Stage, ...]) -> _Layout:
 
 class StageList:
     """
-    Stages with their arguments, ready to run; several threads may run one.
+    Stages with their arguments, ready to run, also in several threads at once.
 
-    The arguments are read when it is made: arrays may change their elements later, not their place.
-    A part of it may be a list that was made before, so that many lists share what they have in
-    common.
+    Addresses of arrays are read when a list is created; their elements, when it runs. A part may be
+    another list, so that many lists share it.
     """
 
     def __init__(self, parts: Sequence[Step | StageList]) -> None:
         self.parts = tuple(parts)
         if jit.DISABLED or jit.CHECKED:
             return
-        own = [part for part in self.parts if isinstance(part, Step)]
-        self._layout = layout = _layout_of(tuple([step.stage for step in own]))
+        steps = [part for part in self.parts if isinstance(part, Step)]
+        self._layout = layout = _layout_of(tuple([step.stage for step in steps]))
         self._state = layout.block()
-        layout.pack(tuple([step.arguments for step in own]), self._state)
-        self._own_table: Any = None
+        layout.pack(tuple([step.arguments for step in steps]), self._state)
+        self._cached_table: Any = None
         base, number = ctypes.addressof(self._state), 0
         self._words: list[int] = []
         for part in self.parts:
@@ -116,20 +121,20 @@ class StageList:
             else:
                 self._words += part._words
 
-    def renew(self, parts: Sequence[Step | StageList]) -> None:
-        """Read other arguments, of the same stages; the lists that are parts of it stay as is."""
+    def set_arguments(self, parts: Sequence[Step | StageList]) -> None:
+        """Replace the arguments of the list's own stages; parts that are lists must be the same."""
         self.parts = tuple(parts)
         if jit.DISABLED or jit.CHECKED:
             return
-        own = [part.arguments for part in self.parts if isinstance(part, Step)]
-        self._layout.pack(tuple(own), self._state)
+        arguments = [part.arguments for part in self.parts if isinstance(part, Step)]
+        self._layout.pack(tuple(arguments), self._state)
 
-    def let_go(self) -> None:
-        """Release the arguments; it cannot run until `renew`."""
+    def release_arguments(self) -> None:
+        """Release the arguments; the list cannot run until `set_arguments`."""
         self.parts = ()
 
     def steps(self) -> Iterator[Step]:
-        """Yield its steps, in order."""
+        """Yield the steps of the list and of its parts, in order."""
         for part in self.parts:
             if isinstance(part, Step):
                 yield part
@@ -137,32 +142,32 @@ class StageList:
                 yield from part.steps()
 
     def run(self, block: NDArray[np.int64], kind: RecordType) -> None:
-        """Run the stages with a block of samples, `block_memory`, that no other thread uses."""
+        """Run the stages with this thread's block of samples, from `block_memory`."""
         if jit.DISABLED or jit.CHECKED:
-            self._run_in_python(arrays_of_block(kind, block))
+            self._run_in_python(view_block_arrays(kind, block))
             return
         _runner()(ctypes.addressof(self._table()), block.ctypes.data, 0)
 
     def call(self) -> Call:
-        """Return how a thread runs the stages, with a block of samples as its scratch memory."""
+        """Return the call by which a thread runs the stages; its scratch memory is the block."""
         table = self._table()
         return Call(run_list.address(), ctypes.addressof(table), (self, table))
 
-    def place_of(self, number: int) -> int:
-        """Return the address of the arguments of a step of its own, in machine code."""
+    def address_of(self, number: int) -> int:
+        """Return the address of the arguments of one of the list's own steps."""
         return ctypes.addressof(self._state) + self._layout.starts[number]
 
-    def bound(self, block: NDArray[np.int64]) -> BoundList:
-        """Return how machine code runs the stages with a block of samples."""
+    def bind(self, block: NDArray[np.int64]) -> BoundList:
+        """Return the words by which machine code runs the stages with a block of samples."""
         table = self._table()
         words = run_list.address(), ctypes.addressof(table), block.ctypes.data
         return BoundList(words, (self, table, block))
 
     def _table(self) -> Any:
-        if self._own_table is None:
+        if self._cached_table is None:
             words = self._words
-            self._own_table = (ctypes.c_int64 * (1 + len(words)))(len(words) // 2, *words)
-        return self._own_table
+            self._cached_table = (ctypes.c_int64 * (1 + len(words)))(len(words) // 2, *words)
+        return self._cached_table
 
     def _run_in_python(self, block: Any) -> None:
         first, *others = self.steps()
@@ -176,24 +181,21 @@ class StageList:
 
 
 class BoundList(NamedTuple):
-    """Stages that machine code runs; keep it alive while its words are in use."""
+    """Words by which machine code runs stages; must stay alive while these are in use."""
 
     words: tuple[int, int, int]
-    """Address of `run_list`, and what it takes: the addresses of its table and of the block."""
-    called: tuple[Any, ...]
+    """Addresses of `run_list`, of its table, and of the block."""
+    owners: tuple[Any, ...]
     """Owners of the memory behind the addresses."""
 
 
 def block_memory(kind: RecordType) -> NDArray[np.int64]:
     """Return memory for a block of samples, (n,) int64, at the beginning of a cache line."""
-    words = size_of(kind)
-    room = np.empty((words + 8,), np.int64)
-    start = -(room.ctypes.data // WORD) % 8
-    return room[start : start + words]
+    return aligned_words(count_block_words(kind))
 
 
 class BlockMemory(threading.local):
-    """A block of samples for each thread, kept from one frame to the next."""
+    """A block of samples for each thread, reused from frame to frame."""
 
     def __init__(self, kind: RecordType) -> None:
         self.block = block_memory(kind)

@@ -6,8 +6,8 @@ strides, too, unless it is C-contiguous; a number takes one word; a record (a tu
 takes what its fields take, one after the other.
 
 Every call packs a block, so machine code does it (``pack_arguments``): it reads tuples, arrays and
-numbers where CPython and NumPy keep them. `pack_slowly` does the same in Python, and says which
-argument is wrong.
+numbers where CPython and NumPy keep them. `pack_in_python` does the same in Python, and says
+which argument is wrong.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ WORD = 8
 """Bytes of a word."""
 
 LINE = 64
-"""Bytes of a cache line: arrays of a block of samples begin with one."""
+"""Bytes of a cache line, to which arrays in a block of samples are aligned."""
 
 
 class ArrayType(NamedTuple):
@@ -65,7 +65,7 @@ class NumberType(NamedTuple):
 
 
 class RecordType(NamedTuple):
-    """A tuple, or a named one."""
+    """A tuple, perhaps a named one."""
 
     record: type
     fields: tuple[Any, ...]
@@ -88,12 +88,12 @@ real = NumberType("float64|float32")
 Type = ArrayType | NumberType | RecordType
 
 
-def type_of(value: Any) -> Type:
-    """Return the type of an argument. Arrays of one length along every axis count as contiguous."""
+def infer_type(value: Any) -> Type:
+    """Return the type of an argument."""
     if isinstance(value, np.ndarray):
         return ArrayType(value.dtype.name, value.ndim, bool(value.flags.c_contiguous))
     if isinstance(value, tuple):
-        return RecordType(type(value), tuple(map(type_of, value)))
+        return RecordType(type(value), tuple(map(infer_type, value)))
     if isinstance(value, (bool, np.bool_)):
         return NumberType("bool")
     if isinstance(value, np.float32):
@@ -105,51 +105,55 @@ def type_of(value: Any) -> Type:
     raise TypeError(f"a kernel takes arrays, numbers and tuples of them, not {value!r}")
 
 
-def type_named(annotation: Any) -> Type:
-    """Return the type that an annotation of a stage or of a field of a record stands for."""
+def type_from_annotation(annotation: Any) -> Type:
+    """Return the type that an annotation of a parameter or a record's field stands for."""
     if isinstance(annotation, tuple) and not hasattr(annotation, "_fields"):
-        return RecordType(tuple, tuple(map(type_named, annotation)))
+        return RecordType(tuple, tuple(map(type_from_annotation, annotation)))
     if isinstance(annotation, type) and hasattr(annotation, "_fields"):
-        known = vars(sys.modules[annotation.__module__])
-        given = (annotation.__annotations__[key] for key in annotation._fields)
+        module_globals = vars(sys.modules[annotation.__module__])
+        annotations = (annotation.__annotations__[key] for key in annotation._fields)
         # NamedTuple wraps what it finds as text.
-        texts = (getattr(one, "__forward_arg__", one) for one in given)
-        fields = (eval(one, known) if isinstance(one, str) else one for one in texts)
-        return RecordType(annotation, tuple(map(type_named, fields)))
+        evaluated = (getattr(each, "__forward_arg__", each) for each in annotations)
+        fields = (
+            eval(each, module_globals) if isinstance(each, str) else each for each in evaluated
+        )
+        return RecordType(annotation, tuple(map(type_from_annotation, fields)))
     if isinstance(annotation, (ArrayType, NumberType)):
         return annotation
     raise TypeError(f"no type of a stage's argument: {annotation!r}")
 
 
-def forms_of(kind: RecordType) -> list[RecordType]:
-    """Return the types that a declaration stands for, one for each choice of element types."""
-    choices = {leaf.dtype for leaf in leaves(kind) if "|" in leaf.dtype}
+def expand_forms(kind: RecordType) -> list[RecordType]:
+    """Return the forms of a declaration, one for each choice of element types."""
+    choices = {leaf.dtype for leaf in iterate_leaves(kind) if "|" in leaf.dtype}
     forms = [kind]
     for choice in sorted(choices):
-        forms = [_with(form, choice, one) for one in choice.split("|") for form in forms]
+        forms = [_choose_dtype(form, choice, each) for each in choice.split("|") for form in forms]
     return forms
 
 
-def _with(kind: Any, choice: str, dtype: str) -> Any:
-    """Return a type with one choice of element types made."""
+def _choose_dtype(kind: Any, choice: str, dtype: str) -> Any:
+    """Replace a choice of element types, such as ``float32|float64``, by one of them."""
     if isinstance(kind, RecordType):
-        return kind._replace(fields=tuple(_with(field, choice, dtype) for field in kind.fields))
+        return kind._replace(
+            fields=tuple(_choose_dtype(field, choice, dtype) for field in kind.fields)
+        )
     if kind.dtype == choice:
         return kind._replace(dtype=dtype)
     return kind
 
 
-def leaves(kind: Type) -> Iterator[Type]:
-    """Yield the arrays and numbers of a type, in the order of the block."""
+def iterate_leaves(kind: Type) -> Iterator[Type]:
+    """Yield the arrays and numbers in a type, in the order of a state block."""
     if isinstance(kind, RecordType):
         for field in kind.fields:
-            yield from leaves(field)
+            yield from iterate_leaves(field)
     else:
         yield kind
 
 
-def words_of(leaf: Type) -> int:
-    """Return how many words an array or number takes; arrays of a fixed shape lie in the block."""
+def count_words(leaf: Type) -> int:
+    """Return the words of an array or number; an array of fixed shape lies in the block."""
     if isinstance(leaf, ArrayType):
         if leaf.shape is not None:
             return -(-int(np.prod(leaf.shape)) * np.dtype(leaf.dtype).itemsize // LINE) * (
@@ -159,12 +163,12 @@ def words_of(leaf: Type) -> int:
     return 1
 
 
-def size_of(kind: Type) -> int:
-    """Return how many words a block of this type takes."""
-    return sum(map(words_of, leaves(kind)))
+def count_block_words(kind: Type) -> int:
+    """Return the words of a block of a type."""
+    return sum(map(count_words, iterate_leaves(kind)))
 
 
-def pack_slowly(kind: Type, value: Any, words: list[int], name: str = "arguments") -> None:
+def pack_in_python(kind: Type, value: Any, words: list[int], name: str = "arguments") -> None:
     """
     Append the words of an argument.
 
@@ -177,28 +181,28 @@ def pack_slowly(kind: Type, value: Any, words: list[int], name: str = "arguments
         if not isinstance(value, tuple) or len(value) != len(kind.fields):
             raise TypeError(f"{name} must be {kind}, got {value!r}")
         names = getattr(value, "_fields", range(len(value)))
-        for key, field, one in zip(names, kind.fields, value, strict=True):
-            pack_slowly(field, one, words, f"{name}.{key}")
+        for key, field, each in zip(names, kind.fields, value, strict=True):
+            pack_in_python(field, each, words, f"{name}.{key}")
     elif isinstance(kind, ArrayType):
-        words += _words_of_array(kind, value, name)
+        words += _pack_array(kind, value, name)
     else:
-        words.append(_word_of_number(kind, value, name))
+        words.append(_pack_number(kind, value, name))
 
 
-def _words_of_array(kind: ArrayType, value: Any, name: str) -> list[int]:
+def _pack_array(kind: ArrayType, value: Any, name: str) -> list[int]:
     fits = isinstance(value, np.ndarray) and value.dtype.name == kind.dtype
     fits = fits and value.dtype.isnative and value.flags.aligned and value.ndim == kind.ndim
     if not fits or (kind.is_contiguous and not value.flags.c_contiguous):
-        raise TypeError(f"{name} must be an array {kind}, got {_described(value)}")
+        raise TypeError(f"{name} must be an array {kind}, got {_describe_value(value)}")
     strides = () if kind.is_contiguous else value.strides
     return [value.ctypes.data, *value.shape, *strides]
 
 
-def _described(value: Any) -> str:
-    return str(type_of(value)) if isinstance(value, np.ndarray) else repr(value)
+def _describe_value(value: Any) -> str:
+    return str(infer_type(value)) if isinstance(value, np.ndarray) else repr(value)
 
 
-def _word_of_number(kind: NumberType, value: Any, name: str) -> int:
+def _pack_number(kind: NumberType, value: Any, name: str) -> int:
     try:
         if kind.dtype in ("int64", "bool"):
             return operator.index(bool(value) if kind.dtype == "bool" else value)
@@ -208,12 +212,12 @@ def _word_of_number(kind: NumberType, value: Any, name: str) -> int:
         raise TypeError(f"{name} must be a number, {kind}, got {value!r}") from None
 
 
-def arrays_of_block(kind: RecordType, words: Any) -> Any:
-    """Return a block of samples, (n,) int64, as a record of views of its arrays."""
+def view_block_arrays(kind: RecordType, words: Any) -> Any:
+    """Return a record of views of the arrays in a block of samples, (n,) int64."""
     arrays, at = [], 0
     for leaf in kind.fields:
         count = int(np.prod(leaf.shape))
-        end = at + words_of(leaf)
+        end = at + count_words(leaf)
         arrays.append(words[at:end].view(leaf.dtype)[:count].reshape(leaf.shape))
         at = end
     return kind.record(*arrays)

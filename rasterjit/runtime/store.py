@@ -13,17 +13,17 @@ after any edit of that file the digits are others, and it is compiled again.
 
 A file begins with a checksum over its name and its content. Damaged and missing entries are
 compiled again. Files are written under another name and moved into place, so that none is ever
-seen half written, whoever else writes. Who compiles holds a lock; others wait for a minute.
+read half written. A process that compiles holds a lock; others wait for a minute.
 
 Code is linked before it is stored. A store may come from elsewhere, and an entry that cannot be
 linked may end the process: so a mark, which its process locks, lies beside an entry while it is
-linked. An entry with a mark that nobody holds is removed, and compiled again.
+linked. An entry with a mark that no process holds is removed, and compiled again.
 
-Where Numba is missing, an entry of any version will do: the bits are the same. Without llvmlite,
-which links entries, none will.
+Without Numba, an entry of any version is used: the bits are the same. Without llvmlite, which links
+entries, none is.
 
-A shared library that came with the installation (``prebuilt_kernels``) is looked at first. Entries
-are made of the LLVM text that came, or else compiled from Python. What came is never written.
+A shared library that came with the installation (``prebuilt_kernels``) is searched first. Entries
+are made from the LLVM text that came, or else compiled from Python. What came is never written.
 
 A checksum finds damage, not malice: a folder that others may write to, or exchange, is not used,
 and of its files none that is another user's, that others may write to, or that has further names.
@@ -57,38 +57,38 @@ from rasterjit.runtime.targets import Target as Target
 from rasterjit.runtime.targets import host as host
 
 ROOT_USER = 0
-"""May write to any folder, so its own are as good as the user's."""
+"""User number of root, who may write to any folder: root's own are trusted."""
 
 FOLDER_VARIABLE = "RASTERJIT_CACHE_DIR"
-"""Environment variable that names another folder."""
+"""Environment variable that names the folder of kernels."""
 
 MAGIC = b"RasterJIT kernel 2\n"
-SUM = hashlib.sha256().digest_size
+CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 SUFFIX, PART, LOCK, MARK = ".kernel", ".part", ".lock", ".linking"
-"""How files end: an entry, one that is being written, the claim of who compiles one, and the mark
-of who links one."""
+"""Ends of file names: an entry, one being written, the lock of a process that compiles one, and the
+mark of a process that links one."""
 
-PATIENCE = 60.0
+LOCK_PATIENCE = 60.0
 """Seconds that another process may take to compile before this one does it, too."""
 
-STALE = 3600.0
-"""Seconds after which nobody writes a temporary file any more."""
+MAX_TEMPORARY_AGE = 3600.0
+"""Seconds after which a temporary file is abandoned."""
 
-PAUSES = (0.01, 0.04, 0.2) if sys.platform == "win32" else ()
-"""Seconds between tries to read or replace a file: Windows refuses both while another process, such
-as a search for viruses, has it open."""
+RETRY_PAUSES = (0.01, 0.04, 0.2) if sys.platform == "win32" else ()
+"""Seconds between attempts to read or replace a file: Windows refuses both while another process,
+such as a virus scanner, has it open."""
 
-MAX_ENTRY = 1 << 26
-"""Bytes of an entry at most: a thousand times those of our kernels."""
+MAX_ENTRY_BYTES = 1 << 26
+"""Most bytes of an entry: a thousand times those of our kernels."""
 
-OPEN_FILE = (
+READ_FLAGS = (
     os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     | getattr(os, "O_BINARY", 0)
 )  # fmt: skip
-"""No link is followed, and no pipe waited for."""
+"""Flags to open an entry: follows no link, and waits for no pipe."""
 
-NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
+CREATE_FLAGS = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 COMPILER_FILES = (
     "array_type", "code_generation", "compiler", "intrinsics", "intrinsics_ir", "numba_internals",
@@ -96,7 +96,7 @@ COMPILER_FILES = (
 )  # fmt: skip
 """Files of this folder that every kernel depends on."""
 
-NOT_COMPILED = {
+FILES_WITHOUT_KERNEL_CODE = {
     "isolated_numba",
     "jit",
     "locks",
@@ -112,7 +112,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 RETURNS = ("none", "int", "bool")
-"""What a kernel may return, as a header says it."""
+"""Kinds of results of a kernel, as headers name them."""
 
 
 class Header(NamedTuple):
@@ -136,69 +136,69 @@ class Code(NamedTuple):
     address: int
     returns: str
     is_loaded: bool
-    """It came with the installation or from the store; this process did not compile it."""
+    """Whether it was prebuilt or stored; else this process compiled it."""
     library: Any
-    """Keeps it there."""
+    """Keeps the code in memory."""
 
 
-class Used(NamedTuple):
-    """The forms that this process took into use, by module and name of the kernel, in order."""
+class UsedKernels(NamedTuple):
+    """The kernels of forms that this process uses, by module and name, in order."""
 
     loaded: list[str]
     compiled: list[str]
 
 
-USED = Used([], [])
+USED_KERNELS = UsedKernels([], [])
 
 BEFORE_COMPILING: list[Callable[[], None]] = []
-"""Called before and while this process compiles a kernel, or waits for another that does."""
+"""Called before and during compilation of a kernel, also by another process that is waited for."""
 
 
-# What it says.
+# Messages.
 
 
-SAID: set[str] = set()
-"""What this process has told: ``damage``, ``kept``, ``level``, ``shipped``."""
+PRINTED_SUBJECTS: set[str] = set()
+"""Subjects of printed messages: ``damage``, ``kept``, ``level``, ``shipped``."""
 
-_SAYING = forks.lock()
+_PRINTING = forks.lock()
 
 
-def say_once(subject: str, message: str) -> None:
-    """Print a line on standard error, the first of this process on its subject."""
-    with _SAYING:
-        if subject in SAID:
+def print_once(subject: str, message: str) -> None:
+    """Print a line on standard error, once per subject in this process."""
+    with _PRINTING:
+        if subject in PRINTED_SUBJECTS:
             return
-        SAID.add(subject)
+        PRINTED_SUBJECTS.add(subject)
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):
             print(f"rasterjit: {message}", file=sys.stderr, flush=True)
 
 
-# Where it lies.
+# The folder.
 
 
 @functools.cache
-def folder() -> Path | None:
+def kernel_folder() -> Path | None:
     """
-    Return the folder of the compiled kernels; None if none are kept.
+    Return the folder of compiled kernels, created if missing; None if it cannot be used.
 
-    It is ``RASTERJIT_CACHE_DIR``, or ``rasterjit/kernels`` in the user's cache folder.
+    By default ``rasterjit/kernels`` in the user's cache folder, else ``RASTERJIT_CACHE_DIR``.
     """
     chosen = os.environ.get(FOLDER_VARIABLE)
     try:
-        path = Path(chosen) if chosen else cache_folder() / "kernels"
-        # What is made on the way is nobody else's either, whatever the umask.
-        for one in (*reversed(path.parents), path):
-            if not one.is_dir():
-                one.mkdir(mode=0o700, exist_ok=True)
-        # Links on the way are left behind: what is used is what was checked.
+        path = Path(chosen) if chosen else user_cache_folder() / "kernels"
+        # Missing parents get no permissions for others either, whatever the umask.
+        for each in (*reversed(path.parents), path):
+            if not each.is_dir():
+                each.mkdir(mode=0o700, exist_ok=True)
+        # Resolve links, so that the folder that is checked is the one that is used.
         path = path.resolve()
-        problem = _distrust(path)
+        problem = _find_distrust(path)
     except OSError as error:
-        _say_not_kept(f"{error.filename or chosen}: {error.strerror}")
+        _report_not_stored(f"{error.filename or chosen}: {error.strerror}")
         return None
-    except RuntimeError as error:  # Nobody knows where this user's home is.
-        _say_not_kept(f"{error} {FOLDER_VARIABLE} can name a folder")
+    except RuntimeError as error:  # The home folder is unknown.
+        _report_not_stored(f"{error} {FOLDER_VARIABLE} can name a folder")
         return None
     if problem is not None:
         warnings.warn(f"{path} is not used to keep kernels: {problem}", RuntimeWarning, 2)
@@ -206,11 +206,11 @@ def folder() -> Path | None:
     return path
 
 
-def _say_not_kept(reason: str) -> None:
-    say_once("kept", f"compiled kernels are not kept on disk: {reason}")
+def _report_not_stored(reason: str) -> None:
+    print_once("kept", f"compiled kernels are not kept on disk: {reason}")
 
 
-def cache_folder() -> Path:
+def user_cache_folder() -> Path:
     """Return RasterJIT's folder in the user's cache folder."""
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
@@ -218,47 +218,47 @@ def cache_folder() -> Path:
         base = Path.home() / "Library" / "Caches"
     else:
         named = os.environ.get("XDG_CACHE_HOME", "")
-        # By its standard, one that is not absolute is none.
+        # The standard ignores relative paths.
         base = named if os.path.isabs(named) else Path.home() / ".cache"
     return Path(base) / "rasterjit"
 
 
-def _distrust(path: Path) -> str | None:
-    """Return why others may change what is in a folder, or exchange it; None if they may not."""
+def _find_distrust(path: Path) -> str | None:
+    """Return why other users may change or exchange a folder; None if they may not."""
     if os.name != "posix":
         return None
-    if _is_others(path.lstat()):
+    if _can_others_write(path.lstat()):
         return "others may write to it"
     for parent in path.parents:
         status = parent.lstat()
-        # In a sticky folder, such as /tmp, nobody but its owner moves what is another's.
-        if _is_others(status, is_sticky_enough=True):
+        # In a sticky folder, such as /tmp, only the owner of a file or folder can move it.
+        if _can_others_write(status, is_sticky_enough=True):
             return f"others may write to {parent}, and exchange it"
     return None
 
 
-def _is_others(status: os.stat_result, is_sticky_enough: bool = False) -> bool:
-    """Tell whether a file or folder is another user's, or one that others may write to."""
+def _can_others_write(status: os.stat_result, is_sticky_enough: bool = False) -> bool:
+    """Tell whether a file or folder is another user's, or others may write to it."""
     if status.st_uid not in (os.geteuid(), ROOT_USER):
         return True
     is_open = bool(status.st_mode & 0o022)
     return is_open and not (is_sticky_enough and status.st_mode & stat.S_ISVTX)
 
 
-# What an entry is called.
+# Names of entries.
 
-IMPORT = re.compile(
+OUR_IMPORT = re.compile(
     r"^(?:from (rasterjit[\w.]*) import (\([^)]*\)|[^\n#]*)|import (rasterjit[\w.]+))", re.M
 )
-"""An import of our own modules, at the beginning of a line."""
+"""Matches an import of our own modules."""
 
 
 @functools.cache
-def _source(path: Path) -> tuple[bytes, tuple[Path, ...]]:
-    """Return the hash of a source file, and the files of ours that it imports."""
+def _read_source(path: Path) -> tuple[bytes, tuple[Path, ...]]:
+    """Return the hash of a source file, and our files that it imports."""
     content = path.read_bytes()
     imported: list[Path] = []
-    for module, names, plain in IMPORT.findall(content.decode()):
+    for module, names, plain in OUR_IMPORT.findall(content.decode()):
         base = ROOT.joinpath(*(module or plain).split(".")[1:])
         found = [base.with_suffix(".py")]
         if base.is_dir():
@@ -269,36 +269,36 @@ def _source(path: Path) -> tuple[bytes, tuple[Path, ...]]:
 
 
 @functools.cache
-def sources_of(path: Path) -> tuple[Path, ...]:
-    """Return a file and all files of ours that it imports, directly or not, sorted."""
+def list_sources(path: Path) -> tuple[Path, ...]:
+    """Return a file and all our files that it imports, directly or not, sorted."""
     pending, seen = [path], {path}
     while pending:
-        for one in _source(pending.pop())[1]:
-            is_ours = one.parent != ROOT / "runtime" or one.stem not in NOT_COMPILED
+        for one in _read_source(pending.pop())[1]:
+            is_ours = one.parent != ROOT / "runtime" or one.stem not in FILES_WITHOUT_KERNEL_CODE
             if one not in seen and is_ours:
                 seen.add(one)
                 pending.append(one)
     return tuple(sorted(seen))
 
 
-def all_sources(module: str) -> tuple[Path, ...]:
-    """Return the files that the kernels of a module follow from, the compiler's first."""
+def list_all_sources(module: str) -> tuple[Path, ...]:
+    """Return the files that the code of a module's kernels depends on, the compiler's first."""
     here = ROOT / "runtime"
-    return (*(here / f"{name}.py" for name in COMPILER_FILES), *sources_of(_file_of(module)))
+    return (*(here / f"{name}.py" for name in COMPILER_FILES), *list_sources(_module_file(module)))
 
 
 @functools.cache
-def sources_hash(module: str) -> str:
-    """Return a hash of all sources that the kernels of a module follow from."""
+def hash_sources(module: str) -> str:
+    """Return a hash of all sources that the code of a module's kernels depends on."""
     digest = hashlib.sha256()
-    for path in all_sources(module):
-        place = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
-        digest.update(place.encode() + b"\0" + _source(path)[0])
+    for path in list_all_sources(module):
+        folder = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
+        digest.update(folder.encode() + b"\0" + _read_source(path)[0])
     return digest.hexdigest()[:32]
 
 
-def _file_of(module: str) -> Path:
-    """Return the file of a module; one of ours need not be imported."""
+def _module_file(module: str) -> Path:
+    """Return the file of a module, without importing one of ours."""
     ours = ROOT.joinpath(*module.split(".")[1:])
     if module.startswith("rasterjit."):
         return ours / "__init__.py" if ours.is_dir() else ours.with_suffix(".py")
@@ -306,27 +306,28 @@ def _file_of(module: str) -> Path:
 
 
 @functools.cache
-def versions() -> str | None:
-    """Return the versions of Numba and llvmlite; None without them. Numba is not imported."""
-    spec = _spec("numba")
+def compiler_versions() -> str | None:
+    """Return the versions of Numba and llvmlite, without importing Numba; None without them."""
+    spec = _find_spec("numba")
     if not has_linker() or spec is None or not spec.origin:
         return None
     import llvmlite
 
-    place = Path(spec.origin).parent
+    folder = Path(spec.origin).parent
     found = (
-        re.fullmatch(r"numba-([^-]+)\.(?:dist|egg)-info", name) for name in _names(place.parent)
+        re.fullmatch(r"numba-([^-]+)\.(?:dist|egg)-info", name)
+        for name in _list_names(folder.parent)
     )
     version = next((match[1] for match in found if match), None)
     if version is None:
         with contextlib.suppress(OSError):
-            text = (place / "_version.py").read_text()
+            text = (folder / "_version.py").read_text()
             version = next(iter(re.findall(r"\"version\": \"([^\"]+)\"", text)), None)
     return f"{version or 'unknown'} {llvmlite.__version__}"
 
 
-def _spec(package: str) -> ModuleSpec | None:
-    """Return where a package is; None if it is not installed. It is not imported."""
+def _find_spec(package: str) -> ModuleSpec | None:
+    """Return the import spec of a package, without importing it; None if not installed."""
     try:
         return importlib.util.find_spec(package)
     except (ImportError, ValueError):
@@ -335,112 +336,111 @@ def _spec(package: str) -> ModuleSpec | None:
 
 @functools.cache
 def has_linker() -> bool:
-    """Tell whether llvmlite is installed, which links what is not shipped."""
-    return _spec("llvmlite") is not None
+    """Tell whether llvmlite is installed, which links code that is not prebuilt."""
+    return _find_spec("llvmlite") is not None
 
 
-def _names(place: Path) -> list[str]:
+def _list_names(folder: Path) -> list[str]:
     """Return the names in a folder; none if it cannot be listed."""
     try:
-        return os.listdir(place)
+        return os.listdir(folder)
     except OSError:
         return []
 
 
-def describe(kind: Type) -> str:
-    """Return the text of a type: of a record, with its module and the names of its fields."""
+def describe_type(kind: Type) -> str:
+    """Return a type as text; records with their modules and the names of their fields."""
     if not isinstance(kind, RecordType):
         return str(kind)
     names = getattr(kind.record, "_fields", None)
-    fields = ", ".join(map(describe, kind.fields))
+    fields = ", ".join(map(describe_type, kind.fields))
     if names is None:
         return f"({fields})"
     return f"{kind.record.__module__}.{kind.record.__qualname__}[{', '.join(names)}]({fields})"
 
 
-def name_of(kernel: Any, kind: RecordType, target: Target) -> str:
-    """Return the name of the symbol of a form of a kernel, with which its file's name begins."""
-    facts = (sources_hash(kernel.__module__), full_name(kernel), describe(kind), *target)
+def symbol_name(kernel: Any, kind: RecordType, target: Target) -> str:
+    """Return the symbol of a form of a kernel, with which its file's name begins."""
+    facts = (hash_sources(kernel.__module__), qualified_name(kernel), describe_type(kind), *target)
     digest = hashlib.sha256("\n".join(facts).encode()).hexdigest()
     return f"{kernel.__name__}_{digest[:24]}"
 
 
-def full_name(kernel: Any) -> str:
+def qualified_name(kernel: Any) -> str:
     """Return the module and the name of a kernel."""
     return f"{kernel.__module__}.{kernel.__name__}"
 
 
-def path_of(place: Path, name: str) -> Path:
-    """Return the path of an entry. Without Numba, it is any that is there."""
-    made_with = versions()
+def entry_path(folder: Path, name: str) -> Path:
+    """Return the path of an entry; without Numba, of an entry of any versions."""
+    made_with = compiler_versions()
     if made_with is None:
         stem = f"{name}."
         found = sorted(
-            one for one in _names(place) if one.startswith(stem) and one.endswith(SUFFIX)
+            one for one in _list_names(folder) if one.startswith(stem) and one.endswith(SUFFIX)
         )
-        return place / (found[-1] if found else f"{name}{SUFFIX}")
+        return folder / (found[-1] if found else f"{name}{SUFFIX}")
     mark = hashlib.sha256(made_with.encode()).hexdigest()[:8]
-    return place / f"{name}.{mark}{SUFFIX}"
+    return folder / f"{name}.{mark}{SUFFIX}"
 
 
 # Files.
 
 
-def read(path: Path) -> tuple[Header, bytes] | None:
+def read_entry(path: Path) -> tuple[Header, bytes] | None:
     """
-    Return what an entry says of itself, and its object code; None if missing or damaged.
+    Return the header and the object code of an entry; None if missing or damaged.
 
-    The first that is damaged is told on standard error.
+    The first damaged entry is reported on standard error.
     """
     try:
-        content = _patiently(lambda: _content(path))
+        content = _retry_refused(lambda: _read_content(path))
     except FileNotFoundError:
         return None
     except OSError as error:
-        _say_damaged(path, error.strerror or str(error))
+        _report_damaged(path, error.strerror or str(error))
         return None
-    found = parse(path.name, content)
+    found = parse_entry(path.name, content)
     if found is None:
-        _say_damaged(path, "is damaged")
+        _report_damaged(path, "is damaged")
     return found
 
 
-def _content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     """
     Return the bytes of an entry.
 
     Raises
     ------
     OSError
-        If it is no regular file, which might have no end, is too large for an entry, or if others
-        may change it.
+        If it is no regular file, too large, or if other users may change it.
     """
     _check_entry(path.lstat())
-    number = os.open(path, OPEN_FILE)
+    number = os.open(path, READ_FLAGS)
     with os.fdopen(number, "rb") as file:
-        # What was opened need not be what stood there before.
+        # The file may have been exchanged before it was opened.
         _check_entry(os.fstat(number))
-        return file.read(MAX_ENTRY)
+        return file.read(MAX_ENTRY_BYTES)
 
 
 def _check_entry(status: os.stat_result) -> None:
-    """Raise ``OSError``, with words that follow a file's name, unless it may be an entry."""
+    """Raise ``OSError`` if a file cannot be an entry; the text follows a file's name."""
     if stat.S_ISDIR(status.st_mode):
         raise OSError("is a folder")
     if not stat.S_ISREG(status.st_mode):
         raise OSError("is no regular file")
-    if status.st_size > MAX_ENTRY:
+    if status.st_size > MAX_ENTRY_BYTES:
         raise OSError(f"has {status.st_size} bytes, more than any entry")
     if os.name == "posix":
-        if _is_others(status):
+        if _can_others_write(status):
             raise OSError("is another user's, or others may write to it")
         if status.st_nlink > 1:
             raise OSError("has another name (a hard link)")
 
 
-def _patiently(action: Callable[[], Any]) -> Any:
-    """Return what an action on a file gives; try again where that is refused for a moment alone."""
-    for pause in PAUSES:
+def _retry_refused(action: Callable[[], Any]) -> Any:
+    """Return the result of an action on a file; retry it while access is refused."""
+    for pause in RETRY_PAUSES:
         try:
             return action()
         except PermissionError:
@@ -448,22 +448,25 @@ def _patiently(action: Callable[[], Any]) -> Any:
     return action()
 
 
-def _say_damaged(path: Path, reason: str) -> None:
-    say_once(
+def _report_damaged(path: Path, reason: str) -> None:
+    print_once(
         "damage", f"compiling again what cannot be used in {path.parent}: {path.name} {reason}"
     )
 
 
-def parse(name: str, content: bytes) -> tuple[Header, bytes] | None:
-    """Return what a file of some name holds; None if it is damaged or another's."""
-    checksum, rest = content[len(MAGIC) : len(MAGIC) + SUM], content[len(MAGIC) + SUM :]
+def parse_entry(name: str, content: bytes) -> tuple[Header, bytes] | None:
+    """Return the header and the object code in a file's content; None if damaged or renamed."""
+    checksum, rest = (
+        content[len(MAGIC) : len(MAGIC) + CHECKSUM_BYTES],
+        content[len(MAGIC) + CHECKSUM_BYTES :],
+    )
     if not content.startswith(MAGIC) or _checksum(name, rest) != checksum:
         return None
     line, _, code = rest.partition(b"\n")
     try:
         header = Header(*line.decode().split("\t"))
     except (UnicodeDecodeError, TypeError):
-        # Whoever wrote that knew how to make a checksum.
+        # The checksum is right, so another version wrote it.
         return None
     return (header, code) if header.returns in RETURNS else None
 
@@ -472,30 +475,30 @@ def _checksum(name: str, rest: bytes) -> bytes:
     return hashlib.sha256(name.encode() + b"\0" + rest).digest()
 
 
-def write(path: Path, header: Header, code: bytes) -> None:
-    """Write a file whole, or not at all: a full or read-only disk keeps nothing, which is told."""
+def write_entry(path: Path, header: Header, code: bytes) -> None:
+    """Write an entry whole, or not at all; report a full or read-only disk."""
     rest = "\t".join(header).encode() + b"\n" + code
     content = MAGIC + _checksum(path.name, rest) + rest
     try:
         if path.is_dir() and not path.is_symlink():
             _remove(path)
         temporary = path.with_name(f".{os.urandom(16).hex()}{PART}")
-        # The module `tempfile` tries for hours where Windows lets nobody write to the folder.
-        number = os.open(temporary, NEW_FILE, 0o600)
+        # `tempfile` would retry for hours in a read-only folder on Windows.
+        number = os.open(temporary, CREATE_FLAGS, 0o600)
         try:
             with os.fdopen(number, "wb") as file:
                 file.write(content)
-            _patiently(lambda: os.replace(temporary, path))
+            _retry_refused(lambda: os.replace(temporary, path))
         except BaseException:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
             raise
     except OSError as error:
-        _say_not_kept(f"{path.parent}: {error.strerror or error}")
+        _report_not_stored(f"{path.parent}: {error.strerror or error}")
 
 
 def _remove(path: Path) -> None:
-    """Remove a file, or a folder with all that is in it."""
+    """Remove a file, or a folder with its contents."""
     if path.is_dir() and not path.is_symlink():
         import shutil
 
@@ -505,15 +508,14 @@ def _remove(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def claimed(path: Path) -> Iterator[None]:
+def lock_entry(path: Path) -> Iterator[None]:
     """
-    Compile alone: wait while another process compiles the same entry.
+    Hold the lock of an entry, after waiting for another process that compiles it.
 
-    A claim is a lock that ends with the process that holds it, however that ends. Where there are
-    no locks, both compile.
+    The lock ends with the process that holds it. Where files cannot be locked, both compile.
     """
     claim = path.with_suffix(LOCK)
-    held = _claim(claim)
+    held = _lock_entry(claim)
     try:
         yield
     finally:
@@ -522,9 +524,9 @@ def claimed(path: Path) -> Iterator[None]:
                 held.remove(claim)
 
 
-def _claim(path: Path) -> Lock | None:
-    """Make a file and lock it; None after a while in which another has it, or without locks."""
-    end = time.monotonic() + PATIENCE
+def _lock_entry(path: Path) -> Lock | None:
+    """Create a file and lock it; None after `LOCK_PATIENCE`, or where files cannot be locked."""
+    end = time.monotonic() + LOCK_PATIENCE
     while time.monotonic() < end:
         try:
             path.touch()
@@ -533,145 +535,144 @@ def _claim(path: Path) -> Lock | None:
         try:
             held = lock(path)
         except FileNotFoundError:
-            # Who had it has removed it meanwhile.
+            # The process that held the lock has removed the file.
             continue
         except OSError:
             return None
         if held is not None:
             return held
-        _tell()
+        _notify()
         time.sleep(0.02)
     return None
 
 
 @functools.cache
-def _sweep(place: Path) -> None:
-    """Remove, once in a process, what killed processes left long ago."""
-    for one in temporary_files(place):
+def _sweep(folder: Path) -> None:
+    """Remove abandoned temporary files, once in a process."""
+    for one in list_temporary_files(folder):
         with contextlib.suppress(OSError):
-            if time.time() - one.stat().st_mtime > STALE:
+            if time.time() - one.stat().st_mtime > MAX_TEMPORARY_AGE:
                 one.unlink()
 
 
-def temporary_files(place: Path) -> list[Path]:
-    """Return the files that are there only while a process compiles, sorted."""
-    return sorted(place / name for name in _names(place) if name.endswith((PART, LOCK)))
+def list_temporary_files(folder: Path) -> list[Path]:
+    """Return the files that exist only while a process compiles, sorted."""
+    return sorted(folder / name for name in _list_names(folder) if name.endswith((PART, LOCK)))
 
 
-# Into memory.
+# Loading.
 
 
 def load(kernel: Any, kind: RecordType) -> Code:
     """
-    Return the machine code of a form of a kernel: shipped, from the store, or compiled and stored.
+    Return the machine code of a form of a kernel: prebuilt, stored, or compiled and then stored.
 
     Raises
     ------
     NoCompilerError
-        It is in neither, and Numba or llvmlite is not installed.
+        It is neither prebuilt nor stored, and Numba or llvmlite is not installed.
     """
-    ready = _shipped(kernel, kind)
-    if ready is not None:
-        USED.loaded.append(full_name(kernel))
-        return ready
+    prebuilt = _load_prebuilt(kernel, kind)
+    if prebuilt is not None:
+        USED_KERNELS.loaded.append(qualified_name(kernel))
+        return prebuilt
     if not has_linker():
-        raise _no_compiler(kernel)
-    name, place = name_of(kernel, kind, host()), folder()
-    if place is None:
+        raise _make_no_compiler_error(kernel)
+    name, folder = symbol_name(kernel, kind, host()), kernel_folder()
+    if folder is None:
         header, code = _compile(kernel, kind, name)
-        return _linked(kernel, name, header.returns, code, False)
-    path = path_of(place, name)
-    loaded = _loaded(kernel, kind, name, path)
+        return _link(kernel, name, header.returns, code, False)
+    path = entry_path(folder, name)
+    loaded = _load_stored(kernel, kind, name, path)
     if loaded is not None:
         return loaded
-    with claimed(path):
-        loaded = _loaded(kernel, kind, name, path)
+    with lock_entry(path):
+        loaded = _load_stored(kernel, kind, name, path)
         if loaded is not None:
             return loaded
         header, code = _compile(kernel, kind, name)
-        # Code that cannot be linked may end the process: later ones must not find it.
-        linked = _linked(kernel, name, header.returns, code, False)
-        _sweep(place)
-        write(path, header, code)
+        # Link before storing: code that cannot be linked may end the process.
+        linked = _link(kernel, name, header.returns, code, False)
+        _sweep(folder)
+        write_entry(path, header, code)
     return linked
 
 
-def _shipped(kernel: Any, kind: RecordType) -> Code | None:
+def _load_prebuilt(kernel: Any, kind: RecordType) -> Code | None:
     """
-    Return the machine code of a form that came with the installation.
+    Return the prebuilt machine code of a form, if there is any and it can be used.
 
-    None if nothing came, or if it is of no use. The first time, what is wrong with what came is
-    told on standard error.
+    The first problem with it is reported on standard error.
     """
     if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
         return None
-    library, problem = prebuilt_kernels.found()
+    library, problem = prebuilt_kernels.find_library()
     if library is not None:
         if problem is not None:
-            say_once("level", f"loading code for {library.target.cpu}: {problem}")
-        symbol = prebuilt_kernels.symbol_of(kernel, kernel.declared.index(kind))
+            print_once("level", f"loading code for {library.target.cpu}: {problem}")
+        symbol = prebuilt_kernels.symbol_name(kernel, kernel.declared.index(kind))
         code = library.code(symbol)
         if code is not None:
             return Code(*code, True, library)
         problem = f"{library.path} has no {symbol}; {prebuilt_kernels.REINSTALL}"
     if problem is not None:
-        _say_unfit(problem)
+        _report_unusable(problem)
     return None
 
 
-UNFIT: list[str] = []
-"""Why shipped code is of no use, as far as this process has met with it."""
+UNUSABLE_REASONS: list[str] = []
+"""Problems with prebuilt code that this process has met."""
 
 
-def _say_unfit(problem: str) -> None:
-    UNFIT.append(problem)
+def _report_unusable(problem: str) -> None:
+    UNUSABLE_REASONS.append(problem)
     # Without a compiler an error says so.
-    if versions() is not None:
-        say_once("shipped", f"compiling instead of loading: {problem}")
+    if compiler_versions() is not None:
+        print_once("shipped", f"compiling instead of loading: {problem}")
 
 
-def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None:
-    """Return the machine code of an entry; None if it is missing, another's or no object code."""
-    found = read(path)
+def _load_stored(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None:
+    """Return the machine code of an entry; None if missing, damaged or of another form."""
+    found = read_entry(path)
     if found is None:
         return None
-    expected = _header(kernel, kind, found[0].returns)
-    if versions() is None:
+    expected = _make_host_header(kernel, kind, found[0].returns)
+    if compiler_versions() is None:
         expected = expected._replace(versions=found[0].versions)
     if found[0] != expected:
-        _say_damaged(path, "was made for another kernel, machine or version")
+        _report_damaged(path, "was made for another kernel, machine or version")
         return None
     try:
-        with _marked(path) as has_ended_process:
+        with _mark_linking(path) as has_ended_process:
             # Without a compiler there is nothing better.
-            if has_ended_process and versions() is not None:
+            if has_ended_process and compiler_versions() is not None:
                 with contextlib.suppress(OSError):
-                    _patiently(lambda: path.unlink(missing_ok=True))
-                _say_damaged(path, "was being linked when a process ended")
+                    _retry_refused(lambda: path.unlink(missing_ok=True))
+                _report_damaged(path, "was being linked when a process ended")
                 return None
-            return _linked(kernel, name, found[0].returns, found[1], True)
+            return _link(kernel, name, found[0].returns, found[1], True)
     except RuntimeError:
-        _say_damaged(path, "is no machine code")
+        _report_damaged(path, "is no machine code")
     return None
 
 
 @contextlib.contextmanager
-def _marked(path: Path) -> Iterator[bool]:
+def _mark_linking(path: Path) -> Iterator[bool]:
     """
-    Mark an entry while it is linked; tell whether a process that marked it ended meanwhile.
+    Mark an entry while it is linked; yield whether an earlier process ended while linking it.
 
     Nothing is marked where another process links the entry, too, or where no file can be locked.
     """
     mark, held = path.with_suffix(MARK), None
     with contextlib.suppress(OSError):
-        held = lock(mark, is_made=True)
+        held = lock(mark, creates=True)
     if held is None:
         yield False
         return
     with held:
         has_ended_process = False
         with contextlib.suppress(OSError):
-            has_ended_process = held.is_sure and held.read() != b"" and held.is_of(mark)
+            has_ended_process = held.is_exclusive and held.read() != b"" and held.is_at(mark)
             held.write(b"linking")
         try:
             yield has_ended_process
@@ -681,104 +682,107 @@ def _marked(path: Path) -> Iterator[bool]:
                 held.remove(mark)
 
 
-def is_kept(kernel: Any, kind: RecordType) -> bool:
-    """Tell whether a form of a kernel came with the installation, or is in the store."""
-    if _shipped(kernel, kind) is not None:
+def is_stored(kernel: Any, kind: RecordType) -> bool:
+    """Tell whether a form of a kernel is prebuilt or stored."""
+    if _load_prebuilt(kernel, kind) is not None:
         return True
-    place = folder() if has_linker() else None
-    return place is not None and read(path_of(place, name_of(kernel, kind, host()))) is not None
+    folder = kernel_folder() if has_linker() else None
+    return (
+        folder is not None
+        and read_entry(entry_path(folder, symbol_name(kernel, kind, host()))) is not None
+    )
 
 
-def _tell() -> None:
-    _LAST_TOLD[0] = time.monotonic()
+def _notify() -> None:
+    _LAST_NOTIFIED[0] = time.monotonic()
     for tell in tuple(BEFORE_COMPILING):
         tell()
 
 
-_LAST_TOLD = [0.0]
+_LAST_NOTIFIED = [0.0]
 
-PAUSE = 0.5
-"""Seconds between two times that the compiler, on its way through a kernel, says it goes on."""
+NOTIFY_SECONDS = 0.5
+"""Seconds between notifications while a kernel is being compiled."""
 
 
-def tell_it_goes_on() -> None:
-    """Tell, if that is some time ago, that a kernel is still being compiled; never raise."""
-    if time.monotonic() - _LAST_TOLD[0] >= PAUSE:
-        # The compiler would take an error for its own.
+def report_compiling() -> None:
+    """Notify, every `NOTIFY_SECONDS`, that a kernel is still being compiled; never raise."""
+    if time.monotonic() - _LAST_NOTIFIED[0] >= NOTIFY_SECONDS:
+        # An error here must not look like the compiler's.
         with contextlib.suppress(Exception):
-            _tell()
+            _notify()
 
 
 class NoCompilerError(ImportError):
     """A kernel must be compiled, and Numba or llvmlite is not installed."""
 
 
-def _no_compiler(kernel: Any) -> NoCompilerError:
-    reason = f"; {UNFIT[0]}" if UNFIT else ""
+def _make_no_compiler_error(kernel: Any) -> NoCompilerError:
+    reason = f"; {UNUSABLE_REASONS[0]}" if UNUSABLE_REASONS else ""
     return NoCompilerError(
-        f"{full_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
+        f"{qualified_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
     )
 
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
-    """Return the header and the object code of a form, from LLVM's text if that came."""
-    target, lowered = host(), _shipped_text(kernel, kind)
-    if lowered is None and versions() is None:
-        raise _no_compiler(kernel)
-    _tell()
+    """Return the header and the object code of a form, from prebuilt LLVM text if there is any."""
+    target, lowered = host(), _find_text(kernel, kind)
+    if lowered is None and compiler_versions() is None:
+        raise _make_no_compiler_error(kernel)
+    _notify()
     with COMPILER_CLOCK.running():
         if lowered is not None:
-            from rasterjit.runtime.code_generation import object_code_of_text
+            from rasterjit.runtime.code_generation import generate_from_text
 
-            returns, code = lowered.returns, object_code_of_text(*lowered[1:], name, target)
+            returns, code = lowered.returns, generate_from_text(*lowered[1:], name, target)
         else:
             returns, code = isolated_numba.compiler().compile_form(kernel, kind, name, target)
-    return _header(kernel, kind, returns), code
+    return _make_host_header(kernel, kind, returns), code
 
 
-class _Lowered(NamedTuple):
+class _LoweredForm(NamedTuple):
     """A form of a kernel as LLVM's text."""
 
     returns: str
     text: str
     symbol: str
-    """Its name there."""
+    """Its name in the text."""
 
 
-def _shipped_text(kernel: Any, kind: RecordType) -> _Lowered | None:
-    """Return the text of a form that came with the installation; None if none is of use."""
+def _find_text(kernel: Any, kind: RecordType) -> _LoweredForm | None:
+    """Return the prebuilt LLVM text of a form, if there is any and it can be used."""
     if not kernel.__module__.startswith("rasterjit.") or kind not in kernel.declared:
         return None
     try:
-        found = prebuilt_kernels.found_texts()
-    except prebuilt_kernels.UnfitError as error:
-        _say_unfit(str(error))
+        found = prebuilt_kernels.find_texts()
+    except prebuilt_kernels.UnusableError as error:
+        _report_unusable(str(error))
         return None
-    symbol = prebuilt_kernels.symbol_of(kernel, kernel.declared.index(kind))
+    symbol = prebuilt_kernels.symbol_name(kernel, kernel.declared.index(kind))
     if found is None or symbol not in found.texts:
         return None
-    return _Lowered(found.made.forms[symbol], found.texts[symbol], symbol)
+    return _LoweredForm(found.index.forms[symbol], found.texts[symbol], symbol)
 
 
-def _header(kernel: Any, kind: RecordType, returns: str) -> Header:
-    """Return what an entry for this machine says of itself."""
-    return header_of(kernel, kind, returns, host())
+def _make_host_header(kernel: Any, kind: RecordType, returns: str) -> Header:
+    """Return the header of an entry for this machine."""
+    return make_header(kernel, kind, returns, host())
 
 
-def header_of(kernel: Any, kind: RecordType, returns: str, target: Target) -> Header:
-    """Return what an entry for a target says of itself."""
+def make_header(kernel: Any, kind: RecordType, returns: str, target: Target) -> Header:
+    """Return the header of an entry for a target."""
     triple, cpu, _ = target
     return Header(
-        returns, full_name(kernel), describe(kind), sources_hash(kernel.__module__),
-        versions() or "", triple, cpu,
+        returns, qualified_name(kernel), describe_type(kind), hash_sources(kernel.__module__),
+        compiler_versions() or "", triple, cpu,
     )  # fmt: skip
 
 
-_LINKING = forks.hold_over_forks(threading.Lock())
+_LINKER_LOCK = forks.hold_over_forks(threading.Lock())
 
 
 @functools.cache
-def _linker() -> Any:
+def _get_linker() -> Any:
     """Return LLVM's linker for this process."""
     from llvmlite import binding
 
@@ -787,53 +791,55 @@ def _linker() -> Any:
     return binding.create_lljit_compiler()
 
 
-_NUMBERS = itertools.count()
+_LIBRARY_NUMBERS = itertools.count()
 
 
-def _linked(kernel: Any, name: str, returns: str, code: bytes, is_loaded: bool) -> Code:
-    """Bring object code into memory."""
+def _link(kernel: Any, name: str, returns: str, code: bytes, is_loaded: bool) -> Code:
+    """Link object code into memory."""
     from llvmlite import binding
 
-    with _LINKING:
+    with _LINKER_LOCK:
         builder = binding.JITLibraryBuilder().add_object_img(code).export_symbol(name)
-        library = builder.add_current_process().link(_linker(), f"{name}.{next(_NUMBERS)}")
+        library = builder.add_current_process().link(
+            _get_linker(), f"{name}.{next(_LIBRARY_NUMBERS)}"
+        )
         address = library[name]
-    (USED.loaded if is_loaded else USED.compiled).append(full_name(kernel))
+    (USED_KERNELS.loaded if is_loaded else USED_KERNELS.compiled).append(qualified_name(kernel))
     return Code(address, returns, is_loaded, library)
 
 
-# Looking after it.
+# Maintenance.
 
 
 class StoreContents(NamedTuple):
-    """What a store holds, by numbers of files."""
+    """Counts of the files in a store, and those with problems."""
 
     entries: int
-    """In good order; of them, the next four."""
+    """Valid entries; the next counts are of these."""
     other_versions: int
     """Made with other versions of Numba or llvmlite."""
     other_cpus: int
     other_sources: int
-    """Made from sources that are not these: of another installation, or before an edit."""
+    """Made from other sources: of another installation, or before an edit."""
     size: int
     """Bytes of all entries."""
     damaged: list[Path]
-    """Paths named like entries that are not valid ones."""
+    """Paths named like entries that are none."""
     unreadable: list[Path]
     temporary: list[Path]
-    """What is there while a process compiles, or was killed."""
+    """Files of processes that compile, or were killed meanwhile."""
 
 
-def contents(place: Path) -> StoreContents:
-    """Read all of a store."""
+def inspect_folder(folder: Path) -> StoreContents:
+    """Read all entries of a store."""
     good: list[Header] = []
     damaged, unreadable, size = [], [], 0
-    for name in sorted(_names(place)):
-        path = place / name
+    for name in sorted(_list_names(folder)):
+        path = folder / name
         if not name.endswith(SUFFIX):
             continue
         try:
-            found = parse(name, _content(path))
+            found = parse_entry(name, _read_content(path))
         except PermissionError:
             unreadable.append(path)
         except OSError:
@@ -847,26 +853,26 @@ def contents(place: Path) -> StoreContents:
     triple, cpu, _ = host()
     return StoreContents(
         len(good),
-        sum(one.versions != versions() for one in good),
+        sum(one.versions != compiler_versions() for one in good),
         sum((one.triple, one.cpu) != (triple, cpu) for one in good),
-        sum(one.sources != _current_sources(one.kernel) for one in good),
-        size, damaged, unreadable, temporary_files(place),
+        sum(one.sources != _try_hash_sources(one.kernel) for one in good),
+        size, damaged, unreadable, list_temporary_files(folder),
     )  # fmt: skip
 
 
-def _current_sources(kernel: str) -> str | None:
-    """Return the hash of the sources of a kernel as they are now; None if there are none."""
+def _try_hash_sources(kernel: str) -> str | None:
+    """Return the current hash of a kernel's sources; None if there are none."""
     try:
-        return sources_hash(kernel.rpartition(".")[0])
+        return hash_sources(kernel.rpartition(".")[0])
     except (AttributeError, KeyError, OSError):
         return None
 
 
-def mend(found: StoreContents) -> list[Path]:
+def remove_damaged(found: StoreContents) -> list[Path]:
     """
-    Remove what is damaged and what killed processes left; return what could not be removed.
+    Remove damaged entries and files of killed processes; return those that could not be removed.
 
-    A claim that a process holds, and a file that may still be written, stay.
+    Locks that are held, and files that may still be written, stay.
     """
     left = []
     for path in (*found.damaged, *found.temporary):
@@ -880,10 +886,10 @@ def mend(found: StoreContents) -> list[Path]:
 
 
 def _is_in_use(path: Path) -> bool:
-    """Tell whether a process may be compiling what a temporary file is for."""
+    """Tell whether a process may still use a temporary file."""
     with contextlib.suppress(OSError):
         if path.suffix == PART:
-            return time.time() - path.stat().st_mtime < PATIENCE
+            return time.time() - path.stat().st_mtime < LOCK_PATIENCE
         held = lock(path)
         if held is None:
             return True
@@ -891,7 +897,7 @@ def _is_in_use(path: Path) -> bool:
     return False
 
 
-def cpu_features() -> tuple[str, list[str]]:
+def host_cpu_features() -> tuple[str, list[str]]:
     """Return the name of this CPU and the features that LLVM compiles for, sorted."""
     from llvmlite import binding
 

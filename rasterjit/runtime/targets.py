@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 
 class Target(NamedTuple):
-    """What machine code is for."""
+    """A machine that code is compiled for."""
 
     triple: str
     cpu: str
@@ -25,21 +25,21 @@ class Target(NamedTuple):
 
 
 class Level(NamedTuple):
-    """CPUs of some age and younger."""
+    """A set of CPU features that code may use."""
 
     cpu: str
-    """As LLVM calls it; the file of its code is named by it."""
+    """LLVM's name of the CPU; also the name of the library."""
     features: str = ""
-    """What LLVM is told besides."""
+    """Further features and preferences, for LLVM."""
     needs: frozenset[str] = frozenset()
-    """Features that a CPU must have, as LLVM calls them."""
+    """Features that a CPU must have, by LLVM's names."""
 
 
 class Platform(NamedTuple):
     """An operating system on a kind of CPU, for which there is a wheel."""
 
     triple: str
-    """As LLVM calls it; the first part and the system count."""
+    """LLVM's name; only the first part and the system count."""
     tag: str
     """Of the wheel."""
     levels: tuple[Level, ...]
@@ -48,7 +48,7 @@ class Platform(NamedTuple):
     """Of a shared library."""
 
     def targets(self) -> list[Target]:
-        """Return what its code is compiled for, a target for each level."""
+        """Return a target for each level."""
         return [Target(self.triple, level.cpu, level.features) for level in self.levels]
 
 
@@ -83,15 +83,15 @@ PLATFORMS = {
 }
 """By the name that ``RASTERJIT_PLATFORMS`` has for it."""
 
-SYSTEMS = {"linux": "linux", "windows": "windows", "darwin": "macos", "macosx": "macos"}
-"""By what triples call them."""
+SYSTEM_NAMES = {"linux": "linux", "windows": "windows", "darwin": "macos", "macosx": "macos"}
+"""Our names of systems, by the words in triples."""
 
-CHOICES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
-"""Environment variables that ask for another CPU than this machine's."""
+CPU_VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""Environment variables that request another CPU than this machine's."""
 
 
 def _hold_llvm_over_forks() -> None:
-    """Let forks wait for calls of LLVM in other threads."""
+    """Let forks wait for other threads' calls of LLVM."""
     from llvmlite.binding import ffi
 
     # Not before: builds of wheels read `PLATFORMS` where the package is not installed.
@@ -106,20 +106,20 @@ def _hold_llvm_over_forks() -> None:
 @functools.cache
 def host() -> Target:
     """
-    Return this machine, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` ask for.
+    Return this machine's target, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` request.
 
-    Features that are not asked for may end with a preference of ours. A level without features is
-    what wheels are made for.
+    Detected features may end with a preference of ours. A level's name without features stands for
+    the target of wheels.
     """
     from llvmlite import binding
 
     _hold_llvm_over_forks()
     triple = process_triple()
-    chosen, features = (os.environ.get(name) for name in CHOICES)
-    level = _level_named(triple, chosen)
+    requested, features = (os.environ.get(name) for name in CPU_VARIABLES)
+    level = _find_level(triple, requested)
     if level is not None and not features:
         return Target(triple, level.cpu, level.features)
-    cpu = chosen or binding.get_host_cpu_name()
+    cpu = requested or binding.get_host_cpu_name()
     if features is None:
         features = "" if cpu == "generic" else binding.get_host_cpu_features().flatten()
         if cpu.startswith("znver"):
@@ -128,26 +128,26 @@ def host() -> Target:
     return Target(triple, cpu, features)
 
 
-def platform_of(triple: str) -> Platform | None:
+def find_platform(triple: str) -> Platform | None:
     """Return the platform of a triple; None if no wheel is made for it."""
-    wanted = parts_of(triple)
-    return next((one for one in PLATFORMS.values() if parts_of(one.triple) == wanted), None)
+    parts = split_triple(triple)
+    return next((each for each in PLATFORMS.values() if split_triple(each.triple) == parts), None)
 
 
-def parts_of(triple: str) -> tuple[str, str]:
-    """Return the kind of CPU and the system of a triple, by names of ours."""
+def split_triple(triple: str) -> tuple[str, str]:
+    """Return our names of the CPU and the system of a triple."""
     kind, *rest = re.sub(r"[\d.]+$", "", triple).split("-")
-    system = next((SYSTEMS[part] for part in rest if part in SYSTEMS), "")
+    system = next((SYSTEM_NAMES[part] for part in rest if part in SYSTEM_NAMES), "")
     return ("aarch64" if kind == "arm64" else kind), system
 
 
 def needs_far_addresses(triple: str) -> bool:
     """
-    Tell whether code is linked by addresses of 64 bits: on Linux and on Windows of x86-64.
+    Tell whether code needs 64-bit addresses: on Linux, and on x86-64 Windows.
 
     ARM's Windows cannot relocate them in object files; macOS has its own rules.
     """
-    return platform_of(triple) is not None and parts_of(triple)[1] != "macos"
+    return find_platform(triple) is not None and split_triple(triple)[1] != "macos"
 
 
 def process_triple() -> str:
@@ -157,55 +157,55 @@ def process_triple() -> str:
     return re.sub(r"(darwin|macosx)[\d.]+", r"\1", binding.get_process_triple())
 
 
-def _level_named(triple: str, cpu: str | None) -> Level | None:
-    platform = platform_of(triple)
+def _find_level(triple: str, cpu: str | None) -> Level | None:
+    platform = find_platform(triple)
     levels = () if platform is None else platform.levels
     return next((level for level in levels if level.cpu == cpu), None)
 
 
-def asked_cpu() -> str | None:
+def requested_cpu_name() -> str | None:
     """
-    Return the CPU that the environment asks code for; an empty name for this machine's.
+    Return the CPU that the environment requests; an empty name for this machine's.
 
-    None if it asks for features besides: no wheel has code for these.
+    None if it also requests features: no wheel has code for these.
     """
-    cpu, features = (os.environ.get(name) for name in CHOICES)
+    cpu, features = (os.environ.get(name) for name in CPU_VARIABLES)
     if features or (features is not None and not cpu):
         return None
     return cpu or ""
 
 
-def level_here() -> tuple[str, Level] | None:
-    """Return the kind of this CPU and its best level, or the one that the environment asks for."""
+def find_host_level() -> tuple[str, Level] | None:
+    """Return the kind of this CPU and its best level, or the level that is requested."""
     from llvmlite import binding
 
-    kind, asked = parts_of(process_triple())[0], asked_cpu()
-    has = {name for name, is_here in binding.get_host_cpu_features().items() if is_here}
+    kind, requested = split_triple(process_triple())[0], requested_cpu_name()
+    features = {name for name, has in binding.get_host_cpu_features().items() if has}
     for level in LEVELS.get(kind, ()):
-        if level.cpu == asked or (asked == "" and level.needs <= has):
+        if level.cpu == requested or (requested == "" and level.needs <= features):
             return kind, level
     return None
 
 
-class _Compiling(threading.local):
-    """What this thread compiles for."""
+class _ThreadTarget(threading.local):
+    """The target of this thread's compilation."""
 
     target: Target | None = None
 
 
-_COMPILING = _Compiling()
+_THREAD_TARGET = _ThreadTarget()
 
 
 @contextmanager
 def compiling_for(target: Target) -> Iterator[None]:
-    """Let `current` be another target than this machine."""
-    before, _COMPILING.target = _COMPILING.target, target
+    """Let `current_target` return a target, in this thread, within a ``with`` block."""
+    before, _THREAD_TARGET.target = _THREAD_TARGET.target, target
     try:
         yield
     finally:
-        _COMPILING.target = before
+        _THREAD_TARGET.target = before
 
 
-def current() -> Target:
-    """Return what this thread compiles for."""
-    return _COMPILING.target or host()
+def current_target() -> Target:
+    """Return the target that this thread compiles for."""
+    return _THREAD_TARGET.target or host()

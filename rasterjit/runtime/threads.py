@@ -26,20 +26,20 @@ from rasterjit.runtime import (
     pack_arguments as pack_arguments,  # From now on, arguments are packed by it.
 )
 from rasterjit.runtime.jit import Kernel
-from rasterjit.runtime.spinning_threads import PATIENCE, Call, Team
+from rasterjit.runtime.spinning_threads import SPIN_SECONDS, Call, Team
 from rasterjit.runtime.sysctl import read_sysctl
 
-MIN_BYTES = 1 << 15
-"""Bytes of the smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""
+MIN_REUSED_BYTES = 1 << 15
+"""Smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""
 
-SIZE_STEPS = 8
-"""Sizes of blocks from one power of two to the next."""
+SIZES_PER_OCTAVE = 8
+"""Block sizes from one power of two to the next."""
 
-KEPT_FRAMES = 2
+MAX_IDLE_FRAMES = 2
 """Frames that a block may stay unused before its memory is freed."""
 
-PIXELS_PER_TASK = 1 << 15
-"""About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
+MIN_PIXELS_PER_TASK = 1 << 15
+"""About the fewest pixels, in whole rows, of one task: small frames wake no thread."""
 
 TASKS_PER_THREAD = 8
 """Tasks per thread: more than one, to balance uneven tasks."""
@@ -62,13 +62,13 @@ class Workers:
         self._team: Team | None = None
         self._team_lock = forks.lock()
         self._process = os.getpid()
-        self._closed = 0
-        self._frame = threading.local()
+        self._close_count = 0
+        self._drawn_by_thread = threading.local()
 
     @contextmanager
     def frame(self) -> Iterator[None]:
         """
-        Draw a frame in this thread, with what memory the last one left.
+        Draw a frame in this thread; it reuses the memory of the last one.
 
         Raises
         ------
@@ -82,12 +82,12 @@ class Workers:
             with self._team_lock:
                 calls = team.next_frame()
             self._wake(team, calls)
-        before = getattr(self._frame, "begun_at", None)
-        self._frame.begun_at = self._closed
+        before = getattr(self._drawn_by_thread, "close_count", None)
+        self._drawn_by_thread.close_count = self._close_count
         try:
             yield
         finally:
-            self._frame.begun_at = before
+            self._drawn_by_thread.close_count = before
 
     def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
         """
@@ -95,88 +95,90 @@ class Workers:
 
         If tasks fail, no other is begun, and the error of the first of them is raised.
         """
-        begun_at = getattr(self._frame, "begun_at", None)
-        begun_at = self._closed if begun_at is None else begun_at
-        self._check(begun_at)
+        close_count = getattr(self._drawn_by_thread, "close_count", None)
+        close_count = self._close_count if close_count is None else close_count
+        self._check_open(close_count)
         calls = list(arguments)
         if self.threads == 1 or len(calls) <= 1:
             return [task(*call) for call in calls]
         if self._team is not None:
             self._team.dismiss()
-        pool = self._awake_pool()
+        pool = self._open_pool()
         tasks, helpers = _Tasks(task, calls), []
         try:
             for _ in range(min(self.threads, len(calls)) - 1):
                 helpers.append(pool.submit(tasks.work))
             tasks.work()
         except RuntimeError:
-            # Those of the tasks come later.
-            self._check(begun_at)
+            # Errors of the tasks are raised by `get_results`.
+            self._check_open(close_count)
             raise
         finally:
             tasks.waiting.clear()
             for helper in helpers:
                 if not helper.cancel():
                     helper.result()
-        self._check(begun_at)
-        return tasks.results()
+        self._check_open(close_count)
+        return tasks.get_results()
 
-    def hold(self, owner: Any) -> None:
-        """Keep what owns memory that tasks read as long as they may run: here the caller does."""
+    def keep_alive(self, owner: Any) -> None:
+        """Keep the owner of memory that tasks read, if tasks outlive this call; here none do."""
 
     def call(self, kernel: Any, arguments: Iterable[tuple]) -> list[Any]:
         """
         Call a kernel for each tuple, in this thread and others; return what it returned, in order.
 
-        The same as `run`, but the threads do without Python's lock from call to call, and others
-        begin while arguments are still being packed.
+        Like `run`, but the threads hold no GIL from call to call, and begin while arguments are
+        still being packed.
         """
         calls, forms = list(arguments), []
         if self.threads == 1 or len(calls) <= 1 or type(kernel) is not Kernel:
             return self.run(kernel, calls)
 
-        def bound() -> Iterator[Call]:
-            for own in calls:
-                form, block = kernel.bind(own)
+        def bind_calls() -> Iterator[Call]:
+            for call in calls:
+                form, block = kernel.bind(call)
                 forms.append(form)
-                yield Call(form.address, ctypes.addressof(block), (block, own))
+                yield Call(form.address, ctypes.addressof(block), (block, call))
 
-        words = self.call_machine(bound(), len(calls))
-        return [form.returned(word) for form, word in zip(forms, words, strict=True)]
+        words = self.call_machine(bind_calls(), len(calls))
+        return [form.convert_result(word) for form, word in zip(forms, words, strict=True)]
 
-    def call_machine(self, calls: Iterable[Call], most: int, scratch: int = 0) -> list[int]:
+    def call_machine(
+        self, calls: Iterable[Call], max_calls: int, scratch_words: int = 0
+    ) -> list[int]:
         """
         Make calls of machine code, in this thread and others; return what they returned.
 
         Parameters
         ----------
         calls : iterable of Call
-        most : int
-            How many they are at most.
-        scratch : int
-            Words of each thread's scratch memory: see `Team.begin`.
+        max_calls : int
+            The most that ``calls`` yields.
+        scratch_words : int
+            64-bit words of each thread's scratch memory: see `Team.begin`.
         """
-        begun_at = getattr(self._frame, "begun_at", None)
-        begun_at = self._closed if begun_at is None else begun_at
-        self._check(begun_at)
-        self._awake_pool()
+        close_count = getattr(self._drawn_by_thread, "close_count", None)
+        close_count = self._close_count if close_count is None else close_count
+        self._check_open(close_count)
+        self._open_pool()
         with self._team_lock:
             if self._team is None:
-                # Who waits for a call takes no processor from those who make one.
+                # A thread that spins must take no processor from one that calls.
                 is_crowded = self.threads > available_processors()
-                self._team = Team(self.threads - 1, 0.0 if is_crowded else PATIENCE)
+                self._team = Team(self.threads - 1, 0.0 if is_crowded else SPIN_SECONDS)
             team = self._team
-            team.begin(most, scratch)
+            team.begin(max_calls, scratch_words)
             try:
                 for call in calls:
                     self._wake(team, team.add(call))
             finally:
                 words = team.finish()
-        self._check(begun_at)
+        self._check_open(close_count)
         return words
 
     def _wake(self, team: Team, calls: int) -> None:
-        """Wake as many of a team as so many calls keep busy; without a pool they sleep on."""
+        """Wake as many threads of a team as some calls keep busy."""
         pool = self._pool
         while pool is not None and team.awake < calls and team.asleep:
             try:
@@ -185,7 +187,7 @@ class Workers:
                 # Another thread wakes them, or the pool was closed.
                 return
 
-    def _awake_pool(self) -> ThreadPoolExecutor:
+    def _open_pool(self) -> ThreadPoolExecutor:
         """Return the pool of this process."""
         if self._process != os.getpid():
             # A forked process has the pool but none of its threads.
@@ -197,14 +199,14 @@ class Workers:
             self._pool, self._team = pool, None
         return pool
 
-    def _check(self, begun_at: int) -> None:
-        """Raise a RuntimeError if `close` was called since."""
-        if begun_at != self._closed:
+    def _check_open(self, close_count: int) -> None:
+        """Raise ``RuntimeError`` if `close` was called since the frame began."""
+        if close_count != self._close_count:
             raise RuntimeError("close() was called while a frame was being drawn")
 
     def close(self) -> None:
         """Shut the threads down without waiting; who still draws gets a ``RuntimeError``."""
-        self._closed += 1
+        self._close_count += 1
         pool, self._pool = self._pool, None
         if self._team is not None:
             self._team.dismiss()
@@ -222,20 +224,20 @@ class _Tasks:
         self.waiting = deque(enumerate(calls))
 
     def work(self) -> None:
-        """Call what waits until nothing does."""
-        for number, call in iter(self._take, None):
+        """Make calls until none is waiting."""
+        for number, call in iter(self._pop_waiting, None):
             try:
                 self._results[number] = self._task(*call)
             except BaseException as error:
                 self.waiting.clear()
                 self._failed.append((number, error))
 
-    def _take(self) -> tuple[int, tuple] | None:
+    def _pop_waiting(self) -> tuple[int, tuple] | None:
         with suppress(IndexError):
             return self.waiting.popleft()
         return None
 
-    def results(self) -> list[Any]:
+    def get_results(self) -> list[Any]:
         """Return what was returned, or raise the error of the first call that failed."""
         if not self._failed:
             return self._results
@@ -243,13 +245,13 @@ class _Tasks:
         try:
             raise error
         finally:
-            # An error knows this frame, and would keep alive all that tasks hold.
+            # An error refers to this stack frame, and so to everything that tasks hold.
             self._failed.clear()
             del error
 
 
 def available_processors() -> int:
-    """Return the number of processors this process may run on; of Apple's, the fast ones."""
+    """Return the number of processors this process may run on; on Apple's, of the fast ones."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     # Threads share a frame evenly: the fast would wait for the slow.
@@ -267,151 +269,147 @@ class Memory:
     """
 
     def __init__(self) -> None:
-        self._shelves: dict[int, list[_Block]] = {}
+        self._blocks_by_size: dict[int, list[_Block]] = {}
         self.bytes = 0
-        """How much it keeps."""
-        self._frame = 0
+        """Memory of all blocks."""
+        self._frame_number = 0
         self._lock = forks.lock()
 
     def empty(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
         """Return a C-contiguous array of any contents."""
         kind = np.dtype(dtype)
         size = math.prod(shape) * kind.itemsize
-        if size < MIN_BYTES:
+        if size < MIN_REUSED_BYTES:
             return np.empty(shape, kind)
-        room = _block_size(size)
+        block_size = _block_size(size)
         with self._lock:
-            shelf = self._shelves.setdefault(room, [])
-            for block in shelf:
-                if _references(block) == IDLE_REFERENCES:
+            blocks = self._blocks_by_size.setdefault(block_size, [])
+            for block in blocks:
+                if _count_references(block) == IDLE_REFERENCES:
                     break
             else:
-                block = _Block(room)
-                shelf.append(block)
-                self.bytes += room
-            block.frame = self._frame
-            return block.room[:size].view(kind).reshape(shape)
+                block = _Block(block_size)
+                blocks.append(block)
+                self.bytes += block_size
+            block.last_frame = self._frame_number
+            return block.bytes[:size].view(kind).reshape(shape)
 
     def next_frame(self) -> None:
         """
         Free blocks that the last frames did not use.
 
-        Some may be held, by frames that are kept: they would be looked at in vain ever after.
+        Blocks that frames of the caller still hold go, too: searching them is vain.
         """
         with self._lock:
-            self._frame += 1
-            for room, shelf in list(self._shelves.items()):
-                if all(block.frame + KEPT_FRAMES >= self._frame for block in shelf):
+            self._frame_number += 1
+            oldest = self._frame_number - MAX_IDLE_FRAMES
+            for block_size, blocks in list(self._blocks_by_size.items()):
+                recent = [block for block in blocks if block.last_frame >= oldest]
+                if len(recent) == len(blocks):
                     continue
-                left = [block for block in shelf if block.frame + KEPT_FRAMES >= self._frame]
-                self.bytes -= room * (len(shelf) - len(left))
-                if left:
-                    self._shelves[room] = left
+                self.bytes -= block_size * (len(blocks) - len(recent))
+                if recent:
+                    self._blocks_by_size[block_size] = recent
                 else:
-                    del self._shelves[room]
+                    del self._blocks_by_size[block_size]
 
     def clear(self) -> None:
-        """Let go of everything; arrays that are held stay as they are."""
+        """Drop all blocks; arrays that are held stay as they are."""
         with self._lock:
-            self._shelves.clear()
+            self._blocks_by_size.clear()
             self.bytes = 0
 
 
 class ReusedMemory:
-    """Memory for recorded calls: each part of a picture reuses that of the part before."""
+    """Memory for recorded calls: each part of a picture reuses the arrays of the part before."""
 
     def __init__(self) -> None:
-        self._rooms: list[NDArray[Any]] = []
-        self._taken = 0
+        self._blocks: list[NDArray[Any]] = []
+        self._used = 0
 
     def begin(self) -> None:
         """Begin the next part."""
-        self._taken = 0
+        self._used = 0
 
     def empty(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array, as ``Memory.empty`` does; bytes of the one before at this turn."""
-        number, kind = self._taken, np.dtype(dtype)
-        self._taken += 1
+        """Return an array, as ``Memory.empty`` does, in the memory of the last part's Nth array."""
+        number, kind = self._used, np.dtype(dtype)
+        self._used += 1
         size = math.prod(shape) * kind.itemsize
-        if number == len(self._rooms):
-            self._rooms.append(np.empty(0, np.float64))
-        if self._rooms[number].nbytes < size:
-            self._rooms[number] = np.empty(-(-size // 8), np.float64)
-        return self._rooms[number].view(np.uint8)[:size].view(kind).reshape(shape)
+        if number == len(self._blocks):
+            self._blocks.append(np.empty(0, np.float64))
+        if self._blocks[number].nbytes < size:
+            self._blocks[number] = np.empty(-(-size // 8), np.float64)
+        return self._blocks[number].view(np.uint8)[:size].view(kind).reshape(shape)
 
 
-class Kept:
+class FrameCache:
     """
-    Cache of arrays and other things from one picture to the next, by name.
+    Cache of arrays and other values from one picture to the next, by name.
 
-    An entry is valid while all its inputs are the same (`are_same`). It serves one picture at a
-    time: the next one writes to the same arrays.
+    An entry is valid while all its inputs are the same (`are_same`). Only one picture at a time may
+    use a cache: the next one writes to the same arrays.
 
     Parameters
     ----------
     memory : Memory
         Where new arrays come from.
-    lasts : bool
-        Whether anything is kept; else all is made anew.
+    is_enabled : bool
+        Whether anything is cached; else every value is made anew.
     """
 
-    def __init__(self, memory: Memory, lasts: bool = True) -> None:
+    def __init__(self, memory: Memory, is_enabled: bool = True) -> None:
         self.memory = memory
-        self.lasts = lasts
-        self._made: dict[str, tuple[tuple[Any, ...], Any]] = {}
+        self.is_enabled = is_enabled
+        self._entries: dict[str, tuple[tuple[Any, ...], Any]] = {}
 
-    def made(self, name: str, make: Callable[..., Any], *parts: Any) -> Any:
-        """Return ``make(*parts)``, or what it returned before, of the same parts."""
-        if not self.lasts:
-            return make(*parts)
-        found = self._made.get(name)
-        if found is not None and are_same(found[0], parts):
-            return found[1]
-        return self._keep(name, parts, make(*parts))
+    def get_or_make(self, name: str, make: Callable[..., Any], *inputs: Any) -> Any:
+        """Return ``make(*inputs)``, or the cached result of the same inputs."""
+        if not self.is_enabled:
+            return make(*inputs)
+        entry = self._entries.get(name)
+        if entry is not None and are_same(entry[0], inputs):
+            return entry[1]
+        return self._store(name, inputs, make(*inputs))
 
-    def empty(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array of any contents: the one of before, if shape and type are the same."""
-        if not self.lasts:
-            return self.memory.empty(shape, dtype)
-        found = self._made.get(name)
-        if found is not None and found[0] == (shape, dtype):
-            return found[1]
-        return self._keep(name, (shape, dtype), self.memory.empty(shape, dtype))
+    def get_or_allocate(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return an array of any contents: the cached one, if shape and type are the same."""
+        return self.get_or_make(name, self.memory.empty, shape, dtype)
 
-    def at_least(self, name: str, count: int, dtype: Any) -> NDArray[Any]:
-        """Return an array of ``count`` numbers or more: the one of before, if it is that long."""
-        if not self.lasts:
+    def get_or_allocate_at_least(self, name: str, count: int, dtype: Any) -> NDArray[Any]:
+        """Return an array of ``count`` numbers or more: the cached one, if long enough."""
+        if not self.is_enabled:
             return self.memory.empty((count,), dtype)
-        found = self._made.get(name)
-        if found is not None and found[0] == (dtype,) and len(found[1]) >= count:
-            return found[1]
+        entry = self._entries.get(name)
+        if entry is not None and entry[0] == (dtype,) and len(entry[1]) >= count:
+            return entry[1]
         # The next one may be a little longer.
-        return self._keep(name, (dtype,), self.memory.empty((count + count // 4,), dtype))
+        return self._store(name, (dtype,), self.memory.empty((count + count // 4,), dtype))
 
-    def copied(self, name: str, values: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
-        """Return a copy of an array, C-contiguous: at the place of the one before, if alike."""
-        array = self.empty(name, values.shape, values.dtype if dtype is None else dtype)
+    def copy_into(self, name: str, values: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
+        """Copy an array, C-contiguous, into the cached one if shape and type are the same."""
+        array = self.get_or_allocate(name, values.shape, values.dtype if dtype is None else dtype)
         array[...] = values
         return array
 
-    def _keep(self, name: str, parts: tuple[Any, ...], thing: Any) -> Any:
-        self._made[name] = parts, thing
-        return thing
+    def _store(self, name: str, inputs: tuple[Any, ...], value: Any) -> Any:
+        self._entries[name] = inputs, value
+        return value
 
     def clear(self) -> None:
-        """Let go of everything."""
-        self._made.clear()
+        """Drop all entries."""
+        self._entries.clear()
 
 
-PLAIN = frozenset((bool, int, str, bytes, np.int64))
-"""Types that are compared by value."""
+COMPARED_BY_VALUE = frozenset((bool, int, str, bytes, np.int64))
+"""Types that `are_same` compares by value."""
 
 
 def are_same(one: Any, other: Any) -> bool:
     """
-    Tell whether two things are one, or plain and equal; or tuples of such things.
+    Tell whether two values are one object, equal plain values, or tuples of such values.
 
-    Two arrays of the same numbers are not: one may be written to.
+    Two arrays of equal numbers are not the same: one may be written to.
     """
     if one is other:
         return True
@@ -421,54 +419,52 @@ def are_same(one: Any, other: Any) -> bool:
     if issubclass(kind, tuple):
         if len(one) != len(other):
             return False
-        # Mostly all of them are: they are not asked one by one.
+        # The fast path: all items are the same objects.
         return all(map(is_, one, other)) or all(map(are_same, one, other))
     # Zeros have signs.
-    return one == other if kind in PLAIN else kind is float and one == other != 0.0
+    return one == other if kind in COMPARED_BY_VALUE else kind is float and one == other != 0.0
 
 
 def _block_size(size: int) -> int:
-    """Return the next of the sizes that blocks have, bytes."""
-    step = max((1 << (size - 1).bit_length()) // (2 * SIZE_STEPS), 1)
+    """Round a size up to one that blocks have, bytes."""
+    step = max((1 << (size - 1).bit_length()) // (2 * SIZES_PER_OCTAVE), 1)
     return -(-size // step) * step
 
 
 class _Block:
-    """A block of memory, and the frame that took it last."""
+    """A block of memory, and the number of the last frame that used it."""
 
-    __slots__ = ("frame", "room")
+    __slots__ = ("bytes", "last_frame")
 
     def __init__(self, size: int) -> None:
-        self.room = np.empty(size, np.uint8)
-        self.frame = 0
+        self.bytes = np.empty(size, np.uint8)
+        self.last_frame = 0
 
 
-def _references(block: _Block) -> int:
-    return sys.getrefcount(block.room)
+def _count_references(block: _Block) -> int:
+    return sys.getrefcount(block.bytes)
 
 
-IDLE_REFERENCES = _references(_Block(1))
-"""Reference count of a block that only its shelf holds; each view adds one."""
+IDLE_REFERENCES = _count_references(_Block(1))
+"""Reference count of a block without views; each view adds one."""
 
 
-def count_per_task(count: int, least: int, workers: Workers, tasks: int = TASKS_PER_THREAD) -> int:
-    """
-    Return how much of something one task does, where each thread has about so many tasks.
-
-    At least the least; all of it on one thread.
-    """
+def count_per_task(
+    count: int, min_per_task: int, workers: Workers, tasks_per_thread: int = TASKS_PER_THREAD
+) -> int:
+    """Return how many of ``count`` items one task processes; all of them on one thread."""
     if workers.threads == 1:
         return max(count, 1)
-    return max(least, -(-count // (tasks * workers.threads)))
+    return max(min_per_task, -(-count // (tasks_per_thread * workers.threads)))
 
 
 def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:
-    """Return how many rows of a frame, (H, W), one task does."""
-    return count_per_task(shape[0], -(-PIXELS_PER_TASK // shape[1]), workers)
+    """Return how many rows of an (H, W) frame one task processes."""
+    return count_per_task(shape[0], -(-MIN_PIXELS_PER_TASK // shape[1]), workers)
 
 
 def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:
-    """Call a kernel for bands of rows."""
+    """Call a kernel for bands of rows, shared among threads."""
     height, per_task = len(face_id), rows_per_task(face_id.shape, workers)
     workers.run(
         kernel,

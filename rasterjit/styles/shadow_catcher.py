@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import srgb_encoding
 from rasterjit.pipeline.geometry import projection
 from rasterjit.pipeline.visibility import visibility_pass
-from rasterjit.rendering.planning import cut_open
+from rasterjit.rendering.planning import cut_by_section
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.threads import Memory, Workers
@@ -282,7 +282,7 @@ def _count_blocked(
 ) -> list[NDArray[np.int32]]:
     """Return how many directions of each group are blocked at each texel, (S, S) each."""
     scene, counts = pose_scene(casters), None
-    cache = update_cache(cut_open(scene).nodes, None, Quality())
+    cache = update_cache(cut_by_section(scene).nodes, None, Quality())
     if not cache.tables.inventory.contents.cut_out:
         camera = MatrixCamera(groups[0][0], groups[0][1][0])
         count = partial(_count_covered, cache, _pair_edges(cache.shapes.arrays), camera)

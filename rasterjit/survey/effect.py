@@ -283,7 +283,7 @@ class ModalEffect(Effect):
 
 class BatchedEffect(Effect):
     """
-    An effect that batches and bound frames run as recorded calls, without Python in between.
+    An effect that batches and recorded frames run as recorded calls, without Python in between.
 
     Its record depends only on the plan (`prepare_batch`) and on arrays derived from the camera and
     the transforms of each view (`compute_view_arrays`). Of a `ScreenEffect`, `prepare` is

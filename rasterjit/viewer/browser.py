@@ -26,7 +26,7 @@ from functools import partial
 from importlib import resources
 from typing import Any, cast
 
-from rasterjit.runtime.progress import told_besides
+from rasterjit.runtime.progress import also_show_progress_by
 from rasterjit.scene.validation import brief
 from rasterjit.viewer.browser_session import NUMBER_BYTES, Send, Tab
 from rasterjit.viewer.canvas import Worker
@@ -224,7 +224,7 @@ def serve(
         first.add_done_callback(stop_without_picture)
         try:
             # Who interrupts it wants nothing else.
-            with contextlib.suppress(KeyboardInterrupt), told_besides(notice.send):
+            with contextlib.suppress(KeyboardInterrupt), also_show_progress_by(notice.send):
                 for line in announcement(host, listening.getsockname()[1], secret):
                     announce(line)
                 if on_start is not None:

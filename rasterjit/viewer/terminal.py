@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.runtime.progress import told_to
+from rasterjit.runtime.progress import show_progress_by
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer.canvas import CanvasDriver, DrawCancelled, at_terminal
 from rasterjit.viewer.controls import MOVE_KEYS, TURN_KEYS, Event, Fly
@@ -678,7 +678,7 @@ def _capture_output() -> Iterator[None]:
     try:
         # No line of progress is written across the picture.
         with (
-            told_to(lambda progress: None),
+            show_progress_by(lambda progress: None),
             contextlib.redirect_stdout(io.StringIO()),
             contextlib.redirect_stderr(errors),
         ):

@@ -504,7 +504,7 @@ class Viewer:
             frame = draw(PREVIEW, self._coarse)
             self._fastest = SHRINK * SHRINK * quality_selection.seconds_of(frame)
         elif is_known:
-            frame = quality_selection.draw_as_known(self._budget, self._times, draw)
+            frame = quality_selection.draw_by_known_times(self._budget, self._times, draw)
         else:
             frame = draw(PREVIEW)
         if frame.plan.size == self.size:
@@ -527,7 +527,7 @@ class Viewer:
             self._coarse.close()
         self._coarse, self._fastest, self._latest = None, 0.0, 0.0
 
-    def _new_times(self) -> quality_selection.Times:
+    def _new_times(self) -> quality_selection.FrameTimes:
         """
         Return times of a scene that was not drawn yet: none.
 
@@ -535,8 +535,8 @@ class Viewer:
         something moves, and compiled then.
         """
         # Light for each vertex is hardly faster, and shows.
-        better = [one for one in quality_selection.known_ladder() if one.shading == "pixel"]
-        return quality_selection.Times((PREVIEW, *better), {})
+        better = [one for one in quality_selection.get_ladder() if one.shading == "pixel"]
+        return quality_selection.FrameTimes((PREVIEW, *better), {})
 
     def step(self) -> bool:
         """

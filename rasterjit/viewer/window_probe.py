@@ -24,7 +24,7 @@ from importlib import metadata
 from pathlib import Path
 
 from rasterjit.io.atomic_write import atomic_file
-from rasterjit.runtime.store import cache_folder
+from rasterjit.runtime.store import user_cache_folder
 
 TOOLKITS = {
     "glfw": ("glfw", "wgpu"),
@@ -317,7 +317,7 @@ def _package_version(package: str) -> str:
 
 def results_file() -> Path:
     """Return the path of the file of results."""
-    return cache_folder() / "windows.json"
+    return user_cache_folder() / "windows.json"
 
 
 def _read_results() -> Mapping[str, tuple[str, float]]:

@@ -17,7 +17,7 @@ SMALL_LADDER = (Quality.draft(), Quality.standard(), Quality(samples=4), Quality
 
 @pytest.fixture(autouse=True)
 def small(tmp_path, monkeypatch):
-    monkeypatch.setattr(profiles, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(profiles, "user_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(calibration, "LADDER", SMALL_LADDER)
     monkeypatch.setattr(calibration, "SCENES_USED", ("small",))
     monkeypatch.setattr(calibration, "ROUNDS", 1)

@@ -19,7 +19,7 @@ program = importlib.import_module("benchmarks.dial")
 
 @pytest.fixture(autouse=True)
 def one_small_scene(tmp_path, monkeypatch):
-    monkeypatch.setattr(quality_selection, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(quality_selection, "user_cache_folder", lambda: tmp_path)
     made = rj.accuracy.make("wireframe")
     orbit = program.Orbit("ground", made.scene, made.camera)
     monkeypatch.setattr(program, "orbits", lambda: iter([orbit]))
@@ -42,7 +42,7 @@ def test_it_tells_times_and_errors_of_every_frame():
 
 def test_an_error_beyond_its_bound_is_a_fault(monkeypatch):
     monkeypatch.setattr(
-        quality_selection.Reference, "error_of", lambda reference, frame: (0.0, 0.0)
+        quality_selection.Reference, "bound_error", lambda reference, frame: (0.0, 0.0)
     )
     done = run("--budget", "30")
     assert done.exit_code == 1

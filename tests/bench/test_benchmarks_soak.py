@@ -167,7 +167,7 @@ while True:
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
-    monkeypatch.setattr(interrupts.store, "folder", lambda: None)
+    monkeypatch.setattr(interrupts.store, "kernel_folder", lambda: None)
     monkeypatch.setattr(interrupts, "PATIENCE", 3.0)
     (tmp_path / "program.py").write_text(PROGRAM)
     place = tmp_path / "runs"

@@ -21,11 +21,11 @@ posix_only = pytest.mark.skipif(os.name != "posix", reason="pipes and links of P
 @pytest.fixture
 def entries(tmp_path, monkeypatch):
     """Four sound entries."""
-    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
     for number in range(4):
         header = store.Header("none", f"a.b{number}", "()", "0", "1", "x86_64", "cpu")
         code = np.random.default_rng(number).bytes(3000)
-        store.write(tmp_path / f"b{number}.1{store.SUFFIX}", header, code)
+        store.write_entry(tmp_path / f"b{number}.1{store.SUFFIX}", header, code)
     return sorted(tmp_path.iterdir())
 
 
@@ -45,7 +45,7 @@ def test_no_damaged_entry_is_used(entries, tmp_path):
 def test_one_that_is_used_is_counted(entries, tmp_path, monkeypatch):
     place = tmp_path / "place"
     place.mkdir(mode=0o700)
-    monkeypatch.setattr(damaged.store, "read", lambda path: path.read_bytes())
+    monkeypatch.setattr(damaged.store, "read_entry", lambda path: path.read_bytes())
     counts = damaged.read_damaged(entries, 70, 1, place)
     assert counts["a bit"]["used"] == 10
 

@@ -1517,7 +1517,7 @@ def say_that_something_compiles():
 @pytest.fixture
 def impatient(monkeypatch):
     """Compiling that is told of at once; every picture compiles."""
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "MIN_SECONDS", 0.0)
     run_visibility = drawing.run_visibility
 
     def compile_and_find(*arguments, **options):
@@ -1529,9 +1529,9 @@ def impatient(monkeypatch):
 
 @pytest.mark.parametrize("is_kept", [True, False])
 def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_kept):
-    monkeypatch.setattr(store, "folder", lambda: Path("/cache") if is_kept else None)
-    monkeypatch.setattr(background_compile, "is_possible", lambda: False)
-    with report.progress_notice(quiet=False), background_compile.beside(list):
+    monkeypatch.setattr(store, "kernel_folder", lambda: Path("/cache") if is_kept else None)
+    monkeypatch.setattr(background_compile, "can_start_process", lambda: False)
+    with report.progress_notice(quiet=False), background_compile.compile_in_background(list):
         say_that_something_compiles()
         say_that_something_compiles()
     said = capsys.readouterr()
@@ -1541,11 +1541,14 @@ def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_
 
 
 def test_a_line_on_a_terminal_says_how_far_the_compiler_is(impatient, monkeypatch, capsys):
-    used, said = store.Used([], []), []
-    monkeypatch.setattr(store, "USED", used)
-    monkeypatch.setattr(background_compile, "is_possible", lambda: False)
+    used, said = store.UsedKernels([], []), []
+    monkeypatch.setattr(store, "USED_KERNELS", used)
+    monkeypatch.setattr(background_compile, "can_start_process", lambda: False)
     line = SimpleNamespace(status="Rendering", update=said.append)
-    with report.progress_notice(quiet=False, shown=line), background_compile.beside(list):
+    with (
+        report.progress_notice(quiet=False, shown=line),
+        background_compile.compile_in_background(list),
+    ):
         say_that_something_compiles()
         used.compiled.append("a.b")
         say_that_something_compiles()
@@ -1565,18 +1568,18 @@ def test_a_line_on_a_terminal_says_how_many_pictures_are_drawn(monkeypatch, tmp_
     with report.progress_notice(quiet=False, shown=line):
         for done in (1, 2, 16):
             clock[0] += 1.0
-            progress.PICTURES[-1](done, 64)
+            progress.PICTURE_COUNTERS[-1](done, 64)
         clock[0] += 1.0
         rj.render(rj.load(CUBE), size=(8, 6), quality=rj.Quality(samples=64), threads=1)
     assert said[0] == "Rendering: ##........ 16 of 64, 2 s, 6 s left"
-    assert said[1:] == [f"Rendering: {progress.bar(n, 64, 3.0)}" for n in range(1, 65)]
-    assert progress.PICTURES == []
+    assert said[1:] == [f"Rendering: {progress.format_bar(n, 64, 3.0)}" for n in range(1, 65)]
+    assert progress.PICTURE_COUNTERS == []
     with report.progress_notice(quiet=False):
-        progress.PICTURES[-1](1, 64)
+        progress.PICTURE_COUNTERS[-1](1, 64)
 
 
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
-    with report.progress_notice(quiet=False), background_compile.beside(list):
+    with report.progress_notice(quiet=False), background_compile.compile_in_background(list):
         say_that_something_compiles()
     assert capsys.readouterr() == ("", "")
 
@@ -1631,7 +1634,7 @@ def test_warmup_shows_progress_and_names_the_folder(monkeypatch):
     assert result.exit_code == 0, result.output
     assert told == [None, None]
     assert result.stderr == "Compiling kernels (2 to do)\n"
-    assert f"entries in {store.folder()}" in result.stdout
+    assert f"entries in {store.kernel_folder()}" in result.stdout
     assert run("warmup", "--quiet").output == ""
 
 
@@ -1644,7 +1647,7 @@ def test_warmup_has_nothing_to_do_where_nothing_is_kept(monkeypatch, variable):
 def test_warmup_without_a_folder_says_how_to_name_one(monkeypatch):
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
-    monkeypatch.setattr(store, "folder", lambda: None)
+    monkeypatch.setattr(store, "kernel_folder", lambda: None)
     result = run("warmup")
     assert_one_line(result, 1)
     assert "RASTERJIT_CACHE_DIR" in result.stderr

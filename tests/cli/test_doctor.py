@@ -32,10 +32,16 @@ def entry(place, number, **changes):
     triple, cpu, _ = store.host()
     source = "rasterjit.pipeline.srgb_encoding"
     header = store.Header(
-        "none", f"{source}.nothing", "()", store.sources_hash(source), store.versions(), triple, cpu
+        "none",
+        f"{source}.nothing",
+        "()",
+        store.hash_sources(source),
+        store.compiler_versions(),
+        triple,
+        cpu,
     )
     path = place / f"nothing_{number}.0.kernel"
-    store.write(path, header._replace(**changes), b"code")
+    store.write_entry(path, header._replace(**changes), b"code")
     return path
 
 
@@ -44,8 +50,8 @@ def place(monkeypatch, tmp_path):
     """An empty store, of a process that compiled nothing."""
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
-    monkeypatch.setattr(store, "folder", lambda: tmp_path)
-    monkeypatch.setattr(store, "USED", store.Used([], []))
+    monkeypatch.setattr(store, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "USED_KERNELS", store.UsedKernels([], []))
     return tmp_path
 
 
@@ -76,9 +82,9 @@ def test_doctor_lists_checks_and_mends_the_store(place):
 
 def test_what_cannot_be_read_or_removed_is_told(place, monkeypatch):
     paths = [entry(place, 0), entry(place, 1)]
-    found = store.contents(place)._replace(unreadable=paths[:1], damaged=paths[1:])
-    monkeypatch.setattr(store, "contents", lambda place: found)
-    monkeypatch.setattr(store, "mend", lambda found: found.damaged)
+    found = store.inspect_folder(place)._replace(unreadable=paths[:1], damaged=paths[1:])
+    monkeypatch.setattr(store, "inspect_folder", lambda place: found)
+    monkeypatch.setattr(store, "remove_damaged", lambda found: found.damaged)
     failed = [finding.text for finding in doctor._check_store() if finding.passed is False]
     assert failed == [
         f"{paths[1].name} cannot be removed: remove it",
@@ -87,12 +93,12 @@ def test_what_cannot_be_read_or_removed_is_told(place, monkeypatch):
 
 
 def test_nothing_kept_is_a_failure_that_names_the_variable(place, monkeypatch):
-    monkeypatch.setattr(store, "folder", lambda: None)
+    monkeypatch.setattr(store, "kernel_folder", lambda: None)
     (finding,) = doctor._check_store()
     assert finding.passed is False
     assert "RASTERJIT_CACHE_DIR" in finding.text
-    monkeypatch.setattr(store, "folder", lambda: place)
-    monkeypatch.setattr(store, "USED", store.Used([], ["something"]))
+    monkeypatch.setattr(store, "kernel_folder", lambda: place)
+    monkeypatch.setattr(store, "USED_KERNELS", store.UsedKernels([], ["something"]))
     monkeypatch.setattr(os, "access", lambda *arguments: False)
     (finding,) = doctor._check_store()
     assert finding.passed is False

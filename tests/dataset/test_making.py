@@ -262,9 +262,9 @@ def test_the_annotation_of_all_views_is_that_of_their_images(tmp_path):
 def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatch):
     """So none is kept: the memory that a data set takes does not grow with its views."""
     steps = []
-    render, coco = rj.Renderer._render, masks.coco
+    render, coco = rj.Renderer._plan_and_draw, masks.coco
     monkeypatch.setattr(
-        rj.Renderer, "_render", lambda *a, **k: steps.append("render") or render(*a, **k)
+        rj.Renderer, "_plan_and_draw", lambda *a, **k: steps.append("render") or render(*a, **k)
     )
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
     monkeypatch.setattr(batch, "MAX_WORK", 0)
@@ -290,7 +290,7 @@ def goes(monkeypatch):
 @in_groups
 def test_small_views_are_drawn_a_few_in_one_go_and_then_annotated(tmp_path, monkeypatch, goes):
     """So few are kept: the memory that a data set takes does not grow with its views."""
-    monkeypatch.setattr(renderer_pool, "BYTES_AT_ONCE", 3 * 8 * W * H)
+    monkeypatch.setattr(renderer_pool, "MAX_GROUP_BYTES", 3 * 8 * W * H)
     recipe = Recipe(views=9, size=SIZE, outputs=("color", "coco"))
     recipes.render_views(two_boxes("ab"), tmp_path, recipe, threads=1)
     # The first is drawn alone.
@@ -338,14 +338,14 @@ def test_a_view_that_fails_ends_its_mesh_after_those_before_it(
     """What is wrong with one view of a group is told as it is of one that is drawn alone."""
     scene, recipe = two_boxes("ab"), Recipe(views=9, size=SIZE, outputs=("color",))
     wrong = view_cameras(scene, recipe)[5]
-    render = rj.Renderer._render
+    render = rj.Renderer._plan_and_draw
 
     def refuse(self, request, scene, camera):
         if camera == wrong:
             raise ValueError("camera is\nrefused")
         return render(self, request, scene, camera)
 
-    monkeypatch.setattr(rj.Renderer, "_render", refuse)
+    monkeypatch.setattr(rj.Renderer, "_plan_and_draw", refuse)
 
     def fail(self, prepared, chosen):
         assert len(chosen) > 1
@@ -459,14 +459,14 @@ def test_leftovers_of_a_killed_run_are_cleared_away(made, meshes, tmp_path):
 
 
 def test_a_mesh_that_fails_to_render_is_listed_and_leaves_nothing(meshes, tmp_path, monkeypatch):
-    real = rj.Renderer._render
+    real = rj.Renderer._plan_and_draw
 
     def render(self, request, scene, camera):
         if len(scene.nodes[0].mesh.faces) == 1:
             raise MemoryError
         return real(self, request, scene, camera)
 
-    monkeypatch.setattr(rj.Renderer, "_render", render)
+    monkeypatch.setattr(rj.Renderer, "_plan_and_draw", render)
     summary = dataset_builder.make(meshes, tmp_path / "set", RECIPE)
     assert summary.failures["tri angle.obj"] == "not enough memory"
     assert not (tmp_path / "set/tri angle.obj").exists()

@@ -201,7 +201,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
 
 def test_a_lock_file_that_seems_to_be_another_is_refused(tmp_path, monkeypatch):
     """Some file systems give another number of a file by its path than when it is open."""
-    monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
+    monkeypatch.setattr(locks.Lock, "is_at", lambda self, path: False)
     with pytest.raises(ValueError, match="another run"), dataset_builder.lock_folder(tmp_path):
         pass
 

@@ -13,7 +13,7 @@ from ways import ALL, around, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.rendering import batch, batch_scheduler, renderer_pool
-from rasterjit.rendering.batch import AHEAD, check_arguments
+from rasterjit.rendering.batch import FRAMES_AHEAD_PER_WORKER, check_arguments
 from rasterjit.rendering.planning import FrameRequest
 from rasterjit.rendering.renderer_pool import LazyFrame
 from rasterjit.survey.cache import update_cache
@@ -113,7 +113,7 @@ def test_what_has_no_place_in_a_group_is_drawn_alone(groups):
         for frame, camera in zip(frames, cameras, strict=True)
     )
     assert sum(alone for _, alone in groups) == 7
-    assert sum(type(frame) is LazyFrame for frame in frames) == 24 - AHEAD - 7
+    assert sum(type(frame) is LazyFrame for frame in frames) == 24 - FRAMES_AHEAD_PER_WORKER - 7
 
 
 @in_groups
@@ -245,7 +245,7 @@ def decided(scene, size=SIZE, threads=1, room=32, **options):
 @in_groups
 def test_the_rule_says_how_many_are_drawn_in_one_go():
     scene = mixed_scene()
-    assert decided(scene) == batch.VIEWS_PER_GROUP
+    assert decided(scene) == batch.MAX_VIEWS_PER_GROUP
     assert decided(scene, room=7) == 7
     assert decided(scene, room=-3) == 1
     assert decided(scene, threads=2) == 1
@@ -261,7 +261,7 @@ def test_the_rule_says_how_many_are_drawn_in_one_go():
     scene.eye_dome = rj.EyeDome()
     assert decided(scene) == 1
     scene.eye_dome, scene.fog = None, rj.Fog(density=0.2)
-    assert decided(scene) == batch.VIEWS_PER_GROUP
+    assert decided(scene) == batch.MAX_VIEWS_PER_GROUP
     scene.lights = [rj.DirectionalLight(shadow=rj.Shadow(64))]
     assert decided(scene) == 1
     large = rj.Scene()

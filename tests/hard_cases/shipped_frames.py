@@ -35,18 +35,18 @@ def main(arguments):
     sys.meta_path.insert(0, NotInstalled())
     from rasterjit.runtime import prebuilt_kernels, store
 
-    library, problem = prebuilt_kernels.found()
+    library, problem = prebuilt_kernels.find_library()
     if library is None:
         NOT_NEEDED.remove("llvmlite")
-    texts = None if library else prebuilt_kernels.found_texts()
+    texts = None if library else prebuilt_kernels.find_texts()
     import frames
 
     # Some are cut, out of view, or rounded off, on purpose.
     warnings.simplefilter("ignore")
     found, recorded = dict(frames.every_digest(threads=asked.threads)), frames.recorded()
     wrong = sorted(name for name in recorded if found.get(name) != recorded[name])
-    if wrong or (store.USED.compiled and not texts) or not (library or texts):
-        sys.exit(f"other hashes: {wrong}; compiled: {store.USED.compiled}; {problem}")
+    if wrong or (store.USED_KERNELS.compiled and not texts) or not (library or texts):
+        sys.exit(f"other hashes: {wrong}; compiled: {store.USED_KERNELS.compiled}; {problem}")
     by = f"{library.target.triple}, {library.target.cpu}" if library else f"text, {texts.cpu}"
     print(f"{len(found)} frames by {by}; threads: {asked.threads}")
 

@@ -677,7 +677,7 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
         (ground_truth, "fill_rows"), (ground_truth, "list_fills"), (packed_scene, "join_uv"),
         (packed_scene, "join_normals"), (ground_truth, "find_metric_depth"),
         (ground_truth, "map_boxes"), (ground_truth, "_number_materials"),
-        (supersample, "cover_pixels"), (motion, "make_moment"), (scalar_colors, "fill_scalars"),
+        (supersample, "measure_coverage"), (motion, "make_moment"), (scalar_colors, "fill_scalars"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -246,7 +246,7 @@ def test_size_and_order_of_tasks_change_no_hash(busy, monkeypatch, size, order):
     want = hash_of(busy, 1)
     # One worker, so that the order is the one that is set.
     monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", size)
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", size)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", size)
     monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", 97 * size)
     monkeypatch.setattr(visibility_pass, "VERTICES_PER_TASK", 5 * size)
     tasks = []

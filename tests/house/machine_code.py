@@ -147,23 +147,23 @@ def main(target, some, model, libraries, part, count):
     target = store.Target(*target) if target else store.host()
     if model:
         rj.render(rj.load(model), size=(32, 24), threads=1)
-    used = {*store.USED.loaded, *store.USED.compiled, *some}
+    used = {*store.USED_KERNELS.loaded, *store.USED_KERNELS.compiled, *some}
     for name in kernel_modules():
         import_module(name)
     every = (stage_runner.run_list, pack_arguments.pack, *jit.KERNELS, *jit.STAGES)
-    asked = [one for one in every if not used or store.full_name(one) in used][part::count]
+    asked = [one for one in every if not used or store.qualified_name(one) in used][part::count]
     libraries = [store.Target(*one) for one in libraries]
     forms = []
     for one in asked:
         for kind in one.declared:
-            _, module = compiler.lower(one, kind, one.__name__, target)
+            _, module = compiler.lower_to_llvm(one, kind, one.__name__, target)
             made = [
                 (
                     shared_libraries.machine_of(system),
                     shared_libraries.module_for(str(module), one.__name__, system),
                 )
                 for system in libraries
-            ] or [(code_generation.machine_of(target), module)]
+            ] or [(code_generation.target_machine(target), module)]
             for machine, code in made:
                 needed = sorted(shared_libraries.needed_symbols(machine.emit_object(code)))
                 assembly = machine.emit_assembly(code)

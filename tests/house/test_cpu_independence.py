@@ -67,7 +67,7 @@ def test_kernels_fuse_nothing_call_no_math_library_and_are_for_the_cpu_that_was_
     names, forms = look_at(model="" if EVERY_KERNEL else str(TEAPOT))
     assert len(names) >= (100 if EVERY_KERNEL else 15)
     used = vectors_of(names, forms)
-    assert [form for form in forms if not {*form.needed} <= code_generation.ALLOWED] == []
+    assert [form for form in forms if not {*form.needed} <= code_generation.ALLOWED_CALLS] == []
     if platform.machine().lower() not in ("x86_64", "amd64"):
         assert used["neon"] > 0
         return
@@ -75,7 +75,7 @@ def test_kernels_fuse_nothing_call_no_math_library_and_are_for_the_cpu_that_was_
     if GENERIC:
         assert used["ymm"] == used["zmm"] == 0
         return
-    if "avx512f" not in store.cpu_features()[1]:
+    if "avx512f" not in store.host_cpu_features()[1]:
         pytest.skip("this CPU has no AVX-512")
     assert used["zmm"] > 0
 
@@ -88,7 +88,7 @@ def test_kernels_fuse_nothing_and_call_no_math_library_on_the_arm_that_was_asked
     names, forms = look_at((ARM, cpu, ""), () if EVERY_KERNEL else A_FEW)
     assert len(names) >= (100 if EVERY_KERNEL else len(A_FEW))
     used = vectors_of(names, forms)
-    assert [form for form in forms if not {*form.needed} <= code_generation.ALLOWED] == []
+    assert [form for form in forms if not {*form.needed} <= code_generation.ALLOWED_CALLS] == []
     assert used["neon"] > 0
     assert (used["sve"] > 0) == (cpu != "generic")
     assert used["xmm"] == used["ymm"] == used["zmm"] == 0
@@ -97,7 +97,7 @@ def test_kernels_fuse_nothing_and_call_no_math_library_on_the_arm_that_was_asked
 LIBRARIES = {
     target: [
         one for platform in targets.PLATFORMS.values() for one in platform.targets()
-        if (one[1:], targets.parts_of(one.triple)[0]) == (target[1:], name)
+        if (one[1:], targets.split_triple(one.triple)[0]) == (target[1:], name)
     ]
     for name in ("x86_64", "aarch64") for target in targets.PLATFORMS[name].targets()
 }  # fmt: skip
@@ -139,7 +139,7 @@ def code_for(machine, kind, text, result="%r", more=""):
     """Return assembly and object code of a function of three arguments x, y and z of a kind."""
     from llvmlite import binding
 
-    made = code_generation.machine_of(MACHINES[machine])
+    made = code_generation.target_machine(MACHINES[machine])
     module = binding.parse_assembly(
         f"define {kind} @planted({kind} %x, {kind} %y, {kind} %z) "
         f"{{\n{text}\nret {kind} {result}\n}}\n{more}"
@@ -183,14 +183,16 @@ def test_look_at_machine_code_finds_an_estimate(machine, which):
 @compiled_only
 @every_machine
 def test_object_code_that_calls_a_math_library_names_it(machine):
-    """What `code_generation.object_code` refuses, by `needed_symbols`."""
+    """What `code_generation.generate_code` refuses, by `needed_symbols`."""
     called = "%r = call double @llvm.sin.f64(double %x)"
     declared = "declare double @llvm.sin.f64(double)"
     assembly, code = code_for(machine, "double", called, more=declared)
     assert cpu_dependent(assembly) == ["sin"]
-    assert "sin" in code_generation.needed_symbols(code) - code_generation.ALLOWED
+    assert "sin" in code_generation.find_undefined_symbols(code) - code_generation.ALLOWED_CALLS
     assert (
-        code_generation.needed_symbols(code_for(machine, "double", "%r = fadd double %x, %y")[1])
+        code_generation.find_undefined_symbols(
+            code_for(machine, "double", "%r = fadd double %x, %y")[1]
+        )
         == set()
     )
 
@@ -230,7 +232,7 @@ def test_constants_and_functions_may_lie_anywhere(machine):
         declare void @memset(ptr, i32, i64)
     """
     _, code = code_for(machine, "<8 x double>", text, more=declared)
-    assert "memset" in code_generation.needed_symbols(code)
+    assert "memset" in code_generation.find_undefined_symbols(code)
     assert relocations(code)
     assert relocations(code) <= FAR[machine.split()[0]]
 
@@ -241,7 +243,7 @@ def test_code_for_windows_takes_addresses_of_64_bits():
     from llvmlite import binding
 
     windows = store.Target("x86_64-pc-windows-msvc", "x86-64-v3", "")
-    made = code_generation.machine_of(windows)
+    made = code_generation.target_machine(windows)
     module = binding.parse_assembly(
         "define double @planted(double %x) {\n"
         "%p = fmul double %x, 1.1\n%r = call double @other(double %p)\nret double %r\n}\n"
@@ -283,7 +285,7 @@ def test_look_at_machine_code_finds_math_functions():
 
 
 @compiled_only
-@pytest.mark.skipif("fma" not in store.cpu_features()[1], reason="this CPU fuses nothing")
+@pytest.mark.skipif("fma" not in store.host_cpu_features()[1], reason="this CPU fuses nothing")
 @pytest.mark.skipif(GENERIC, reason="compiled for a CPU without FMA")
 def test_look_at_machine_code_finds_fused_operations():
     import numba

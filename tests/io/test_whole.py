@@ -94,9 +94,9 @@ def test_containers_share_the_system_and_replicas_the_name(tmp_path, monkeypatch
     with writing("atomic_file", tmp_path / "a.bin"):
         pass
     with writing("atomic_file", tmp_path / "a.bin") as (_, live):
-        names = [*locks.machine()]
+        names = [*locks.machine_names()]
         names[1 - shared] = "0" * 8
-        monkeypatch.setattr(atomic_write, "machine", lambda: tuple(names))
+        monkeypatch.setattr(atomic_write, "machine_names", lambda: tuple(names))
         sweep(tmp_path)
         assert files(tmp_path) == [live]
 
@@ -121,9 +121,9 @@ def test_files_of_others_are_kept(tmp_path):
     ]
     for name in names:
         (tmp_path / name).touch()
-    os.mkfifo(tmp_path / f"{atomic_write.PREFIX}{'-'.join(locks.machine())}-{'1' * 32}")
+    os.mkfifo(tmp_path / f"{atomic_write.PREFIX}{'-'.join(locks.machine_names())}-{'1' * 32}")
     (tmp_path / "kept").touch()
-    link = f"{atomic_write.PREFIX}{'-'.join(locks.machine())}-{'2' * 32}"
+    link = f"{atomic_write.PREFIX}{'-'.join(locks.machine_names())}-{'2' * 32}"
     (tmp_path / link).symlink_to(tmp_path / "kept")
     sweep(tmp_path)
     assert files(tmp_path) == sorted([*names, "kept", link])
@@ -273,7 +273,7 @@ def test_what_cannot_be_replaced_is_moved_back(old, monkeypatch):
 
 
 def test_files_named_nearly_like_ours_stop_no_save(tmp_path, way):
-    begin = f"{atomic_write.PREFIX}{'-'.join(locks.machine())}-{'1' * 32}"
+    begin = f"{atomic_write.PREFIX}{'-'.join(locks.machine_names())}-{'1' * 32}"
     for end in (".", "..", "-was-.", "-was-..", "-was-", "-was", "-was-a"):
         (tmp_path / f"{begin}{end}").touch()
     atomic_write.remove_stale_files.cache_clear()
@@ -354,7 +354,7 @@ def test_what_is_not_held_is_left_when_it_is_old(tmp_path):
 
 def test_files_that_seem_to_be_others_do_not_stop_a_save(tmp_path, monkeypatch, way):
     """Some file systems give another number of a file by its path than when it is open."""
-    monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
+    monkeypatch.setattr(locks.Lock, "is_at", lambda self, path: False)
     with getattr(atomic_write, way)(tmp_path / "a.bin") as temporary:
         assert files(tmp_path) == [temporary.name]
         sweep(tmp_path)

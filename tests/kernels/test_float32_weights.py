@@ -26,7 +26,7 @@ from rasterjit.pipeline.surface.sample_block import (
 )
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import make_viewport
-from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
+from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK
 from rasterjit.rendering.planning import list_passes
 from rasterjit.rendering.regions import Region, RegionRenderer
 from rasterjit.runtime import threads
@@ -73,12 +73,12 @@ def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None):
         np.zeros(4, np.float32), 0, np.empty((size[1], 0, 4), np.float32),
         np.empty((size[1], 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNT_ELEMENTS] = 0
+    THREAD_BLOCK.block[:COUNT_ELEMENTS] = 0
     # Of vertices that are red, green and blue.
     shown = geometry, np.ones((1, 7), np.float32), np.eye(3, 4, dtype=np.float32)
     found = [Step(find_float32_colors, (*shown, np.ones(1, np.uint8)))]
     steps = [Step(list_samples, listed), *found, Step(take_colors, (taken,))]
-    StageList(steps).run(BLOCKS.block, BLOCK)
+    StageList(steps).run(THREAD_BLOCK.block, BLOCK)
     return face_id, taken, screen.xy[:3].tolist()
 
 

@@ -111,8 +111,10 @@ def test_layout_of_a_mesh_makes_no_new_form(cube, camera):
 
 @compiled_only
 def test_every_stage_has_one_type_and_a_state_that_packs_natively():
-    packer = jit.packer()
-    assert packer.__class__ is jit.LOCKED_MACHINE, "this Python keeps its objects elsewhere"
+    packer = jit.get_packer()
+    assert packer.__class__ is jit.MACHINE_FUNCTION_WITH_GIL, (
+        "this Python keeps its objects elsewhere"
+    )
     assert len(jit.STAGES) > 5
     for stage in jit.STAGES:
         assert len(stage.kind.fields) == 1 + len(stage.names)

@@ -378,7 +378,7 @@ for own in (
     lights.add_blinn_phong_lights, lights.add_diffuse_lights, lights.write_microfacet_ambient,
     lights.add_microfacet_lights, add_reflections, apply_normal_maps,
 )[: int(sys.argv[1])]:
-    _, module = compiler.lower(own, own.kind, own.__name__, store.host())
+    _, module = compiler.lower_to_llvm(own, own.kind, own.__name__, store.host())
     print(own.__name__, len(re.findall(r"call .*@llvm[.]sqrt[.]v[0-9]+f", str(module))))
 """
 ROOTS = {

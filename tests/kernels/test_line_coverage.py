@@ -349,7 +349,7 @@ def test_threads_and_tasks_change_no_bit(sphere, camera, monkeypatch, mode):
     size = (64, 70)
     want = draw(sphere, camera, mode, size).color.tobytes()
     monkeypatch.setattr(wireframe, "EDGES_PER_TASK", 7)
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 1)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 1)
     for threads in (1, 3):
         assert draw(sphere, camera, mode, size, threads=threads).color.tobytes() == want
 

@@ -15,11 +15,11 @@ from rasterjit.runtime.intrinsics import (
     blend_run,
     copy_pair,
     draw_box,
-    enclose,
     encode_lanes,
     fill_rows,
-    least_in_rows,
-    range_end,
+    find_min_in_rows,
+    find_range_end,
+    store_bounds,
 )
 from rasterjit.runtime.jit import CHECKED, helper
 
@@ -47,7 +47,7 @@ def compiled_fill_rows(
 
 @helper
 def compiled_least_in_rows(values, first, stride, rows, left, right):
-    return least_in_rows(values, first, stride, rows, left, right)
+    return find_min_in_rows(values, first, stride, rows, left, right)
 
 
 @helper
@@ -68,13 +68,13 @@ def compiled_copy_pair(pairs, number, row, n):
 
 
 @helper
-def compiled_enclose(xy, a, b, c, least, most, n):
-    enclose(xy, a, b, c, least, most, n)
+def compiled_bounds(xy, a, b, c, least, most, n):
+    store_bounds(xy, a, b, c, least, most, n)
 
 
 @helper
 def compiled_range_end(numbers, start, first, end):
-    return range_end(numbers, start, first, end)
+    return find_range_end(numbers, start, first, end)
 
 
 @helper
@@ -184,7 +184,7 @@ def test_least_in_rows(kind):
                 greatest = np.iinfo(kind).max if kind == np.int32 else np.inf
                 least = compiled_least_in_rows(values, *asked)
                 assert least == (expected.min() if len(expected) else greatest)
-                assert least_in_rows.function(values, *asked) == least
+                assert find_min_in_rows.function(values, *asked) == least
 
 
 def test_vertices_in_pairs():
@@ -198,8 +198,8 @@ def test_vertices_in_pairs():
         n, rows = np.uintp(random.integers(4)), np.zeros((2, 3, 8), np.int32)
         three = tuple(map(np.uintp, vertices))
         for found, enclosed, copied in zip(
-            rows, (compiled_enclose, enclose.function), (compiled_copy_pair, copy_pair.function),
-            strict=True,
+            rows, (compiled_bounds, store_bounds.function),
+            (compiled_copy_pair, copy_pair.function), strict=True,
         ):  # fmt: skip
             enclosed(xy, *three, found[0], found[1], n)
             copied(xy, three[0], found[2], n)
@@ -227,7 +227,7 @@ def test_ends_of_ranges(size):
             for start in sorted({0, min(3, size), size // 2, size - 1, size}):
                 asked = np.int64(start), np.int32(first), np.int32(end)
                 found = compiled_range_end(numbers, *asked)
-                assert found == range_end.function(numbers, *asked)
+                assert found == find_range_end.function(numbers, *asked)
                 inside = (numbers[start:] >= first) & (numbers[start:] < end)
                 assert found == start + (np.argmin(inside) if not inside.all() else size - start)
 

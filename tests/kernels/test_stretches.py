@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface.sample_block import (
     STOP,
     Block,
 )
-from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
+from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK
 from rasterjit.runtime import intrinsics, jit
 
 SIZE = (200, 12)
@@ -210,7 +210,7 @@ def test_what_a_block_held_before_changes_no_bit(garbage):
         for kept in (3, 40):
             some = np.where(np.arange(faces.shape[1]) % 50 < kept, faces, np.int32(-1))
             shown = some[0] >= 0 if kept == 40 else np.arange(faces.shape[1]) % 50 < kept
-            BLOCKS.block[:] = garbage
+            THREAD_BLOCK.block[:] = garbage
             assert_same_bits(again(shading, some, first_row), pictures, shown)
 
 
@@ -237,7 +237,7 @@ def test_nothing_is_written_beyond_the_rows(split):
     faces = np.arange(MAX_SAMPLES, dtype=np.int32)[np.newaxis] % 5
     faces[0, split:] += 2 * len(WIDTHS)
     mark = 0x4D4D_4D4D_4D4D_4D4D
-    BLOCKS.block[:] = mark
+    THREAD_BLOCK.block[:] = mark
     linear, _ = again(shading, faces, 0)
     assert np.isfinite(linear).all()
     block = stages.block_at_hand()

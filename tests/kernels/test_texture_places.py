@@ -43,7 +43,7 @@ from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import make_viewport
 from rasterjit.rendering import shading_passes
-from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
+from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK
 from rasterjit.rendering.planning import list_passes
 from rasterjit.rendering.regions import Region, RegionRenderer
 from rasterjit.runtime import threads
@@ -116,12 +116,12 @@ def take(positions, uv, face_id, viewport, by=uv_interpolation.interpolate_uv_fr
         np.zeros(4, np.float32), 0, np.empty((columns, 0, 4), np.float32),
         np.empty((columns, 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNT_ELEMENTS] = 0
+    THREAD_BLOCK.block[:COUNT_ELEMENTS] = 0
     steps = [
         Step(list_samples, listed), Step(by, (np.float32(uv), geometry)),
         Step(take_places, (taken,)),
     ]  # fmt: skip
-    StageList(steps).run(BLOCKS.block, BLOCK)
+    StageList(steps).run(THREAD_BLOCK.block, BLOCK)
     return taken, screen
 
 

@@ -21,7 +21,7 @@ from rasterjit.pipeline.surface.sample_block import (
 )
 from rasterjit.pipeline.visibility import visibility_pass
 from rasterjit.pipeline.visibility.visibility_pass import make_viewport
-from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
+from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK
 from rasterjit.runtime import threads
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
@@ -83,12 +83,12 @@ def weigh_all(geometry, face_id, mirrored=1.0):
         face_id, 0, SIZE[1], faces, np.array([0, 1]), np.zeros(4, np.float32), 0,
         np.empty((SIZE[1], 0, 4), np.float32), np.empty((SIZE[1], 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNT_ELEMENTS] = 0
+    THREAD_BLOCK.block[:COUNT_ELEMENTS] = 0
     steps = [
         Step(list_samples, listed), Step(find_weights, (geometry, placement)),
         Step(take_weights, (taken,)),
     ]  # fmt: skip
-    StageList(steps).run(BLOCKS.block, BLOCK)
+    StageList(steps).run(THREAD_BLOCK.block, BLOCK)
     return taken
 
 

@@ -214,7 +214,7 @@ def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
 @pytest.mark.parametrize("mode", ["only", "overlay"])
 def test_edges_are_the_same_for_any_number_of_threads(sphere, camera, monkeypatch, mode):
     monkeypatch.setattr(wireframe, "EDGES_PER_TASK", 7)
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 1)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 1)
     scene = rj.Scene()
     scene.add(sphere)
     scene.wireframe = rj.Wireframe("red", mode)

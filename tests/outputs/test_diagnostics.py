@@ -240,7 +240,7 @@ def test_threads_and_tasks_change_no_number(soup, eye, monkeypatch):
     for threads in (2, 8):
         assert look(soup, eye, (200, 150), threads=threads).diagnostics == expected
     monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", 1)
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 3)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 3)
     assert look(soup, eye, (200, 150), threads=2).diagnostics == expected
 
 

@@ -27,7 +27,7 @@ CALLS = dict(
     has_index=lambda: small_kernels.has_index(row, 5),
 )
 found = [(CALLS[name](), out.tolist()) for name in {names!r}]
-compiled = [name.rpartition(".")[2] for name in store.USED.compiled]
+compiled = [name.rpartition(".")[2] for name in store.USED_KERNELS.compiled]
 print(json.dumps([found, compiled, "numba" in sys.modules]))
 """
 """Calls kernels; prints their results, the kernels it compiled, and whether it imported Numba."""

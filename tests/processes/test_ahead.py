@@ -19,7 +19,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.cli import warmup
 from rasterjit.pipeline import srgb_encoding
-from rasterjit.rendering.planning import list_tasks
+from rasterjit.rendering.planning import list_compile_tasks
 from rasterjit.runtime import background_compile, jit, stage_runner, store
 from rasterjit.runtime.background_compile import Task
 
@@ -39,12 +39,12 @@ def likely(monkeypatch):
     )  # fmt: skip
     monkeypatch.setattr(background_compile, "sys", system)
     monkeypatch.setattr(background_compile, "available_processors", lambda: 2)
-    background_compile._BESIDE.end()
+    background_compile._BACKGROUND_WORKER.end()
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
-    monkeypatch.setattr(store, "folder", lambda: Path("cache"))
+    monkeypatch.setattr(store, "kernel_folder", lambda: Path("cache"))
     yield background_compile
-    background_compile._BESIDE.end()
+    background_compile._BACKGROUND_WORKER.end()
 
 
 def touch(path):
@@ -69,7 +69,7 @@ def tasks(function, *names):
 def test_tasks_are_done_in_other_processes(likely, tmp_path):
     paths = [tmp_path / str(n) for n in range(5)]
     done = []
-    assert likely.do_all(tasks("touch", *paths), lambda: done.append(1), 2) == []
+    assert likely.run_tasks(tasks("touch", *paths), lambda: done.append(1), 2) == []
     assert len(done) == 5
     made_by = {path.read_text() for path in paths}
     assert 1 <= len(made_by) <= 2
@@ -79,19 +79,19 @@ def test_tasks_are_done_in_other_processes(likely, tmp_path):
 def test_tasks_that_fail_are_returned_and_the_others_are_done(likely, tmp_path):
     wrong = tasks("fail", "a")
     right = tasks("touch", tmp_path / "b", tmp_path / "c")
-    assert likely.do_all([right[0], *wrong, right[1]], lambda: None, 1) == wrong
+    assert likely.run_tasks([right[0], *wrong, right[1]], lambda: None, 1) == wrong
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "c"]
 
 
 def test_tasks_of_a_process_that_ends_are_returned(likely, tmp_path):
     all_of_them = [*tasks("end", "a"), *tasks("touch", tmp_path / "b")]
-    assert likely.do_all(all_of_them, lambda: None, 1) == all_of_them
+    assert likely.run_tasks(all_of_them, lambda: None, 1) == all_of_them
 
 
 def test_what_a_process_that_ends_leaves_is_done_by_the_others(likely, tmp_path):
     paths = [tmp_path / str(n) for n in range(6)]
     lost = tasks("end", "a")
-    assert likely.do_all([*lost, *tasks("touch", *paths)], lambda: None, 2) == lost
+    assert likely.run_tasks([*lost, *tasks("touch", *paths)], lambda: None, 2) == lost
     assert all(path.exists() for path in paths)
 
 
@@ -128,7 +128,7 @@ def note_starts(monkeypatch):
         started.append(1)
         raise OSError
 
-    monkeypatch.setattr(background_compile, "_start", refuse)
+    monkeypatch.setattr(background_compile, "_start_worker", refuse)
     return started
 
 
@@ -140,47 +140,53 @@ def say_that_something_compiles():
 @pytest.mark.parametrize("threads", [None, 2])
 def test_another_process_works_beside_this_one_and_waits_for_more(likely, tmp_path, threads):
     path, later, last = (tmp_path / name for name in "abc")
-    with likely.beside(lambda: tasks("touch", path), threads, at_once=True):
+    with likely.compile_in_background(lambda: tasks("touch", path), threads, at_once=True):
         wait_for(path)
         # The process is there: a frame's few tasks go to it.
-        with likely.beside(lambda: tasks("touch", later), threads):
+        with likely.compile_in_background(lambda: tasks("touch", later), threads):
             say_that_something_compiles()
             wait_for(later)
     assert store.BEFORE_COMPILING == []
-    with likely.beside(lambda: tasks("touch", last), threads):
+    with likely.compile_in_background(lambda: tasks("touch", last), threads):
         say_that_something_compiles()
         wait_for(last)
     pid = int(path.read_text())
     assert pid != os.getpid()
     assert later.read_text() == last.read_text() == str(pid)
     assert is_running(pid) or not SEES_PROCESSES
-    likely._BESIDE.end()
+    likely._BACKGROUND_WORKER.end()
     assert not is_running(pid)
 
 
 def test_another_process_ends_when_nothing_is_asked_of_it(likely, tmp_path, monkeypatch):
-    monkeypatch.setattr(background_compile, "LINGER", 0.5)
-    with likely.beside(lambda: tasks("touch", tmp_path / "a"), at_once=True):
+    monkeypatch.setattr(background_compile, "MAX_IDLE_SECONDS", 0.5)
+    with likely.compile_in_background(lambda: tasks("touch", tmp_path / "a"), at_once=True):
         wait_for(tmp_path / "a")
-        assert background_compile._BESIDE._process.wait(20) == 0
+        assert background_compile._BACKGROUND_WORKER._process.wait(20) == 0
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no process is forked")
 def test_a_forked_process_leaves_the_other_process_alone(likely, tmp_path):
     path, own = tmp_path / "a", tmp_path / "b"
-    with likely.beside(lambda: tasks("touch", path), at_once=True):
+    with likely.compile_in_background(lambda: tasks("touch", path), at_once=True):
         wait_for(path)
-        background_compile._BESIDE._lock.acquire()  # As another thread may.
+        background_compile._BACKGROUND_WORKER._lock.acquire()  # As another thread may.
         child = os.fork()
         if child == 0:
-            is_clean = background_compile._BESIDE._process is None and store.BEFORE_COMPILING == []
-            with suppress(BaseException), likely.beside(lambda: tasks("touch", own), at_once=True):
+            is_clean = (
+                background_compile._BACKGROUND_WORKER._process is None
+                and store.BEFORE_COMPILING == []
+            )
+            with (
+                suppress(BaseException),
+                likely.compile_in_background(lambda: tasks("touch", own), at_once=True),
+            ):
                 wait_for(own)
-                background_compile._BESIDE.end()
+                background_compile._BACKGROUND_WORKER.end()
                 os._exit(0 if is_clean else 1)
             os._exit(2)
-        background_compile._BESIDE._lock.release()
+        background_compile._BACKGROUND_WORKER._lock.release()
         for _ in range(300):
             done, status = os.waitpid(child, os.WNOHANG)
             if done:
@@ -192,32 +198,32 @@ def test_a_forked_process_leaves_the_other_process_alone(likely, tmp_path):
             pytest.fail("the forked process hangs")
         assert os.waitstatus_to_exitcode(status) == 0
         assert own.read_text() != path.read_text()
-        assert background_compile._BESIDE._process.poll() is None
+        assert background_compile._BACKGROUND_WORKER._process.poll() is None
 
 
 def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
     likely, tmp_path, monkeypatch
 ):
-    listed, paths = [], [tmp_path / str(n) for n in range(background_compile.WORTH_A_PROCESS)]
+    listed, paths = [], [tmp_path / str(n) for n in range(background_compile.MIN_TASKS_FOR_PROCESS)]
 
     def list_many():
         listed.append(1)
         return tasks("touch", *paths)
 
-    with likely.beside(list_many):
+    with likely.compile_in_background(list_many):
         pass
     assert listed == []
-    with likely.beside(list_many):
+    with likely.compile_in_background(list_many):
         say_that_something_compiles()
         say_that_something_compiles()
         wait_for(paths[-1])
     assert listed == [1]
-    background_compile._BESIDE.end()
+    background_compile._BACKGROUND_WORKER.end()
     started = note_starts(monkeypatch)
-    with likely.beside(lambda: tasks("touch", *paths[1:])):
+    with likely.compile_in_background(lambda: tasks("touch", *paths[1:])):
         say_that_something_compiles()
     assert started == []
-    with likely.beside(lambda: tasks("touch", *paths)):
+    with likely.compile_in_background(lambda: tasks("touch", *paths)):
         say_that_something_compiles()
     assert started == [1]
 
@@ -229,7 +235,10 @@ def test_an_error_of_a_list_ends_nothing(likely):
         listed.append(1)
         raise KeyError
 
-    with likely.beside(list_wrongly), likely.beside(lambda: listed.append(2) or []):
+    with (
+        likely.compile_in_background(list_wrongly),
+        likely.compile_in_background(lambda: listed.append(2) or []),
+    ):
         say_that_something_compiles()
     assert sorted(listed) == [1, 2]
 
@@ -237,9 +246,9 @@ def test_an_error_of_a_list_ends_nothing(likely):
 def test_what_is_asked_for_last_is_done_first(likely, tmp_path):
     paths = [tmp_path / name for name in "abcd"]
     slow = Task("time", "sleep", (1.0,))
-    with likely.beside(lambda: [slow, *tasks("touch", *paths[:2])], at_once=True):
+    with likely.compile_in_background(lambda: [slow, *tasks("touch", *paths[:2])], at_once=True):
         pass
-    with likely.beside(lambda: tasks("touch", *paths[2:]), at_once=True):
+    with likely.compile_in_background(lambda: tasks("touch", *paths[2:]), at_once=True):
         wait_for(paths[1])
     done = sorted(paths, key=lambda path: path.stat().st_mtime_ns)
     assert [path.name for path in done] == ["c", "d", "a", "b"]
@@ -247,8 +256,8 @@ def test_what_is_asked_for_last_is_done_first(likely, tmp_path):
 
 @pytest.mark.skipif(not SEES_PROCESSES, reason="processes are seen in /proc")
 def test_one_that_ended_leaves_no_entry_in_the_table_of_processes(likely, tmp_path):
-    with likely.beside(lambda: tasks("end", "a"), at_once=True):
-        pid = background_compile._BESIDE._process.pid
+    with likely.compile_in_background(lambda: tasks("end", "a"), at_once=True):
+        pid = background_compile._BACKGROUND_WORKER._process.pid
         for _ in range(200):
             if not Path(f"/proc/{pid}").exists():
                 break
@@ -259,14 +268,14 @@ def test_one_that_ended_leaves_no_entry_in_the_table_of_processes(likely, tmp_pa
 
 def test_one_that_ended_is_replaced(likely, tmp_path):
     path = tmp_path / "a"
-    with likely.beside(lambda: tasks("end", path), at_once=True):
+    with likely.compile_in_background(lambda: tasks("end", path), at_once=True):
         for _ in range(300):
-            if background_compile._BESIDE._process.poll() is not None:
+            if background_compile._BACKGROUND_WORKER._process.poll() is not None:
                 break
             time.sleep(0.05)
         else:
             pytest.fail("it has not ended")
-        with likely.beside(lambda: tasks("touch", path), at_once=True):
+        with likely.compile_in_background(lambda: tasks("touch", path), at_once=True):
             wait_for(path)
 
 
@@ -275,15 +284,15 @@ def test_a_system_that_starts_no_process_is_no_error(likely, monkeypatch):
         raise OSError
 
     monkeypatch.setattr(background_compile.subprocess, "Popen", refuse)
-    with likely.beside(lambda: tasks("touch", "a"), at_once=True):
-        assert background_compile._BESIDE._process is None
+    with likely.compile_in_background(lambda: tasks("touch", "a"), at_once=True):
+        assert background_compile._BACKGROUND_WORKER._process is None
 
 
 @compiled_only
 def test_compiling_is_told_and_loading_is_not(tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(store, "BEFORE_COMPILING", [lambda: told.append(1)])
-    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "kernel_folder", lambda: tmp_path)
     store.load(stage_runner.run_list, stage_runner.run_list.kind)
     assert told
     told.clear()
@@ -301,9 +310,9 @@ def test_the_compiler_tells_on_its_way_that_it_goes_on(tmp_path, monkeypatch, pa
         if len(told) > 1:
             raise ValueError("this is no error of the kernel")
 
-    monkeypatch.setattr(store, "PAUSE", pause)
+    monkeypatch.setattr(store, "NOTIFY_SECONDS", pause)
     monkeypatch.setattr(store, "BEFORE_COMPILING", [tell])
-    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "kernel_folder", lambda: tmp_path)
     # Before the kernel, at its helpers, and before what LLVM does.
     store.load(srgb_encoding.encode_rows, srgb_encoding.encode_rows.declared[0])
     assert len(told) >= 4 if pause == 0.0 else len(told) == 1
@@ -324,7 +333,7 @@ def test_waiting_for_another_that_compiles_is_told(tmp_path, monkeypatch):
             fcntl.flock(file, fcntl.LOCK_UN)
 
         monkeypatch.setattr(store, "BEFORE_COMPILING", [let_go])
-        with store.claimed(path):
+        with store.lock_entry(path):
             assert told == [1]
 
 
@@ -351,7 +360,7 @@ def test_on_windows_a_worker_imports_the_compiler_before_a_thread_reads(
         background_compile.isolated_numba, "compiler", lambda: done.append("import")
     )
     with pytest.raises(SystemExit):
-        background_compile.work(1.0)
+        background_compile.serve_tasks(1.0)
     assert done == order
 
 
@@ -361,7 +370,7 @@ ALONE = {
     "a program with Python inside": ("sys.executable", "/opt/happy/modeller-py.bin"),
     "frozen": ("sys.frozen", True),
     "isolated": ("sys.flags.isolated", 1),
-    "no store": ("store.folder", lambda: None),
+    "no store": ("store.kernel_folder", lambda: None),
     "plain Python": ("jit.DISABLED", True),
     "checked indices": ("jit.CHECKED", True),
 }
@@ -377,7 +386,7 @@ def test_there_is_no_other_process_where_one_reason_is_enough(likely, monkeypatc
         owner = getattr(owner, one)
     monkeypatch.setattr(owner, name, value, raising=False)
     started = note_starts(monkeypatch)
-    with likely.beside(lambda: tasks("touch", "a"), at_once=True):
+    with likely.compile_in_background(lambda: tasks("touch", "a"), at_once=True):
         say_that_something_compiles()
     assert started == []
 
@@ -387,13 +396,13 @@ def test_there_is_no_other_process_for_one_thread_or_for_nothing(
     likely, monkeypatch, count, threads
 ):
     started = note_starts(monkeypatch)
-    with likely.beside(lambda: tasks("touch", "a")[:count], threads, at_once=True):
+    with likely.compile_in_background(lambda: tasks("touch", "a")[:count], threads, at_once=True):
         say_that_something_compiles()
     assert started == []
 
 
 def test_an_error_here_leaves_nobody_who_asks(likely):
-    with suppress(KeyError), likely.beside(list):
+    with suppress(KeyError), likely.compile_in_background(list):
         assert len(store.BEFORE_COMPILING) == 1
         raise KeyError
     assert store.BEFORE_COMPILING == []
@@ -402,17 +411,17 @@ def test_an_error_here_leaves_nobody_who_asks(likely):
 STARTER = """
 import sys, time
 from rasterjit.runtime import background_compile
-start = background_compile._start
+start = background_compile._start_worker
 
 def noted(*options):
     other = start(*options)
     print(other.pid, flush=True)
     return other
 
-background_compile._start = noted
+background_compile._start_worker = noted
 background_compile.available_processors = lambda: 2
 naps = lambda: [background_compile.Task("time", "sleep", (60,))]
-with background_compile.beside(naps, at_once=True):
+with background_compile.compile_in_background(naps, at_once=True):
     time.sleep(60)
 """
 
@@ -438,13 +447,13 @@ from rasterjit.runtime import background_compile, jit, store
 for module in {modules!r}:
     importlib.import_module(module)
 stages = [one for one in jit.STAGES if one.__name__ in {names!r}]
-tasks = background_compile.compiling(stages)
+tasks = background_compile.make_compile_tasks(stages)
 told = []
-failed = background_compile.do_all(tasks, lambda: told.append(1), 2)
-left = len(background_compile.compiling(stages))
+failed = background_compile.run_tasks(tasks, lambda: told.append(1), 2)
+left = len(background_compile.make_compile_tasks(stages))
 for stage in stages:
     stage.address()
-print(json.dumps([len(tasks), failed, len(told), left, *store.USED]))
+print(json.dumps([len(tasks), failed, len(told), left, *store.USED_KERNELS]))
 """
 
 
@@ -467,18 +476,18 @@ def test_stages_are_compiled_from_their_list_without_drawing(tmp_path):
 def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
     done, told, here = [], [], []
 
-    def do_all(given, tell):
+    def run_tasks(given, tell):
         done.append(given)
         for _ in given:
             tell()
         return given[-1:]
 
-    monkeypatch.setattr(background_compile, "is_possible", lambda: True)
-    monkeypatch.setattr(background_compile, "do_all", do_all)
+    monkeypatch.setattr(background_compile, "can_start_process", lambda: True)
+    monkeypatch.setattr(background_compile, "run_tasks", run_tasks)
     monkeypatch.setattr(
-        background_compile, "compile_one", lambda *arguments: here.append(arguments)
+        background_compile, "compile_if_missing", lambda *arguments: here.append(arguments)
     )
-    monkeypatch.setattr(store, "is_kept", lambda *_: False)
+    monkeypatch.setattr(store, "is_stored", lambda *_: False)
     warmup.compile_all(lambda *what: told.append(what))
     (given,) = done
     own = [one for one in (*jit.KERNELS, *jit.STAGES) if one.__module__.startswith("rasterjit.")]
@@ -496,25 +505,27 @@ def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
 def test_a_frame_that_compiles_asks_for_what_it_will_call(cube, monkeypatch, threads):
     taken = []
     monkeypatch.setattr(background_compile, "available_processors", lambda: 2)
-    monkeypatch.setattr(background_compile, "is_possible", lambda: True)
+    monkeypatch.setattr(background_compile, "can_start_process", lambda: True)
     monkeypatch.setattr(
-        background_compile._BESIDE, "take", lambda tasks, least: taken.append(tasks)
+        background_compile._BACKGROUND_WORKER,
+        "submit",
+        lambda tasks, min_to_start: taken.append(tasks),
     )
-    monkeypatch.setattr(store, "is_kept", lambda *_: False)
+    monkeypatch.setattr(store, "is_stored", lambda *_: False)
     scene = rj.Scene()
     scene.add(cube)
     with rj.Renderer((16, 12), threads=threads) as renderer:
         renderer.on_picture = say_that_something_compiles
         frame = renderer.render(scene)
-    assert taken == ([] if threads == 1 else [list_tasks(frame.plan)])
+    assert taken == ([] if threads == 1 else [list_compile_tasks(frame.plan)])
 
 
 @compiled_only
 def test_what_a_frame_will_call_is_compiled_beside_it(cube, monkeypatch):
     scene, camera = rj.Scene(), rj.PerspectiveCamera(eye=(2.5, 3.0, 4.0), target=(0.0, 0.0, 0.0))
     scene.add(cube)
-    monkeypatch.setattr(store, "is_kept", lambda *_: False)
-    listed = [task.arguments[1] for task in list_tasks(rj.explain(scene, camera))]
+    monkeypatch.setattr(store, "is_stored", lambda *_: False)
+    listed = [task.arguments[1] for task in list_compile_tasks(rj.explain(scene, camera))]
     assert listed[0] == "write_opaque_codes"
     assert listed[-1] == "transform_vertices"
     assert {"draw_tiles", "list_samples", "find_points"} <= {*listed}
@@ -526,7 +537,7 @@ ON_A_TERMINAL = """
 import sys
 import rasterjit as rj
 from rasterjit.runtime import progress
-progress.PATIENCE = 0.0
+progress.MIN_SECONDS = 0.0
 rj.render(rj.load(sys.argv[1]), size=(32, 24))
 print("end", file=sys.stderr)
 """
@@ -540,7 +551,7 @@ def test_on_a_terminal_a_render_says_how_far_compiling_is(tmp_path, is_terminal)
     rj.render(rj.load(cube), size=(32, 24))
     # A store that lacks one kernel.
     tmp_path.chmod(0o700)
-    for entry in store.folder().glob("*.kernel"):
+    for entry in store.kernel_folder().glob("*.kernel"):
         if not entry.name.startswith("find_points_"):
             shutil.copy(entry, tmp_path)
     ours, theirs = os.openpty() if is_terminal else os.pipe()

@@ -14,7 +14,7 @@ from kernel_files import kernel_modules
 from strict import STRICT
 
 from rasterjit.runtime import jit, store
-from rasterjit.runtime.state_block import leaves
+from rasterjit.runtime.state_block import iterate_leaves
 
 TESTS = Path(__file__).parent.parent
 
@@ -28,13 +28,13 @@ from rasterjit.runtime import jit, store
 warnings.simplefilter("ignore", rj.ViewWarning)
 drawn = [name for name, _ in frames.every_digest()]
 kernels = {
-    store.full_name(kernel): (
+    store.qualified_name(kernel): (
         len(kernel.forms), len(kernel.declared),
         [str(form.kind) for form in kernel.forms if form.kind not in kernel.declared],
     )
     for kernel in jit.KERNELS
 }
-print(json.dumps([len(drawn), kernels, [*store.USED.loaded, *store.USED.compiled]]))
+print(json.dumps([len(drawn), kernels, [*store.USED_KERNELS.loaded, *store.USED_KERNELS.compiled]]))
 """
 """Draws every recorded frame; prints the forms of each kernel, and all that came into use."""
 
@@ -52,7 +52,7 @@ def kernels():
     for module in kernel_modules():
         importlib.import_module(module)
     own = [kernel for kernel in jit.KERNELS if kernel.__module__.startswith("rasterjit.")]
-    return {short(store.full_name(kernel)): kernel for kernel in own}
+    return {short(store.qualified_name(kernel)): kernel for kernel in own}
 
 
 def test_every_kernel_declares_its_forms(kernels):
@@ -61,10 +61,10 @@ def test_every_kernel_declares_its_forms(kernels):
 
 def test_a_kernel_has_a_form_for_each_type_of_depths_or_positions_alone(kernels):
     for name, kernel in kernels.items():
-        dtypes = [{leaf.dtype for leaf in leaves(kind)} for kind in kernel.declared]
+        dtypes = [{leaf.dtype for leaf in iterate_leaves(kind)} for kind in kernel.declared]
         assert len(kernel.declared) <= 3, name
         # Forms differ in the type of some numbers, and in nothing else.
-        assert len({len([*leaves(kind)]) for kind in kernel.declared}) <= 1, name
+        assert len({len([*iterate_leaves(kind)]) for kind in kernel.declared}) <= 1, name
         others = set().union(*dtypes) - set.intersection(*dtypes) if dtypes else set()
         assert others <= {"float32", "float64", "int32"}, name
 

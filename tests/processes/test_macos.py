@@ -43,12 +43,12 @@ def test_threads_are_for_the_fast_processors(macos):
 
 
 def test_a_mac_is_the_same_in_another_network(macos, monkeypatch, tmp_path):
-    monkeypatch.setattr(locks, "BOOT", tmp_path / "missing")
+    monkeypatch.setattr(locks, "BOOT_ID_FILE", tmp_path / "missing")
     names = []
     for boot, host in ((b"A-1\0", "home"), (b"A-1\0", "work"), (b"B-2\0", "work")):
-        macos[locks.APPLE_BOOT.encode()] = boot
+        macos[locks.APPLE_BOOT_ID.encode()] = boot
         monkeypatch.setattr(locks.platform, "node", lambda host=host: host)
-        names.append(locks.machine.__wrapped__()[1])
+        names.append(locks.machine_names.__wrapped__()[1])
     assert names[0] == names[1] != names[2]
 
 

@@ -21,8 +21,8 @@ class Terminal(io.StringIO):
 
 
 def test_what_counts_was_wanted_or_compiled_since(monkeypatch, tmp_path):
-    used = store.Used(["a.b"], ["c.d"])
-    monkeypatch.setattr(store, "USED", used)
+    used = store.UsedKernels(["a.b"], ["c.d"])
+    monkeypatch.setattr(store, "USED_KERNELS", used)
     files = {f"a.{name}": tmp_path / name for name in "befg"}
     shown = Progress({**files, "a.h": None})
     assert " 0 of 5, " in str(shown)
@@ -39,8 +39,8 @@ def test_what_counts_was_wanted_or_compiled_since(monkeypatch, tmp_path):
 
 
 def test_the_rest_takes_as_long_as_what_was_compiled(monkeypatch):
-    clock, used = [100.0], store.Used([], [])
-    monkeypatch.setattr(store, "USED", used)
+    clock, used = [100.0], store.UsedKernels([], [])
+    monkeypatch.setattr(store, "USED_KERNELS", used)
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
     shown = Progress(dict.fromkeys(("a.b", "a.c", "a.d", "a.e")))
     for name, seconds, told in (
@@ -96,12 +96,12 @@ def test_a_cell_of_a_notebook_has_one_line_that_changes(monkeypatch):
     }
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(progress, "_CELL", [])
+    monkeypatch.setattr(progress, "_LAST_CELL_LINE", [])
     for text in ("1 of 2", "2 of 2", "", "1 of 1"):
         progress.write_line(text)
     shell.execution_count = 2
     progress.write_line("3 of 4")
-    done = f"rasterjit: kernels are compiled ({progress.kept()})"
+    done = f"rasterjit: kernels are compiled ({progress.describe_storage()})"
     first = ["rasterjit: 1 of 2", "rasterjit: 2 of 2", done, "rasterjit: 1 of 1"]
     assert shown == [first, ["rasterjit: 3 of 4"]]
 
@@ -128,8 +128,8 @@ def test_what_is_soon_done_is_not_told(monkeypatch, seconds):
     told = []
     monkeypatch.setattr(clocks, "COMPILER_CLOCK", Clock())
     shown = Progress({})
-    with progress.told_to(told.append):
-        shown.tell()
+    with progress.show_progress_by(told.append):
+        shown.report()
         shown.end()
     assert told[1:] == ([""] if seconds > 2.0 else [])
     assert len(told) == (2 if seconds > 2.0 else 0)
@@ -138,12 +138,12 @@ def test_what_is_soon_done_is_not_told(monkeypatch, seconds):
 def test_time_that_passes_shows_that_there_is_life(monkeypatch):
     times = iter([5.0, 5.2, 5.3, 8.2])
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(times)))
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "MIN_SECONDS", 0.0)
     told = []
-    with progress.told_to(told.append):
+    with progress.show_progress_by(told.append):
         shown = Progress({})
         for _ in range(3):
-            shown.tell()
+            shown.report()
     assert [text.partition(". ")[2].partition(" (")[0] for text in told] == [
         "0 of 0, 0 s",
         "0 of 0, 3 s",

@@ -20,7 +20,7 @@ from rasterjit.runtime import jit, prebuilt_kernels, stage_runner, targets
 pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
 
 KERNELS = (stage_runner.run_list, encode_rows)
-SYMBOLS = [prebuilt_kernels.symbol_of(one, 0) for one in KERNELS]
+SYMBOLS = [prebuilt_kernels.symbol_name(one, 0) for one in KERNELS]
 TARGETS = {
     target.triple: target
     for platform in targets.PLATFORMS.values()
@@ -34,7 +34,7 @@ def objects(tmp_path_factory):
     files = {}
     for kind in ("x86_64", "aarch64"):
         place = tmp_path_factory.mktemp(kind)
-        same = [one for one in TARGETS.values() if targets.parts_of(one.triple)[0] == kind]
+        same = [one for one in TARGETS.values() if targets.split_triple(one.triple)[0] == kind]
         (place / wheels.CPU).write_text(json.dumps(same[0]))
         for target in same:
             folder = place / target.triple
@@ -121,7 +121,7 @@ SYSTEMS = {
 
 @pytest.mark.parametrize("triple", TARGETS)
 def test_a_library_exports_its_kernels_and_has_no_memory_to_write_and_run(triple, objects):
-    target, system = TARGETS[triple], targets.parts_of(triple)[1]
+    target, system = TARGETS[triple], targets.split_triple(triple)[1]
     made = shared_libraries.link(target, "made", objects[triple])
     assert made == shared_libraries.link(target, "made", objects[triple])
     read, may_need = SYSTEMS[system]
@@ -129,7 +129,7 @@ def test_a_library_exports_its_kernels_and_has_no_memory_to_write_and_run(triple
     assert found.needs <= may_need
     assert any("x" in one for one in found.memory)
     assert not [one for one in found.memory if "w" in one and "x" in one]
-    for symbol in (*SYMBOLS, prebuilt_kernels.RUNS):
+    for symbol in (*SYMBOLS, prebuilt_kernels.CPU_CHECK_FUNCTION):
         assert symbol.encode() + b"\0" in made or symbol.encode() in made
 
 

@@ -32,20 +32,20 @@ from rasterjit.runtime import (
     store,
     targets,
 )
-from rasterjit.runtime.prebuilt_kernels import Index, UnfitError
+from rasterjit.runtime.prebuilt_kernels import Index, UnusableError
 from rasterjit.runtime.targets import Target
 
 compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
 
 TESTS = Path(__file__).parents[1]
 PLATFORM = targets.PLATFORMS["x86_64"]
-HERE = targets.platform_of(store.host().triple)
+HERE = targets.find_platform(store.host().triple)
 needs_library = pytest.mark.skipif(
     jit.DISABLED or jit.CHECKED or HERE is None, reason="no library is made for this system"
 )
 
 NO_SOURCES = {"files": [], "hash": hashlib.sha256().hexdigest()}
-SYMBOL = prebuilt_kernels.symbol_of(stage_runner.run_list, 0)
+SYMBOL = prebuilt_kernels.symbol_name(stage_runner.run_list, 0)
 NO_CPU = "x86-64-v9"
 """A level that no CPU reaches."""
 
@@ -64,21 +64,21 @@ def write_index(place, libraries, forms, sources=NO_SOURCES, texts=()):
         write(place / name, content)
         listed.append([name, hashlib.sha256(content).hexdigest(), *target])
     index = Index("something", sources, listed, forms, [*texts])
-    write(place / prebuilt_kernels.INDEX, prebuilt_kernels.content_of(index))
+    write(place / prebuilt_kernels.INDEX_FILE, prebuilt_kernels.encode_index(index))
     return index
 
 
 def test_an_index_is_read_as_it_was_written_in_any_order(tmp_path):
-    path, forms = tmp_path / prebuilt_kernels.INDEX, {"b_1": "int", "a_2": "none"}
+    path, forms = tmp_path / prebuilt_kernels.INDEX_FILE, {"b_1": "int", "a_2": "none"}
     index = write_index(tmp_path, {PLATFORM.targets()[0]: b"code"}, forms)
     assert prebuilt_kernels.read_index(path) == index
     other = index._replace(forms=dict(sorted(forms.items())))
-    assert prebuilt_kernels.content_of(other) == path.read_bytes()
+    assert prebuilt_kernels.encode_index(other) == path.read_bytes()
 
 
 def test_every_damaged_byte_is_found(tmp_path):
     write_index(tmp_path, {PLATFORM.targets()[0]: b"code"}, {"a": "int"})
-    index, library = tmp_path / prebuilt_kernels.INDEX, tmp_path / "x86-64-v4.so"
+    index, library = tmp_path / prebuilt_kernels.INDEX_FILE, tmp_path / "x86-64-v4.so"
     checksum = hashlib.sha256(b"code").hexdigest()
     for path, look in (
         (index, prebuilt_kernels.read_index),
@@ -88,7 +88,7 @@ def test_every_damaged_byte_is_found(tmp_path):
         for n in range(len(content)):
             for damaged in (content[:n] + bytes([content[n] ^ 16]) + content[n + 1 :], content[:n]):
                 path.write_bytes(damaged)
-                with pytest.raises(UnfitError, match="is damaged"):
+                with pytest.raises(UnusableError, match="is damaged"):
                     look(path)
         path.write_bytes(content)
     prebuilt_kernels.read_index(index)
@@ -157,14 +157,14 @@ def test_triples_of_a_system_have_its_platform_whatever_else_they_say():
         "x86_64-pc-windows-msvc": "win_amd64", "arm64-apple-darwin": "macos_arm64",
         "aarch64-apple-macosx14.1": "macos_arm64", "x86_64-apple-darwin23.1.0": "macos_x86_64",
     }.items():  # fmt: skip
-        assert targets.platform_of(triple) is targets.PLATFORMS[name]
+        assert targets.find_platform(triple) is targets.PLATFORMS[name]
         assert targets.needs_far_addresses(triple) == ("apple" not in triple)
     for triple in (
         "aarch64-pc-windows-msvc",
         "riscv64-unknown-linux-gnu",
         "x86_64-unknown-freebsd",
     ):
-        assert targets.platform_of(triple) is None
+        assert targets.find_platform(triple) is None
         assert not targets.needs_far_addresses(triple)
 
 
@@ -178,19 +178,19 @@ def test_a_level_that_the_user_names_is_the_shipped_one(monkeypatch, level):
     for features in (None, ""):
         if features is not None:
             monkeypatch.setenv("NUMBA_CPU_FEATURES", features)
-        assert targets.asked_cpu() == level.cpu
+        assert targets.requested_cpu_name() == level.cpu
         assert targets.host() == (PLATFORM.triple, level.cpu, level.features)
     monkeypatch.setenv("NUMBA_CPU_FEATURES", "+sse4a")
-    assert targets.asked_cpu() is None
+    assert targets.requested_cpu_name() is None
     assert targets.host() == (PLATFORM.triple, level.cpu, "+sse4a")
 
 
 def test_an_empty_name_of_a_cpu_asks_for_none(monkeypatch):
     monkeypatch.delenv("NUMBA_CPU_FEATURES", raising=False)
     monkeypatch.setenv("NUMBA_CPU_NAME", "")
-    assert targets.asked_cpu() == ""
+    assert targets.requested_cpu_name() == ""
     monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
-    assert targets.asked_cpu() is None
+    assert targets.requested_cpu_name() is None
 
 
 # What came.
@@ -215,16 +215,16 @@ def library(tmp_path_factory):
 @pytest.fixture
 def come(tmp_path, monkeypatch, library):
     """A function that lets code come with the installation; there is a store, and it is empty."""
-    monkeypatch.setattr(store, "SAID", set())
-    monkeypatch.setattr(store, "UNFIT", [])
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
+    monkeypatch.setattr(store, "UNUSABLE_REASONS", [])
     monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
-    for name in ("_index", "found", "found_texts"):
+    for name in ("_try_read_index", "find_library", "find_texts"):
         monkeypatch.setattr(prebuilt_kernels, name, getattr(prebuilt_kernels, name).__wrapped__)
-    for name in targets.CHOICES:
+    for name in targets.CPU_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     place = tmp_path / "store"
     place.mkdir(mode=0o700)
-    monkeypatch.setattr(store, "folder", lambda: place)
+    monkeypatch.setattr(store, "kernel_folder", lambda: place)
 
     def let_come(*cpus, forms=(SYMBOL,), sources=NO_SOURCES):
         libraries = dict(map(library, cpus)) if cpus else dict([library()])
@@ -242,26 +242,26 @@ def load():
 @pytest.mark.skipif(HERE is not PLATFORM, reason="levels of x86-64")
 def test_the_best_level_that_the_cpu_has_is_taken_or_the_one_asked_for(come, monkeypatch):
     come(NO_CPU, "x86-64-v2", "x86-64-v1")
-    assert prebuilt_kernels.found().library.target.cpu == "x86-64-v2"
+    assert prebuilt_kernels.find_library().library.target.cpu == "x86-64-v2"
     monkeypatch.setenv("NUMBA_CPU_NAME", "x86-64-v1")
-    assert prebuilt_kernels.found().library.target.cpu == "x86-64-v1"
+    assert prebuilt_kernels.find_library().library.target.cpu == "x86-64-v1"
     for name, value in (("NUMBA_CPU_NAME", "another"), ("NUMBA_CPU_FEATURES", "+avx")):
         monkeypatch.setenv(name, value)
-        assert prebuilt_kernels.found() == (None, None)
+        assert prebuilt_kernels.find_library() == (None, None)
     monkeypatch.delenv("NUMBA_CPU_NAME")
     monkeypatch.delenv("NUMBA_CPU_FEATURES")
     come(NO_CPU)
-    assert prebuilt_kernels.found() == (None, None)
+    assert prebuilt_kernels.find_library() == (None, None)
 
 
 @needs_library
 def test_what_came_is_loaded_and_no_folder_is_looked_for(come, monkeypatch, capfd):
     come()
     monkeypatch.setattr(store, "has_linker", lambda: pytest.fail("it is not needed"))
-    monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
+    monkeypatch.setattr(store, "kernel_folder", lambda: pytest.fail("it is not needed"))
     assert load()
-    assert store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
-    assert background_compile.compiling([stage_runner.run_list]) == []
+    assert store.is_stored(stage_runner.run_list, stage_runner.run_list.declared[0])
+    assert background_compile.make_compile_tasks([stage_runner.run_list]) == []
     assert capfd.readouterr().err == ""
     (finding,) = doctor._check_prebuilt_kernels()
     assert finding.passed
@@ -270,7 +270,9 @@ def test_what_came_is_loaded_and_no_folder_is_looked_for(come, monkeypatch, capf
 
 def code_of(path):
     """Return the index and the bytes of a library that was written."""
-    return prebuilt_kernels.read_index(path.with_name(prebuilt_kernels.INDEX)), path.read_bytes()
+    return prebuilt_kernels.read_index(
+        path.with_name(prebuilt_kernels.INDEX_FILE)
+    ), path.read_bytes()
 
 
 def let_be(path, content=None, **changes):
@@ -315,7 +317,7 @@ def names(line, path):
 def test_what_is_of_no_use_is_named_and_compiled_anew(come, damage, capfd):
     path = come()
     DAMAGES[damage](path)
-    assert not store.is_kept(stage_runner.run_list, stage_runner.run_list.declared[0])
+    assert not store.is_stored(stage_runner.run_list, stage_runner.run_list.declared[0])
     assert [load(), load()] == [False, True]
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("rasterjit: compiling instead of loading: ")
@@ -331,14 +333,14 @@ def test_what_is_of_no_use_is_named_and_compiled_anew(come, damage, capfd):
 def test_without_a_compiler_an_error_names_what_is_of_no_use(
     come, damage, lacking, capfd, monkeypatch
 ):
-    monkeypatch.setattr(store, "versions", lambda: None)
+    monkeypatch.setattr(store, "compiler_versions", lambda: None)
     if lacking == "llvmlite":
         monkeypatch.setattr(store, "has_linker", lambda: False)
         monkeypatch.setattr(store, "host", lambda: pytest.fail("it imports llvmlite"))
     path = come()
     DAMAGES[damage](path)
     kind = stage_runner.run_list.declared[0]
-    assert not store.is_kept(stage_runner.run_list, kind)
+    assert not store.is_stored(stage_runner.run_list, kind)
     with pytest.raises(store.NoCompilerError, match="pip install numba") as caught:
         load()
     assert names(str(caught.value), path)
@@ -352,7 +354,7 @@ def test_without_a_compiler_an_error_names_what_is_of_no_use(
 @pytest.fixture
 def text(come):
     """The file of a kernel's text for this CPU, which came alone."""
-    path, (kind, level) = come(), targets.level_here()
+    path, (kind, level) = come(), targets.find_host_level()
     kernel, target = stage_runner.run_list, Target(store.host().triple, level.cpu, level.features)
     returns, text = shared_libraries.optimized_text(kernel, kernel.declared[0], SYMBOL, target)
     file = path.with_name(f"{level.cpu}.ll.xz")
@@ -369,22 +371,22 @@ def test_text_that_came_becomes_code_without_numba_and_is_stored(
 ):
     monkeypatch.setattr(isolated_numba, "compiler", lambda: pytest.fail("it imports Numba"))
     if not is_numba_here:
-        monkeypatch.setattr(store, "versions", lambda: None)
+        monkeypatch.setattr(store, "compiler_versions", lambda: None)
     assert [load(), load()] == [False, True]
     assert capfd.readouterr().err == ""
     (finding,) = doctor._check_prebuilt_kernels()
     assert finding.passed
-    assert f"{targets.level_here()[1].cpu}, 1 forms" in finding.text
+    assert f"{targets.find_host_level()[1].cpu}, 1 forms" in finding.text
 
 
 @needs_library
 def test_text_gives_the_code_that_python_gives(text):
     kernel, name, target = stage_runner.run_list, "made", store.host()
-    compiler, index = isolated_numba.compiler(), prebuilt_kernels.found_texts()
-    _, level = targets.level_here()
+    compiler, index = isolated_numba.compiler(), prebuilt_kernels.find_texts()
+    _, level = targets.find_host_level()
     asked = Target(target.triple, level.cpu, level.features)
     from_python = compiler.compile_form(kernel, kernel.declared[0], name, asked)[1]
-    made = code_generation.object_code_of_text(index.texts[SYMBOL], SYMBOL, name, asked)
+    made = code_generation.generate_from_text(index.texts[SYMBOL], SYMBOL, name, asked)
     assert made == from_python
 
 
@@ -407,8 +409,8 @@ def test_text_of_no_use_is_named_and_python_compiled(text, monkeypatch, capfd, d
 @needs_library
 def test_text_of_another_kind_of_cpu_is_left_alone(text, monkeypatch):
     monkeypatch.setattr(targets, "process_triple", lambda: "riscv64-unknown-linux-gnu")
-    assert targets.level_here() is None
-    assert prebuilt_kernels.found_texts() is None
+    assert targets.find_host_level() is None
+    assert prebuilt_kernels.find_texts() is None
 
 
 @needs_library
@@ -446,12 +448,14 @@ def test_an_index_of_other_fields_is_of_no_use(tmp_path, monkeypatch, change):
     index = write_index(tmp_path, {PLATFORM.targets()[0]: b"code"}, {"a": "int"})
     text = change if isinstance(change, str) else json.dumps({**index._asdict(), **change})
     checksum = hashlib.sha256(text.encode()).hexdigest()
-    write(tmp_path / prebuilt_kernels.INDEX, f"{checksum}\n{text}".encode())
+    write(tmp_path / prebuilt_kernels.INDEX_FILE, f"{checksum}\n{text}".encode())
     monkeypatch.setattr(prebuilt_kernels, "FOLDER", tmp_path)
-    monkeypatch.setattr(prebuilt_kernels, "_index", prebuilt_kernels._index.__wrapped__)
-    library, problem = prebuilt_kernels.found.__wrapped__()
+    monkeypatch.setattr(
+        prebuilt_kernels, "_try_read_index", prebuilt_kernels._try_read_index.__wrapped__
+    )
+    library, problem = prebuilt_kernels.find_library.__wrapped__()
     assert library is None
-    assert f"{tmp_path / prebuilt_kernels.INDEX} has other fields" in problem
+    assert f"{tmp_path / prebuilt_kernels.INDEX_FILE} has other fields" in problem
     assert prebuilt_kernels.REINSTALL in problem
 
 
@@ -482,8 +486,8 @@ def test_without_llvmlite_and_shipped_code_commands_say_what_is_missing(tmp_path
 @needs_library
 def test_where_all_came_warmup_compiles_nothing_and_needs_no_folder(come, monkeypatch):
     come()
-    monkeypatch.setattr(background_compile, "every_kernel", lambda: [stage_runner.run_list])
-    monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
+    monkeypatch.setattr(background_compile, "find_every_kernel", lambda: [stage_runner.run_list])
+    monkeypatch.setattr(store, "kernel_folder", lambda: pytest.fail("it is not needed"))
     done = CliRunner().invoke(commands.program, ["warmup"])
     assert (done.exit_code, done.output.partition(":")[0]) == (0, "nothing to compile")
 
@@ -494,24 +498,29 @@ def test_doctor_asks_for_a_folder_only_where_something_is_compiled(come, monkeyp
     if has_come:
         come()
     else:
-        monkeypatch.setattr(prebuilt_kernels, "found", lambda: prebuilt_kernels.Found(None, None))
-    monkeypatch.setattr(store, "folder", lambda: None)
-    monkeypatch.setattr(store, "USED", store.Used([], []))
+        monkeypatch.setattr(
+            prebuilt_kernels, "find_library", lambda: prebuilt_kernels.LibrarySearch(None, None)
+        )
+    monkeypatch.setattr(store, "kernel_folder", lambda: None)
+    monkeypatch.setattr(store, "USED_KERNELS", store.UsedKernels([], []))
     (finding,) = doctor._check_store()
     assert finding.passed is (None if has_come else False)
 
 
 def test_where_nothing_lacks_no_process_starts(monkeypatch):
     monkeypatch.setattr(background_compile, "available_processors", lambda: 2)
-    monkeypatch.setattr(background_compile, "is_possible", lambda: pytest.fail("nobody need know"))
-    with background_compile.beside(list, at_once=True):
+    monkeypatch.setattr(
+        background_compile, "can_start_process", lambda: pytest.fail("nobody need know")
+    )
+    with background_compile.compile_in_background(list, at_once=True):
         pass
 
 
 IN_A_FRESH_PROCESS = """
 import json
 from rasterjit.runtime import background_compile
-print(json.dumps([(one.__module__, one.__name__) for one in background_compile.every_kernel()]))
+kernels = background_compile.find_every_kernel()
+print(json.dumps([(one.__module__, one.__name__) for one in kernels]))
 """
 
 
@@ -642,7 +651,7 @@ def test_a_check_tells_the_same_bytes_from_others_and_from_none(come, monkeypatc
 
 
 def test_the_sources_of_the_kernels_are_hashed_as_one_and_an_edit_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr(background_compile, "every_kernel", lambda: [stage_runner.run_list])
+    monkeypatch.setattr(background_compile, "find_every_kernel", lambda: [stage_runner.run_list])
     found = wheels.sources()
     assert {"runtime/stage_runner.py", "runtime/compiler.py"} <= {*found["files"]}
     assert "runtime/store.py" not in found["files"]
@@ -650,10 +659,10 @@ def test_the_sources_of_the_kernels_are_hashed_as_one_and_an_edit_is_seen(tmp_pa
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(store.ROOT / name, tmp_path / name)
     monkeypatch.setattr(prebuilt_kernels, "ROOT", tmp_path)
-    assert prebuilt_kernels.hash_of(found["files"]) == found["hash"]
+    assert prebuilt_kernels.hash_sources(found["files"]) == found["hash"]
     with (tmp_path / "runtime" / "stage_runner.py").open("a") as file:
         file.write("\n")
-    assert prebuilt_kernels.hash_of(found["files"]) != found["hash"]
+    assert prebuilt_kernels.hash_sources(found["files"]) != found["hash"]
 
 
 @needs_library

@@ -19,7 +19,7 @@ from small import RESULTS, entries, start, use
 
 from rasterjit.runtime import jit, store
 from rasterjit.runtime import pack_arguments as pack_arguments  # Arguments are packed by it.
-from rasterjit.runtime.state_block import RecordType, type_of
+from rasterjit.runtime.state_block import RecordType, infer_type
 
 pytestmark = [
     pytest.mark.takes_long,
@@ -31,7 +31,7 @@ as_root = pytest.mark.skipif(
 posix_only = pytest.mark.skipif(os.name != "posix", reason="modes and locks of POSIX")
 
 ROW = np.arange(-3.0, 5.0)
-KIND = RecordType(tuple, (type_of(ROW), type_of(5)))
+KIND = RecordType(tuple, (infer_type(ROW), infer_type(5)))
 """The types of the arguments of ``has_index``."""
 
 
@@ -39,10 +39,10 @@ KIND = RecordType(tuple, (type_of(ROW), type_of(5)))
 def place(tmp_path, monkeypatch):
     """An empty store, for this process."""
     # What packs arguments is a kernel, too, and lies elsewhere.
-    jit.packer()
+    jit.get_packer()
     tmp_path.chmod(0o700)
-    monkeypatch.setattr(store, "folder", lambda: tmp_path)
-    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
     return tmp_path
 
 
@@ -111,10 +111,10 @@ def test_damage_is_found_told_once_and_mended_by_compiling(place, damage, capfd)
 def test_an_entry_made_for_something_else_is_compiled_again(place, capfd, other):
     load()
     path = entry(place)
-    header, code = store.read(path)
-    store.write(path, header._replace(**other), code)
+    header, code = store.read_entry(path)
+    store.write_entry(path, header._replace(**other), code)
     assert not load()
-    assert store.read(path) == (header, code)
+    assert store.read_entry(path) == (header, code)
     (line,) = capfd.readouterr().err.splitlines()
     assert "made for another" in line
 
@@ -123,13 +123,13 @@ def test_swapped_files_are_damaged(place):
     load()
     mine = entry(place)
     small_row = np.zeros(3, np.float32)
-    other_kind = RecordType(tuple, (type_of(small_row), type_of(1)))
+    other_kind = RecordType(tuple, (infer_type(small_row), infer_type(1)))
     store.load(small_kernels.has_index, other_kind)
     (other,) = set(place.glob("*.kernel")) - {mine}
     contents = mine.read_bytes(), other.read_bytes()
     mine.write_bytes(contents[1])
     other.write_bytes(contents[0])
-    assert len(store.contents(place).damaged) == 2
+    assert len(store.inspect_folder(place).damaged) == 2
     assert not load()
     assert mine.read_bytes() == contents[0]
 
@@ -138,19 +138,19 @@ def test_what_ends_the_process_when_it_is_linked_is_not_stored(place, monkeypatc
     def end(*given):
         raise SystemExit
 
-    monkeypatch.setattr(store, "_linked", end)
+    monkeypatch.setattr(store, "_link", end)
     with pytest.raises(SystemExit):
         load()
     assert not [*place.glob("*.kernel")]
 
 
 WAITS_WHILE_LINKING = """
-link = store._linked
+link = store._link
 def wait_and_link(*given):
     print("linking", flush=True)
     sys.stdin.readline()
     return link(*given)
-store._linked = wait_and_link
+store._link = wait_and_link
 """
 
 
@@ -195,7 +195,7 @@ def test_without_numba_an_entry_that_ended_a_process_is_tried_again(place):
     killed = start_linking(place)
     killed.kill()
     killed.communicate()
-    assert use(place, before="store.versions = lambda: None")[1:] == ([], False, "")
+    assert use(place, before="store.compiler_versions = lambda: None")[1:] == ([], False, "")
     assert [path.suffix for path in place.iterdir()] == [".kernel"]
 
 
@@ -206,7 +206,7 @@ def test_an_error_while_an_entry_is_linked_leaves_no_mark(place, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(store, "_linked", fail)
+        patched.setattr(store, "_link", fail)
         with pytest.raises(KeyboardInterrupt):
             load()
     assert load()
@@ -215,10 +215,10 @@ def test_an_error_while_an_entry_is_linked_leaves_no_mark(place, monkeypatch):
 def test_object_code_that_cannot_be_linked_is_compiled_again(place):
     load()
     path = entry(place)
-    header, code = store.read(path)
-    store.write(path, header, code[:64])
+    header, code = store.read_entry(path)
+    store.write_entry(path, header, code[:64])
     assert not load()
-    assert store.read(path) == (header, code)
+    assert store.read_entry(path) == (header, code)
 
 
 def test_a_folder_in_place_of_a_file_is_replaced(place, capfd):
@@ -258,7 +258,7 @@ def test_what_is_no_entry_at_all_is_never_read(place, capfd, make):
     content = path.read_bytes()
     path.unlink()
     make(path)
-    assert store.contents(place).damaged == [path]
+    assert store.inspect_folder(place).damaged == [path]
     assert [load(), load()] == [False, True]
     assert path.read_bytes() == content
     assert not path.is_symlink()
@@ -271,9 +271,9 @@ def test_a_folder_in_place_of_a_file_is_mended(place):
     path = entry(place)
     path.unlink()
     (path / "inside").mkdir(parents=True)
-    found = store.contents(place)
+    found = store.inspect_folder(place)
     assert (found.entries, found.damaged) == (0, [path])
-    assert store.mend(found) == []
+    assert store.remove_damaged(found) == []
     assert not path.exists()
 
 
@@ -289,7 +289,7 @@ def test_a_file_that_cannot_be_read_is_compiled_around_and_told(place, monkeypat
 
     monkeypatch.setattr(os, "open", refuse)
     assert not load()
-    assert store.contents(place).unreadable == [path]
+    assert store.inspect_folder(place).unreadable == [path]
 
 
 def test_a_full_disk_keeps_nothing_leaves_nothing_and_is_told_once(place, monkeypatch, capfd):
@@ -361,7 +361,7 @@ def test_a_folder_that_windows_lets_nobody_write_to_is_tried_once(place, monkeyp
 @pytest.mark.parametrize("refusals", [3, 4])
 def test_a_file_that_is_in_use_for_a_moment_is_waited_for(place, monkeypatch, capfd, refusals):
     """Windows neither reads nor replaces what another process has open."""
-    monkeypatch.setattr(store, "PAUSES", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(store, "RETRY_PAUSES", (0.0, 0.0, 0.0))
     replace, opened, left = os.replace, os.open, []
 
     def refuse_often(action, *arguments):
@@ -373,31 +373,31 @@ def test_a_file_that_is_in_use_for_a_moment_is_waited_for(place, monkeypatch, ca
     monkeypatch.setattr(store.os, "replace", lambda *paths: refuse_often(replace, *paths))
     header, path = store.Header(next(iter(store.RETURNS)), *"bcdefg"), place / "a.kernel"
     left[:] = [1] * refusals
-    store.write(path, header, b"code")
+    store.write_entry(path, header, b"code")
     is_told = refusals > 3
     assert path.exists() != is_told
     assert capfd.readouterr().err.count("not kept on disk") == is_told
     assert [one.suffix for one in place.iterdir()] == [] if is_told else [".kernel"]
     left.clear()
-    store.write(path, header, b"code")
+    store.write_entry(path, header, b"code")
     monkeypatch.setattr(store.os, "open", lambda *options: refuse_often(opened, *options))
     left[:] = [1] * refusals
-    assert store.read(path) == (None if is_told else (header, b"code"))
+    assert store.read_entry(path) == (None if is_told else (header, b"code"))
     assert capfd.readouterr().err.count("cannot be used") == is_told
 
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
     (tmp_path / "file").touch()
     monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path / "file" / "kernels"))
-    assert store.folder.__wrapped__() is None
+    assert store.kernel_folder.__wrapped__() is None
     (line,) = capfd.readouterr().err.splitlines()
     assert str(tmp_path / "file") in line
     assert "not kept on disk" in line
 
 
 def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch, capfd):
-    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
 
     def unknown():
         raise RuntimeError("Could not determine home directory.")
@@ -406,17 +406,17 @@ def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch, capfd):
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(Path, "home", unknown)
-    assert store.folder.__wrapped__() is None
+    assert store.kernel_folder.__wrapped__() is None
     (line,) = capfd.readouterr().err.splitlines()
     assert store.FOLDER_VARIABLE in line
 
 
 def test_the_folder_is_the_users_alone(monkeypatch, tmp_path):
     monkeypatch.delenv(store.FOLDER_VARIABLE, raising=False)
-    monkeypatch.setattr(store, "cache_folder", lambda: tmp_path / ".cache" / "rasterjit")
+    monkeypatch.setattr(store, "user_cache_folder", lambda: tmp_path / ".cache" / "rasterjit")
     before = os.umask(0o002)
     try:
-        made = store.folder.__wrapped__()
+        made = store.kernel_folder.__wrapped__()
     finally:
         os.umask(before)
     assert made == tmp_path / ".cache" / "rasterjit" / "kernels"
@@ -432,7 +432,7 @@ def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
     # Root may write to any folder, so its own are not refused.
     monkeypatch.setattr(store, "ROOT_USER", -1)
     with pytest.warns(RuntimeWarning, match="others may write to it"):
-        assert store.folder.__wrapped__() is None
+        assert store.kernel_folder.__wrapped__() is None
 
 
 @posix_only
@@ -454,7 +454,7 @@ def test_the_folder_is_where_the_platform_keeps_caches(monkeypatch, platform, va
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    assert store.cache_folder() == home / expected / "rasterjit"
+    assert store.user_cache_folder() == home / expected / "rasterjit"
 
 
 @posix_only
@@ -481,10 +481,10 @@ def test_a_folder_below_one_that_others_may_write_to_is_refused(tmp_path, monkey
     for chosen in (below, link / "kernels"):
         monkeypatch.setenv(store.FOLDER_VARIABLE, str(chosen))
         if mode in (0o755, 0o1777):
-            assert store.folder.__wrapped__() == below
+            assert store.kernel_folder.__wrapped__() == below
         else:
             with pytest.warns(RuntimeWarning, match=r"others may write to .*parent, and exchange"):
-                assert store.folder.__wrapped__() is None
+                assert store.kernel_folder.__wrapped__() is None
 
 
 AS_USER = """
@@ -495,10 +495,10 @@ warnings.simplefilter("ignore")
 os.seteuid(int(sys.argv[1]))
 for one in map(Path, sys.argv[2:]):
     if one.suffix:
-        print(store.read(one) is not None)
+        print(store.read_entry(one) is not None)
     else:
         os.environ[store.FOLDER_VARIABLE] = str(one)
-        print(store.folder.__wrapped__() is not None)
+        print(store.kernel_folder.__wrapped__() is not None)
 """
 """Tells of folders and entries whether another user uses them."""
 
@@ -575,12 +575,12 @@ def test_each_entry_belongs_to_the_user_or_root_under_one_name(top):
     places = []
     for owner, mode in cases:
         places.append(top / f"{owner} {mode:o}.kernel")
-        store.write(places[-1], ENTRY, b"code")
+        store.write_entry(places[-1], ENTRY, b"code")
         os.chown(places[-1], owner, -1)
         places[-1].chmod(mode)
     for name, make in (("link", os.symlink), ("hard", os.link)):
         places.append(top / f"{name}.kernel")
-        store.write(places[-1], ENTRY, b"code")
+        store.write_entry(places[-1], ENTRY, b"code")
         places[-1].chmod(0o644)
         make(places[-1].rename(top / name), places[-1])
     assert used_by_user(places) == [*cases.values(), False, False]
@@ -589,7 +589,7 @@ def test_each_entry_belongs_to_the_user_or_root_under_one_name(top):
 @pytest.fixture
 def bare(tmp_path, monkeypatch):
     """An empty store of which nothing was told yet; no kernel is made."""
-    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
     return tmp_path
 
 
@@ -605,25 +605,25 @@ ENTRY = store.Header("none", "a.b", "(int)", "0", "1 2", "triple", "cpu")
 ], ids=["group", "others", "hard link", "link", "owner"])  # fmt: skip
 def test_an_entry_that_others_may_change_is_told_once_and_written_again(bare, capfd, change):
     path = bare / "name.kernel"
-    store.write(path, ENTRY, b"code")
-    assert store.read(path) == (ENTRY, b"code")
+    store.write_entry(path, ENTRY, b"code")
+    assert store.read_entry(path) == (ENTRY, b"code")
     change(path)
-    assert store.read(path) is store.read(path) is None
+    assert store.read_entry(path) is store.read_entry(path) is None
     (line,) = capfd.readouterr().err.splitlines()
     assert path.name in line
-    assert store.contents(bare).damaged == [path]
-    store.write(path, ENTRY, b"code")
-    assert store.read(path) == (ENTRY, b"code")
+    assert store.inspect_folder(bare).damaged == [path]
+    store.write_entry(path, ENTRY, b"code")
+    assert store.read_entry(path) == (ENTRY, b"code")
 
 
 @posix_only
 def test_what_is_opened_is_checked_and_not_what_stood_there_before(bare, monkeypatch):
     path = bare / "name.kernel"
-    store.write(path, ENTRY, b"code")
+    store.write_entry(path, ENTRY, b"code")
     innocent = path.lstat()
     path.chmod(0o666)
     monkeypatch.setattr(Path, "lstat", lambda _: innocent)
-    assert store.read(path) is None
+    assert store.read_entry(path) is None
 
 
 @pytest.mark.parametrize("line", [
@@ -634,9 +634,9 @@ def test_a_header_of_other_text_is_damage_whatever_its_checksum(bare, capfd, lin
     rest = line + b"\ncode"
     path.write_bytes(store.MAGIC + store._checksum(path.name, rest) + rest)
     path.chmod(0o600)
-    assert store.read(path) is None
+    assert store.read_entry(path) is None
     assert "is damaged" in capfd.readouterr().err
-    assert store.contents(bare).damaged == [path]
+    assert store.inspect_folder(bare).damaged == [path]
 
 
 def test_processes_that_begin_together_compile_once(tmp_path):
@@ -668,16 +668,16 @@ def test_a_process_that_is_killed_as_it_writes_leaves_what_the_next_can_do_witho
     suffixes = sorted(path.suffix for path in place.iterdir())
     assert suffixes == [".lock", ".part"]
     assert use(place)[0] == [RESULTS["has_index"]]
-    found = store.contents(place)
+    found = store.inspect_folder(place)
     assert [path.suffix for path in found.temporary] == [".part"]
     # It might still be written.
-    assert store.mend(found) == []
+    assert store.remove_damaged(found) == []
     assert found.temporary[0].exists()
-    long_ago = time.time() - 2.0 * store.STALE
+    long_ago = time.time() - 2.0 * store.MAX_TEMPORARY_AGE
     os.utime(found.temporary[0], (long_ago, long_ago))
-    assert store.mend(found) == []
+    assert store.remove_damaged(found) == []
     assert not found.temporary[0].exists()
-    assert store.contents(place).entries > 0
+    assert store.inspect_folder(place).entries > 0
 
 
 @posix_only
@@ -686,7 +686,7 @@ def test_what_killed_processes_left_long_ago_goes_with_the_next_that_compiles(pl
     left.touch()
     fresh = place / ".def.part"
     fresh.touch()
-    long_ago = time.time() - 2.0 * store.STALE
+    long_ago = time.time() - 2.0 * store.MAX_TEMPORARY_AGE
     os.utime(left, (long_ago, long_ago))
     load()
     assert not left.exists()
@@ -698,16 +698,16 @@ def test_nobody_waits_for_a_process_that_was_killed_as_it_compiled(place):
     killed = start(place, before=SLEEPS)
     assert killed.stdout.readline() == "compiling\n"
     (claim,) = place.glob("*.lock")
-    found = store.contents(place)
+    found = store.inspect_folder(place)
     # Not while it lives.
-    assert store.mend(found) == []
+    assert store.remove_damaged(found) == []
     assert claim.exists()
     killed.kill()
     killed.communicate()
     began = time.monotonic()
     assert use(place)[0] == [RESULTS["has_index"]]
-    assert time.monotonic() - began < 0.8 * store.PATIENCE
-    assert store.mend(store.contents(place)) == []
+    assert time.monotonic() - began < 0.8 * store.LOCK_PATIENCE
+    assert store.remove_damaged(store.inspect_folder(place)) == []
     assert list(place.glob("*.lock")) == []
 
 
@@ -791,20 +791,20 @@ def test_without_numba_any_versions_entries_are_loaded(tmp_path):
     tmp_path.chmod(0o700)
     use(tmp_path)
     for path in entries(tmp_path).values():
-        header, code = store.read(path)
+        header, code = store.read_entry(path)
         other = path.with_name(f"{path.name.split('.')[0]}.01234567.kernel")
-        store.write(other, header._replace(versions="0.1 0.1"), code)
+        store.write_entry(other, header._replace(versions="0.1 0.1"), code)
         path.unlink()
     found, compiled, *_ = use(tmp_path, before=WITHOUT_NUMBA)
     assert (found, compiled) == ([RESULTS["has_index"]], [])
-    assert store.contents(tmp_path).other_versions == len(entries(tmp_path))
+    assert store.inspect_folder(tmp_path).other_versions == len(entries(tmp_path))
 
 
 def test_versions_are_known_without_importing_numba():
     import llvmlite
     import numba
 
-    assert store.versions() == f"{numba.__version__} {llvmlite.__version__}"
+    assert store.compiler_versions() == f"{numba.__version__} {llvmlite.__version__}"
 
 
 def test_records_of_one_name_are_told_apart():
@@ -814,8 +814,8 @@ def test_records_of_one_name_are_told_apart():
         slope: float
         other: float
 
-    kinds = [RecordType(one, (type_of(1.0),) * 2) for one in (Line, small_kernels.Line, tuple)]
-    assert len({store.describe(kind) for kind in kinds}) == 3
+    kinds = [RecordType(one, (infer_type(1.0),) * 2) for one in (Line, small_kernels.Line, tuple)]
+    assert len({store.describe_type(kind) for kind in kinds}) == 3
 
 
 def test_the_cpu_is_in_the_name():
@@ -824,19 +824,21 @@ def test_the_cpu_is_in_the_name():
         target, target._replace(cpu="x86-64-v3"), target._replace(features="+avx"),
         target._replace(triple="aarch64-unknown-linux-gnu"),
     ]  # fmt: skip
-    assert len({store.name_of(small_kernels.has_index, KIND, one) for one in targets}) == 4
+    assert len({store.symbol_name(small_kernels.has_index, KIND, one) for one in targets}) == 4
 
 
 def test_contents_are_counted(place):
     load()
     path = entry(place)
-    header, code = store.read(path)
+    header, code = store.read_entry(path)
     others = {
         "versions": "0.1 0.1", "cpu": "another", "triple": "another", "sources": "0" * 32,
     }  # fmt: skip
     for n, (field, value) in enumerate(others.items()):
-        store.write(path.with_name(f"x_{n}.0.kernel"), header._replace(**{field: value}), code)
-    found = store.contents(place)
+        store.write_entry(
+            path.with_name(f"x_{n}.0.kernel"), header._replace(**{field: value}), code
+        )
+    found = store.inspect_folder(place)
     assert found[:4] == (5, 1, 2, 1)
     assert found.size == sum(one.stat().st_size for one in place.iterdir())
     assert found[5:] == ([], [], [])
@@ -852,32 +854,32 @@ def test_a_file_system_without_locks_makes_nobody_wait(place, monkeypatch):
     monkeypatch.setattr(fcntl, "flock", refuse)
     began = time.monotonic()
     assert not load()
-    assert time.monotonic() - began < 0.5 * store.PATIENCE
+    assert time.monotonic() - began < 0.5 * store.LOCK_PATIENCE
 
 
 @posix_only
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_claim_is_one_process_s_and_needs_a_folder(tmp_path, monkeypatch, is_there):
-    monkeypatch.setattr(store, "PATIENCE", 0.1)
+    monkeypatch.setattr(store, "LOCK_PATIENCE", 0.1)
     path = tmp_path / "store" / f"a{store.SUFFIX}"
     if is_there:
         path.parent.mkdir()
     began = time.monotonic()
-    with store.claimed(path):
-        claims = store.temporary_files(path.parent)
+    with store.lock_entry(path):
+        claims = store.list_temporary_files(path.parent)
         assert len(claims) == is_there
         assert [store._is_in_use(one) for one in claims] == [True] * is_there
-        with store.claimed(path):
+        with store.lock_entry(path):
             # The claim of who took too long stays its own.
             pass
-        assert store.temporary_files(path.parent) == claims
-    assert store.temporary_files(path.parent) == []
+        assert store.list_temporary_files(path.parent) == claims
+    assert store.list_temporary_files(path.parent) == []
     assert (time.monotonic() - began > 0.1) == is_there
 
 
 def test_a_file_in_place_of_the_folder_is_told(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "PRINTED_SUBJECTS", set())
     (tmp_path / "kernels").touch()
     monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path / "kernels"))
-    assert store.folder.__wrapped__() is None
+    assert store.kernel_folder.__wrapped__() is None
     assert "not kept on disk" in capfd.readouterr().err

@@ -15,7 +15,7 @@ from small_kernels import count_up, note_scratch
 from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
 from rasterjit.runtime.isolated_numba import compiler
-from rasterjit.runtime.spinning_threads import DONE, Call, Team, make_calls
+from rasterjit.runtime.spinning_threads import CALLS_MADE, Call, Team, make_calls
 from rasterjit.runtime.state_block import LINE, WORD
 from rasterjit.runtime.targets import Target
 from rasterjit.runtime.threads import Workers
@@ -102,7 +102,7 @@ def test_threads_sleep_when_nothing_comes_and_are_woken(workers):
 
 def test_no_more_threads_are_woken_than_there_are_calls(monkeypatch):
     monkeypatch.setattr(sharing, "available_processors", lambda: 16)
-    monkeypatch.setattr(sharing, "PATIENCE", SECONDS)
+    monkeypatch.setattr(sharing, "SPIN_SECONDS", SECONDS)
     workers, rows = Workers(16), np.zeros((3, 1), np.int64)
     for _ in range(3):
         with workers.frame():
@@ -114,7 +114,7 @@ def test_no_more_threads_are_woken_than_there_are_calls(monkeypatch):
 
 def test_who_waits_for_calls_is_free_for_tasks(monkeypatch):
     monkeypatch.setattr(sharing, "available_processors", lambda: 2)
-    monkeypatch.setattr(sharing, "PATIENCE", SECONDS)
+    monkeypatch.setattr(sharing, "SPIN_SECONDS", SECONDS)
     before = own_threads()
     workers, met = Workers(2), threading.Barrier(2)
     workers.call(count_up, [(np.zeros(1, np.int64), 0)] * 2)
@@ -157,7 +157,7 @@ def test_an_interrupt_drops_what_is_not_begun_and_keeps_what_is(workers, monkeyp
     monkeypatch.setattr(Team, "_make_calls", interrupted)
     with pytest.raises(KeyboardInterrupt):
         workers.call(count_up, calls)
-    assert not team._kept
+    assert not team._owners
     before = rows.copy()
     assert ((before == 1) | (before == 2)).all()
     assert workers.call(count_up, calls) == [*range(100)]
@@ -168,14 +168,14 @@ def test_an_interrupt_as_a_step_begins_holds_up_no_other(workers, monkeypatch):
     rows = np.zeros((9, 1), np.int64)
     calls = [(row, n) for n, row in enumerate(rows)]
     workers.call(count_up, calls)
-    real = Team._settle
+    real = Team._finish_interrupted_step
 
     def interrupted(self):
         real(self)
-        self._words[DONE // WORD] = 0
+        self._words[CALLS_MADE // WORD] = 0
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Team, "_settle", interrupted)
+    monkeypatch.setattr(Team, "_finish_interrupted_step", interrupted)
     with pytest.raises(KeyboardInterrupt):
         workers.call(count_up, calls)
     monkeypatch.undo()
@@ -205,7 +205,9 @@ def test_arguments_are_kept_until_the_step_ends(workers, monkeypatch):
 )  # fmt: skip
 def test_who_waits_rests_on_every_processor(triple, word):
     target = Target(triple, "x86-64" if word == "pause" else "generic", "")
-    assert re.search(rf"\b{word}\b", compiler().assembly(make_calls, make_calls.kind, target))
+    assert re.search(
+        rf"\b{word}\b", compiler().emit_assembly_text(make_calls, make_calls.kind, target)
+    )
 
 
 def test_a_call_after_close_is_refused_within_a_frame_only(workers):

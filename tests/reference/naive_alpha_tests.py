@@ -14,7 +14,7 @@ import numpy as np
 
 from rasterjit.inspect import oracle
 from rasterjit.io.meshes import as_scene
-from rasterjit.rendering.planning import FrameRequest, plan_views
+from rasterjit.rendering.planning import FrameRequest, plan_frame
 from rasterjit.rendering.renderer import draw_frame
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.quality import check_quality
@@ -23,7 +23,7 @@ from rasterjit.scene.quality import check_quality
 def visibility(what, camera, size, threads=1, **options):
     """Return the stored depth (-inf where nothing is) and the face at every pixel."""
     quality, outputs = check_quality(options.pop("quality", None)), ("depth", "face_id")
-    planned = plan_views(FrameRequest(size, quality, outputs, **options), as_scene(what), camera)
+    planned = plan_frame(FrameRequest(size, quality, outputs, **options), as_scene(what), camera)
     workers = Workers(threads)
     _, seen = draw_frame(planned, workers)
     workers.close()

@@ -14,7 +14,7 @@ from own_threads import own_threads
 from ways import ALL, CAMERA, MODELS, SIZE, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
-from rasterjit.rendering.batch import _new_array, in_threads, views_per_group
+from rasterjit.rendering.batch import _new_array, draw_in_threads, views_per_group
 
 
 @pytest.fixture
@@ -246,7 +246,7 @@ import rasterjit as rj
 from rasterjit.rendering import batch
 
 threads, drawn, sent = int(sys.argv[1]), [], []
-draw = batch.GroupedViews.__call__
+draw = batch.GroupedViewDrawer.__call__
 
 def noted(self, group):
     drawn.append(group)
@@ -258,7 +258,7 @@ def end(*_):
     sent.append(len(drawn))
     raise KeyboardInterrupt
 
-batch.GroupedViews.__call__ = noted
+batch.GroupedViewDrawer.__call__ = noted
 signal.signal(signal.SIGINT, end)
 scene = rj.load(sys.argv[2])
 camera = rj.PerspectiveCamera((0, 1, 9), (0, 0, 0))
@@ -307,7 +307,7 @@ def test_an_error_in_one_thread_ends_the_others():
             drawn.append(None)
 
     with pytest.raises(ValueError, match="view 1"):
-        list(in_threads(Draws, groups, 2))
+        list(draw_in_threads(Draws, groups, 2))
     assert len(drawn) < 2500
     assert drawn.count(None) == 2
 

@@ -69,14 +69,14 @@ def test_what_is_kept_goes_with_a_lone_mesh(shelf, made):
     for count, color in enumerate(("red", "blue"), 1):
         mesh.material = rj.Material(base_color=color)
         assert draw(mesh) == draw(mesh)
-        assert (len(shelf._kept), len(made)) == (1, count)
+        assert (len(shelf._caches), len(made)) == (1, count)
     assert draw(mesh) == draw(copy.copy(mesh))
     gone = weakref.ref(mesh)
     gc.disable()
     del mesh
     gc.enable()
     assert gone() is None
-    assert not shelf._kept
+    assert not shelf._caches
 
 
 @in_groups
@@ -84,45 +84,45 @@ def test_what_is_kept_goes_with_the_scene(shelf):
     scene = mixed_scene()
     out = {"color": np.zeros((3, SIZE[1], SIZE[0], 4), np.uint8)}
     rj.render_batch(scene, around(3), size=SIZE, out=out)
-    assert len(shelf._kept) == 1
+    assert len(shelf._caches) == 1
     pixels = weakref.ref(out.pop("color"))
     gc.collect()
     assert pixels() is None
     del scene
     gc.collect()
-    assert not shelf._kept
+    assert not shelf._caches
 
 
 @in_groups
 def test_of_many_scenes_the_last_are_kept(shelf, monkeypatch):
-    monkeypatch.setattr(batch_scheduler, "MAX_KEPT", 3 << 20)
+    monkeypatch.setattr(batch_scheduler, "MAX_CACHED_BYTES", 3 << 20)
     scenes = [mixed_scene() for _ in range(9)]
     for scene in scenes:
         rj.render_batch(scene, around(2), size=SIZE, threads=1)
-    assert 0 < len(shelf._kept) < 9
-    assert scenes[-1] in shelf._kept
+    assert 0 < len(shelf._caches) < 9
+    assert scenes[-1] in shelf._caches
     large = mixed_scene()
     rj.render_batch(large, around(2), size=(600, 600), threads=1)
-    assert large not in shelf._kept
+    assert large not in shelf._caches
 
 
 @in_groups
 def test_batches_of_one_view_are_drawn_by_calls_that_are_kept(shelf, scene):
     for camera in around(5):
         check(scene, [camera])
-    (kept,) = shelf._kept.values()
-    assert 0 < kept.renderer.bytes_kept == kept.size
+    (kept,) = shelf._caches.values()
+    assert 0 < kept.renderer.cached_bytes == kept.size
 
 
 def test_what_frames_of_one_view_reuse_is_counted(shelf, scene):
     for _ in range(2):
         rj.render_batch(scene, around(1), size=(320, 240), threads=1)
-    assert shelf.take(scene).size >= 320 * 240 * np.dtype(np.int32).itemsize
+    assert shelf.acquire(scene).size >= 320 * 240 * np.dtype(np.int32).itemsize
 
 
 @in_groups
 def test_memory_of_all_threads_is_bounded(scene, made, monkeypatch):
-    monkeypatch.setattr(batch_scheduler, "MAX_BYTES", 1 << 10)
+    monkeypatch.setattr(batch_scheduler, "MAX_COMMAND_BYTES", 1 << 10)
     check(scene, around(4), threads=2)
     assert made == []
 

@@ -14,11 +14,11 @@ from rasterjit.rendering import quality_selection as dial
 from rasterjit.rendering.quality_selection import (
     ERROR_LADDER,
     LADDER,
+    FrameTimes,
     Profile,
     QualityStep,
-    Times,
-    draw_in_time,
     draw_within_error,
+    draw_within_time,
     light_of,
     root_mean_square,
 )
@@ -50,14 +50,14 @@ MILLISECONDS = [1e-3 * time for time in (2, 4, 7, 11, 25, 40, 50, 300, 1200)]
 
 @pytest.fixture(autouse=True)
 def without_profile(tmp_path, monkeypatch):
-    monkeypatch.setattr(dial, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(dial, "user_cache_folder", lambda: tmp_path)
     dial._TIMES.clear()
 
 
 @pytest.mark.parametrize(("budget", "step"), [(1e-4, 0), (3e-3, 0), (5e-3, 1), (0.02, 3), (9, 8)])
 def test_the_best_quality_that_fits_is_drawn(budget, step):
     paint = Painter(MILLISECONDS)
-    frame = draw_in_time(budget, Times(LADDER, {}), paint)
+    frame = draw_within_time(budget, FrameTimes(LADDER, {}), paint)
     assert frame.choice.quality == LADDER[step] == paint.drawn[-1]
     assert frame.choice.predicted_seconds == pytest.approx(MILLISECONDS[step])
     assert frame.choice.seconds == pytest.approx(MILLISECONDS[step])
@@ -65,14 +65,14 @@ def test_the_best_quality_that_fits_is_drawn(budget, step):
 
 def test_calibrating_stops_at_what_takes_too_long():
     paint = Painter(MILLISECONDS)
-    draw_in_time(0.008, Times(LADDER, {}), paint)
+    draw_within_time(0.008, FrameTimes(LADDER, {}), paint)
     assert set(paint.drawn) == set(LADDER[:5])
 
 
 def test_where_no_quality_fits_the_fastest_is_drawn_whichever_it_is():
     """Vertices may be more than pixels: then lighting them takes longer."""
     paint = Painter([1e-3 * time for time in (9, 4, 7, 11, 25, 40, 50, 300, 1200)])
-    assert draw_in_time(1e-3, Times(LADDER, {}), paint).choice.quality == LADDER[1]
+    assert draw_within_time(1e-3, FrameTimes(LADDER, {}), paint).choice.quality == LADDER[1]
     assert set(paint.drawn) == set(LADDER[:2])
 
 
@@ -85,13 +85,13 @@ def play(times, paint, *acts):
     played = []
     for budget, load, count in acts:
         paint.load = load
-        frames = [draw_in_time(budget, times, paint) for _ in range(count)]
+        frames = [draw_within_time(budget, times, paint) for _ in range(count)]
         played.append(seconds_and_steps(frames))
     return played
 
 
 def test_one_frame_that_is_disturbed_is_forgotten():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
     _, disturbed, after = play(times, paint, (0.06, 1.0, 9), (0.06, 4.0, 1), (0.06, 1.0, 12))
     assert disturbed[0][0] > 0.06
     assert all(seconds <= 0.06 and step == 6 for seconds, step in after)
@@ -102,10 +102,16 @@ def test_each_frame_is_as_good_as_its_own_budget_allows(knows_ratios):
     """Whatever the budgets of frames before it were."""
     paint = Painter(MILLISECONDS)
     ratios = {quality: time / MILLISECONDS[1] for quality, time in paint.seconds.items()}
-    times = Times(LADDER, ratios if knows_ratios else {})
+    times = FrameTimes(LADDER, ratios if knows_ratios else {})
     random = np.random.default_rng(3)
-    for budget in (0.005, 0.5, 9.0, 0.003, *10.0 ** random.uniform(-2.5, 0.5, dial.PATIENCE - 4)):
-        seconds, step = seconds_and_steps([draw_in_time(budget, times, paint)])[0]
+    for budget in (
+        0.005,
+        0.5,
+        9.0,
+        0.003,
+        *10.0 ** random.uniform(-2.5, 0.5, dial.FRAMES_BEFORE_RETRY - 4),
+    ):
+        seconds, step = seconds_and_steps([draw_within_time(budget, times, paint)])[0]
         fitting = [n for n, time in enumerate(MILLISECONDS) if time <= dial.HEADROOM * budget]
         assert step == max(fitting)
         assert seconds <= budget
@@ -114,7 +120,7 @@ def test_each_frame_is_as_good_as_its_own_budget_allows(knows_ratios):
 @pytest.mark.parametrize("load", [1.7, 2.5, 6.0, 20.0])
 def test_load_that_comes_and_goes_is_followed(load):
     """Two frames tell that it changed; the third is as good as the budget then allows."""
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
     for _ in range(3):
         free, busy = play(times, paint, (0.06, 1.0, 16), (0.06, load, 16))
         assert {step for _, step in free[2:]} == {6}
@@ -125,16 +131,16 @@ def test_load_that_comes_and_goes_is_followed(load):
 @pytest.mark.parametrize("load", [1.5, 3.0, 8.0])
 def test_a_quality_first_drawn_under_load_is_not_thought_slow_for_ever(load):
     """Budgets rise while the machine is busy, which is over before the next frame."""
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
     *_, after = play(times, paint, (0.005, 1.0, 3), (0.06, load, 3), (0.06, 1.0, 12))
     assert {step for _, step in after[2:]} == {6}
 
 
 def test_a_quality_measured_when_disturbed_is_tried_again():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
     play(times, paint, (0.06, 1.0, 5))
     times._seconds[LADDER[6]] *= 2.5
-    (frames,) = play(times, paint, (0.06, 1.0, dial.PATIENCE + 5))
+    (frames,) = play(times, paint, (0.06, 1.0, dial.FRAMES_BEFORE_RETRY + 5))
     assert frames[0][1] == 5
     assert frames[-1][1] == 6
 
@@ -142,26 +148,26 @@ def test_a_quality_measured_when_disturbed_is_tried_again():
 def test_nine_of_ten_frames_stay_in_the_budget_where_times_vary():
     random, kept = np.random.default_rng(1), []
     for budget in (0.012, 0.03, 0.06, 0.4):
-        paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+        paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
         for _ in range(300):
             paint.load = np.exp(random.normal(0.0, 0.25))
-            kept.append(draw_in_time(budget, times, paint).choice.seconds <= budget)
-    assert np.mean(kept) >= dial.KEPT_SHARE
+            kept.append(draw_within_time(budget, times, paint).choice.seconds <= budget)
+    assert np.mean(kept) >= dial.ON_TIME_SHARE
 
 
 def test_trials_of_better_qualities_take_few_frames_out_of_the_budget():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
     (frames,) = play(times, paint, (0.015, 1.0, 1000))
     assert sum(seconds > 0.015 for seconds, _ in frames) <= 6
 
 
 def test_scenes_and_sizes_are_remembered_apart():
-    scenes = {name: (Painter([s * time for time in MILLISECONDS]), Times(LADDER, {}))
+    scenes = {name: (Painter([s * time for time in MILLISECONDS]), FrameTimes(LADDER, {}))
               for name, s in (("small", 0.2), ("usual", 1.0), ("large", 4.0))}  # fmt: skip
     for turn in range(20):
         for name, step in (("small", 6), ("usual", 3), ("large", 1)):
             paint, times = scenes[name]
-            frame = draw_in_time(0.02, times, paint)
+            frame = draw_within_time(0.02, times, paint)
             assert (turn, name, LADDER.index(frame.choice.quality)) == (turn, name, step)
 
 
@@ -169,35 +175,35 @@ def test_what_a_scene_takes_longer_for_than_others_is_learned():
     """Of one quality the profile's ratio is wrong by a third, for this scene."""
     paint = Painter(MILLISECONDS)
     ratios = {quality: time / MILLISECONDS[1] for quality, time in paint.seconds.items()}
-    times = Times(LADDER, ratios)
-    draw_in_time(0.005, times, paint)
+    times = FrameTimes(LADDER, ratios)
+    draw_within_time(0.005, times, paint)
     paint.seconds[LADDER[4]] *= 1.5
-    frames = [draw_in_time(0.03, times, paint) for _ in range(20)]
+    frames = [draw_within_time(0.03, times, paint) for _ in range(20)]
     assert all(frame.choice.seconds <= 0.03 for frame in frames[-5:])
 
 
 def test_no_quality_of_many_pictures_is_drawn_that_must_take_too_long():
     paint = Painter([1e-3 * time for time in (50, 100, 200, 400, 800, 1000, 1400, 25e3, 100e3)])
-    draw_in_time(1.0, Times(LADDER, {}), paint)
+    draw_within_time(1.0, FrameTimes(LADDER, {}), paint)
     assert sum(paint.seconds[quality] for quality in paint.drawn) < 30.0
     assert LADDER[7] not in paint.drawn
 
 
 def test_the_oldest_scenes_are_forgotten_of_very_many():
-    scenes = [rj.Scene() for _ in range(dial.MAX_KNOWN + 3)]
+    scenes = [rj.Scene() for _ in range(dial.MAX_TIMED_SCENES + 3)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.CalibrationWarning)
-        known = [dial.times_of(scene, None) for scene in scenes]
-        assert len(dial._TIMES) == dial.MAX_KNOWN
-        assert dial.times_of(scenes[-1], None) is known[-1]
+        known = [dial.get_frame_times(scene, None) for scene in scenes]
+        assert len(dial._TIMES) == dial.MAX_TIMED_SCENES
+        assert dial.get_frame_times(scenes[-1], None) is known[-1]
 
 
 def test_a_scene_is_calibrated_once():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
-    draw_in_time(0.02, times, paint)
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
+    draw_within_time(0.02, times, paint)
     count = len(paint.drawn)
     for _ in range(3):
-        draw_in_time(0.02, times, paint)
+        draw_within_time(0.02, times, paint)
     assert len(paint.drawn) == count + 3
 
 
@@ -211,26 +217,26 @@ def test_what_another_thread_compiles_makes_no_stage_shorter_than_nothing():
 
 
 def test_nothing_is_learned_of_frames_while_something_compiles():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
-    draw_in_time(0.02, times, paint)
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
+    draw_within_time(0.02, times, paint)
     paint.load = 3.0
     for _ in range(9):
         paint.drawn.clear()
-        assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+        assert draw_within_time(0.02, times, paint).choice.quality == LADDER[3]
     for _ in range(2):
-        assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
-    assert draw_in_time(0.02, times, paint).choice.quality != LADDER[3]
+        assert draw_within_time(0.02, times, paint).choice.quality == LADDER[3]
+    assert draw_within_time(0.02, times, paint).choice.quality != LADDER[3]
 
 
 def test_calibrating_again_goes_on_where_frames_became_faster():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
     paint.load = 10.0
-    assert draw_in_time(0.05, times, paint).choice.quality == LADDER[1]
+    assert draw_within_time(0.05, times, paint).choice.quality == LADDER[1]
     assert set(paint.drawn) == set(LADDER[:4])
     assert not list(times.calibrate(0.05, paint))
     paint.load = 1.0
     for _ in range(3):
-        chosen = draw_in_time(0.05, times, paint).choice
+        chosen = draw_within_time(0.05, times, paint).choice
     # 64 pictures of 2 ms take too long.
     assert set(paint.drawn) == set(LADDER[:7])
     assert chosen.quality == LADDER[5]
@@ -238,7 +244,7 @@ def test_calibrating_again_goes_on_where_frames_became_faster():
 
 
 def test_calibrating_goes_on_where_it_was_interrupted():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
 
     def interrupted(quality):
         if quality == LADDER[2]:
@@ -246,17 +252,17 @@ def test_calibrating_goes_on_where_it_was_interrupted():
         return paint(quality)
 
     with pytest.raises(KeyboardInterrupt):
-        draw_in_time(0.02, times, interrupted)
+        draw_within_time(0.02, times, interrupted)
     assert set(paint.drawn) == set(LADDER[:2])
     paint.drawn.clear()
-    assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+    assert draw_within_time(0.02, times, paint).choice.quality == LADDER[3]
     assert set(paint.drawn) == set(LADDER[2:6])
 
 
 def test_with_a_profile_only_the_fastest_and_the_chosen_are_timed():
     paint = Painter(MILLISECONDS)
     ratios = {quality: time / MILLISECONDS[1] for quality, time in paint.seconds.items()}
-    frame = draw_in_time(0.02, Times(LADDER, ratios), paint)
+    frame = draw_within_time(0.02, FrameTimes(LADDER, ratios), paint)
     assert frame.choice.quality == LADDER[3]
     assert set(paint.drawn) == {LADDER[0], LADDER[3]}
 
@@ -266,19 +272,19 @@ def test_a_profile_that_errs_is_corrected_before_the_frame():
     paint = Painter(MILLISECONDS)
     ratios = {quality: time for quality, time in paint.seconds.items()}
     ratios[LADDER[0]] *= 2.0
-    frame = draw_in_time(0.02, Times(LADDER, ratios), paint)
+    frame = draw_within_time(0.02, FrameTimes(LADDER, ratios), paint)
     assert frame.choice.seconds <= 0.02
 
 
 def test_the_dial_follows_a_machine_that_slows_down_and_recovers():
-    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
-    assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+    paint, times = Painter(MILLISECONDS), FrameTimes(LADDER, {})
+    assert draw_within_time(0.02, times, paint).choice.quality == LADDER[3]
     paint.load = 2.5
-    frames = [draw_in_time(0.02, times, paint) for _ in range(6)]
+    frames = [draw_within_time(0.02, times, paint) for _ in range(6)]
     assert frames[-1].choice.quality == LADDER[2]
     assert frames[-1].choice.seconds <= 0.02
     paint.load = 1.0
-    frames = [draw_in_time(0.02, times, paint) for _ in range(8)]
+    frames = [draw_within_time(0.02, times, paint) for _ in range(8)]
     assert frames[-1].choice.quality == LADDER[3]
 
 
@@ -454,7 +460,7 @@ def test_there_is_one_goal():
 def test_other_arguments_are_checked_before_anything_is_drawn(
     goal, arguments, message, monkeypatch
 ):
-    monkeypatch.setattr(rj.Renderer, "_draw", None)
+    monkeypatch.setattr(rj.Renderer, "_draw_step_by_step", None)
     with pytest.raises(ValueError, match=message):
         rj.render(cube_and_floor(), CAMERA, size=SIZE, **{goal: 0.1}, **arguments)
     with pytest.raises(ValueError, match="must be a"):

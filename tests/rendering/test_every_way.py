@@ -309,15 +309,15 @@ ONE_BY_ONE = {
 @pytest.fixture(autouse=True)
 def alone(monkeypatch):
     """Share small frames among threads, and return the views of batches drawn one by one."""
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 256)
     monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", 1)
-    numbers, draw_alone = [], batch.SingleViews.__call__
+    numbers, draw_alone = [], batch.SingleViewDrawer.__call__
 
     def noted(self, group):
         numbers.extend(group)
         return draw_alone(self, group)
 
-    monkeypatch.setattr(batch.SingleViews, "__call__", noted)
+    monkeypatch.setattr(batch.SingleViewDrawer, "__call__", noted)
     return numbers
 
 

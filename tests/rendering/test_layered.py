@@ -125,14 +125,14 @@ def test_layers_are_those_of_the_stored_depths_bit_by_bit(monkeypatch):
     # Some triangles are there twice: exact ties, that the lower face wins.
     triangles[20:30] = triangles[5:15]
     is_blended = np.arange(count) % 7 != 3
-    lay_layers = resolve_layers.lay_layers
+    composite_layers = resolve_layers.composite_layers
 
     def note(band, *others):
         opaque, transparent = band.opaque[0].copy(), band.transparent[0].copy()
         bands.append(band_finding.Band(band.first_row, opaque, transparent))
-        return lay_layers(band, *others)
+        return composite_layers(band, *others)
 
-    monkeypatch.setattr(resolve_layers, "lay_layers", note)
+    monkeypatch.setattr(resolve_layers, "composite_layers", note)
     draw(meshes_of(triangles, colors_of(rng, count), is_blended))
     want = naive_layers.rounded_surfaces(triangles, SIZE)
     rows = 0

@@ -189,14 +189,14 @@ def test_float32_positions_are_made_once_and_take_half_the_memory():
         known = []
         for _ in range(2):
             renderer.render(scene, camera(), outputs=("face_id",))
-            known.append(renderer._cache.shapes.positions("float32"))
+            known.append(renderer._scene_cache.shapes.positions("float32"))
     assert known[0] is known[1]
-    whole = renderer._cache.shapes.positions("float64")
+    whole = renderer._scene_cache.shapes.positions("float64")
     assert known[0].dtype == np.float32
     assert 2 * known[0].nbytes == whole.nbytes
     with rj.Renderer(SIZE, threads=1) as renderer:
         renderer.render(scene, camera(), outputs=("face_id",))
-        assert "_single_positions" not in vars(renderer._cache.shapes)
+        assert "_single_positions" not in vars(renderer._scene_cache.shapes)
 
 
 def test_rasterize_computes_in_the_precision_it_is_given():

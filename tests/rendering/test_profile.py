@@ -13,8 +13,8 @@ from rasterjit.rendering.quality_selection import (
     LADDER,
     Profile,
     QualityStep,
-    front_of_steps,
     load_profile,
+    pareto_front_of_steps,
     save_profile,
 )
 from rasterjit.scene.quality import Quality
@@ -28,7 +28,7 @@ STEPS = (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(profiles, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(profiles, "user_cache_folder", lambda: tmp_path / "cache")
     return tmp_path / "cache"
 
 
@@ -43,8 +43,8 @@ def test_a_profile_is_read_as_it_was_kept(folder):
 def test_what_others_dominate_is_not_chosen_from():
     slow = QualityStep(rj.Quality(samples=2), 7.0, 0.5)
     alike = QualityStep(rj.Quality(samples=4), 6.5, 0.125)
-    assert front_of_steps((*STEPS[::-1], slow, alike)) in (STEPS, (*STEPS[:2], alike))
-    front = front_of_steps((*STEPS, slow))
+    assert pareto_front_of_steps((*STEPS[::-1], slow, alike)) in (STEPS, (*STEPS[:2], alike))
+    front = pareto_front_of_steps((*STEPS, slow))
     assert [step.time for step in front] == sorted(step.time for step in front)
     assert [step.error for step in front] == sorted((s.error for s in front), reverse=True)
     assert slow not in front
@@ -61,7 +61,7 @@ def test_what_others_dominate_is_not_chosen_from():
 )  # fmt: skip
 def test_a_broken_profile_is_none(folder, content):
     save_profile(Profile(STEPS, 2))
-    profiles.profile_file().write_text(content)
+    profiles.profile_path().write_text(content)
     assert load_profile() is None
 
 
@@ -106,10 +106,10 @@ def test_a_folder_that_cannot_be_written_is_named(folder):
 def test_the_folder_is_the_users_own(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert profiles.cache_folder() == tmp_path / "rasterjit"
+    assert profiles.user_cache_folder() == tmp_path / "rasterjit"
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert profiles.cache_folder().name == "rasterjit"
-    assert profiles.cache_folder().parent.name == ".cache"
+    assert profiles.user_cache_folder().name == "rasterjit"
+    assert profiles.user_cache_folder().parent.name == ".cache"
 
 
 def test_the_ladder_begins_with_the_draft_and_ends_with_the_reference():

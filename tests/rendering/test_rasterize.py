@@ -70,7 +70,7 @@ def test_order_of_tasks_changes_no_bit(monkeypatch, per_task):
     monkeypatch.setattr(visibility_pass, "TILES_PER_TASK", per_task)
     monkeypatch.setattr(visibility_pass, "FACES_PER_TASK", 50)
     monkeypatch.setattr(visibility_pass, "VERTICES_PER_TASK", 64)
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 7)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 7)
     assert bits(rj.rasterize(positions, faces, size, threads=2)) == expected
 
 

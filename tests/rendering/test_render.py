@@ -72,7 +72,7 @@ def test_size_of_tasks_changes_no_bit(busy, camera, monkeypatch):
     expected = bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=1))
     for name, value in (("FACES_PER_TASK", 17), ("VERTICES_PER_TASK", 5), ("TILES_PER_TASK", 1)):
         monkeypatch.setattr(visibility_pass, name, value)
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 3)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 3)
     assert bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=2)) == expected
 
 

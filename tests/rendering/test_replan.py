@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.planning import FrameRequest, plan_views
+from rasterjit.rendering.planning import FrameRequest, plan_frame
 from rasterjit.survey.effect import Effect
 from rasterjit.survey.object_counts import Inventory
 
@@ -79,7 +79,7 @@ class Asked:
         request = FrameRequest(
             self.size, self.quality, self.outputs, self.background, self.cull, self.diagnose
         )
-        return plan_views(request, scene, self.camera, *last)
+        return plan_frame(request, scene, self.camera, *last)
 
 
 def placed(node, place):

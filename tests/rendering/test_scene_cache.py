@@ -198,10 +198,10 @@ def test_frames_that_are_kept_are_not_looked_through_for_memory(cube, camera):
     size = (128, 128)
     with rj.Renderer(size, threads=1) as renderer:
         kept = [renderer.render(cube, camera, background="red") for _ in range(6)]
-        shelves = renderer._workers.memory._shelves
-        few = sum(map(len, shelves.values()))
+        blocks = renderer._workers.memory._blocks_by_size
+        few = sum(map(len, blocks.values()))
         kept += [renderer.render(cube, camera, background="blue") for _ in range(20)]
-        assert sum(map(len, shelves.values())) <= few
+        assert sum(map(len, blocks.values())) <= few
         # What is let go is what frames of before hold, and never written to again.
         alone = rj.render(cube, camera, size=size, background="red", threads=1)
         assert all(np.array_equal(frame.color, alone.color) for frame in kept[:6])

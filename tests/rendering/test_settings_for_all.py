@@ -332,9 +332,9 @@ def test_a_renderer_follows_its_quality(scene):
 def test_a_renderer_looks_through_unchanged_meshes_once(scene):
     with rj.Renderer(SIZE, quality=rj.Quality(shading="vertex"), threads=1) as renderer:
         renderer.render(scene, CAMERA)
-        looks = renderer._cache.tables
+        looks = renderer._scene_cache.tables
         renderer.render(scene, CAMERA)
-        assert renderer._cache.tables is looks
+        assert renderer._scene_cache.tables is looks
 
 
 def test_normals_of_vertices_are_kept_by_the_mesh(sphere):

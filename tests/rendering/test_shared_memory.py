@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.planning import FrameRequest, plan_views
+from rasterjit.rendering.planning import FrameRequest, plan_frame
 
 SIZE = 300, 240
 """Large enough for several bands of rows."""
@@ -76,7 +76,7 @@ def test_faces_are_kept_where_something_looks_at_them_later(scene, outputs, chan
     if change is not None:
         change(scene)
     quality = rj.Quality.standard()
-    planned = plan_views(FrameRequest(SIZE, quality, outputs), scene, CAMERA)
+    planned = plan_frame(FrameRequest(SIZE, quality, outputs), scene, CAMERA)
     assert planned.plan.keeps_faces == is_kept
 
 

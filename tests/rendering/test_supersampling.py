@@ -314,7 +314,7 @@ def test_buffers_and_counts_are_those_of_one_sample():
 def test_threads_change_no_bit(monkeypatch):
     size = (70, 66)
     # Small frames are one task otherwise.
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
+    monkeypatch.setattr(sharing, "MIN_PIXELS_PER_TASK", 256)
     monkeypatch.setattr(drawing, "TILES_PER_TASK", 1)
     for scene in (rich_scene(), scene_of(GROUND, ROOF, lights=[SUN])):
         one, other = (
@@ -455,8 +455,8 @@ def test_memory_does_not_grow_with_the_number_of_pictures(monkeypatch, cube, cam
     add = supersample._add_picture
 
     def watch(linear, sums, workers):
-        shelves = workers.memory._shelves.values()
-        held.append(sum(block.room.nbytes for shelf in shelves for block in shelf))
+        blocks = workers.memory._blocks_by_size.values()
+        held.append(sum(block.bytes.nbytes for of_size in blocks for block in of_size))
         add(linear, sums, workers)
 
     monkeypatch.setattr(supersample, "_add_picture", watch)

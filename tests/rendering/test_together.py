@@ -25,13 +25,13 @@ def scene():
 @pytest.fixture
 def alone(monkeypatch):
     """Return the numbers of the views that are drawn one by one."""
-    numbers, draw = [], batch.SingleViews.__call__
+    numbers, draw = [], batch.SingleViewDrawer.__call__
 
     def noted(self, group):
         numbers.extend(group)
         return draw(self, group)
 
-    monkeypatch.setattr(batch.SingleViews, "__call__", noted)
+    monkeypatch.setattr(batch.SingleViewDrawer, "__call__", noted)
     return numbers
 
 

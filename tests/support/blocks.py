@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.surface.sample_block import COUNT_ELEMENTS, MAX_SAMPLES, NEXT_COLUMN, Block
-from rasterjit.rendering.pass_runner import BLOCK, BLOCKS
+from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
 from rasterjit.runtime.state_block import float32
@@ -34,7 +34,7 @@ def give_samples(block: Block, count, taken: float32[:, ::1]):
 
 def run(samples, *steps):
     """Run stages, each a tuple of it and its arguments, on samples, (rows, N) float32; in place."""
-    BLOCKS.block[:COUNT_ELEMENTS] = 0
+    THREAD_BLOCK.block[:COUNT_ELEMENTS] = 0
     some = [Step(own, tuple(arguments)) for own, *arguments in steps]
     taken, given = Step(take_samples, (samples,)), Step(give_samples, (samples,))
-    StageList([taken, *some, given]).run(BLOCKS.block, BLOCK)
+    StageList([taken, *some, given]).run(THREAD_BLOCK.block, BLOCK)

@@ -42,16 +42,16 @@ class Called(Kernel):
         exec(f"def call(place, {names}):\n    keep(place, helper({names}))\n", known)
         return known["call"]
 
-    def form_for(self, kind):
+    def get_form(self, kind):
         """Return a form: what the store lacks is compiled where its memory is given back."""
-        if all(form.kind != kind for form in self.forms) and not store.is_kept(self, kind):
+        if all(form.kind != kind for form in self.forms) and not store.is_stored(self, kind):
             packed = base64.b85encode(pickle.dumps(kind)).decode()
             own = self.helper.__module__, self.helper.__name__, packed
-            error = background_compile._do(
+            error = background_compile._run_task(
                 compiler(), background_compile.Task(__name__, "compile_one", own)
             )
             assert error is None, error
-        return super().form_for(kind)
+        return super().get_form(kind)
 
     def run(self, *given):
         """Call the helper."""
@@ -62,21 +62,21 @@ class Called(Kernel):
 
 def call(helper: Helper, *arguments):
     """Run a helper: in place of `Helper.__call__`."""
-    if helper._around is None:
-        helper._around = Called(helper).run
-    return helper._around(*arguments)
+    if helper._caller is None:
+        helper._caller = Called(helper).run
+    return helper._caller(*arguments)
 
 
 @functools.cache
 def compiler():
     """Return the process that compiles for this one."""
-    return background_compile._start()
+    return background_compile._start_worker()
 
 
 def end() -> None:
     """End the process that compiles, if there is one."""
     if compiler.cache_info().currsize:
-        background_compile._end(compiler())
+        background_compile._kill(compiler())
         compiler.cache_clear()
 
 
@@ -84,7 +84,7 @@ def compile_one(module: str, name: str, packed: str) -> None:
     """Compile a form of what calls a helper: the task of the process that compiles."""
     called = Called(getattr(importlib.import_module(module), name))
     called.function.__globals__["keep"] = importlib.import_module("results").keep
-    Kernel.form_for(called, pickle.loads(base64.b85decode(packed)))
+    Kernel.get_form(called, pickle.loads(base64.b85decode(packed)))
 
 
 @functools.cache

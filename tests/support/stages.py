@@ -16,10 +16,10 @@ from rasterjit.pipeline.surface.sample_block import (
     STOP,
     Block,
 )
-from rasterjit.rendering.pass_runner import BLOCK, BLOCKS, Shading
+from rasterjit.rendering.pass_runner import BLOCK, THREAD_BLOCK, Shading
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.stage_runner import StageList, Step
-from rasterjit.runtime.state_block import arrays_of_block, int64
+from rasterjit.runtime.state_block import int64, view_block_arrays
 
 
 def name_of(stage):
@@ -74,12 +74,12 @@ def samples_listed(faces):
         np.zeros(4, np.float32), 0, np.empty((len(faces), 0, 4), np.float32),
         np.empty((len(faces), 0), np.uint32),
     )  # fmt: skip
-    BLOCKS.block[:COUNT_ELEMENTS] = 0
+    THREAD_BLOCK.block[:COUNT_ELEMENTS] = 0
     steps = [Step(list_samples, listed), Step(count_samples, (kinds,))]
-    StageList(steps).run(BLOCKS.block, BLOCK)
+    StageList(steps).run(THREAD_BLOCK.block, BLOCK)
     return tuple(kinds.tolist())
 
 
 def block_at_hand():
     """Return the arrays of this thread's block of samples, a `Block`."""
-    return arrays_of_block(BLOCK, BLOCKS.block)
+    return view_block_arrays(BLOCK, THREAD_BLOCK.block)

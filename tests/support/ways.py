@@ -11,7 +11,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.output_table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.rendering import bound_frames
+from rasterjit.rendering import recorded_frames
 from rasterjit.rendering.batch_scheduler import COUNTED
 from rasterjit.rendering.regions import Region, RegionRenderer
 from rasterjit.runtime import jit
@@ -88,7 +88,9 @@ def by_one_renderer(scene, cameras, threads=2, times=1, **asked):
 
 def by_bound_calls(scene, cameras, **asked):
     """Draw each view with a renderer of one thread, which binds the calls of its third frame."""
-    return by_one_renderer(scene, cameras, threads=1, times=bound_frames.FRAMES_BEFORE + 1, **asked)
+    return by_one_renderer(
+        scene, cameras, threads=1, times=recorded_frames.MIN_ALIKE_FRAMES + 1, **asked
+    )
 
 
 def as_stream(scene, cameras, **asked):

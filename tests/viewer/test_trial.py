@@ -45,7 +45,7 @@ NO_DRIVER = {"VK_ICD_FILENAMES": "/nothing/there.json", "VK_DRIVER_FILES": "/not
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """Return where trials are remembered, and forget what this process knows."""
-    monkeypatch.setattr(window_probe, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(window_probe, "user_cache_folder", lambda: tmp_path)
     window_probe._cached_trial.cache_clear()
     yield window_probe.results_file()
     window_probe._cached_trial.cache_clear()
@@ -246,7 +246,7 @@ def test_damaged_memory_is_passed_over(kept, display, monkeypatch, content):
 
 def test_memory_that_cannot_be_written_is_no_matter(display, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(window_probe, "cache_folder", lambda: tmp_path / "file")
+    monkeypatch.setattr(window_probe, "user_cache_folder", lambda: tmp_path / "file")
     window_probe._cached_trial.cache_clear()
     monkeypatch.setattr(window_probe, "run_trial", lambda name: "")
     assert window_probe.find_toolkit() == ("glfw", "")

@@ -41,7 +41,7 @@ def _patient(monkeypatch):
 @pytest.fixture
 def viewer(cube, monkeypatch):
     """A viewer whose dial never comes to know anything: what moves is a draft."""
-    monkeypatch.setattr(quality_selection.Times, "calibrate", lambda *_: iter(()))
+    monkeypatch.setattr(quality_selection.FrameTimes, "calibrate", lambda *_: iter(()))
     viewer = Viewer(cube, size=SIZE)
     yield viewer
     viewer.close()
@@ -488,14 +488,14 @@ def said(viewer):
 
 
 def test_line_tells_the_time_of_all_pictures_of_the_reference(viewer, monkeypatch):
-    draw = Renderer._draw
+    draw = Renderer._draw_step_by_step
 
     def slow(self, *arguments, **options):
         frame = draw(self, *arguments, **options)
         time.sleep(0.02)
         return frame
 
-    monkeypatch.setattr(Renderer, "_draw", slow)
+    monkeypatch.setattr(Renderer, "_draw_step_by_step", slow)
     viewer.draw()
     assert said(viewer)[0] == "draft"
     assert said(viewer)[1] >= 0.02
@@ -511,14 +511,14 @@ def test_line_tells_the_time_of_all_pictures_of_the_reference(viewer, monkeypatc
 
 
 def test_line_tells_true_times_while_another_thread_compiles(viewer, monkeypatch):
-    draw = Renderer._draw
+    draw = Renderer._draw_step_by_step
 
     def slow(self, *arguments, **options):
         with COMPILE_CLOCK.running():
             time.sleep(0.02)
             return draw(self, *arguments, **options)
 
-    monkeypatch.setattr(Renderer, "_draw", slow)
+    monkeypatch.setattr(Renderer, "_draw_step_by_step", slow)
     frame = viewer._draw_moving()
     assert quality_selection.seconds_of(frame) < 0.02
     viewer.draw()
@@ -535,7 +535,7 @@ def test_times_are_not_those_of_frames_during_which_anything_compiled(cube, came
         drawn.append(quality)
         return frame
 
-    times = quality_selection.Times(LADDER[:1], {})
+    times = quality_selection.FrameTimes(LADDER[:1], {})
     list(times.calibrate(0.1, draw))
     assert len(drawn) == 2
     assert times.predict(LADDER[0]) >= 0.4
@@ -823,7 +823,7 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
     while viewer.step():
         pass
     assert viewer.is_moving
-    assert asked.count(LADDER[1]) == 1 + quality_selection.FRAMES
+    assert asked.count(LADDER[1]) == 1 + quality_selection.FRAMES_PER_QUALITY
     assert LADDER[2] not in asked
     # Of what it knows by now that is the best.
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[1]))
@@ -833,7 +833,7 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
         pass
     # Measured before.
     assert LADDER[1] not in asked
-    assert asked.count(LADDER[2]) == 1 + quality_selection.FRAMES
+    assert asked.count(LADDER[2]) == 1 + quality_selection.FRAMES_PER_QUALITY
     drag(viewer)
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))
 

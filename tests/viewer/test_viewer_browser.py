@@ -86,7 +86,9 @@ def drawing():
         yield found
 
 
-COMPILES = "from rasterjit.runtime.progress import _TELLERS as t; time.sleep(1); t[-1]('1 of 2')"
+COMPILES = (
+    "from rasterjit.runtime.progress import _TEXT_SHOWERS as t; time.sleep(1); t[-1]('1 of 2')"
+)
 
 
 @pytest.fixture

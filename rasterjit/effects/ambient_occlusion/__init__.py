@@ -63,7 +63,7 @@ def find_occlusion(effect: AmbientOcclusion, context: FrameContext) -> NDArray[n
     shared = geometry, context.placement, matrix, snap_slack, pattern, rough, tolerance
     # Keep bound kernels alive while others call them.
     bound, scratches = zip(*(stage.make_scratch(depth, matrix) for _ in bands), strict=True)
-    workers.hold(bound)
+    workers.keep_alive(bound)
     calls = [
         (face_id, rows, depth, *shared, scratch)
         for rows, scratch in zip(bands, scratches, strict=True)

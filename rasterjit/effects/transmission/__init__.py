@@ -5,7 +5,7 @@ A frame has transmission where a metallic-roughness material in view transmits l
 then comes first, without transmitting and blended objects, in linear light; transmitting samples
 read the pass where the refracted ray leaves the volume (``stage``). So other glass, and blended
 objects, are not visible through glass.
-``rendering.frame_shading.look_behind`` draws the first picture, and hands it to
+``rendering.frame_shading.with_opaque_pass`` draws the first picture, and hands it to
 `Transmission.prepare`.
 """
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part, three_parts
+from rasterjit.runtime.intrinsics import copy_pair, flat, part, prefetch, store_bounds, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64
 
@@ -154,9 +154,9 @@ def prefetch_corners(listed, faces, depth, corners):
     all_faces, pieces, piece_faces = faces
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), _ = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
-        fetch(depth, a)
-        fetch(depth, b)
-        fetch(depth, c)
+        prefetch(depth, a)
+        prefetch(depth, b)
+        prefetch(depth, c)
         corners[0, n], corners[1, n], corners[2, n] = a, b, c
 
 
@@ -166,7 +166,7 @@ def enclose_prefetched(screen, corners, least, most, nearest):
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(nearest.shape[0])):
         a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
-        enclose(xy, a, b, c, least, most, n)
+        store_bounds(xy, a, b, c, least, most, n)
         nearest[n] = max(depth[a], max(depth[b], depth[c]))
 
 
@@ -177,7 +177,7 @@ def enclose_listed(listed, faces, screen, least, most, nearest):
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), _ = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
-        enclose(xy, a, b, c, least, most, n)
+        store_bounds(xy, a, b, c, least, most, n)
         nearest[n] = max(depth[a], max(depth[b], depth[c]))
 
 
@@ -186,7 +186,7 @@ def prefetch_faces(listed, faces):
     """Prefetch listed faces."""
     corners, face_count = flat(faces[0]), np.int64(faces[0].shape[0])
     for n in range(listed.shape[0]):
-        fetch(corners, np.uintp(3 * min(np.int64(listed[n]), face_count - 1)))
+        prefetch(corners, np.uintp(3 * min(np.int64(listed[n]), face_count - 1)))
 
 
 @helper
@@ -199,9 +199,9 @@ def prefetch_triangles(listed, faces, depth, end):
     all_faces, pieces, piece_faces = faces
     for n in range(min(end, np.int64(TRIANGLES_PER_BATCH))):
         (a, b, c), _ = setup.get_triangle(all_faces, pieces, piece_faces, np.int64(listed[n]))
-        fetch(depth, a)
-        fetch(depth, b)
-        fetch(depth, c)
+        prefetch(depth, a)
+        prefetch(depth, b)
+        prefetch(depth, c)
     prefetch_faces(listed[min(end, np.int64(TRIANGLES_PER_BATCH)) : end], faces)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.setup import find_last_at_most
 from rasterjit.pipeline.surface import sample_block as rows
 from rasterjit.pipeline.surface.sample_block import Block
-from rasterjit.runtime.intrinsics import LANES, part, range_end
+from rasterjit.runtime.intrinsics import LANES, find_range_end, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int32, int64, uint32
 
@@ -66,13 +66,13 @@ def get_pixel(n, segment, ints):
 def find_run_end(faces, column):
     """Return the first column to the right that shows another face than ``column`` does."""
     face = faces[np.uintp(column)]
-    return range_end(faces, column, face, np.int32(face + 1))
+    return find_range_end(faces, column, face, np.int32(face + 1))
 
 
 @helper
 def find_mixed_end(faces, column, first, end):
     """Return where a mixed segment of faces first..end - 1 ends, or where a span begins."""
-    stop = range_end(faces, column, np.int32(first), np.int32(end))
+    stop = find_range_end(faces, column, np.int32(first), np.int32(end))
     for start in range(
         (column | (MIN_SPAN_SAMPLES - 1)) + 1, stop - MIN_SPAN_SAMPLES + 1, MIN_SPAN_SAMPLES
     ):

@@ -23,9 +23,9 @@ from rasterjit.runtime.intrinsics import (
     CHANNELS,
     HALVES,
     copy_texels,
+    find_range_end,
     mix_texels,
     part,
-    range_end,
 )
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32, int64
@@ -392,7 +392,7 @@ def find_texels_and_weights(u, v, is_mipped, level_offset, row, levels, ints, we
             end = size
             if is_mipped:
                 finer = details[start]
-                end = range_end(details, start, finer, np.int32(finer + np.int32(1)))
+                end = find_range_end(details, start, finer, np.int32(finer + np.int32(1)))
                 level = min(np.int64(finer) + level_offset, last)
             texel, width, height = texturing.get_level(levels, level)
             extent = np.int32(texel - base), np.int32(width), np.int32(height)

@@ -31,7 +31,7 @@ from rasterjit.pipeline.surface.gather_samples import get_patch_vertices, get_pi
 from rasterjit.pipeline.surface.sample_block import Block
 from rasterjit.pipeline.surface.texture_filters import read_vertex_uvs
 from rasterjit.pipeline.surface.texture_lookup import UV_OWNER, U, V
-from rasterjit.runtime.intrinsics import part, place_run
+from rasterjit.runtime.intrinsics import interpolate_uv_run, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state_block import float32
 
@@ -110,7 +110,7 @@ def interpolate_patch_uv(first, end, corners, column, row, has_wide, uv_rows, uv
         return
     edges, steps = evaluate_edges_along_row(a, b, c, column, row, bits, xy)
     stop = end + rows.MAX_VECTOR_SAMPLES
-    place_run(
+    interpolate_uv_run(
         part(uv_rows, U, first, stop), part(uv_rows, V, first, stop), end - first, edges, steps,
         factors, uv_a, (uv_b[0] - uv_a[0], uv_b[1] - uv_a[1], uv_c[0] - uv_a[0], uv_c[1] - uv_a[1]),
     )  # fmt: skip

@@ -34,7 +34,7 @@ import numpy as np
 from rasterjit.pipeline.geometry import projection, setup
 from rasterjit.pipeline.geometry.barycentric import transform_point
 from rasterjit.pipeline.records import Viewport
-from rasterjit.runtime.intrinsics import fetch, flat, part, three_parts
+from rasterjit.runtime.intrinsics import flat, part, prefetch, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, stored
 
@@ -454,7 +454,7 @@ def draw_pixels(first_face, count, frame, viewport, scratch, counts):
     for i in range(count):
         pixel = ints[projection.CODE, np.uintp(i)]
         if pixel >= 0:
-            fetch(depths, np.uintp(pixel))
+            prefetch(depths, np.uintp(pixel))
     for i in range(count):
         pixel = ints[projection.CODE, np.uintp(i)]
         if pixel >= 0:

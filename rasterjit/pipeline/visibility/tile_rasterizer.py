@@ -114,12 +114,12 @@ from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewpo
 from rasterjit.pipeline.visibility import alpha_test
 from rasterjit.pipeline.visibility.alpha_test import AlphaQueue, TileAlphaTest
 from rasterjit.runtime.intrinsics import (
-    add_to,
+    add_to_element_atomically,
     call_bound,
     draw_box,
     fill_rows,
+    find_min_in_rows,
     flat,
-    least_in_rows,
 )
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state_block import float64, int32, int64, stored
@@ -320,7 +320,7 @@ def find_hidden_depth(n, ints, origin, cells):
     right = (np.int64(ints[flat_index(RIGHT, n)]) - origin[0]) >> CELL_BITS
     top = (np.int64(ints[flat_index(TOP, n)]) - origin[1]) >> CELL_BITS
     bottom = (np.int64(ints[flat_index(BOTTOM, n)]) - origin[1]) >> CELL_BITS
-    return least_in_rows(
+    return find_min_in_rows(
         cells, top * CELLS_PER_ROW, np.int64(CELLS_PER_ROW), bottom + 1 - top, np.int32(left),
         np.int32(right),
     )  # fmt: skip
@@ -387,7 +387,7 @@ def draw_batch(
     """
     tile, origin = (flat(depths), flat(numbers)), (request[LEFT_COLUMN], request[TOP_ROW])
     bits, cells, is_unordered = request[GRID_BITS], flat(cell_depths), request[IS_UNORDERED] != 0
-    tile_depth = least_in_rows(
+    tile_depth = find_min_in_rows(
         cells, np.int64(0), np.int64(CELLS_PER_ROW), np.int64(CELLS_PER_ROW), np.int32(0),
         np.int32(CELLS_PER_ROW - 1),
     )  # fmt: skip
@@ -490,7 +490,7 @@ def raise_cell_depths(depths, cell_depths, drawn):
             if drawn >> (row * CELLS_PER_ROW + column) & 1 == 0:
                 continue
             first = (row * stride + column) << CELL_BITS
-            least = least_in_rows(
+            least = find_min_in_rows(
                 samples, first, stride, np.int64(1 << CELL_BITS), np.int32(0),
                 np.int32((1 << CELL_BITS) - 1),
             )  # fmt: skip
@@ -770,7 +770,7 @@ def claim_tiles(counter, count):
     """Claim the next tiles from the shared counter; return the first, and one past the last."""
     if counter.shape[0] == 0:
         return np.int64(0), np.int64(0)
-    first = min(add_to(counter, 0, counter[1]), np.int64(count))
+    first = min(add_to_element_atomically(counter, 0, counter[1]), np.int64(count))
     return first, min(first + counter[1], np.int64(count))
 
 

@@ -35,7 +35,7 @@ from rasterjit.pipeline.visibility.primitive_expansion import (
     Primitives,
     Projected,
 )
-from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
+from rasterjit.runtime.threads import FrameCache, Memory, Workers, count_per_task
 
 FACES_PER_TASK = 65536
 """Most faces set up by one task: enough to hide the cost of a task, few enough to balance."""
@@ -243,7 +243,7 @@ def transform_and_project(
     depth_coefficients: tuple[float, float, float],
     viewport: records.Viewport,
     workers: Workers,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
     runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[records.ScreenVertices, int]:
     """
@@ -257,7 +257,7 @@ def transform_and_project(
     depth_coefficients : (float, float, float)
     viewport : Viewport
     workers : Workers
-    kept : Kept, optional
+    frame_cache : FrameCache, optional
         Memory of the previous picture.
     runs : sequence of (int, int), optional
         Runs of vertices to transform: the first, and one past the last. Default: all.
@@ -274,23 +274,29 @@ def transform_and_project(
     matrix = _convert_matrices(vertices.clip_from_relative, kind)
     arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
     runs = [(0, count)] if runs is None else runs
-    return _fill_screen(projection.transform_vertices, count, arguments, workers, kind, kept, runs)
+    return _fill_screen(
+        projection.transform_vertices, count, arguments, workers, kind, frame_cache, runs
+    )
 
 
 def _fill_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
-    kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
+    frame_cache: FrameCache | None = None, runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[records.ScreenVertices, int]:  # fmt: skip
     """Fill the screen vertices, all or some runs; return them and the bits of their outcodes."""
-    kept = kept or Kept(workers.memory, lasts=False)
-    screen = kept.made("screen", allocate_screen, count + SPARE_VERTICES, workers.memory)
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
+    screen = frame_cache.get_or_make(
+        "screen", allocate_screen, count + SPARE_VERTICES, workers.memory
+    )
     per_task = _choose_per_task(count, MIN_VERTICES_PER_TASK, VERTICES_PER_TASK, workers)
 
     calls = []
     for start, end in [(0, count)] if runs is None else runs:
         for first in range(start, end, per_task):
             if not calls:
-                scratch = kept.made("projecting", projection.allocate_scratch, precision)
+                scratch = frame_cache.get_or_make(
+                    "projecting", projection.allocate_scratch, precision
+                )
             else:
                 scratch = projection.allocate_scratch(precision)
             calls.append(((first, min(first + per_task, end)), *arguments, screen, scratch))
@@ -466,7 +472,7 @@ def run_visibility(
     *,
     depth: NDArray[np.float32] | None = None,
     face_id: NDArray[np.int32] | None = None,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -482,13 +488,13 @@ def run_visibility(
         Output: depth.
     face_id : (H, W) int32, optional
         Output: the face at each pixel, if it outlives the drawing.
-    kept : Kept, optional
+    frame_cache : FrameCache, optional
         Memory of the previous picture, which all results but depth and face use. Default: none.
     """
     vertices, faces, objects, depth_coefficients, viewport, alpha_tests = drawable[:6]
     primitives, hidden, is_affine = drawable[6:]
     sample_radius, depth_type = options.sample_radius, options.depth_type
-    kept = kept or Kept(workers.memory, lasts=False)
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
     point_objects: list[Primitive] = []
     if primitives is not None:
         point_objects = [
@@ -505,9 +511,9 @@ def run_visibility(
         if unused:
             runs = list(expansion.find_gaps(sorted(unused), len(vertices.positions)))
         screen, all_codes = transform_and_project(
-            vertices, depth_coefficients, viewport, workers, kept, runs
+            vertices, depth_coefficients, viewport, workers, frame_cache, runs
         )
-        clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
+        clip_positions = frame_cache.get_or_allocate("no clip positions", (0, 4), np.float64)
         if options.clip_positions or all_codes & setup.CLIPPED or primitives is not None:
             clip_positions = transform_to_clip(*vertices[:4], workers, runs)
     else:
@@ -518,7 +524,7 @@ def run_visibility(
     clock("transform")
     # Clip faces.
     clipped = 0
-    all_faces = kept.made("faces", make_unclipped_faces, faces)
+    all_faces = frame_cache.get_or_make("faces", make_unclipped_faces, faces)
     if all_codes & setup.CLIPPED:
         all_faces, screen, clipped = clip_faces(
             clip_positions, faces, depth_coefficients, viewport, screen, workers, primitives
@@ -552,14 +558,16 @@ def run_visibility(
         starts, binned, tile_depths, sums = set_up_and_bin(
             all_faces, objects, screen,
             viewport._replace(sample_radius=sample_radius) if sample_radius else viewport, workers,
-            alpha_tests, depth_type, kept, all_codes, skipped,
+            alpha_tests, depth_type, frame_cache, all_codes, skipped,
         )  # fmt: skip
         if options.lists:
             lists = TileLists(
                 starts, binned[: starts[-1]], all_faces, objects, hidden, sample_radius
             )
     else:
-        sums = set_up(all_faces, objects, screen, viewport, workers, kept, all_codes, skipped).sums
+        sums = set_up(
+            all_faces, objects, screen, viewport, workers, frame_cache, all_codes, skipped
+        ).sums
     clock("set up, bin")
     # Draw triangles, then points.
     has_points = options.draws and bool(point_objects)
@@ -580,7 +588,7 @@ def run_visibility(
         frame = depth, face_id
         covered = draw_tiles(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
-            kept,
+            frame_cache,
         )  # fmt: skip
         if has_points:
             covered = None
@@ -695,7 +703,7 @@ class SetUp(NamedTuple):
 
 def set_up(
     faces: records.Faces, objects: records.Objects, screen: records.ScreenVertices,
-    viewport: records.Viewport, workers: Workers, kept: Kept | None = None,
+    viewport: records.Viewport, workers: Workers, frame_cache: FrameCache | None = None,
     possible_codes: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
 ) -> SetUp:  # fmt: skip
     """
@@ -703,7 +711,7 @@ def set_up(
 
     Takes the outcode bits of any vertex, and the runs of faces to skip.
     """
-    kept = kept or Kept(workers.memory, lasts=False)
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
     columns, tiles = _count_tiles(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
     per_task = _choose_per_task(face_count, MIN_FACES_PER_TASK, FACES_PER_TASK, workers)
@@ -716,11 +724,11 @@ def set_up(
     piece_edges = [(0, 0)] * chunks
     if piece_count:
         piece_edges = [tuple(pair) for pair in faces.piece_faces.searchsorted(edges).tolist()]
-    triangles = kept.empty("triangles", (face_count + piece_count,), np.int32)
-    boxes = kept.empty("boxes", (face_count + piece_count, 4), np.uint8)
+    triangles = frame_cache.get_or_allocate("triangles", (face_count + piece_count,), np.int32)
+    boxes = frame_cache.get_or_allocate("boxes", (face_count + piece_count, 4), np.uint8)
     counts = np.zeros((chunks, tiles + 1), np.int32)
     sums = np.zeros((chunks, 5), np.int64)
-    batches = [kept.empty("batch", setup.BATCH_SHAPE, np.int32)]
+    batches = [frame_cache.get_or_allocate("batch", setup.BATCH_SHAPE, np.int32)]
     batches += [np.empty(setup.BATCH_SHAPE, np.int32) for _ in range(1, chunks)]
     ends = workers.call(
         setup.set_up_triangles,
@@ -744,7 +752,7 @@ def set_up_and_bin(
     workers: Workers,
     alpha_tests: records.AlphaTests | None = None,
     depth_type: Any = np.float32,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
     possible_codes: int = setup.ANY_CODE,
     skipped: Sequence[tuple[int, int]] = (),
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
@@ -753,15 +761,15 @@ def set_up_and_bin(
 
     The list is valid up to the last start.
     """
-    kept = kept or Kept(workers.memory, lasts=False)
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
     triangles, boxes, parts, counts, sums = set_up(
-        faces, objects, screen, viewport, workers, kept, possible_codes, skipped
+        faces, objects, screen, viewport, workers, frame_cache, possible_codes, skipped
     )
     columns, tiles = _count_tiles(viewport)
-    starts = kept.empty("starts", (tiles + 1,), np.int64)
-    cursors = kept.empty("cursors", (len(parts), tiles), np.int64)
+    starts = frame_cache.get_or_allocate("starts", (tiles + 1,), np.int64)
+    cursors = frame_cache.get_or_allocate("cursors", (len(parts), tiles), np.int64)
     binning.start_lists(counts, starts, cursors)
-    binned = kept.at_least("binned", int(starts[-1]), np.int32)
+    binned = frame_cache.get_or_allocate_at_least("binned", int(starts[-1]), np.int32)
     workers.call(
         binning.bin_triangles,
         [
@@ -774,7 +782,12 @@ def set_up_and_bin(
         n for n in range(len(parts)) if viewport.sample_radius == 0 and counts[n, tiles] != 0
     ]
     if not with_large:
-        return starts, binned, kept.made("depths", _make_empty_depths, tiles, depth_type), sums
+        return (
+            starts,
+            binned,
+            frame_cache.get_or_make("depths", _make_empty_depths, tiles, depth_type),
+            sums,
+        )
     tile_depths = np.full((len(with_large), tiles), tile_rasterizer.get_empty_depth(depth_type))
     cutoffs = np.empty(0, np.int64), np.empty(0, np.float32)
     if alpha_tests is not None:
@@ -808,22 +821,24 @@ def draw_tiles(
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
     alpha_tests: records.AlphaTests | None = None,
-    kept: Kept | None = None,
+    frame_cache: FrameCache | None = None,
 ) -> int:
     """Rasterize all tiles, each by one thread; return how many pixels are covered."""
-    kept = kept or Kept(workers.memory, lasts=False)
-    tiles = kept.made("tiles", _number_tiles, len(starts) - 1)
+    frame_cache = frame_cache or FrameCache(workers.memory, is_enabled=False)
+    tiles = frame_cache.get_or_make("tiles", _number_tiles, len(starts) - 1)
     per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
     kind = frame[0].dtype
     # One drawer for each thread: making it takes longer than drawing a few tiles.
-    drawers = kept.made("drawers", _make_no_drawers, binned, faces, screen, kind, alpha_tests)
+    drawers = frame_cache.get_or_make(
+        "drawers", _make_no_drawers, binned, faces, screen, kind, alpha_tests
+    )
     tasks = -(-len(tiles) // per_task)
     threads = min(workers.threads, tasks)
     while len(drawers) < threads:
         memory = (
             None
             if drawers
-            else kept.made("tile memory", tile_rasterizer.allocate_tile_memory, kind)
+            else frame_cache.get_or_make("tile memory", tile_rasterizer.allocate_tile_memory, kind)
         )
         drawers.append(
             tile_rasterizer.make_tile_drawer(binned, faces, screen, kind, alpha_tests, memory)

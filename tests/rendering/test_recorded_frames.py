@@ -12,7 +12,7 @@ import pytest
 import ways
 
 import rasterjit as rj
-from rasterjit.rendering import bound_frames
+from rasterjit.rendering import recorded_frames
 from rasterjit.rendering.command_buffer import CommandBuffer
 
 pytestmark = ways.in_groups
@@ -61,7 +61,7 @@ def test_the_third_of_small_frames_is_drawn_by_bound_calls(draws, name, value):
 
 @pytest.mark.parametrize("kind", ["plain", "glass", "lights"])
 @pytest.mark.parametrize("quality", [{}, {"samples": 4}, {"interpolation": "affine"}])
-def test_bound_frames_of_moving_objects_are_lone_ones(draws, kind, quality):
+def test_recorded_frames_of_moving_objects_are_lone_ones(draws, kind, quality):
     scene, settings = ways.mixed_scene(), rj.Quality(**quality)
     if kind == "glass":
         mesh = scene.nodes[0].mesh
@@ -122,7 +122,7 @@ def test_large_and_watched_frames_are_drawn_step_by_step(draws, monkeypatch):
         for _ in range(4):
             large.render(scene, ways.CAMERA)
             watched.render(scene, ways.CAMERA)
-    monkeypatch.setattr(bound_frames, "MAX_MEMORY", 10_000)
+    monkeypatch.setattr(recorded_frames, "MAX_BYTES", 10_000)
     with rj.Renderer(SIZE, threads=1) as poor:
         for _ in range(4):
             poor.render(scene, ways.CAMERA)
@@ -151,16 +151,16 @@ def test_threads_that_share_a_renderer_have_frames_of_their_own(draws):
 @pytest.mark.parametrize("place", ["find_array_spec", "CommandBuffer"])
 def test_a_renderer_that_is_closed_while_it_draws_keeps_nothing(monkeypatch, place):
     renderer, scene = rj.Renderer(SIZE, threads=1), ways.mixed_scene()
-    original = getattr(bound_frames, place)
+    original = getattr(recorded_frames, place)
 
     def closing(*arguments):
         renderer.close()
         return original(*arguments)
 
     renderer.render(scene, ways.CAMERA)
-    monkeypatch.setattr(bound_frames, place, closing)
+    monkeypatch.setattr(recorded_frames, place, closing)
     frames = [renderer.render(scene, ways.CAMERA) for _ in range(2)]
-    assert renderer._bound._commands is None or place == "find_array_spec"
+    assert renderer._recorded_frames._commands is None or place == "find_array_spec"
     monkeypatch.undo()
     assert all(same(frame, renderer.render(scene, ways.CAMERA)) for frame in frames)
 
@@ -176,4 +176,4 @@ def test_scenes_are_let_go_that_nobody_draws_any_more():
         assert gone() is None
         renderer.size = (400, 400)
         renderer.render(ways.mixed_scene(), camera)
-        assert renderer._bound._commands is None
+        assert renderer._recorded_frames._commands is None

@@ -14,7 +14,7 @@ from changes import SIZE, changing_scene, material, placed, walk
 import rasterjit as rj
 from rasterjit.pipeline.visibility import tile_rasterizer, visibility_pass
 from rasterjit.rendering import resolve_layers
-from rasterjit.runtime.threads import Kept, Memory, are_same
+from rasterjit.runtime.threads import FrameCache, Memory, are_same
 from rasterjit.scene.camera import near_far
 from rasterjit.survey import clip_planes, object_transforms
 
@@ -105,24 +105,24 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
 
 
 def test_large_scenes_leave_nothing(scene, monkeypatch):
-    monkeypatch.setattr("rasterjit.rendering.renderer.MAX_KEPT", 10)
+    monkeypatch.setattr("rasterjit.rendering.renderer.MAX_CACHED_ELEMENTS", 10)
     screens = counted(monkeypatch, visibility_pass, "allocate_screen")
     with rj.Renderer(SIZE, threads=1) as renderer:
         for number in range(3):
             frame = renderer.render(scene, walk(number))
             assert ways.differing(frame, alone(renderer, scene, walk(number))) == []
-            assert not renderer._kept._made
+            assert not renderer._frame_cache._entries
     assert len(screens) == 6
 
 
 def test_an_error_leaves_nothing(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
         renderer.render(scene, walk(1))
-        assert renderer._kept._made
+        assert renderer._frame_cache._entries
         renderer.on_picture = lambda: 1 / 0
         with pytest.raises(ZeroDivisionError):
             renderer.render(scene, walk(2))
-        assert not renderer._kept._made
+        assert not renderer._frame_cache._entries
         renderer.on_picture = None
         assert (
             ways.differing(renderer.render(scene, walk(2)), alone(renderer, scene, walk(2))) == []
@@ -132,9 +132,9 @@ def test_an_error_leaves_nothing(scene):
 def test_close_lets_go_of_what_is_kept(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
         first = renderer.render(scene, walk(1))
-        assert renderer._kept._made
+        assert renderer._frame_cache._entries
         renderer.close()
-        assert not renderer._kept._made
+        assert not renderer._frame_cache._entries
         assert ways.differing(renderer.render(scene, walk(1)), first) == []
 
 
@@ -156,45 +156,49 @@ def test_things_are_the_same_if_they_are_one_or_plain_and_equal():
 
 
 def test_what_is_made_is_kept_as_long_as_its_parts():
-    kept, calls = Kept(Memory()), []
+    frame_cache, calls = FrameCache(Memory()), []
     part = np.zeros(3)
 
     def make(*parts):
         calls.append(parts)
         return [*parts]
 
-    first = kept.made("a", make, part, 1)
-    assert kept.made("a", make, part, 1) is first
-    assert kept.made("a", make, part, 2) is not first
-    assert kept.made("b", make, part, 2) is not kept.made("a", make, part, 2)
+    first = frame_cache.get_or_make("a", make, part, 1)
+    assert frame_cache.get_or_make("a", make, part, 1) is first
+    assert frame_cache.get_or_make("a", make, part, 2) is not first
+    assert frame_cache.get_or_make("b", make, part, 2) is not frame_cache.get_or_make(
+        "a", make, part, 2
+    )
     assert len(calls) == 3
-    kept.clear()
-    kept.made("a", make, part, 2)
+    frame_cache.clear()
+    frame_cache.get_or_make("a", make, part, 2)
     assert len(calls) == 4
 
 
 def test_arrays_are_kept_at_their_places():
-    kept = Kept(Memory())
-    array = kept.empty("a", (3, 4), np.int32)
-    assert kept.empty("a", (3, 4), np.int32) is array
-    assert kept.empty("a", (4, 3), np.int32).shape == (4, 3)
-    assert kept.empty("a", (4, 3), np.float32).dtype == np.float32
-    long = kept.at_least("b", 10, np.int32)
-    assert kept.at_least("b", 4, np.int32) is long
-    assert len(kept.at_least("b", 11, np.int32)) >= 11
+    frame_cache = FrameCache(Memory())
+    array = frame_cache.get_or_allocate("a", (3, 4), np.int32)
+    assert frame_cache.get_or_allocate("a", (3, 4), np.int32) is array
+    assert frame_cache.get_or_allocate("a", (4, 3), np.int32).shape == (4, 3)
+    assert frame_cache.get_or_allocate("a", (4, 3), np.float32).dtype == np.float32
+    long = frame_cache.get_or_allocate_at_least("b", 10, np.int32)
+    assert frame_cache.get_or_allocate_at_least("b", 4, np.int32) is long
+    assert len(frame_cache.get_or_allocate_at_least("b", 11, np.int32)) >= 11
     values = np.arange(12.0).reshape(3, 4)[:, ::2]
-    copy = kept.copied("c", values)
+    copy = frame_cache.copy_into("c", values)
     assert copy.flags.c_contiguous
-    assert kept.copied("c", values + 1.0) is copy
+    assert frame_cache.copy_into("c", values + 1.0) is copy
     assert np.array_equal(copy, values + 1.0)
-    assert kept.copied("c", values, np.float32).dtype == np.float32
+    assert frame_cache.copy_into("c", values, np.float32).dtype == np.float32
 
 
 def test_nothing_is_kept_where_nothing_lasts():
-    kept = Kept(Memory(), lasts=False)
-    assert kept.empty("a", (3,), np.int32) is not kept.empty("a", (3,), np.int32)
-    assert kept.made("b", list) is not kept.made("b", list)
-    assert kept.copied("c", np.ones(2)) is not kept.copied("c", np.ones(2))
+    frame_cache = FrameCache(Memory(), is_enabled=False)
+    assert frame_cache.get_or_allocate("a", (3,), np.int32) is not frame_cache.get_or_allocate(
+        "a", (3,), np.int32
+    )
+    assert frame_cache.get_or_make("b", list) is not frame_cache.get_or_make("b", list)
+    assert frame_cache.copy_into("c", np.ones(2)) is not frame_cache.copy_into("c", np.ones(2))
 
 
 def random_matrix(rng):
