@@ -44,7 +44,7 @@ class Lock:
 
     Attributes
     ----------
-    is_sure : bool
+    is_exclusive : bool
         False where files cannot be locked: another process may hold the lock, too.
     """
 
