@@ -187,7 +187,7 @@ def test_arguments_are_kept_until_the_step_ends(workers, monkeypatch):
     real, kept = Team.add, []
 
     def add(self, call):
-        kept.append(call.kept)
+        kept.append(call.owner)
         return real(self, call)
 
     monkeypatch.setattr(Team, "add", add)
