@@ -454,7 +454,7 @@ def _make_comparison(planned: LensPlan) -> Comparison | None:
     quality = planned.plan.quality
     old = update_cache(scene.nodes, cache, quality, scene.environment is not None)
     views = object_transforms.transform_to_view(cache.transforms, planned.camera, size)
-    old_views = object_transforms.transform_to_view(old.places, camera, size)
+    old_views = object_transforms.transform_to_view(old.transforms, camera, size)
     positions, faces = old.shapes.arrays.positions, old.shapes.rotate_like(cache.shapes)
     return Comparison(
         planned.lens, planned.sight, previous_sight,
