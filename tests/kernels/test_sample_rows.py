@@ -333,7 +333,7 @@ from rasterjit.pipeline.visibility.tile_rasterizer import draw_batch
 from rasterjit.runtime import compiler, store
 
 for kind in draw_batch.declared[: int(sys.argv[1])]:
-    assembly = compiler.assembly(draw_batch, kind, store.host())
+    assembly = compiler.emit_assembly_text(draw_batch, kind, store.host())
     stores = re.findall("\\tv(?:p?maskmov[^\\n]*\\\\)|p?blendv[^\\n]*)$", assembly, re.MULTILINE)
     print(sum("maskmov" in line for line in stores), sum("blendv" in line for line in stores))
 """
