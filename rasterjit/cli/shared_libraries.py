@@ -90,7 +90,7 @@ def optimized_text(value: Any, kind: RecordType, name: str, target: Target) -> t
     """
     on_linux = (one for system in ("x86_64", "aarch64") for one in PLATFORMS[system].targets())
     same_cpu = (one for one in on_linux if one[1:] == target[1:])
-    lower = isolated_numba.compiler().lower
+    lower = isolated_numba.compiler().lower_to_llvm
     returns, module = lower(value, kind, name, next(same_cpu, target))
     return returns, str(module)
 

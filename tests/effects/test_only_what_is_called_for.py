@@ -30,7 +30,8 @@ mesh = rj.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
 scene = rj.Scene()
 scene.add(mesh)
 rj.render(scene, size=(96, 80))
-names = (name.rpartition(".") for name in (*store.USED.loaded, *store.USED.compiled))
+used = *store.USED_KERNELS.loaded, *store.USED_KERNELS.compiled
+names = (name.rpartition(".") for name in used)
 print(json.dumps(sorted((shorten_module_name(module), name) for module, _, name in names)))
 """
 

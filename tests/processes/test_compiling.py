@@ -53,7 +53,7 @@ count = wireframe.project_edges(edges, vertices, (0.0, 1.0, 0.0), view, ends, de
 color = np.empty((1, 1), np.uint32)
 table = srgb_encoding.make_encoding_table()
 srgb_encoding.encode_rows(np.ones((1, 1, 4), np.float32), table, color)
-compiled = [name.rpartition(".")[2] for name in store.USED.compiled]
+compiled = [name.rpartition(".")[2] for name in store.USED_KERNELS.compiled]
 ran = [clock.seconds > 0.0 for clock in (clocks.COMPILER_CLOCK, clocks.COMPILE_CLOCK)]
 print(json.dumps([count, round(depths[0, 1], 6), hex(color[0, 0]), compiled, ran]))
 """
@@ -100,7 +100,7 @@ assert (frame.face_id >= 0).sum() > 100
 total = hashlib.sha256()
 for name in names:
     total.update(getattr(frame, name).tobytes())
-print(total.hexdigest(), len(store.USED.compiled), "numba" in sys.modules)
+print(total.hexdigest(), len(store.USED_KERNELS.compiled), "numba" in sys.modules)
 """
 
 
